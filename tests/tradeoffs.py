@@ -4,8 +4,7 @@ from dataclasses import replace
 
 from mpi4py import MPI
 
-from pgmp_petsc.bench.candidates import Sweep
-from pgmp_petsc.bench.tradeoff import measure_tradeoff
+from pgmp_petsc.bench.tradeoff import Sweep, measure_tradeoff
 from pgmp_petsc.results import Tradeoff
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import SLIDER_CRANK, meshes_of, tables

@@ -34,21 +34,18 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.progress import announce
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
-from pgmp_petsc.ensemble.description import Shards
+from pgmp_petsc.ensemble.checkpoint import Shards, remove_checkpoint
+from pgmp_petsc.ensemble.description import describe_shards
 from pgmp_petsc.ensemble.failures import read_earlier
 from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import (
     LARGEST_SEED,
     MOST_SAMPLES,
     SAMPLERS,
-    Columns,
     Plan,
-    SampleFile,
     Shard,
-    called,
-    read_samples,
 )
+from pgmp_petsc.ensemble.sample_file import Columns, SampleFile, called, read_samples
 from pgmp_petsc.ensemble.sampling import refuse_drawn
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.mechanism.capabilities import check_capabilities
@@ -628,7 +625,7 @@ def merge(
         with agreed(comm, "merging"), ExitStack() as opened:
             if comm.rank == 0:
                 shards = [opened.enter_context(read_shard(path)) for path in paths]
-                found = Shards(paths, shards, place.resolve().parent).described(place)
+                found = describe_shards(Shards(paths, shards, place.resolve().parent), place)
         return keeper.result(found, paths[0].parent)
 
 

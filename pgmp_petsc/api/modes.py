@@ -13,8 +13,7 @@ from pgmp_petsc.api.scenes import SCENE, Overrides, Parameters
 from pgmp_petsc.api.sources import directory_of, keeping, model_of_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bench.candidates import FULL, QUICK
-from pgmp_petsc.bench.tradeoff import measure_tradeoff
+from pgmp_petsc.bench.tradeoff import FULL, QUICK, measure_tradeoff
 from pgmp_petsc.ensemble.plan import MOST_SAMPLES
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.ranks.agreement import agreed

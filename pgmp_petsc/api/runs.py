@@ -29,10 +29,11 @@ from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, warning
 from pgmp_petsc.base.resources import free_memory
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.base.units import ROUNDING
+from pgmp_petsc.base.units import ROUNDING, UnitSystem
 from pgmp_petsc.design.sensitivities import sensitivities as differentiated
 from pgmp_petsc.ensemble.integration import run_ensemble
-from pgmp_petsc.ensemble.plan import Plan, SampleFile, Shard, of_columns
+from pgmp_petsc.ensemble.plan import Plan, Shard
+from pgmp_petsc.ensemble.sample_file import SampleFile, of_columns
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
@@ -245,19 +246,7 @@ def histories(
     with agreed(comm, "looking at the arguments"):
         origin = Origin.of(source, model, (), ())
     numbers = np.array(samples, dtype=int)
-
-    def looking_at_the_ensemble() -> Ensemble:
-        data = Ensemble.read(Path(ensemble)) if isinstance(ensemble, (str, PathLike)) else ensemble.data
-        if not isinstance(data, Ensemble):
-            raise wrong("ensemble", data, "an ensemble, as from pgmp.montecarlo, pgmp.merge or pgmp.read")
-        if not 0 <= numbers.min() <= numbers.max() < len(data.status):
-            raise InputError(f"samples = {[*samples]}: allowed are numbers from 0 to {len(data.status) - 1}")
-        if data.model != origin.model:
-            what = f"samples of the {data.model} model; here it is the {origin.model} one"
-            raise InputError(f"ensemble: {what}; give the model that they are of")
-        return in_memory(data)
-
-    data = on_root(comm, looking_at_the_ensemble)
+    data = on_root(comm, _looking_at_the_ensemble, ensemble, numbers, origin.model)
     directory = ensemble.directory if isinstance(ensemble, Result) else Path(ensemble).parent
     asked = Result("ensemble", data, comm, directory).scene
 
@@ -276,13 +265,7 @@ def histories(
     if found is None:
         return None
     (run, remarks), system = found, prepared.scene.system
-    differing = []
-    for name, before in data.outputs.items():
-        before, now = before[numbers], system.shown(run.columns[f"outputs.{name}"], run.units[name])
-        # numbers that were written in mm are not to the last bit those that the run had
-        if not np.allclose(before, now, 0.0 if system.is_si else ROUNDING, 0.0, equal_nan=True):
-            differing.append(f"{name} by up to {np.nanmax(np.abs(before - now), initial=0.0):.3g}")
-    if differing:
+    if differing := _differing(data, numbers, run, system):
         what = f"at the end outputs differ from those of the ensemble, {', '.join(differing)}"
         remarks += (warning(f"{what}: this model, machine or version of the program is not the one that it is of"),)
         tell_remarks(comm, remarks[-1:], RESULT)
@@ -290,6 +273,30 @@ def histories(
     coords = {"sample": xarray.DataArray(numbers, dims="sample")}
     coords |= {name: xarray.DataArray(values, dims="sample") for name, values in columns.items() if name in drawn}
     return _dataset(prepared.scene, run, {"sample": numbers.size}, coords, remarks)
+
+
+def _looking_at_the_ensemble(ensemble: Result | str | PathLike[str], numbers: np.ndarray, model: str) -> Ensemble:
+    """Return an ensemble that has samples of these numbers, of a model; by one process."""
+    data = Ensemble.read(Path(ensemble)) if isinstance(ensemble, (str, PathLike)) else ensemble.data
+    if not isinstance(data, Ensemble):
+        raise wrong("ensemble", data, "an ensemble, as from pgmp.montecarlo, pgmp.merge or pgmp.read")
+    if not 0 <= numbers.min() <= numbers.max() < len(data.status):
+        raise InputError(f"samples = {numbers.tolist()}: allowed are numbers from 0 to {len(data.status) - 1}")
+    if data.model != model:
+        what = f"samples of the {data.model} model; here it is the {model} one"
+        raise InputError(f"ensemble: {what}; give the model that they are of")
+    return in_memory(data)
+
+
+def _differing(data: Ensemble, numbers: np.ndarray, run: ShardSamples, system: UnitSystem) -> list[str]:
+    """Return which outputs at the end of samples that were run again are not those of the ensemble, in words."""
+    found = []
+    for name, before in data.outputs.items():
+        before, now = before[numbers], system.shown(run.columns[f"outputs.{name}"], run.units[name])
+        # numbers that were written in mm are not to the last bit those that the run had
+        if not np.allclose(before, now, 0.0 if system.is_si else ROUNDING, 0.0, equal_nan=True):
+            found.append(f"{name} by up to {np.nanmax(np.abs(before - now), initial=0.0):.3g}")
+    return found
 
 
 def _drawn(ensemble: Ensemble, scene: Scene) -> list[str]:

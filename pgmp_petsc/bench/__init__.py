@@ -5,7 +5,7 @@ some samples, a `cases.Setting` a model with a step; `bench.Bench` runs settings
 up what an earlier run of the program has finished (`finished`). There is one error (`history.errors_between`), one cost
 (`bench.Bench.seconds`), and one reference that says how far it may be off itself (`reference`).
 
-Out come choices: bases, angles and steps for a tolerance (`choice`, from `candidates` and `step_choice`; `refusal` says
-what prevents one), and what accuracy costs in time (`tradeoff`, from the settings of `candidates`, with `advice`).
+Out come choices: bases, angles and steps for a tolerance (`choice`, from `candidates` and `step_choice`; `ledger` says
+what prevents one), and what accuracy costs in time (`tradeoff`, with `advice`).
 Begin with `cases` and `bench`.
 """

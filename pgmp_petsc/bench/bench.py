@@ -28,12 +28,12 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.base.progress import Progress, without_progress
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bench.candidates import ResponseSurface
 from pgmp_petsc.bench.cases import OWN, Case, Setting, Training, at_values, node_values
 from pgmp_petsc.bench.history import (
     AnyModel,
     Errors,
     History,
+    ResponseSurface,
     Trial,
     errors_between,
     floors_of,

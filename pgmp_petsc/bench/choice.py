@@ -7,7 +7,7 @@
 3. Where the step became finer than in 2, the reduction is looked at again with it.
 
 Errors are the largest of any output, sample and load of the training (`cases.Training`). Each part may take its share
-of the tolerance (`errors.Ledger`).
+of the tolerance (`ledger.Ledger`).
 
 Of scenes whose lengths, places or ratios are parameters a tolerance is met by runs of one mechanism. What it leaves
 open is chosen with the nominal lengths; then the same is asked with nothing left open at both ends of every length, the
@@ -18,7 +18,7 @@ which every build measures (`reduction.length_family`).
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from math import ceil
@@ -35,9 +35,9 @@ from pgmp_petsc.bench import candidates
 from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.candidates import MOST_CONDENSED, Limits
 from pgmp_petsc.bench.cases import Training
-from pgmp_petsc.bench.history import BASIS_ALONE, REDUCTION, Errors, Ledger, Trial, shares_of
+from pgmp_petsc.bench.history import Errors, Trial
+from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, kept_text, refuse, refuse_basis, shares_of
 from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, distance_from_mesh
-from pgmp_petsc.bench.refusal import kept_text, refuse, refuse_basis
 from pgmp_petsc.bench.step_choice import (
     AHEAD,
     EARLY_PER_PERIOD,
@@ -454,28 +454,13 @@ def choose(
         bench = Bench(reference, training, group.world, subject, group, bar, finished)
         step = StepChoice(bench, ledger, period, reference.model.name)
         step.begin()
-        if scene.reduction.tolerance is None:
-            bench.check_references(step.n_basis, step.loads)
-            step.finish({})
-            allowed, trial = step.allowed, bench.try_out(scene.reduction, step.n_basis, step.loads)
-        else:
-            bench.check_references(step.n_basis)
-            limits = Limits.of(scene, subject.kinematics, n_modes)
-            reduction = ReductionChoice(bench, ledger, limits, step.n_basis, step.allowed)
-            say(reduction.price)
-            allowed, trial = reduction.allowed, reduction.run()
-            step.finish(allowed)
-            trial = _at_the_chosen_step(bench, ledger, limits, step, trial)
+        allowed, trial = _tried(bench, ledger, step, subject, say)
         if not trial.built:
             raise RunError(trial.reason)
         step.fit_reduced(trial)
         rom = bench.rom_of(trial)
         chosen = _chosen_scene(scene, step, trial, rom)
-        found = [*mesh_remark(bench, trial.n_steps), _cost_remark(bench, step, trial)]
-        if not step.kept:
-            loads = " and ".join(f"'{name}'" for name in step.loads)
-            sharper = "for loads with sharper corners, give simulation.tolerance with the run"
-            found.insert(0, f"the step was found with {loads}: {sharper}")
+        found = [*_of_loads(step), *mesh_remark(bench, trial.n_steps), _cost_remark(bench, step, trial)]
     asked = {name: getattr(scene, name).tolerance for name in ("reduction", "simulation")}
     used = step.loads if scene.reduction.tolerance is None else [load.name for load in bench.training.loads]
     selection = Selection(
@@ -496,6 +481,32 @@ def choose(
     record = rom.record
     record = replace(record, scene_toml=scene_to_toml(chosen), timings=timings.as_dict() | record.timings)
     return Choice(chosen, replace(rom, record=record), selection)
+
+
+def _tried(
+    bench: Bench, ledger: Ledger, step: StepChoice, subject: Subject, say: Callable[[str], None]
+) -> tuple[Mapping[str, float], Trial]:
+    """Return the errors that are allowed, and the reduced model that is given or chosen, with the step it has."""
+    scene = subject.scene
+    if scene.reduction.tolerance is None:
+        bench.check_references(step.n_basis, step.loads)
+        step.finish({})
+        return step.allowed, bench.try_out(scene.reduction, step.n_basis, step.loads)
+    bench.check_references(step.n_basis)
+    limits = Limits.of(scene, subject.kinematics, subject.n_modes)
+    reduction = ReductionChoice(bench, ledger, limits, step.n_basis, step.allowed)
+    say(reduction.price)
+    allowed, trial = reduction.allowed, reduction.run()
+    step.finish(allowed)
+    return allowed, _at_the_chosen_step(bench, ledger, limits, step, trial)
+
+
+def _of_loads(step: StepChoice) -> Iterator[str]:
+    """Yield with which loads the step was found, where it was."""
+    if not step.kept:
+        loads = " and ".join(f"'{name}'" for name in step.loads)
+        sharper = "for loads with sharper corners, give simulation.tolerance with the run"
+        yield f"the step was found with {loads}: {sharper}"
 
 
 def modes_to_condense(scene: Scene) -> int:
@@ -620,7 +631,7 @@ def choose_over_lengths(
     scene: Scene,
     meshes: Mapping[str, BodyShape],
     group: RankGroup,
-    say: Callable[[str], None] = lambda text: None,
+    say: Callable[[str], None],
     finished: Finished | None = None,
 ) -> Choice:
     """Choose what the tolerances of a scene leave open, with any lengths; see `choose`. Collective on ``group.world``.

@@ -1,19 +1,21 @@
 """Outputs over time of some samples, and errors between two histories of the same samples: the one definition of error
 of tolerances, of the trade-off and of chosen steps.
 
-A candidate that was tried, and errors over all training cases.
-
-Shares of the tolerances, and what was tried on the way.
+Response surfaces interpolate histories between full-order runs. With one uncertain parameter that is a cubic spline
+(not-a-knot; a polynomial where there are fewer than four nodes), with several a cubic radial basis function with a
+polynomial, every instant of every output by itself. This is what one would do without a reduced model: it knows nothing
+of the mechanism, and holds for the loads, the start and the outputs of its runs only.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
+from scipy.interpolate import CubicSpline, RBFInterpolator
 
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bench.cases import Setting, Training
@@ -22,7 +24,6 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.models.model import floors_of as floors_of
 from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.outputs.readings import Reading
-from pgmp_petsc.results.selection import Attempt
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.scene.numerics import Reduction
@@ -283,45 +284,40 @@ class Trial:
         return Setting("reference", self.n_steps)
 
 
-# Of the tolerance. Those of the reduction, and the step's, are half of it each: a factor of two to spare for what took
-# no part in the training; with equal tolerances the parts together are within it even where all are largest at once.
-BASIS, INTERPOLATION, STEP = 0.35, 0.15, 0.5
-REDUCTION = BASIS + INTERPOLATION
-BASIS_ALONE = 0.45  # of the tolerance, where no basis does with its share: nearly all that both have together
+class ResponseSurface:
+    """Interpolates outputs over time, each of shape (n_t, n_nodes), between nodes in the space of the parameters, shape
+    (n_nodes, n_parameters). Raises `ValueError` if there are too few nodes for any interpolation."""
+
+    def __init__(self, nodes: np.ndarray, outputs: Mapping[str, np.ndarray]) -> None:
+        self._names = list(outputs)
+        every = np.concatenate(list(outputs.values())).T  # (n_nodes, n_outputs * n_t)
+        # a deformation may be no number at some instants of a run that leaves a limited range
+        self._known = np.isfinite(every).all(axis=0)
+        data = every[:, self._known]
+        self._low, self._width = nodes.min(axis=0), np.ptp(nodes, axis=0)
+        scaled = self._scaled(nodes)
+        if nodes.shape[1] == 1:
+            self._interpolate = CubicSpline(scaled[:, 0], data)
+        else:
+            self._interpolate = RBFInterpolator(scaled, data, kernel="cubic", degree=_degree(*nodes.shape))
+
+    def evaluate(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the outputs over time, each of shape (n_t, n), at parameter values of shape (n, n_parameters).
+
+        Where a run of the surface has no number, neither has the surface.
+        """
+        scaled = self._scaled(points)
+        rows = np.full((len(points), self._known.size), np.nan)
+        rows[:, self._known] = self._interpolate(scaled[:, 0] if scaled.shape[1] == 1 else scaled)
+        return dict(zip(self._names, np.split(rows.T, len(self._names))))
+
+    def _scaled(self, points: np.ndarray) -> np.ndarray:
+        return (points - self._low) / self._width
 
 
-def shares_of(fixed_grid: bool) -> dict[str, float]:
-    """Return the shares of the reduction's tolerance; with fixed angles, interpolation is part of the basis's error."""
-    return {"basis": REDUCTION} if fixed_grid else {"basis": BASIS, "interpolation": INTERPOLATION}
-
-
-@dataclass
-class Ledger:
-    """Attempts in their order, and reasons of what was chosen, by dotted name."""
-
-    attempts: list[Attempt] = field(default_factory=list)
-    reasons: dict[str, str] = field(default_factory=dict)
-
-    def add_trial(self, part: str, keys: tuple[str, ...], trial: Trial, errors: Errors, cost: float = 0.0) -> None:
-        """Note a candidate; `errors` are those that count for the part."""
-        entries = {key: getattr(trial.reduction, key) for key in keys}
-        self._add(part, entries, trial.n_steps, errors, cost, trial.seconds, trial.reason)
-
-    def add_step(self, entries: Mapping[str, Any], n_steps: int, errors: Errors) -> None:
-        """Note a step."""
-        self._add("step", entries, n_steps, errors, 0.0, 0.0, "")
-
-    def best(self, part: str) -> Attempt | None:
-        """Return the attempt with the smallest error; of candidates, among those with the step of the last one."""
-        of_part = [attempt for attempt in self.attempts if attempt.part == part]
-        tried = [attempt for attempt in of_part if np.isfinite(attempt.largest)]
-        if part != "step":
-            tried = [attempt for attempt in tried if attempt.n_steps == of_part[-1].n_steps]
-        return min(tried, key=lambda attempt: attempt.largest) if tried else None
-
-    def _add(self, part, entries, n_steps, errors: Errors, cost, seconds, reason) -> None:
-        # what is looked at again, under more loads, takes the place of the first look
-        self.attempts = [a for a in self.attempts if (a.part, a.entries, a.n_steps) != (part, entries, n_steps)]
-        self.attempts.append(
-            Attempt(part, entries, n_steps, errors.by_output, errors.largest, errors.where, cost, seconds, reason)
-        )
+def _degree(n_nodes: int, n_parameters: int) -> int:
+    """Return the largest degree whose polynomials the nodes determine, with one node to spare."""
+    linear = n_parameters + 1
+    if n_nodes <= linear:
+        raise ValueError(f"{n_nodes} nodes for {n_parameters} parameters; at least {linear + 1} are needed")
+    return 2 if n_nodes > linear * (n_parameters + 2) // 2 else 1

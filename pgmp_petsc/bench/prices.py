@@ -53,6 +53,7 @@ BESIDE, APART = 8e-4, 4.0
 # s, of a step of a sample whose outputs are forces in joints, by the dimension of space: of the mesh and of components,
 # and in the lanes of a reduced model
 FORCES, FORCES_IN_LANES = {2: 2e-6, 3: 2.5e-5}, {2: 1e-7, 3: 1.5e-6}
+FORCES_APART = {2: 1.2e-4, 3: 1.2e-4}  # s, more, where samples are taken one by one: 70, 80 and 185 us were measured
 SETTING_UP = {2: 0.04, 3: 0.4}  # s, of a sample of lengths of its own, by the dimension of space
 # s, of a step of a sample of a reduced model: by itself, an entry of its matrices over one coordinate, a local effect
 REDUCED_SAMPLE, REDUCED_ENTRY, REDUCED_EFFECT = 1.0e-7, 2.0e-9, 3.0e-7
@@ -97,7 +98,8 @@ def step_of_samples(scene: Scene, step: float) -> float:
     if not {*uncertain_names(scene)} & {*length_names(scene)}:
         return step
     n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
-    return (1.0 if scene.beside else APART) * step + SETTING_UP[scene.dimension] / n_steps
+    by_itself = SETTING_UP[scene.dimension] / n_steps + _forces(scene, FORCES_APART)
+    return (1.0 if scene.beside else APART) * step + by_itself
 
 
 def component_step(mechanism: Mechanism, fields: Mapping[str, int]) -> float:

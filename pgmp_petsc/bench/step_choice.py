@@ -1,6 +1,5 @@
-"""The step for a tolerance: of a full-order and a reduced model under the training loads, or of a run to come.
-
-The time step that a tolerance allows, from runs with steps that are halved.
+"""The step that a tolerance allows, from runs with steps that are halved: of a full-order and a reduced model under the
+training loads, or of a run to come.
 
 A run with n steps is compared with one of `AHEAD` n steps, and of `SEEN` times the first number at least. That is
 enough, wherever the step stands: where it is coarse for a vibration, the scheme damps it and the finer run has it;
@@ -31,10 +30,10 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.bench import Bench, step_price
 from pgmp_petsc.bench.cases import Training
-from pgmp_petsc.bench.history import STEP, Errors, Ledger, Trial
+from pgmp_petsc.bench.history import Errors, Trial
+from pgmp_petsc.bench.ledger import STEP, ZERO, Ledger, refuse
 from pgmp_petsc.bench.prices import Price
 from pgmp_petsc.bench.reference import Reference, period_of
-from pgmp_petsc.bench.refusal import ZERO, refuse
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.scene.numerics import Simulation, count_steps
 from pgmp_petsc.scene.parameters import spanning_values
@@ -327,7 +326,7 @@ class StepChoice:
         self._ledger.add_step({"step": step, "model": model or self._model}, n_steps, errors)
 
 
-def settle_step(model: AnyModel, comm: Comm, ensemble: bool = False) -> tuple[AnyModel, str]:
+def settle_step(model: AnyModel, comm: Comm, ensemble: bool) -> tuple[AnyModel, str]:
     """Return a model with the step that its scene's tolerance allows, and what was chosen. Collective on `comm`.
 
     The step follows from runs of the model itself, those to come: the scene's own loads; for an ensemble with the

@@ -7,13 +7,19 @@ times are taken, round after round over all settings, so that what else the mach
 are dealt to ranks, and each rank works by itself; what it has finished is kept for a run that is resumed. What is
 decided on the way is decided on the first rank and from errors, never from times: errors do not depend on the number of
 ranks.
+
+Settings are those of lines through two of them, and of a small tensor. The first lines go through the scene's own
+setting, and a tensor of modes, static modes and steps lies where few angles and splines are. The best reduced settings
+of these give the second lines. The best ones follow from errors and the number of operations, never from measured
+times: the settings are the same in every run.
 """
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from time import process_time
 
 import numpy as np
@@ -22,10 +28,10 @@ from pgmp_petsc.base.errors import InputError, RunError, note
 from pgmp_petsc.base.progress import progress, without_progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
-from pgmp_petsc.bench import candidates
 from pgmp_petsc.bench.advice import Sizes, advise
 from pgmp_petsc.bench.bench import TIMED, Bench, Measured
-from pgmp_petsc.bench.cases import Setting, Training, held_out, own_steps
+from pgmp_petsc.bench.candidates import Limits
+from pgmp_petsc.bench.cases import Setting, Training, held_out, own_steps, step_of
 from pgmp_petsc.bench.history import errors_of_samples, largest_errors, sizes_of
 from pgmp_petsc.bench.prices import amplitudes, component_step, reduced_step, step_seconds
 from pgmp_petsc.bench.reference import (
@@ -39,6 +45,7 @@ from pgmp_petsc.bench.reference import (
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import why_no_grid
+from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
@@ -47,16 +54,69 @@ from pgmp_petsc.reduction.checkpoint import Arrays, Finished
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values, values_text
+from pgmp_petsc.scene.numerics import Reduction
+from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.uses import length_names, with_numbers
 
 MORE_MODES = 1.5  # of the component model as a reference, for each that a basis or another component model has
 COARSER = 4  # of the scene's steps, for the distance of the component model from the mesh
+AS_GOOD = 1.5  # how far above the smallest error a setting is still as good, if it is cheaper
+GOOD_ENOUGH = 0.01  # an error for which the cheapest setting is a second best one
+# power of the angles of one coordinate that are taken along each of several: 48 become 15 of two, 8 of three
+ALONG_EACH = {2: 0.7, 3: 0.55}
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """How far each line goes."""
+
+    modes: tuple[int, ...]  # of the lines through the best settings, as are angles and schemes of interpolation
+    angles: tuple[int, ...]
+    schemes: tuple[str, ...]
+    parameter_modes: tuple[int, ...]  # of the line through the best setting, where a parameter is uncertain
+    own_modes: tuple[float, ...]  # factors on the scene's own number, of the line through its setting
+    own_angles: tuple[int, ...]  # of that line
+    own_others: bool  # whether lines of static modes and interpolation go through the scene's setting too
+    finer: int  # halvings of the scene's step, of the reduced and the full-order model
+    coarser: int  # doublings
+    tensor_modes: tuple[int, ...]  # with and without static modes, with the scene's step and the one twice as long
+    tensor_angles: int  # at most, and no more than the scene's own
+    refinements: tuple[int, ...]  # parts of every cell that both models are run with
+    finest: int  # parts of every cell of the mesh that tells the others' discretisation errors
+    component_modes: tuple[int, ...]  # that the component model's bodies serve; the last one's steps are varied
+    surfaces: int  # number of response surfaces
+    repeats: int  # how often times are taken: of batches
+    few_repeats: int  # and of builds and single samples
+    reference_halvings: tuple[int, int]  # of the scene's step that the reference may take, also on refined meshes
+
+    def over(self, n_coordinates: int) -> Sweep:
+        """Return the sweep for a number of coordinates: of several, angles along each of them and fewer."""
+        if n_coordinates == 1:
+            return self
+        along = ALONG_EACH[min(n_coordinates, MOST_COORDINATES)]
+        few, own = (tuple(dict.fromkeys(round(n**along) for n in angles)) for angles in (self.angles, self.own_angles))
+        schemes = tuple(scheme for scheme in self.schemes if scheme != "spectral")
+        tensor = round(self.tensor_angles**along)
+        return replace(self, angles=few, own_angles=own, tensor_angles=tensor, schemes=schemes)
+
+
+FULL = Sweep(
+    modes=(2, 3, 5, 7, 10, 15, 22), angles=(16, 24, 32, 64, 96), schemes=("overhauser", "spline", "spectral"),
+    parameter_modes=(0, 1, 2), own_modes=(0.5, 1.5), own_angles=(48, 96), own_others=True, finer=2, coarser=3,
+    tensor_modes=(4, 7, 12), tensor_angles=48, refinements=(2, 4), finest=8, component_modes=(4, 10, 22), surfaces=4,
+    repeats=3, few_repeats=2, reference_halvings=(7, 5),
+)  # fmt: skip
+QUICK = Sweep(
+    modes=(2,), angles=(24,), schemes=(), parameter_modes=(2,), own_modes=(), own_angles=(), own_others=False, finer=0,
+    coarser=3, tensor_modes=(4, 8), tensor_angles=48, refinements=(2,), finest=4, component_modes=(4, 12), surfaces=3,
+    repeats=2, few_repeats=1, reference_halvings=(3, 3),
+)  # fmt: skip
 
 
 def measure_tradeoff(
     scene: Scene,
     meshes: Mapping[str, BodyShape],
-    sweep: candidates.Sweep,
+    sweep: Sweep,
     n_samples: int,
     quick: bool,
     comm: Comm,
@@ -84,10 +144,10 @@ def measure_tradeoff(
         with timings.phase("preparation"), without_progress():
             subject, reference, shared = _prepared(scene, meshes, training, sweep, comm, say)
             with agreed(comm, "preparing the study"):
-                limits = candidates.Limits.of(scene, subject.kinematics, subject.n_modes)
+                limits = Limits.of(scene, subject.kinematics, subject.n_modes)
                 lines = all(isinstance(mesh, LineMesh) for mesh in meshes.values())
                 bench = Bench(reference, training, alone(), subject, own, finished=finished, timed=shared)
-                bench.warm_up(candidates.own_setting(scene, limits.gridded), limits.second_order)
+                bench.warm_up(own_setting(scene, limits.gridded), limits.second_order)
                 dealer = Dealer(comm.size, _prices(subject, reference, sweep), bench.batch, sweep.repeats)
         study = _Study(scene, sweep, bench, replace(limits, refinable=lines and reference.is_mesh))
         with timings.phase("settings and references"):
@@ -129,7 +189,7 @@ def _prepared(
     scene: Scene,
     meshes: Mapping[str, BodyShape],
     training: Training,
-    sweep: candidates.Sweep,
+    sweep: Sweep,
     comm: Comm,
     say: Callable[[str], None],
 ) -> tuple[Subject, Reference, dict[str, float]]:
@@ -156,7 +216,7 @@ def _prepared(
     return subject, reference, {"reduced": condensing, "surface": preparing}
 
 
-def _prices(subject: Subject, reference: Reference, sweep: candidates.Sweep) -> Prices:
+def _prices(subject: Subject, reference: Reference, sweep: Sweep) -> Prices:
     """Return what steps of the families are predicted to take."""
     full = FullModel(subject.scene, subject.meshes, subject.kinematics)
     mechanism = full.kinematics.mechanism
@@ -180,7 +240,7 @@ def _work(bench: Bench, dealt: Sequence[Sequence[Task]], title: str, comm: Comm)
 
 
 def _times(
-    bench: Bench, sweep: candidates.Sweep, finished: Finished | None, comm: Comm
+    bench: Bench, sweep: Sweep, finished: Finished | None, comm: Comm
 ) -> tuple[dict[Setting, np.ndarray], float]:
     """Take the times of all settings in turns; on the first rank return those of all ranks, and their wall time over
     their processor time: 1 on a quiet machine, 0 where nothing was timed. Collective on `comm`."""
@@ -210,9 +270,9 @@ class _Study:
     """Measurements so far and those that come next; used on the first rank."""
 
     scene: Scene
-    sweep: candidates.Sweep
+    sweep: Sweep
     bench: Bench
-    limits: candidates.Limits
+    limits: Limits
     _asked: list[Setting] = field(default_factory=list)
     _measured: dict[Setting, Measured] = field(default_factory=dict)
     _finest: Measured | None = None  # on the finest mesh
@@ -240,7 +300,7 @@ class _Study:
     def first(self) -> list[Setting]:
         """Return what is measured first."""
         finest = [Setting("reference", own_steps(self.scene), self.sweep.finest)] if self.limits.refinable else []
-        self._asked = candidates.first_settings(self.scene, self.sweep, self.limits)
+        self._asked = first_settings(self.scene, self.sweep, self.limits)
         return [*finest, *self._missing(1), *self._asked]
 
     def further(self) -> list[Setting]:
@@ -252,8 +312,8 @@ class _Study:
             raise RunError(f"the {self.bench.reference.model.title} reference: {self._sequences[1].failure}")
         worst = [float(np.max(self._errors(setting))) for setting in self._asked]
         n_coordinates = [self._measured[setting].n_coordinates for setting in self._asked]
-        best = candidates.best_settings(self._asked, worst, n_coordinates)
-        around = candidates.settings_around(best, self.scene, self.sweep, self.limits)
+        best = best_settings(self._asked, worst, n_coordinates)
+        around = settings_around(best, self.scene, self.sweep, self.limits)
         new = [setting for setting in around if setting not in self._measured]
         self._asked += new
         return [*self.references(), *new]
@@ -284,7 +344,7 @@ class _Study:
         settings = self._asked
         errors = np.array([self._errors(setting) for setting in settings])
         seconds = np.array([times.get(setting, np.full((3, 2), np.nan)) for setting in settings])
-        columns = candidates.columns_of(settings, self.scene)
+        columns = columns_of(settings, self.scene)
         for name, attribute in (("coordinates", "n_coordinates"), ("cosine", "cosine")):
             columns[name] = np.array([getattr(self._measured[setting], attribute) for setting in settings])
         return Tradeoff(
@@ -455,3 +515,146 @@ class Dealer:
             return history * work.nodes / N_VALUES
         timed = work.n_steps * (2 * STEP + self.batch * step)
         return history + self.repeats * min(timed, 2 * self.prices.timed)
+
+
+def own_setting(scene: Scene, gridded: bool = True) -> Setting:
+    """Return what the scene says: its reduced model, or where no grid goes over its coordinates its component model."""
+    if not gridded:
+        return Setting("components", own_steps(scene), component_modes=scene.reduction.modes)
+    return Setting("reduced", own_steps(scene), reduction=scene.reduction)
+
+
+def first_settings(scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
+    """Return the scene's own setting, first, the lines through it, the tensor, the full order and the surfaces."""
+    own = own_setting(scene, limits.gridded)
+    n = own_steps(scene)
+    settings = [own, *(_reduced_settings(own, sweep, limits) if limits.gridded else ())]
+    settings += [Setting("full", steps) for steps in _steps(n, sweep.finer, sweep.coarser)]
+    settings += [Setting("full", n, refinement) for refinement in (sweep.refinements if limits.refinable else ())]
+    settings += [Setting("components", n, component_modes=modes) for modes in sweep.component_modes]
+    last = Setting("components", n, component_modes=sweep.component_modes[-1]) if sweep.component_modes else None
+    settings += [replace(last, n_steps=steps) for steps in _steps(n, sweep.finer, sweep.coarser) if last]
+    settings += [Setting("surface", n, nodes=k) for k in node_counts(len(uncertain_names(scene)), sweep.surfaces)]
+    return _once(settings)
+
+
+def _reduced_settings(own: Setting, sweep: Sweep, limits: Limits) -> list[Setting]:
+    """Return the lines of reduced models through the scene's own setting, and the tensor."""
+    n, static = own.n_steps, _static(limits)
+    settings = [own.with_reduction(modes=round(factor * own.reduction.modes)) for factor in sweep.own_modes]
+    if sweep.own_others:
+        settings += [own.with_reduction(static_modes=value) for value in static]
+        settings += _sampled(own, sweep.own_angles, sweep.schemes)
+    settings += [replace(own, n_steps=steps) for steps in _steps(n, sweep.finer - 1, 1)]
+    few = own  # with a tolerance angles are added until it holds, which splines alone can do
+    if own.reduction.sampling_tolerance is None:
+        few = own.with_reduction(angles=min(sweep.tensor_angles, own.reduction.angles), interpolation="spline")
+    coarse = _steps(n, 0, 1)
+    for modes, value, steps in product(_within(sweep.tensor_modes, limits), static, coarse):
+        plain = {"inertia_modes": False, "parameter_modes": 0}
+        settings.append(replace(few, n_steps=steps).with_reduction(modes=modes, static_modes=value, **plain))
+    return settings
+
+
+def settings_around(best: Sequence[Setting], scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
+    """Return lines through the best settings, the best one's first; those of another are of modes and steps alone."""
+    n = own_steps(scene)
+    settings: list[Setting] = []
+    for number, setting in enumerate(best):
+        # what modes at other parameters add to one number of modes need not be independent of another's
+        plain = setting.with_reduction(parameter_modes=0)
+        settings += [plain.with_reduction(modes=modes) for modes in _within(sweep.modes, limits)]
+        settings += [replace(setting, n_steps=steps) for steps in _steps(n, sweep.finer, sweep.coarser)]
+        if number > 0:
+            continue
+        if limits.second_order:
+            settings.append(setting.with_reduction(second_order=not setting.reduction.second_order))
+        settings += [setting.with_reduction(static_modes=value) for value in _static(limits)]
+        settings.append(setting.with_reduction(inertia_modes=not setting.reduction.inertia_modes))
+        of_parameters = sweep.parameter_modes if uncertain_names(scene) else ()
+        settings += [setting.with_reduction(inertia_modes=True, parameter_modes=n) for n in of_parameters]
+        settings += _sampled(setting, sweep.angles, sweep.schemes)
+        if limits.refinable:
+            settings += [replace(setting, refinement=refinement) for refinement in sweep.refinements]
+    return _once(settings)
+
+
+def best_settings(
+    settings: Sequence[Setting], worst_errors: Sequence[float], n_coordinates: Sequence[int]
+) -> list[Setting]:
+    """Return the best reduced settings on the scene's meshes: one as good as any, then one that is good enough; none
+    where every one failed.
+
+    Errors are the largest of any output, NaN where a setting failed; numbers of coordinates are those of reduced ones.
+    """
+    points = [
+        (error, setting.n_steps * n**2, setting)
+        for setting, error, n in zip(settings, worst_errors, n_coordinates)
+        if setting.family == "reduced" and setting.refinement == 1 and error == error
+    ]
+    if not points:
+        return []
+    as_good = AS_GOOD * min(error for error, _, _ in points)
+    best = []
+    for limit in (as_good, max(GOOD_ENOUGH, as_good)):
+        among = [(cost, setting.reduction.angles, setting) for error, cost, setting in points if error <= limit]
+        best.append(min(among, key=lambda one: one[:2])[2])  # the fewest operations; of equals, the fewest angles
+    return _once(best)
+
+
+def columns_of(settings: Sequence[Setting], scene: Scene) -> dict[str, np.ndarray]:
+    """Return what was set, by name, each of shape (n_settings,); 0, false or empty where it has no meaning."""
+    duration = scene.simulation.duration
+    columns = {
+        "step": np.array([step_of(duration, setting.n_steps) for setting in settings]),
+        "refinement": np.array([setting.refinement for setting in settings]),
+        "nodes": np.array([setting.nodes for setting in settings]),
+        "component_modes": np.array([setting.component_modes for setting in settings]),
+    }
+    for key in Reduction.model_fields:
+        values = [None if setting.reduction is None else getattr(setting.reduction, key) for setting in settings]
+        kind = next((type(value) for value in values if value is not None), float)
+        filled = [kind() if value is None else value for value in values]
+        plain = kind in (bool, int, float)
+        columns[key] = np.array(filled if plain else [str(value) for value in filled], dtype=kind if plain else object)
+    return columns
+
+
+def _sampled(setting: Setting, angles: Sequence[int], schemes: Sequence[str]) -> list[Setting]:
+    """Return other ways to sample and interpolate the tables."""
+    tolerance = setting.reduction.sampling_tolerance
+    if tolerance is not None:
+        return [setting.with_reduction(sampling_tolerance=other) for other in (10.0 * tolerance, tolerance / 10.0)]
+    return [
+        *(setting.with_reduction(angles=n) for n in angles),
+        *(setting.with_reduction(interpolation=scheme) for scheme in schemes),
+    ]
+
+
+def _static(limits: Limits) -> tuple[bool, ...]:
+    """Return the choices of static modes that differ: without loads there are none."""
+    return (False, True) if limits.n_static else (False,)
+
+
+def _within(modes: Sequence[int], limits: Limits) -> list[int]:
+    return [n for n in modes if n <= limits.n_modes]
+
+
+def _steps(n: int, finer: int, coarser: int) -> list[int]:
+    """Return n, its doubles, and its halves as far as they are whole."""
+    coarse = [n // 2**k for k in range(1, coarser + 1) if n % 2**k == 0]
+    return [n, *(n * 2**k for k in range(1, finer + 1)), *coarse]
+
+
+def _once(settings: Iterable[Setting]) -> list[Setting]:
+    """Leave out repetitions; the order stays."""
+    return list(dict.fromkeys(settings))
+
+
+def node_counts(n_uncertain: int, steps: int) -> list[int]:
+    """Return numbers of nodes that are worth a try, the fewest first: 3, 5, 9, ... or multiples of 2 n + 1."""
+    if n_uncertain == 0:
+        return []
+    if n_uncertain == 1:
+        return [2**k + 1 for k in range(1, steps + 1)]
+    return [(2 * n_uncertain + 1) * 2**k for k in range(steps)]

@@ -21,6 +21,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.elasticity import Geometry, Lame, volumes_of
@@ -131,7 +132,8 @@ class FieldsOnCells:
             # E''[v_i, v_j] : C : E'[u]
             packed += strains.reshape(-1, n_pairs).T @ _on_pairs(_stresses(region, gradients), axes, weight)
             # E''[u, v_i] : C : E'[v_j], with the symmetric stress of v_j
-            moved = np.einsum("pcli,pklj,p->pckij", own, _stresses(region, own), weight, optimize=True)
+            weighted = (weight[:, None, None, None] * own).swapaxes(2, 3)
+            moved = weighted[:, :, None] @ _stresses(region, own)[:, None]
             mixed += (gradients.reshape(-1, n).T @ moved.reshape(-1, m * m)).reshape(n, m, m)
         i, j = np.tril_indices(m)
         mixed = mixed + mixed.swapaxes(1, 2)
@@ -142,15 +144,19 @@ class FieldsOnCells:
     def mean_strains(self, axis: LongAxis) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:
         """Return the integrals of the strains along the axis over every piece, shape (n_pieces, 1 + n), the volume
         first, and of Young's modulus by weight, shape (n_pieces,)."""
-        n, t = self._fields.shape[2], axis.direction
-        strains, moduli = np.zeros((axis.n_pieces, 1 + n)), {}
-        for region, cells, geometry, gradients, points in self._shares(n):
+        d, n = self._fields.shape[1:]
+        twice = np.outer(axis.direction, axis.direction).ravel()
+        strains: np.ndarray = np.zeros((axis.n_pieces, 1 + n))
+        moduli: dict[Monomial, np.ndarray] = {}
+        for region, cells, geometry, gradients, points in self._shares(d * d * n):
             volumes, pieces = geometry.volumes.ravel(), axis.pieces(points)
-            along = np.einsum("pkln,k,l->pn", gradients, t, t, optimize=True)
-            np.add.at(strains, pieces, volumes[:, None] * np.column_stack([np.ones(volumes.size), along]))
+            along = twice @ gradients.reshape(-1, d * d, n)
+            gathered = csr_matrix((volumes, pieces, np.arange(volumes.size + 1)), (volumes.size, axis.n_pieces)).T
+            strains += gathered @ np.column_stack([np.ones(volumes.size), along])
             by_cell = {region.modulus.monomial: region.modulus.coefficient * geometry.volumes}
             for weight, own in self._solid.profiles.stiffness.over(by_cell, cells).items():
-                np.add.at(moduli.setdefault(weight, np.zeros(axis.n_pieces)), pieces, own.ravel())
+                part = np.bincount(pieces, own.ravel(), axis.n_pieces)
+                moduli[weight] = moduli.get(weight, 0.0) + part
         return strains, moduli
 
     def _shares(self, numbers: int) -> Iterator[tuple[Region, np.ndarray, Geometry, np.ndarray, np.ndarray]]:
@@ -161,7 +167,8 @@ class FieldsOnCells:
         for region, chosen in self._chosen(rule.weights.size * numbers):
             places = mesh.nodes[mesh.cells[chosen]]
             geometry, own = Geometry.of(places, rule), self._fields[self._places[self._row[chosen]]]
-            gradients = np.einsum("eqla,eakn->eqkln", geometry.gradients, own, optimize=True).reshape(-1, d, d, n)
+            gradients = geometry.gradients @ own.reshape(chosen.size, 1, -1, d * n)
+            gradients = np.ascontiguousarray(gradients.reshape(-1, d, d, n).swapaxes(1, 2))
             yield region, chosen, geometry, gradients, np.einsum("qa,eai->eqi", rule.values, places).reshape(-1, d)
 
     def _chosen(self, numbers: int) -> Iterator[tuple[Region, np.ndarray]]:
@@ -178,7 +185,8 @@ def _stresses(region: Region, gradients: np.ndarray) -> np.ndarray:
     d = gradients.shape[1]
     lame = Lame.of(region.nu, d == 2)
     stresses = lame.shear * (gradients + gradients.swapaxes(1, 2))
-    return stresses + lame.first * np.einsum("pkkn,ij->pijn", gradients, np.eye(d))
+    stresses[:, np.arange(d), np.arange(d)] += lame.first * np.trace(gradients, axis1=1, axis2=2)[:, None]
+    return stresses
 
 
 def _on_pairs(stresses: np.ndarray, axes: tuple[np.ndarray, np.ndarray], weight: np.ndarray) -> np.ndarray:

@@ -1,9 +1,8 @@
-"""The constants of a model in C: sizes, settings, and the tables of the reduced Lagrangian, weights taken out.
+"""The constants of a model in C: sizes, settings, and the tables of the reduced Lagrangian, weights taken out; and what
+such a model does not have, named by its entry in the scene.
 
 The tables are those that `reduced.terms` interpolates, as samples or spline coefficients; that of the rigid inertia has
 beside it what makes polynomials of degree 7, as in `reduced.cells`. Poses come from the table of the assembly branch.
-
-What a model in C does not have, named by its entry in the scene.
 """
 
 from __future__ import annotations
@@ -226,7 +225,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
 
 def shared_of(
     model: ReducedModel | ComponentModel, nodes: Sequence[int], actions: Sequence[Action],
-    loads: Mapping[str, TimeFunction], windings: Iterable[np.ndarray], gaps: Sequence[int] = (),
+    loads: Mapping[str, TimeFunction], windings: Iterable[np.ndarray], gaps: Sequence[int],
 ) -> Constants:  # fmt: skip
     """Collect what models in C of all kinds have.
 
@@ -257,45 +256,11 @@ def shared_of(
     controls = controls_in_c(scene, parameters, settings["STEP"])
     control_actions = [k for k, action in enumerate(actions) if action.law is ACTING_LAW]
     carried_actions = [k for k, action in enumerate(actions) if action.law is CARRIED_FRICTION]
-    counts = {
-        "D": kinematics.mechanism.space.dimension,
-        "R": kinematics.n_coordinates,
-        "SIZE": float(kinematics.size),
-        "N_BODIES": len(kinematics.mechanism.bodies),
-        "N_PARAMETERS": len(parameters),
-        "N_OUTPUTS": len(scene.outputs),
-        "N_CONTROLS": len(controls),
-        "N_CONTROL_ROWS": len(control_actions),
-        "N_CONTROL": max((len(one.parameters) for one in controls), default=0),
-        "N_BESIDE": sum(3 * len(one.law.states) + 1 for one in controls),
-        "MOST_MOTIONS": max((one.law.n_motions for one in controls), default=0),
-        "MOST_STATES": max((len(one.law.states) for one in controls), default=0),
-        "N_READINGS": len(outputs.readings),
-        "N_BASES": len(outputs.courses),
-        "N_FORCES": len(outputs.forces),
-        "N_CARRIED": len(carried_actions),
-        "DRIVES": int(any(isinstance(one, OfMotion) for one in model.outputs.forces)),
-        "DEPTH": outputs.depth,
-        "N_COUNTS": len(outputs.counts),
-        "MOST_PARTS": max((len(one.curve) for one in outputs.counts), default=1),
-        "N_WAITING": min(settings["N_STEPS"] + 2, MOST_WAITING) if outputs.counts else 1,
-        "N_LOADS": len(loads),
-        "N_STRENGTHS": len(over_time),
-        "N_NODES": len(nodes),
-        "N_ACTIONS": len(actions),
-        "N_ACTION_NODES": len(held),
-        "N_PARTS": sum(len(action.statement.terms) for action in actions),
-        "N_CLOSURE": len(wanted),
-        "N_CLOSURE_TERMS": len(closure),
-        "N_LAW": max([1, *(len(action.parameters) for action in actions)]),
-        "N_EDGES": first_edges[-1],
-        "MOST_EDGES": max([1, *(len(action.law.edges) for action in actions)]),  # an array in C has at least one
-    }
-    return Constants(
+    found = Constants(
         kind="",
         name=scene.name,
         system=scene.system,
-        settings=counts | settings,
+        settings={},
         tables={},
         lists={},
         axes={},
@@ -332,14 +297,55 @@ def shared_of(
         strength_sizes=[scene.system.size_of(_unit_of_strength(name, scene)) for name in over_time],
         parameter_units={name: _unit_of(name, scene) for name in parameters},
     )
+    return replace(found, settings=_counts(found, model, len(nodes), settings["N_STEPS"]) | settings)
+
+
+def _counts(found: Constants, model: ReducedModel | ComponentModel, n_nodes: int, n_steps: int) -> dict[str, float]:
+    """Return how many there are of everything in the constants of a model."""
+    kinematics, outputs, laws = model.kinematics, found.outputs, [one.law for one in found.controls]
+    edges = [len(action.law.edges) for action in found.actions]
+    return {
+        "D": kinematics.mechanism.space.dimension,
+        "R": kinematics.n_coordinates,
+        "SIZE": float(kinematics.size),
+        "N_BODIES": len(kinematics.mechanism.bodies),
+        "N_PARAMETERS": len(found.parameters),
+        "N_OUTPUTS": len(model.scene.outputs),
+        "N_CONTROLS": len(found.controls),
+        "N_CONTROL_ROWS": len(found.control_actions),
+        "N_CONTROL": max((len(one.parameters) for one in found.controls), default=0),
+        "N_BESIDE": sum(3 * len(law.states) + 1 for law in laws),
+        "MOST_MOTIONS": max((law.n_motions for law in laws), default=0),
+        "MOST_STATES": max((len(law.states) for law in laws), default=0),
+        "N_READINGS": len(outputs.readings),
+        "N_BASES": len(outputs.courses),
+        "N_FORCES": len(outputs.forces),
+        "N_CARRIED": len(found.carried_actions),
+        "DRIVES": int(any(isinstance(one, OfMotion) for one in model.outputs.forces)),
+        "DEPTH": outputs.depth,
+        "N_COUNTS": len(outputs.counts),
+        "MOST_PARTS": max((len(one.curve) for one in outputs.counts), default=1),
+        "N_WAITING": min(n_steps + 2, MOST_WAITING) if outputs.counts else 1,
+        "N_LOADS": len(found.strength_of_load),
+        "N_STRENGTHS": len(found.strengths),
+        "N_NODES": n_nodes,
+        "N_ACTIONS": len(found.actions),
+        "N_ACTION_NODES": len(found.action_slots),
+        "N_PARTS": sum(len(action.parts) for action in found.actions),
+        "N_CLOSURE": len(found.closure_wanted),
+        "N_CLOSURE_TERMS": len(found.closure),
+        "N_LAW": max([1, *map(len, found.laws)]),
+        "N_EDGES": sum(edges),
+        "MOST_EDGES": max([1, *edges]),  # an array in C has at least one
+    }
 
 
 def _gaps_of(model: ReducedModel) -> tuple[GapForces | None, dict[str, np.ndarray]]:
     """Return what opens joints whose forces are outputs, if there are any, and its tables."""
-    n_rows, gaps = len(_flat(model.terms.terms.rows, 2)), model.multipliers and model.multipliers.gaps
+    n_rows, gaps = len(_flat(model.terms.terms.rows)), model.multipliers and model.multipliers.gaps
     if gaps is None:
         return None, {"gap_table": np.zeros((n_rows, 1, 1)), "gap_changes": np.zeros((n_rows, 1, 1))}
-    return gaps, {"gap_table": _flat(gaps.table.rows, 2), "gap_changes": _flat(gaps.changing.rows, 2)}
+    return gaps, {"gap_table": _flat(gaps.table.rows), "gap_changes": _flat(gaps.changing.rows)}
 
 
 def _sizes_of_gaps(gaps: GapForces | None, tables: Mapping[str, np.ndarray]) -> dict[str, int]:
@@ -438,11 +444,11 @@ def _tables(model: ReducedModel, nodes: Sequence[int], places: Interpolant | Non
         "rigid_table": rigid.rows,
         "rigid_stencils": rigid.stencils,
         "rigid_matrices": rigid.matrices,
-        "terms_table": _flat(terms.terms.rows, 2),
-        "loads_table": np.swapaxes(_flat(terms.load.rows, 2), 0, 1),
-        "shapes_table": _flat(shapes, 2),
+        "terms_table": _flat(terms.terms.rows),
+        "loads_table": np.swapaxes(_flat(terms.load.rows), 0, 1),
+        "shapes_table": _flat(shapes),
         "branch_table": _branch(model.rom.branch, len(mechanism.bodies)),
-        "actions_table": np.zeros((0, 0)) if places is None else _flat(places.rows, 2)[:, 0],
+        "actions_table": np.zeros((0, 0)) if places is None else _flat(places.rows)[:, 0],
         "scale": terms.scale,
         "winding": model.rom.branch.winding,
         "node_points": points[list(nodes)].reshape(-1, d),
@@ -451,10 +457,9 @@ def _tables(model: ReducedModel, nodes: Sequence[int], places: Interpolant | Non
     }
 
 
-def _flat(rows: np.ndarray, n_axes: int) -> np.ndarray:
-    """Return rows of several coordinates one after the other; a value has so many axes."""
-    n_theta = rows.ndim - n_axes
-    return rows.reshape(math.prod(rows.shape[:n_theta]), *rows.shape[n_theta:])
+def _flat(rows: np.ndarray) -> np.ndarray:
+    """Return rows of several coordinates, of matrices each, one after the other."""
+    return rows.reshape(math.prod(rows.shape[:-2]), *rows.shape[-2:])
 
 
 def _branch(branch: PoseBranch, n_bodies: int) -> np.ndarray:

@@ -60,7 +60,7 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     system = model.batch({name: np.array([value]) for name, value in scene.values.items()}, 1)
     _require_taken(model, system, what)
     own, equations = system.own, system.own.equations
-    tree, mechanism = own.joints.tree, model.kinematics.mechanism
+    mechanism = model.kinematics.mechanism
     kind_of_load = dict.fromkeys(effect.name for effect in equations.loads)
     loads = {effect.name: effect.strength for effect in equations.loads}
     n_parts = sum(len(action.statement.terms) for action in equations.actions)
@@ -70,7 +70,6 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     gaps = sorted({int(row) for one in of_joints for row in one.rows})
     shared = shared_of(model, range(mechanism.n_nodes), equations.actions, loads, windings, gaps)
     require_settled(system)
-    state = system.start()
     turned = equations.turns(equations.initial[0][:, None])[:, 0]  # in the plane nodes count turns
     turned = turned if turned.size else np.zeros(len(mechanism.coordinates) + n_parts)
     parts = _parts_of(own, equations)
@@ -80,41 +79,11 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     owners, behind = _carried(own, mechanism.n_nodes)
     pushes, (constraints, bonds) = _pushes(own, equations), _constraints(own, prescribed, mechanism.n_nodes)
     held, holds, left = _holds(own, gaps, mechanism.n_nodes, len(constraints)) if gaps else ([], [], [])
-    tables = {
-        "moments": ("[N_TERMS][AT_LEAST_ONE(N_WORDS)]", parts.moments),
-        "densities": ("[N_TERMS][AT_LEAST_ONE(N_MASSES)][1 + D][1 + D]", parts.densities),
-        "gravity": ("[N_TERMS][AT_LEAST_ONE(N_GRAVITY)][D]", parts.gravity),
-        "shapes": ("[]", tree.shapes),
-        "curves": ("[]", tree.bent),
-        "curve_rows": ("[]", tree.rows),
-        "curve_columns": ("[]", tree.columns),
-        "first_entries": ("[]", own.problem.floating.rows),
-        "columns": ("[]", own.problem.floating.columns),
-        "body_centres": ("[N_BODIES][D]", _centres(model, equations)),
-        "scale": ("[]", own.joints.units),
-        "start_coordinates": ("[N]", system.unpack(state.q)[:, 0]),
-        "start_rates": ("[N]", system.unpack(state.v)[:, 0]),
-        "start_turned": ("[]", turned),
-    }
-    sizes = {
-        "N": own.n,
-        "N_LEFT": own.n_statements,
-        "N_CONSTRAINT_TERMS": len(constraints),
-        "N_TREE": len(tree.kinds),
-        "N_WORDS": parts.moments.shape[1],
-        "N_MASSES": len(parts.masses),
-        "N_GRAVITY": own.problem.floating.gravity_loads.size,
-        "N_TERMS": len(parts.weights),
-        "N_LOAD_TERMS": len(equations.load_weights),
-        "N_PUSHES": len(pushes),
-        "N_DRIVES": len(drives),
-        "PROJECTS": int(_projects(scene, system)),
-        "N_GAPS": len(gaps),
-        "N_HOLDS": len(holds),
-        "MOST": max(2, *tree.n_amplitudes),
-        "ALWAYS_PROBED": int(any(action.law.about_zero for action in equations.actions)),
-        "TYPICAL_MASS": float(system.typical_mass[0]),
-    }
+    tables = _tables(model, system, parts) | {"start_turned": ("[]", turned)}
+    sizes = _sizes(system, parts) | {
+        "N_CONSTRAINT_TERMS": len(constraints), "N_PUSHES": len(pushes), "N_DRIVES": len(drives),
+        "PROJECTS": int(_projects(scene, system)), "N_GAPS": len(gaps), "N_HOLDS": len(holds),
+    }  # fmt: skip
     check_size({name: table for name, (_, table) in tables.items()}, what)
     given = set(own.driven[:, 0].tolist())
     return replace(
@@ -148,14 +117,52 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     )  # fmt: skip
 
 
+def _tables(model: ComponentModel, system: JointBatch, parts: Parts) -> dict[str, tuple[str, np.ndarray]]:
+    """Return the tables of a model, each with its shape in C."""
+    own, tree, state = system.own, system.own.joints.tree, system.start()
+    return {
+        "moments": ("[N_TERMS][AT_LEAST_ONE(N_WORDS)]", parts.moments),
+        "densities": ("[N_TERMS][AT_LEAST_ONE(N_MASSES)][1 + D][1 + D]", parts.densities),
+        "gravity": ("[N_TERMS][AT_LEAST_ONE(N_GRAVITY)][D]", parts.gravity),
+        "shapes": ("[]", tree.shapes),
+        "curves": ("[]", tree.bent),
+        "curve_rows": ("[]", tree.rows),
+        "curve_columns": ("[]", tree.columns),
+        "first_entries": ("[]", own.problem.floating.rows),
+        "columns": ("[]", own.problem.floating.columns),
+        "body_centres": ("[N_BODIES][D]", _centres(model, own.equations)),
+        "scale": ("[]", own.joints.units),
+        "start_coordinates": ("[N]", system.unpack(state.q)[:, 0]),
+        "start_rates": ("[N]", system.unpack(state.v)[:, 0]),
+    }
+
+
+def _sizes(system: JointBatch, parts: Parts) -> dict[str, float]:
+    """Return the sizes of a tree, and what is typical of it."""
+    own, tree, equations = system.own, system.own.joints.tree, system.own.equations
+    return {
+        "N": own.n,
+        "N_LEFT": own.n_statements,
+        "N_TREE": len(tree.kinds),
+        "N_WORDS": parts.moments.shape[1],
+        "N_MASSES": len(parts.masses),
+        "N_GRAVITY": own.problem.floating.gravity_loads.size,
+        "N_TERMS": len(parts.weights),
+        "N_LOAD_TERMS": len(equations.load_weights),
+        "MOST": max(2, *tree.n_amplitudes),
+        "ALWAYS_PROBED": int(any(action.law.bends for action in equations.actions)),
+        "TYPICAL_MASS": float(system.typical_mass[0]),
+    }
+
+
 def _require_taken(model: ComponentModel, system: JointBatch, what: str) -> None:
     """Refuse what models in C of component models do not have."""
-    own, scene = system.own, model.scene
-    why = ""
-    if own.problem.modal.kinds.size:
-        why = "effects: a model in C has no modal damping of bodies on their meshes"
-    if why:
-        raise InputError(f"{why}; {what} cannot be written. Take pgmp simulate for this model, or a reduced one")
+    scene = model.scene
+    if system.own.problem.modal.kinds.size:
+        raise InputError(
+            f"effects: a model in C has no modal damping of bodies on their meshes; {what} cannot be written. Take "
+            "pgmp simulate for this model, or a reduced one"
+        )
     if scene.controllers and _projects(scene, system):
         raise InputError(
             f"simulation.spectral_radius = {scene.simulation.spectral_radius:g}: a model in C does not project "

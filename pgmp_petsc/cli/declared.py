@@ -1,13 +1,11 @@
-"""A command's call of the Python interface: what it asks for by its arguments, and what it prints.
+"""A command's call of the Python interface: what it asks for by its arguments, as options of click by the kinds of
+these, and what it prints.
 
 The interface logs what it does on the way, which goes on as it is. A result is with the first rank alone, which prints
 its report, or its figures as JSON and nothing else.
 
-Commands of click from declarations: words and options by the kinds of arguments, values as functions take them.
-
-One call of ``pgmp``: its ranks, the options for PETSc, and whether it prints words, nothing, or JSON.
-
-What a person at a terminal sees: colours of warnings and verdicts, texts of its width, and of a report the answer.
+One call of ``pgmp`` has its ranks, the options for PETSc, and whether it prints words, nothing, or JSON. A person at a
+terminal sees colours of warnings and verdicts, texts of its width, and of a report the answer.
 """
 
 from __future__ import annotations

@@ -271,7 +271,7 @@ def _condensed(
 def _across_axis(
     solid: Solid, nodes: range, subspace: Subspace, mass: Terms, values: Mapping[str, float]
 ) -> np.ndarray:
-    """Return what takes vectors of the subspace to the rest beside their part along the axis (`section_coordinates`).
+    """Return what takes vectors of the subspace to the rest beside their part along the axis (`axial_part`).
 
     The subspace is orthonormal in the mass at the parameter values.
     """

@@ -146,7 +146,7 @@ class Controls:
 
     def __init__(
         self, scene: Scene, values: Mapping[str, np.ndarray], n_samples: int, measure: Measure,
-        put: Callable[[Sequence[np.ndarray]], object], carried: Carried | None = None,
+        put: Callable[[Sequence[np.ndarray]], object], carried: Carried | None,
     ) -> None:  # fmt: skip
         self._measure, self._put, self._find = measure, put, carried
         self.names = (*scene.carried, *scene.controllers)

@@ -9,7 +9,7 @@ d/dt dL/dv_x - dL/dq_x is
     T (p_x' - dP/dq_x) + T' p_x,   T' = sum_k v_k d_k T,   and in all rows of theta   - P d_k T.
 
 P and what comes of it are polynomials of a few factors, so that all derivatives are those of products. A loop adds up
-what the loop around it multiplies by what they have in common (`_Nest.loop`): each entry is taken up once, and few
+what the loop around it multiplies by what they have in common (`Loops`): each entry is taken up once, and few
 operations are done for it.
 
 What is printed calls `load`, `store`, `add_to_rows`, `add_product`, `dot`, `zeros` and `load_rows` of `vectors`,

@@ -15,7 +15,7 @@ the mean square over time (trapezoids), and its values at time zero and at the e
 searches are in SI units (:mod:`~pgmp_petsc.declare.own_units`), so that the design is the same to the last digit in
 whichever units the scene is written.
 
-Places on the way of a search whose runs stop before their end: the search turns back from there, and says so.
+A search turns back from places on its way whose runs stop before their end, and says so.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 from warnings import catch_warnings, filterwarnings
 
 import numpy as np
@@ -35,6 +36,9 @@ from pgmp_petsc.results.gradients import Design, DesignConstraint, DesignParamet
 from pgmp_petsc.results.numbers import interval_text, percent
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values, to_own
+
+if TYPE_CHECKING:
+    from scipy.optimize import OptimizeResult
 
 MOST_ITERATIONS = 200
 PRECISE = 1e-7  # of goal and constraints, in units of their sizes: what iterations of runs leave stays below
@@ -61,43 +65,16 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     RunError
         If a run stops before its end where the search begins; it turns back from others.
     """
-    from scipy.optimize import minimize  # takes a noticeable time, and other commands have no use for it
-
     timings = Timings()
     with agreed(comm, "samples"):
         figures = DesignFigures(model, question, comm)
     with timings.phase("design"), progress(None, "runs of designs", comm) as bar:
         figures.count = bar.update
-        scale, start = figures.scale, figures.start
+        start = figures.start
         first = figures.at(start)
-        goal_size = abs(first[0].value) or 1.0
-        ends = figures.limits.T / scale  # rounded once
         sizes = np.array([figures.size_of(k, start) for k in range(len(question.constraints))])
-
-        def goal(x: np.ndarray) -> tuple[float, np.ndarray]:
-            found = figures.at(x * scale)[0]
-            return found.value / goal_size, found.slope * scale / goal_size
-
-        constraints = [
-            {
-                "type": "ineq",
-                "fun": lambda x, k=k: -figures.at(x * scale)[1 + k].value / sizes[k],
-                "jac": lambda x, k=k: -figures.at(x * scale)[1 + k].slope * scale / sizes[k],
-            }
-            for k in range(len(question.constraints))
-        ]
-        with catch_warnings():
-            # steps that round-off takes past a limit are taken back
-            filterwarnings("ignore", "Values in x were outside bounds", RuntimeWarning)
-            done = minimize(
-                goal, np.clip(start / scale, *ends), jac=True, method="SLSQP", bounds=ends.T,
-                constraints=constraints, options={"maxiter": MOST_ITERATIONS, "ftol": PRECISE},
-            )  # fmt: skip
-        best = np.clip(done.x * scale, *figures.limits.T)
+        done, best = _searched(figures, abs(first[0].value) or 1.0, sizes)
         last = figures.at(best)
-        if not np.isfinite(last[0].value):  # it ended where it was to turn back
-            best = figures.tried[-1]
-            last = figures.at(best)
     missed = [k for k in range(len(sizes)) if last[1 + k].value > MET * sizes[k]]
     converged = done.status in (0, DESCENT_ENDED) and not missed
     confidence = model.scene.ensemble.confidence
@@ -114,14 +91,6 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
         *step_remarks(model, ended), *contact_remarks(ended), *model.scene.remarks,
     )  # fmt: skip
     size = question.goal.sense * question.goal.size
-    described = [
-        DesignConstraint(
-            constraint.text, float(constraint.size * first[1 + k].value), float(constraint.size * last[1 + k].value),
-            bool(abs(last[1 + k].value) <= 1e-4 * sizes[k]),
-            None if question.deviations is None else tuple(map(float, constraint.size * ends[1 + k])),
-        )
-        for k, constraint in enumerate(question.constraints)
-    ]  # fmt: skip
     (_, at_begin), (time, at_end) = (run.at_steps_of_scene() for run in (begun, ended))
     scene = model.scene
     parameters = [
@@ -131,14 +100,60 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     return Design(
         RunRecord(scene_to_toml(scene), own_values(scene, values),
                   question.seed if question.deviations is not None else None, comm.size, timings.as_dict(), remarks),
-        question.goal.text, size * first[0].value, size * last[0].value, tuple(parameters), tuple(described),
-        np.array(figures.tried), size * np.array(figures.goals), question.deviations, figures.n_samples,
-        time, at_begin, at_end, dict(model.outputs.units), converged, np.sort(size * ends[0]), confidence,
+        question.goal.text, size * first[0].value, size * last[0].value, tuple(parameters),
+        _described(question, first, last, sizes, ends), np.array(figures.tried), size * np.array(figures.goals),
+        question.deviations, figures.n_samples, time, at_begin, at_end, dict(model.outputs.units), converged,
+        np.sort(size * ends[0]), confidence,
+    )  # fmt: skip
+
+
+def _searched(figures: DesignFigures, goal_size: float, sizes: np.ndarray) -> tuple[OptimizeResult, np.ndarray]:
+    """Return how the search from the start ended, and the best design that can be run; `sizes` are of constraints."""
+    from scipy.optimize import minimize  # takes a noticeable time, and other commands have no use for it
+
+    scale = figures.scale
+    ends = figures.limits.T / scale  # rounded once
+
+    def goal(x: np.ndarray) -> tuple[float, np.ndarray]:
+        found = figures.at(x * scale)[0]
+        return found.value / goal_size, found.slope * scale / goal_size
+
+    constraints = [
+        {
+            "type": "ineq",
+            "fun": lambda x, k=k: -figures.at(x * scale)[1 + k].value / sizes[k],
+            "jac": lambda x, k=k: -figures.at(x * scale)[1 + k].slope * scale / sizes[k],
+        }
+        for k in range(len(sizes))
+    ]
+    with catch_warnings():
+        # steps that round-off takes past a limit are taken back
+        filterwarnings("ignore", "Values in x were outside bounds", RuntimeWarning)
+        done = minimize(
+            goal, np.clip(figures.start / scale, *ends), jac=True, method="SLSQP", bounds=ends.T,
+            constraints=constraints, options={"maxiter": MOST_ITERATIONS, "ftol": PRECISE},
+        )  # fmt: skip
+    best = np.clip(done.x * scale, *figures.limits.T)
+    # where it ended where it was to turn back, the design before
+    return done, best if np.isfinite(figures.at(best)[0].value) else figures.tried[-1]
+
+
+def _described(
+    question: Question, first: Sequence[Dual], last: Sequence[Dual], sizes: np.ndarray, ends: np.ndarray
+) -> tuple[DesignConstraint, ...]:
+    """Return the constraints at the first and the last design; `ends` are intervals, of goal and constraints."""
+    return tuple(
+        DesignConstraint(
+            constraint.text, float(constraint.size * first[1 + k].value), float(constraint.size * last[1 + k].value),
+            bool(abs(last[1 + k].value) <= 1e-4 * sizes[k]),
+            None if question.deviations is None else tuple(map(float, constraint.size * ends[1 + k])),
+        )
+        for k, constraint in enumerate(question.constraints)
     )  # fmt: skip
 
 
 @gathered
-def _of_end(done, question: Question, last: Sequence[Dual], missed: Sequence[int]) -> Iterator[Remark]:
+def _of_end(done: OptimizeResult, question: Question, last: Sequence[Dual], missed: Sequence[int]) -> Iterator[Remark]:
     if not missed:
         yield note(
             "the design is the nearest optimum from where the search began (--set); another start may find a better one"
@@ -204,7 +219,7 @@ def _of_robust(question: Question, figures: DesignFigures, ends: np.ndarray, con
     if question.deviations is None:
         return
     met = [(constraint, constraint.size * own) for constraint, own in zip(question.constraints, ends[1:])]
-    open_ones = [f"'{constraint.text}' (missed by {interval_text(of)})" for constraint, of in met if of[1] > 0.0]
+    open_ones = [f"'{constraint.text}' (missed by {interval_text(of)})" for constraint, of in met if of[0] <= 0.0 < of[1]]
     if open_ones:
         what = f"{figures.n_samples} samples leave open whether the design meets {', '.join(open_ones)}"
         cure = "take a larger --samples, or ask for more room"

@@ -10,7 +10,6 @@ from pgmp_petsc.base.errors import InputError, Remark, gathered, nearest_name, n
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.effects.formula import FormulaEffect
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures, polynomials_of_lengths
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.contacts import Contact
@@ -161,8 +160,7 @@ def difference_remarks(model: AnyModel, off: float) -> Iterator[Remark]:
             f"derivatives are differences of runs, four or five beside each one a parameter, because of {why}{off}"
         )
         return
-    effects = model.scene.effects.items()
-    jumping = [f"effects.{name}.force" for name, one in effects if isinstance(one, FormulaEffect) and one.jumps]
+    jumping = [f"effects.{name}.force" for name, one in model.scene.effects.items() if one.jumps_with - {"t"}]
     if jumping:
         yield warning(
             f"{', '.join(jumping)}: derivatives leave out what a force jumps by where a comparison or a sign changes; "

@@ -1,17 +1,12 @@
-"""A force on a point of a body: along a direction of the ground, of the body, or towards another point.
+"""Loads: forces, torques, gravity, and what belongs to a point of a body.
 
-A force with a direction of the ground on a node is a load; one that turns with its body, one that pulls towards a
-point, and any force on a rigid body away from its centre of mass depend on the state, and are actions: on the place of
-the point along the direction, or on its distance from the other one.
-
-A torque in a joint that turns: a couple on the second body and its reaction on the first, over time.
-
-Gravity: the mass matrix times a constant acceleration, one load term for each affine mass term.
-
-What belongs to a point of a body.
-
-- A mass: a part of the mass matrix from the start (`mechanism.composition`).
-- Coulomb friction of a point that rubs along a line of the ground: ``-limit tanh(s' / speed)`` on its place s.
+A force acts on a point along a direction of the ground, of the body, or towards another point. With a direction of the
+ground on a node it is a load; one that turns with its body, one that pulls towards a point, and any force on a rigid
+body away from its centre of mass depend on the state, and are actions: on the place of the point along the direction,
+or on its distance from the other one. A torque in a joint that turns is a couple on the second body and its reaction on
+the first. Gravity is the mass matrix times a constant acceleration, one load term for each affine mass term. A point's
+mass is a part of the mass matrix from the start (`mechanism.composition`), and Coulomb friction of a point that rubs
+along a line of the ground is ``-limit tanh(s' / speed)`` on its place s.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Prescribed motions of a coordinate: value, speed and acceleration at any time.
+"""Motions that are given: of a coordinate, with value, speed and acceleration at any time, and of the base.
 
 A spin-up to the speed ``Omega`` in the time T is that of Simo and Vu-Quoc (1986),
 
@@ -8,12 +8,11 @@ whose acceleration ``Omega / T (1 - cos(2 pi t / T))`` has no jump. Tables becom
 and stay where they end; all others go on for ever. Where an acceleration jumps it is the later one: a run that begins
 at a table's first row begins with what the table does then.
 
-A base that moves: the ground's points go along a direction as given, and everything is seen from the base.
-
-In the frame of the base every mass m has the force ``-m x''`` of the base's displacement x(t), as in a gravity field of
-the acceleration ``-x''``; where bodies and points are, and their speeds, count from the base. A table of accelerations
-is linear between its rows and constant beyond them. One of displacements or velocities is a cubic spline at rest beyond
-its ends, whose derivatives are exact. The base may have any speed at the start: those of the bodies are against it.
+Where the base moves, the ground's points go along a direction as given, and everything is seen from the base. In its
+frame every mass m has the force ``-m x''`` of the base's displacement x(t), as in a gravity field of the acceleration
+``-x''``; where bodies and points are, and their speeds, count from the base. A table of accelerations is linear between
+its rows and constant beyond them. One of displacements or velocities is a cubic spline at rest beyond its ends, whose
+derivatives are exact. The base may have any speed at the start: those of the bodies are against it.
 
 Absolute outputs add x(t) itself, which is integrated exactly: from a table of accelerations or velocities the base
 begins at time zero at x = 0, and at rest where accelerations are given; one of displacements is x. A harmonic of any of
@@ -39,6 +38,9 @@ from pgmp_petsc.scene.fields import ConstantSpeed, Direction, Harmonic, SpinUp, 
 from pgmp_petsc.scene.messages import Finding, doubt, problem
 from pgmp_petsc.scene.references import harmonic_problems, load_problems, unknown
 from pgmp_petsc.scene.uses import Use, slides
+
+N_LOOKED_AT = 33  # instants between two rows
+RESTS = 0.02  # of the whole way of a table, by which its spline may move between rows that are the same
 
 
 class PrescribedMotion(Driving):
@@ -107,8 +109,14 @@ class PrescribedMotion(Driving):
     def doubts(
         self, scene: Scene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
     ) -> Iterator[Finding]:
-        """Yield a table that begins after the run."""
-        duration = scene.simulation.duration
+        """Yield a table that begins after the run, or whose spline moves between rows that say that it rests."""
+        duration, rows = scene.simulation.duration, self.table or ()
+        travel = np.ptp([value for _, value in rows]) if rows else 0.0
+        for (begins, value), (ends, after) in pairwise(rows):
+            off = np.max(np.abs(self.motion(entry).at(np.linspace(begins, ends, N_LOOKED_AT)).angle - value))
+            if value == after and off > RESTS * travel:
+                moves = f"from {begins:g} to {ends:g} s the spline moves by {100 * off / travel:.2g} % of its whole way"
+                yield doubt(f"{entry}.table", f"{moves}, where both rows are the same; more rows there let it rest")
         if self.table is not None and self.table[0][0] > duration:
             late = f"begins at {self.table[0][0]:g} s, but the run ends at simulation.duration = {duration:g} s"
             yield doubt(f"{entry}.table", f"{late}; nothing moves")

@@ -1,7 +1,8 @@
-"""Stiffness of linear springs about the rigid mechanism, in body frames.
+"""Springs and dampers, and the stiffness of linear ones about the rigid mechanism, in body frames.
 
-A spring on the statement s has the potential ``1/2 k (s - rest)^2``. Its second derivatives in the small displacements
-of the nodes that carry its ends are
+A spring-damper is ``-k (s - rest) - c s'`` on a joint's rotation or displacement, or on the distance of two points. A
+spring on the statement s has the potential ``1/2 k (s - rest)^2``. Its second derivatives in the small displacements of
+the nodes that carry its ends are
 
     k g g^T + k (s - rest) h,
 
@@ -9,13 +10,10 @@ with the gradient g of s and its second derivatives h, of which a node's rotatio
 turns as ``d + phi x d + 1/2 phi x (phi x d)``. The first term is the stiffness of the spring; the second one is the
 force that it has already (its preload) times the change of direction.
 
-A bushing: a spring and a damper along and about every axis of a reference frame that turns with the first body.
-
-Along the axis e_k the statement is ``e_k . (p_b - p_a)``, about it ``e_(k+2) . f_(k+1)`` with the axes f of the second
-body that are those of the first as the bodies are placed: the sine of a rotation about e_k alone. In the plane it is
-the rotation itself.
-
-A spring-damper: ``-k (s - rest) - c s'`` on a joint's rotation or displacement, or on the distance of two points.
+A bushing is a spring and a damper along and about every axis of a reference frame that turns with the first body. Along
+the axis e_k the statement is ``e_k . (p_b - p_a)``, about it ``e_(k+2) . f_(k+1)`` with the axes f of the second body
+that are those of the first as the bodies are placed: the sine of a rotation about e_k alone. In the plane it is the
+rotation itself.
 """
 
 from __future__ import annotations

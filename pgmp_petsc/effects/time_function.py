@@ -172,7 +172,7 @@ def fill(functions, times, found):
 def amplitude_of(entry: OverTime) -> TimeFunction:
     """Return the strength of a torque (N m) or force (N) as a function of time (s); its scale is not in it.
 
-    Its values are numbers (`scene.load_parts`).
+    Its values are numbers (`Scene.plain_effects`).
     """
     return TimeFunction(harmonic(entry.harmonic)) if entry.harmonic is not None else _table(entry.table)
 

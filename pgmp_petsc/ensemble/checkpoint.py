@@ -1,5 +1,6 @@
-"""The checkpoint of an ensemble, its finished batches in a folder beside the result, and the columns put together of
-them: one number a sample in a file, so that memory holds one column at a time, however many samples."""
+"""Finished samples of an ensemble: batches in a checkpoint, a folder beside the result, or the files of shards; and the
+columns put together of them: one number a sample in a file, so that memory holds one column at a time, however many
+samples."""
 
 from __future__ import annotations
 
@@ -15,10 +16,11 @@ from weakref import finalize
 
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, RunError
+from pgmp_petsc.base.errors import InputError, Remark, RunError
 from pgmp_petsc.ensemble.plan import IN_ALL, IN_CHECKED, NAMED, Batch, Piece, Plan
 from pgmp_petsc.files.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.files.seal import BrokenSeal, identity
+from pgmp_petsc.results.ensemble import Place, ShardSamples
 
 FORMAT = 7
 OF_LATIN_HYPERCUBE = "number of samples, on which every sample of a Latin hypercube depends,"
@@ -309,3 +311,83 @@ class Kept(Protocol):
 
     def bands(self, n: int) -> Mapping[str, np.ndarray]:
         """See `Checkpoint.bands`; of those samples that are known."""
+
+
+CHECKSUM = 64  # characters
+OUTPUTS = "outputs."  # before the names of columns that are outputs
+
+
+class Shards:
+    """Shards that are `all` of an ensemble, in their order; in place of a checkpoint. Their columns are put together in
+    a folder.
+
+    Raises `InputError` if they are not all shards of one ensemble, each once.
+    """
+
+    def __init__(self, paths: Sequence[Path], shards: Sequence[ShardSamples], folder: Path) -> None:
+        _check(paths, [shard.place for shard in shards])
+        ordered = sorted(zip(paths, shards), key=lambda pair: pair[1].place.number)
+        self.all, self._folder = [shard for _, shard in ordered], folder
+        self._n_samples = shards[0].place.n_samples
+        ends = [shard.place.first for shard in self.all[1:]] + [self._n_samples]
+        for (path, shard), end in zip(ordered, ends):
+            n, fine = len(shard.status), shard.status == 0
+            if n != end - shard.place.first:
+                raise InputError(
+                    f"file '{path}' is damaged: {n} samples, not {end - shard.place.first}; write it again"
+                )
+            for name in shard.columns:
+                if name.startswith(OUTPUTS) and np.isnan(shard.columns[name][fine]).any():
+                    raise InputError(f"file '{path}' is damaged: {name} is NaN of fine samples; write it again")
+        self._check_instants([path for path, _ in ordered])
+        self.remarks: tuple[Remark, ...] = tuple(remark for shard in self.all for remark in shard.found)
+
+    def _check_instants(self, paths: Sequence[Path]) -> None:
+        """Raise `InputError` where the bands of a shard have other instants than those of the first."""
+        # those of a shard are alike
+        counts = [
+            (path, shard.bands[next(iter(shard.bands))].shape[1]) for path, shard in zip(paths, self.all) if shard.bands
+        ]
+        for path, n in counts:
+            if n != counts[0][1]:
+                what = f"bands at {n} instants, not {counts[0][1]}"
+                raise InputError(f"file '{path}' is damaged: {what}; write it again")
+
+    def columns(self) -> Columns:
+        """Return all samples as columns; raises `RunError` if the system fails to write them."""
+        columns = Columns(self._folder, self._n_samples)
+        for shard in self.all:
+            for name in shard.columns:
+                columns.put(shard.place.first, {name: shard.columns[name]})
+        return columns
+
+    def bands(self, n: int) -> Mapping[str, np.ndarray]:
+        """Return the outputs of the first n samples at the instants of the bands, each (n, n_t)."""
+        return joined(shard.bands for shard in self.all if shard.place.first < n)
+
+
+def _check(paths: Sequence[Path], places: Sequence[Place]) -> None:
+    """Refuse what is not all shards of one ensemble, each once."""
+    path, place = paths[0], places[0]
+    for other_path, other in zip(paths[1:], places[1:]):
+        for key in {**place.run, **other.run}:
+            one, two = place.run.get(key), other.run.get(key)
+            if one != two:
+                plain = not any(isinstance(value, str) and len(value) == CHECKSUM for value in (one, two))
+                shown = f" ({one} in '{path}', {two} in '{other_path}')" if plain else ""
+                raise InputError(
+                    f"'{other_path}' is a shard of another ensemble than '{path}': its {key} differs{shown}"
+                )
+        if other.count != place.count:
+            raise InputError(
+                f"'{other_path}' is one of {other.count} shards and '{path}' one of {place.count}: take those of one "
+                "division"
+            )
+    known: dict[int, Path] = {}
+    for one_path, one in zip(paths, places):
+        if one.number in known:
+            raise InputError(f"shard {one.number}/{one.count} is there twice: '{known[one.number]}' and '{one_path}'")
+        known[one.number] = one_path
+    absent = [f"{number}/{place.count}" for number in range(1, place.count + 1) if number not in known]
+    if absent:
+        raise InputError(f"missing: shard {', '.join(absent)}; give the files of all {place.count}")

@@ -1,12 +1,9 @@
-"""From the finished pieces of an ensemble to its result: statistics, probabilities, bands, and what is to be said.
+"""From the finished samples of an ensemble, of one run or of all its shards, to its result: statistics, probabilities,
+bands, and what is to be said.
 
-Where the samples of an ensemble come from, as far as their description needs it: no model has to be at hand.
-
-Shards of an ensemble: parts that are runs of their own, on one machine or many, and are joined to what one run of
-all samples gives, bit for bit.
-
-A sample's numbers depend on the seed and its own number alone, and statistics are of all samples together: shards keep
-samples, and whoever joins them describes them.
+Shards are parts of an ensemble that are runs of their own, on one machine or many. A sample's numbers depend on the
+seed and its own number alone, and statistics are of all samples together: shards keep samples, and whoever joins them
+describes them, bit for bit as one run of all samples.
 """
 
 from __future__ import annotations
@@ -18,12 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
+from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.ensemble import intervals
-from pgmp_petsc.ensemble.checkpoint import Checkpoint, Columns, Kept, joined
+from pgmp_petsc.ensemble.checkpoint import Checkpoint, Kept, Shards
 from pgmp_petsc.ensemble.failures import failure_remarks, has_steps_left, step_remarks
-from pgmp_petsc.ensemble.plan import Plan, SampleFile, block_of, checked, share_of
+from pgmp_petsc.ensemble.plan import Plan, block_of, checked, share_of
+from pgmp_petsc.ensemble.sample_file import SampleFile
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.ensemble.statistics import (
     Peaks,
@@ -46,7 +44,7 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import REDUCED, LengthLanes, Model
 from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble, Place, ShardSamples
-from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Statistics
+from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Sensitivity, Statistics
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.numerics import Event, count_steps
@@ -70,59 +68,23 @@ def describe_ensemble(
 
     `looked` says whether intervals have decided on the number of samples (see `stopping`).
     """
-    scene, columns = origin.scene, kept.columns()
-    parameters, outputs, numerics = (columns.of(kind) for kind in ("parameters", "outputs", "numerics"))
-    estimates = {kind: columns.of(kind) for kind in ESTIMATES}
-    over_time = {kind: columns.of(kind) for kind in OVER_TIME}
-    status = columns["status"].astype(np.int32)
-    fine, described = status == Status.FINE, sampler.described(status.size)
-    replicates = sampler.replicates(status.size)
-    n_failed = int(np.sum(described & ~fine))
-    is_hiding = int(np.sum(~fine)) > scene.ensemble.failed_share * fine.size
-    chosen = fine & described & (not is_hiding)
-    n_chosen = int(chosen.sum())
-
-    bands, peaks = _bands(scene, kept, chosen, outputs, over_time["extremes"])
-    lines = [scene.number(body.line.length) for body in scene.bodies.values() if body.line is not None]
-    sizes = peaks.sizes(origin.units, fine, max(lines, default=0.0))
-
-    def statistics_of(values: np.ndarray, of: np.ndarray, n_missing: int = 0, size: float = 0.0) -> Statistics:
-        asked, known = scene.ensemble, of & np.isfinite(values)
-        numbers = None if replicates is None else replicates[known]
-        found = describe(values[known], asked.bins, asked.quantiles, n_missing, level, numbers, size)
-        if is_hiding and n_missing:  # bounds hide nothing
-            known = fine & described & np.isfinite(values)
-            bounds = quantile_bounds(values[known], found.probabilities, n_missing)
-            found = replace(found, quantile_bounds=bounds)
-        return replace(found, confidence=asked.confidence)
-
-    def varying() -> Iterator[tuple[str, np.ndarray]]:
-        return (one for one in quantities(outputs, over_time["extremes"]) if one[0] not in constant)
-
-    level = level_of_each(scene.ensemble.confidence) if looked else scene.ensemble.confidence
-    every = quantities(outputs, over_time["extremes"])
-    statistics = {name: statistics_of(values, chosen, n_failed, sizes[name]) for name, values in every}
-    constant = [name for name, one in statistics.items() if one.constant]
-    for name in sampler.names:
-        statistics[name] = statistics_of(parameters[name], described)
-    for label, times in over_time["first_passages"].items():
-        statistics[label] = statistics_of(times, chosen)
-    probabilities = {
-        label: _chance(label, event, origin, peaks, over_time["first_passages"], estimates, described & fine,
-                       described & ~fine, replicates, level, is_hiding)
-        for label, event in scene.ensemble.probabilities.items()
-    }  # fmt: skip
-    divisors = numerics["steps_divided"].astype(np.int32)
+    scene = origin.scene
+    samples = _Samples(origin, sampler, kept, looked)
+    statistics = samples.statistics()
+    constant = [name for name, one in statistics.items() if name in samples.sizes and one.constant]
+    probabilities = {label: samples.chance(label, event) for label, event in scene.ensemble.probabilities.items()}
     units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | origin.units
-    units |= {f"{name}.{which}": units[name] for name in scene.ensemble.with_extremes(outputs) for which in DESCRIBED}
-    units |= dict.fromkeys(over_time["first_passages"], "s")
+    extremes = scene.ensemble.with_extremes(samples.outputs)
+    units |= {f"{name}.{which}": units[name] for name in extremes for which in DESCRIBED}
+    units |= dict.fromkeys(samples.over_time["first_passages"], "s")
     of_blocks = scene.ensemble.replicates if sampler.kind == "saltelli" else None
-    sobol = sensitivities(varying(), parameters, sampler.names, fine & (not is_hiding), of_blocks, level)
-    sobol = {name: replace(one, confidence=scene.ensemble.confidence) for name, one in sobol.items()}
-    correlated = sampler.kind != "file" and bool(scene.correlation)
-    drawn = {name: parameters[name] for name in sampler.names} if not fine.all() else {}
+    sobol = samples.sobol(constant, of_blocks)
+    divisors = samples.numerics["steps_divided"].astype(np.int32)
+    fine, status, n_chosen = samples.fine, samples.status, int(samples.chosen.sum())
+    drawn = {name: samples.parameters[name] for name in sampler.names} if not fine.all() else {}
     own = own_values(scene, drawn), {name: scene.system.unit(units[name]) for name in drawn}
     may_be_retried = not looked and has_steps_left(status, divisors)  # an ensemble with rules is repeated instead
+    correlated = sampler.kind != "file" and bool(scene.correlation)
     remarks = (
         *kept.remarks,
         *failure_remarks(
@@ -130,83 +92,129 @@ def describe_ensemble(
         ),
         *step_remarks(status, divisors, scene.simulation.step),
         *sampler_remarks(scene, plan),
-        *starts_remarks(scene, numerics["unstable_start"] == 1.0),
+        *starts_remarks(scene, samples.numerics["unstable_start"] == 1.0),
         *_of_numbers(n_chosen, constant),
-        *tail_remarks(varying(), chosen, replicates),
+        *tail_remarks(samples.varying(constant), samples.chosen, samples.replicates),
         *sensitivity_remarks(sobol, of_blocks, len(sampler.names), fine, correlated),
-        *_partial_bands(bands, n_chosen),
-        *over_time_remarks({name: one.count for name, one in statistics.items()}, over_time, n_chosen),
-        *_estimate_remarks(origin, estimates, status, peaks),
+        *_partial_bands(samples.bands, n_chosen),
+        *over_time_remarks({name: one.count for name, one in statistics.items()}, samples.over_time, n_chosen),
+        *_estimate_remarks(origin, samples.estimates, status, samples.peaks),
         *own_error.of_statistics(
-            (one for one in outputs.items() if one[0] not in constant), estimates["errors_at_end"], chosen, units,
-            ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"), origin.model, scene.system,
+            (one for one in samples.outputs.items() if one[0] not in constant), samples.estimates["errors_at_end"],
+            samples.chosen, units, ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"),
+            origin.model, scene.system,
         ),
     )  # fmt: skip
     of_others: dict[str, np.ndarray] = {}  # what a further try of failed samples needs of the others
     if not fine.all():
         of_others = {f"bands.{name}": values for name, values in kept.bands(scene.ensemble.band_samples).items()}
-        of_others[UNSTABLE] = numerics["unstable_start"]
+        of_others[UNSTABLE] = samples.numerics["unstable_start"]
     said, seed = (*scene.remarks, *remarks), None if plan.file else plan.seed
     return Ensemble(
         model=origin.model,
         record=RunRecord(scene_to_toml(scene), own_values(scene), seed, ranks, timings.as_dict(), said),
-        parameters=parameters,
-        outputs=outputs,
+        parameters=samples.parameters,
+        outputs=samples.outputs,
         units=units,
         status=status,
         meanings={int(item): item.meaning for item in Status},
-        failure_time=columns["failure_time"],
+        failure_time=samples.failure_time,
         statistics=statistics,
         steps_divided=divisors,
         probabilities=probabilities,
-        bands=bands,
+        bands=samples.bands,
         sobol=sobol,
         kept=of_others,
-        **estimates,
-        **over_time,
+        **samples.estimates,
+        **samples.over_time,
     )
 
 
-def _chance(
-    label: str,
-    event: Event,
-    origin: Origin,
-    peaks: Peaks,
-    passages: Mapping[str, np.ndarray],
-    estimates: Mapping[str, Mapping[str, np.ndarray]],
-    known: np.ndarray,
-    failed: np.ndarray,
-    replicates: np.ndarray | None,
-    level: float,
-    is_hiding: bool,
-) -> Chance:
-    """Return the probability of an event over samples (N,) of which it is known, and of others that failed.
+class _Samples:
+    """The samples of an ensemble, and which of them count.
 
-    Its interval, at a level, hides nothing of the failed ones, so that it is given where the estimate would.
+    Samples that failed hide what they would have shown: where they are too many, none is chosen.
     """
-    true = came_true(event, label, peaks.outputs, passages)
-    if event.when == "end":
-        lost = known & ~np.isfinite(peaks.outputs[event.output])
-        known, failed = known & ~lost, failed | lost
-    count, n, ends = of_event(true, known, failed, replicates, level)
-    excess, largest = peaks.excess(event), peaks.largest(event.output)
-    seen = known & np.isfinite(excess)
-    limit = holds_to(np.where(true, np.fmax(excess, 0.0), np.fmin(excess, 0.0))[seen], largest[seen], true[seen], level)
-    error = 0.0 if origin.model == "full" else float("nan")
-    if origin.model == "reduced" and event.output in estimates["errors"]:
-        of_event_alone = estimates["errors_at_end" if event.when == "end" else "errors"][event.output]
-        shares = np.abs(of_event_alone[known]) / np.maximum(largest[known], np.finfo(float).tiny)
-        shares = shares[np.isfinite(shares)]
-        error = DOUBT * float(np.quantile(shares, OF_SAMPLES, method="higher")) if shares.size else error
-    estimate = count / n if n and not is_hiding else float("nan")
-    words = in_words(event, origin.units[event.output], origin.scene.system)
-    return Chance(words, count, n, estimate, ends, origin.scene.ensemble.confidence, int(failed.sum()), error, limit)
+
+    def __init__(self, origin: Origin, sampler: Sampler, kept: Kept, looked: bool) -> None:
+        self._origin, self._asked, self._names = origin, origin.scene.ensemble, sampler.names
+        columns = kept.columns()
+        self.parameters, self.outputs, self.numerics = map(columns.of, ("parameters", "outputs", "numerics"))
+        self.estimates = {kind: columns.of(kind) for kind in ESTIMATES}
+        self.over_time = {kind: columns.of(kind) for kind in OVER_TIME}
+        self.status, self.failure_time = columns["status"].astype(np.int32), columns["failure_time"]
+        n = self.status.size
+        self.fine, self._described = self.status == Status.FINE, sampler.described(n)
+        self.replicates = sampler.replicates(n)
+        self._is_hiding = int(np.sum(~self.fine)) > self._asked.failed_share * n
+        self.chosen = self.fine & self._described & (not self._is_hiding)
+        self._level = level_of_each(self._asked.confidence) if looked else self._asked.confidence
+        self.bands, ends = _bands(origin.scene, kept, self.chosen)
+        self.peaks = Peaks(self.outputs, self.over_time["extremes"], ends)
+        lines = [origin.scene.number(one.line.length) for one in origin.scene.bodies.values() if one.line is not None]
+        #: beside what outputs, at the end and over time, vary by round-off
+        self.sizes = self.peaks.sizes(origin.units, self.fine, max(lines, default=0.0))
+
+    def _quantities(self) -> Iterator[tuple[str, np.ndarray]]:
+        return quantities(self.outputs, self.over_time["extremes"])
+
+    def varying(self, constant: Collection[str]) -> Iterator[tuple[str, np.ndarray]]:
+        """Return the outputs, at the end and over time, but for those that are constant."""
+        return (one for one in self._quantities() if one[0] not in constant)
+
+    def statistics(self) -> dict[str, Statistics]:
+        """Return those of outputs, of parameters and of first passages."""
+        n_failed = int(np.sum(self._described & ~self.fine))
+        found = {name: self._of(one, self.chosen, n_failed, self.sizes[name]) for name, one in self._quantities()}
+        found |= {name: self._of(self.parameters[name], self._described) for name in self._names}
+        return found | {name: self._of(one, self.chosen) for name, one in self.over_time["first_passages"].items()}
+
+    def _of(self, values: np.ndarray, of: np.ndarray, n_missing: int = 0, size: float = 0.0) -> Statistics:
+        asked, known = self._asked, of & np.isfinite(values)
+        numbers = None if self.replicates is None else self.replicates[known]
+        found = describe(values[known], asked.bins, asked.quantiles, n_missing, self._level, numbers, size)
+        if self._is_hiding and n_missing:  # bounds hide nothing
+            known = self.fine & self._described & np.isfinite(values)
+            bounds = quantile_bounds(values[known], found.probabilities, n_missing)
+            found = replace(found, quantile_bounds=bounds)
+        return replace(found, confidence=asked.confidence)
+
+    def sobol(self, constant: Collection[str], n_replicates: int | None) -> dict[str, Sensitivity]:
+        """Return the Sobol indices of what varies."""
+        fine = self.fine & (not self._is_hiding)
+        found = sensitivities(self.varying(constant), self.parameters, self._names, fine, n_replicates, self._level)
+        return {name: replace(one, confidence=self._asked.confidence) for name, one in found.items()}
+
+    def chance(self, label: str, event: Event) -> Chance:
+        """Return the probability of an event over the samples of which it is known.
+
+        Its interval hides nothing of those that failed, so that it is given where the estimate would.
+        """
+        peaks, origin, level = self.peaks, self._origin, self._level
+        known, failed = self._described & self.fine, self._described & ~self.fine
+        true = came_true(event, label, self.outputs, self.over_time["first_passages"])
+        if event.when == "end":
+            lost = known & ~np.isfinite(self.outputs[event.output])
+            known, failed = known & ~lost, failed | lost
+        count, n, ends = of_event(true, known, failed, self.replicates, level)
+        excess, largest = peaks.excess(event), peaks.largest(event.output)
+        seen = known & np.isfinite(excess)
+        beyond = np.where(true, np.fmax(excess, 0.0), np.fmin(excess, 0.0))[seen]
+        limit = holds_to(beyond, largest[seen], true[seen], level)
+        error = 0.0 if origin.model == "full" else float("nan")
+        if origin.model == "reduced" and event.output in self.estimates["errors"]:
+            errors = self.estimates["errors_at_end" if event.when == "end" else "errors"][event.output]
+            shares = np.abs(errors[known]) / np.maximum(largest[known], np.finfo(float).tiny)
+            shares = shares[np.isfinite(shares)]
+            error = DOUBT * float(np.quantile(shares, OF_SAMPLES, method="higher")) if shares.size else error
+        estimate = count / n if n and not self._is_hiding else float("nan")
+        words = in_words(event, origin.units[event.output], origin.scene.system)
+        return Chance(words, count, n, estimate, ends, self._asked.confidence, int(failed.sum()), error, limit)
 
 
-def _bands(
-    scene: Scene, kept: Kept, chosen: np.ndarray, outputs: Mapping[str, np.ndarray], extremes: Mapping[str, np.ndarray]
-) -> tuple[dict[str, Band], Peaks]:
-    """Return the outputs over time of the first samples that are fine, and the furthest that each sample goes."""
+def _bands(scene: Scene, kept: Kept, chosen: np.ndarray) -> tuple[dict[str, Band], dict[str, np.ndarray]]:
+    """Return the outputs over time of the first samples that are fine, and the smallest and largest values (2, n) of
+    each of the first samples."""
     asked, simulation = scene.ensemble, scene.simulation
     steps = band_steps(simulation, asked.bands)
     time = instants(simulation.duration, count_steps(simulation.duration, simulation.step))[steps]
@@ -224,7 +232,7 @@ def _bands(
             probabilities=np.array(asked.quantiles),
             count=n,
         )
-    return found, Peaks(outputs, extremes, ends)
+    return found, ends
 
 
 def _quantiles(values: np.ndarray, probabilities: Sequence[float]) -> np.ndarray:
@@ -370,10 +378,6 @@ class Origin:
         return cls(model.name, scene, dict(model.outputs.units), (*model.kinematics.remarks, *absent), share)
 
 
-CHECKSUM = 64  # characters
-OUTPUTS = "outputs."  # before the names of columns that are outputs
-
-
 def shard_of(origin: Origin, plan: Plan, checkpoint: Checkpoint, ranks: int, timings: Timings) -> ShardSamples:
     """Return what a finished checkpoint of a shard holds."""
     scene, file = origin.scene, plan.file
@@ -395,96 +399,20 @@ def shard_of(origin: Origin, plan: Plan, checkpoint: Checkpoint, ranks: int, tim
     )
 
 
-class Shards:
-    """All shards of an ensemble, in their order; in place of a checkpoint. Their columns are put together in a folder.
-
-    Raises `InputError` if they are not all shards of one ensemble, each once.
-    """
-
-    def __init__(self, paths: Sequence[Path], shards: Sequence[ShardSamples], folder: Path) -> None:
-        _check(paths, [shard.place for shard in shards])
-        ordered = sorted(zip(paths, shards), key=lambda pair: pair[1].place.number)
-        self._shards, self._folder = [shard for _, shard in ordered], folder
-        self._n_samples = shards[0].place.n_samples
-        ends = [shard.place.first for shard in self._shards[1:]] + [self._n_samples]
-        for (path, shard), end in zip(ordered, ends):
-            n, fine = len(shard.status), shard.status == 0
-            if n != end - shard.place.first:
-                raise InputError(
-                    f"file '{path}' is damaged: {n} samples, not {end - shard.place.first}; write it again"
-                )
-            for name in shard.columns:
-                if name.startswith(OUTPUTS) and np.isnan(shard.columns[name][fine]).any():
-                    raise InputError(f"file '{path}' is damaged: {name} is NaN of fine samples; write it again")
-        self._check_instants([path for path, _ in ordered])
-        self.remarks: tuple[Remark, ...] = tuple(remark for shard in self._shards for remark in shard.found)
-
-    def _check_instants(self, paths: Sequence[Path]) -> None:
-        """Raise `InputError` where the bands of a shard have other instants than those of the first."""
-        # those of a shard are alike
-        counts = [
-            (path, shard.bands[next(iter(shard.bands))].shape[1])
-            for path, shard in zip(paths, self._shards)
-            if shard.bands
-        ]
-        for path, n in counts:
-            if n != counts[0][1]:
-                what = f"bands at {n} instants, not {counts[0][1]}"
-                raise InputError(f"file '{path}' is damaged: {what}; write it again")
-
-    def columns(self) -> Columns:
-        """Return all samples as columns; raises `RunError` if the system fails to write them."""
-        columns = Columns(self._folder, self._n_samples)
-        for shard in self._shards:
-            for name in shard.columns:
-                columns.put(shard.place.first, {name: shard.columns[name]})
-        return columns
-
-    def bands(self, n: int) -> Mapping[str, np.ndarray]:
-        """Return the outputs of the first n samples at the instants of the bands, each (n, n_t)."""
-        return joined(shard.bands for shard in self._shards if shard.place.first < n)
-
-    def described(self, output: Path) -> Ensemble:
-        """Return the ensemble."""
-        first = self._shards[0]
-        record, place = first.record, first.place
-        scene = scene_from_toml(record.scene_toml, ".").with_remarks(record.remarks)
-        origin = Origin(first.model, scene, first.units, first.not_estimated, first.checked_share)
-        columns, file = self.columns(), None
-        if place.file is not None:
-            names, parameters = place.file["names"], columns.of("parameters")
-            values = {str(name): parameters[name] for name in names}
-            file = SampleFile(Path(place.file["path"]), values, str(place.file["identity"]), first.file_remarks)
-        plan = Plan(place.n_samples, record.seed or 0, output, file=file)
-        ranks = sum(shard.record.ranks for shard in self._shards)
-        seconds: Counter[str] = Counter()  # of all shards together: they may have run one after the other
-        for shard in self._shards:
-            seconds.update(shard.record.timings)
-        return describe_ensemble(origin, plan, Sampler(scene, plan), self, ranks, Timings(dict(seconds)))
-
-
-def _check(paths: Sequence[Path], places: Sequence[Place]) -> None:
-    """Refuse what is not all shards of one ensemble, each once."""
-    path, place = paths[0], places[0]
-    for other_path, other in zip(paths[1:], places[1:]):
-        for key in {**place.run, **other.run}:
-            one, two = place.run.get(key), other.run.get(key)
-            if one != two:
-                plain = not any(isinstance(value, str) and len(value) == CHECKSUM for value in (one, two))
-                shown = f" ({one} in '{path}', {two} in '{other_path}')" if plain else ""
-                raise InputError(
-                    f"'{other_path}' is a shard of another ensemble than '{path}': its {key} differs{shown}"
-                )
-        if other.count != place.count:
-            raise InputError(
-                f"'{other_path}' is one of {other.count} shards and '{path}' one of {place.count}: take those of one "
-                "division"
-            )
-    known: dict[int, Path] = {}
-    for one_path, one in zip(paths, places):
-        if one.number in known:
-            raise InputError(f"shard {one.number}/{one.count} is there twice: '{known[one.number]}' and '{one_path}'")
-        known[one.number] = one_path
-    absent = [f"{number}/{place.count}" for number in range(1, place.count + 1) if number not in known]
-    if absent:
-        raise InputError(f"missing: shard {', '.join(absent)}; give the files of all {place.count}")
+def describe_shards(shards: Shards, output: Path) -> Ensemble:
+    """Return the ensemble of all its shards."""
+    first = shards.all[0]
+    record, place = first.record, first.place
+    scene = scene_from_toml(record.scene_toml, ".").with_remarks(record.remarks)
+    origin = Origin(first.model, scene, first.units, first.not_estimated, first.checked_share)
+    file = None
+    if place.file is not None:
+        names, parameters = place.file["names"], shards.columns().of("parameters")
+        values = {str(name): parameters[name] for name in names}
+        file = SampleFile(Path(place.file["path"]), values, str(place.file["identity"]), first.file_remarks)
+    plan = Plan(place.n_samples, record.seed or 0, output, file=file)
+    ranks = sum(shard.record.ranks for shard in shards.all)
+    seconds: Counter[str] = Counter()  # of all shards together: they may have run one after the other
+    for shard in shards.all:
+        seconds.update(shard.record.timings)
+    return describe_ensemble(origin, plan, Sampler(scene, plan), shards, ranks, Timings(dict(seconds)))

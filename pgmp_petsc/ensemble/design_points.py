@@ -121,8 +121,9 @@ def design_points(
         if not len(chosen) or most - used < cost:
             break
         known = len(found)
-        settled, of_search = _search(evaluate, slopes, chosen, at_most, tangents)
-        found, used = _different(found + settled), used + of_search
+        searches = _Searches(evaluate, slopes, tangents)
+        found = _different(found + searches.settled(chosen, at_most))
+        used += searches.used
         in_vain = 0 if len(found) > known else in_vain + (IN_VAIN if is_other else 1)
     if not found:
         return None
@@ -130,73 +131,87 @@ def design_points(
     return DesignPoints(*(np.array(part) for part in zip(*found)), used, slopes is not None, is_open)
 
 
-def _search(
-    evaluate: LimitState, slopes: Slopes | None, u: np.ndarray, most: int, tangents: _Tangents
-) -> tuple[list[tuple[np.ndarray, np.ndarray]], int]:
-    """Return the points, each with its alpha, at which searches from u (n, d) settle, and how many evaluations.
+@dataclass(eq=False)
+class _Searches:
+    """Searches for design points side by side."""
 
-    Of starts that lie on the tangent of another one, that one is followed.
-    """
-    d, used = u.shape[1], 0
+    evaluate: LimitState
+    slopes: Slopes | None
+    tangents: _Tangents
+    used: int = 0  # evaluations
 
-    def differences(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        steps = np.concatenate([np.zeros((1, d)), DIFFERENCE * np.eye(d)])
-        g = evaluate((u[:, None] + steps).reshape(-1, d)).reshape(len(u), d + 1)
-        return g[:, 0], (g[:, 1:] - g[:, :1]) / DIFFERENCE
-
-    def gradient(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        g, slope = (slopes or differences)(u)
-        tangents.add(u, g, slope)
+    def gradient(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return g and its derivatives at points (n, d), from differences where there are no exact ones."""
+        n, d = u.shape
+        self.used += self.cost(d) * n
+        if self.slopes is not None:
+            g, slope = self.slopes(u)
+        else:
+            steps = np.concatenate([np.zeros((1, d)), DIFFERENCE * np.eye(d)])
+            of_all = self.evaluate((u[:, None] + steps).reshape(-1, d)).reshape(n, d + 1)
+            g, slope = of_all[:, 0], (of_all[:, 1:] - of_all[:, :1]) / DIFFERENCE
+        self.tangents.add(u, g, slope)
         return g, slope
 
-    cost = d + 1 if slopes is None else 1
-    found: list[tuple[np.ndarray, np.ndarray]] = []
-    g, slope = gradient(u)
-    used += cost * len(u)
-    before, part = np.zeros(u.shape), np.ones(len(u))  # the last step, and how much of one is taken
-    for _ in range(MOST_STEPS):
-        norm = np.sqrt(np.sum(slope**2, axis=1))
-        fine = np.isfinite(g) & np.isfinite(norm) & (norm > 0.0)
-        fine &= [not _explained(u, g, slope, k) for k in range(len(u))]
-        u, g, slope, norm, before, part = (of_all[fine] for of_all in (u, g, slope, norm, before, part))
-        alpha = -slope / norm[:, None]
-        step = (np.sum(alpha * u, axis=1) + g / norm)[:, None] * alpha - u
-        length = np.sqrt(np.sum(step**2, axis=1))
-        settled = length < SETTLED
-        found += list(zip((u + step)[settled], alpha[settled]))
-        u, g, norm, step, length, alpha, before, part = (
-            of_all[~settled] for of_all in (u, g, norm, step, length, alpha, before, part)
-        )
-        if not len(u) or used + cost * len(u) > most:
-            break
-        turns = np.sum(step * before, axis=1)
-        part = np.clip(part * np.where(turns < 0.0, 0.5, np.where(turns > 0.0, 2.0, 1.0)), LEAST_PART, 1.0)
-        before = step
-        step = step * (part * np.minimum(1.0, LONGEST / length))[:, None]
-        weight = 2.0 * np.sqrt(np.sum((u + step) ** 2, axis=1)) / norm + 1.0 / norm
-        merit = _merit(u, g, weight)
-        trial = u + step
-        g_trial, slope_trial = gradient(trial)
-        used += cost * len(u)
-        worse = ~(_merit(trial, g_trial, weight) < merit)
-        if worse.any():
-            n_worse = int(worse.sum())
-            if used + (len(HALVES) + cost) * n_worse > most:
+    def cost(self, d: int) -> int:
+        """Return how many evaluations a gradient takes."""
+        return d + 1 if self.slopes is None else 1
+
+    def settled(self, u: np.ndarray, most: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return the points, each with its alpha, at which searches from u (n, d) settle, at most so many evaluations.
+
+        Of starts that lie on the tangent of another one, that one is followed.
+        """
+        found: list[tuple[np.ndarray, np.ndarray]] = []
+        cost = self.cost(u.shape[1])
+        g, slope = self.gradient(u)
+        before, part = np.zeros(u.shape), np.ones(len(u))  # the last step, and how much of one is taken
+        for _ in range(MOST_STEPS):
+            norm = np.sqrt(np.sum(slope**2, axis=1))
+            fine = np.isfinite(g) & np.isfinite(norm) & (norm > 0.0)
+            fine &= [not _explained(u, g, slope, k) for k in range(len(u))]
+            u, g, slope, norm, before, part = (of_all[fine] for of_all in (u, g, slope, norm, before, part))
+            alpha = -slope / norm[:, None]
+            step = (np.sum(alpha * u, axis=1) + g / norm)[:, None] * alpha - u
+            length = np.sqrt(np.sum(step**2, axis=1))
+            ends = length < SETTLED
+            found += list(zip((u + step)[ends], alpha[ends]))
+            u, g, norm, step, length, alpha, before, part = (
+                of_all[~ends] for of_all in (u, g, norm, step, length, alpha, before, part)
+            )
+            if not len(u) or self.used + cost * len(u) > most:
                 break
-            halved = u[worse, None] + HALVES[:, None] * step[worse, None]
-            g_halved = evaluate(halved.reshape(-1, d)).reshape(n_worse, -1)
-            merits = np.array([_merit(*one) for one in zip(halved, g_halved, weight[worse])])
-            best = np.argmin(np.where(np.isnan(merits), np.inf, merits), axis=1)
-            trial[worse] = halved[np.arange(n_worse), best]
-            g_trial[worse], slope_trial[worse] = gradient(trial[worse])
-            lost = np.flatnonzero(worse)[~(merits[np.arange(n_worse), best] < merit[worse])]
-            g_trial[lost] = np.nan
-            # as near as derivatives from differences lead
-            near = lost[length[lost] < NEARLY_SETTLED]
-            found += list(zip((u + step)[near], alpha[near]))
-            used += (len(HALVES) + cost) * n_worse
-        u, g, slope = trial, g_trial, slope_trial
-    return found, used
+            turns = np.sum(step * before, axis=1)
+            part = np.clip(part * np.where(turns < 0.0, 0.5, np.where(turns > 0.0, 2.0, 1.0)), LEAST_PART, 1.0)
+            before = step
+            step = step * (part * np.minimum(1.0, LONGEST / length))[:, None]
+            weight = 2.0 * np.sqrt(np.sum((u + step) ** 2, axis=1)) / norm + 1.0 / norm
+            merit = _merit(u, g, weight)
+            trial = u + step
+            g_trial, slope = self.gradient(trial)
+            worse = np.flatnonzero(~(_merit(trial, g_trial, weight) < merit))
+            if worse.size:
+                if self.used + (len(HALVES) + cost) * worse.size > most:
+                    break
+                trial[worse], merits = self._shortened(u[worse], step[worse], weight[worse])
+                g_trial[worse], slope[worse] = self.gradient(trial[worse])
+                lost = worse[~(merits < merit[worse])]
+                g_trial[lost] = np.nan
+                # as near as derivatives from differences lead
+                near = lost[length[lost] < NEARLY_SETTLED]
+                found += list(zip((u + step)[near], alpha[near]))
+            u, g = trial, g_trial
+        return found
+
+    def _shortened(self, u: np.ndarray, step: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the best of the points (n, d) to which parts of steps lead, and its merit, NaN where none has one."""
+        n, d = u.shape
+        halved = u[:, None] + HALVES[:, None] * step[:, None]
+        g = self.evaluate(halved.reshape(-1, d)).reshape(n, -1)
+        self.used += len(HALVES) * n
+        merits = np.array([_merit(*one) for one in zip(halved, g, weight)])
+        best = np.arange(n), np.argmin(np.where(np.isnan(merits), np.inf, merits), axis=1)
+        return halved[best], merits[best]
 
 
 def _beyond(inside: np.ndarray, found: list[tuple[np.ndarray, np.ndarray]]) -> float:

@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
-from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, SampleFile, checked, read_samples
+from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, checked
+from pgmp_petsc.ensemble.sample_file import SampleFile, read_samples
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.ensemble import UNSTABLE, Ensemble

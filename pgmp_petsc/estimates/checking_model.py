@@ -129,7 +129,7 @@ class ErrorSystem(SecondOrderSystem):
         motion: ReferenceMotion,
         interval: float,
         theta: np.ndarray,
-        begin: tuple[np.ndarray, np.ndarray] | None = None,
+        begin: tuple[np.ndarray, np.ndarray] | None,
     ) -> None:
         self.comm, self.n_samples, self.steps_at_once = full.comm, full.n_samples, full.edgeless_at_once
         self._full, self._motion, self._interval, self._begin = full, motion, interval, begin

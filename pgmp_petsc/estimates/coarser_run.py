@@ -16,43 +16,32 @@ run has none of the highest: there a band counts where it is `PEAK` times those 
 
 **Lower order.** Friction turns a vibration that is lost into slow motion, and a contact of a few steps pushes by what
 the steps happen to see of it: the order is anything below two. What is left of d counts a seventh then (`ROUGH`), which
-is within a factor of 3.5 of the order two and of the order 0.6; that estimate is unsure, and said so.
+is within a factor of 3.5 of the order two and of the order 0.6; that estimate is unsure, and said so. Where a force
+jumps over time, or a formula does, the order is one, and nearly at random what a step sees of the jump.
 
 The coarser run has a fifth of the steps and no other record than the outputs. A step whose iteration fails is tried
 once more, and then taken in `TIMES` parts, the steps of the run itself. The run is given up where its work would be
 more than a share of the other's (`MOST`). The estimate ends there, or where most steps begin to be taken in parts.
-
-How far impacts carry a small difference of the start, from a second run of a reduced model.
-
-Where joints have room, each impact makes differences larger, and many of them leave nothing of what a run began with. A
-run from coordinates that are off by `OFF` of the range in which each of them moves says by how much: with G(t) the
-largest difference of an output up to t, as a share of its range, over `OFF`, a start that is known to the share p is
-lost where ``p G`` is one. Speeds, accelerations and forces do not count: they jump with an impact, and are off by as
-much as that where it is a little earlier.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, gathered, warning
-from pgmp_petsc.base.errors import note as said
-from pgmp_petsc.models import Model, OutputRecord, ReducedModel
+from pgmp_petsc.models import Model, OutputRecord
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.controllers import derivatives_read
 from pgmp_petsc.scene.numerics import Simulation, count_steps
-from pgmp_petsc.scene.outputs import models_alone
-from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Run, StateRecord, integrate
+from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Run
 from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem
 from pgmp_petsc.stepping.status import Status
 
 TIMES = 5  # steps of the run in one of the coarser run
-MOST = 0.25  # of the work of the run, counted in corrections, so that it is the same on all machines
+MOST = 0.5  # of the work of the run, counted in corrections, so that it is the same on all machines
 FACTORS = 3.0  # corrections that cost as much as a matrix and its factors
 CALLING = {2: 2000.0, 3: 120.0}  # unknowns of which a correction costs as much as a call, by the dimension of space
 RECORDED = 0.15  # calls that cost as much as what a step of a run records
@@ -188,14 +177,20 @@ def step_errors(
     shares = off.max(axis=0) / np.maximum(np.abs(fine).max(axis=0), np.finfo(float).tiny)
     loudest, lost_hz = float(shares.max()), float(turns[shares.argmax()] / (2.0 * np.pi * step))
     edged = any(effect.edged for effect in scene.effects.values())
-    unsure = ""
+    jumping = [f"effects.{name}" for name, effect in scene.effects.items() if effect.jumps_within(other.step)]
+    unsure, order = "", ratio**2 - 1.0
     if other.divided[sample] > SOME:
         unsure = f"{share_text(float(other.divided[sample]))} of the coarser steps failed and were taken as the run's"
     elif other.shortest[sample] < BRIEF * other.step:
         unsure = f"a contact with a stop lasts {other.shortest[sample]:.2g} s"
     elif edged and (loudest > RUBS or other.status[sample] != Status.FINE):
         unsure = "friction or stops act with vibrations that a coarser step loses"
-    order = (ROUGH if unsure else ratio**2 - 1.0) * max(1.0 - float(other.divided[sample]), 1.0 / TIMES)
+    if unsure:
+        order = ROUGH
+    elif jumping:
+        unsure = f"errors fall as the step, not as its square, where a force jumps ({', '.join(jumping)})"
+        order = ratio - 1.0
+    order *= max(1.0 - float(other.divided[sample]), 1.0 / TIMES)
     errors = {name: np.copysign(np.hypot(d / order, lost[name]), d) for name, d in differences.items()}
     return StepErrors(at, errors, lost_hz if loudest > TREMBLES else np.nan, unsure)
 
@@ -298,51 +293,3 @@ def _amplifications(spectral_radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Return omega h from slow to fast vibrations, and their `amplification`."""
     turns = np.concatenate([np.linspace(1e-3, 3.0, 300), np.geomspace(3.01, 200.0, 150)])
     return turns, amplification(spectral_radius, turns)
-
-
-STILL = 1e-6  # of the mechanism's size, or of 1 rad: what moves by less has no range
-OFF = 1e-9  # of the range of each coordinate
-KNOWN = 1e-3  # to which a start is known, as a rule
-
-
-def growth_of(
-    model: ReducedModel, simulation: Simulation, eta: np.ndarray, outputs: Mapping[str, np.ndarray]
-) -> np.ndarray | None:
-    """Return G (n_t,) of a run with coordinates (n_t, n_eta) and outputs; None where a run from beside its start does
-    not end, or nothing moves."""
-    scene = model.scene
-    smooth = [name for name in scene.outputs if not models_alone(scene, name) and not derivatives_read(scene, name)]
-    size = model.kinematics.size
-    values = {name: np.array([value]) for name, value in model.scene.values.items()}
-    system = model.batch(values, 1)
-    start = system.start()
-    q = start.q.copy()
-    q[:, : system.n_moving] += OFF * np.ptp(eta, axis=0)[: system.n_moving]
-    system.begin_at(q, start.v)
-    record = StateRecord(lambda n_steps: None)
-    done = integrate(system, simulation, observer=record)
-    if done.status[0] != Status.FINE:
-        return None
-    beside = model.outputs.evaluate(model.observed_of(*record.states(), model.scene.values))
-    shares = [
-        np.maximum.accumulate(np.abs(beside[name] - own)) / np.ptp(own)
-        for name, own in outputs.items()
-        if name in smooth and np.ptp(own) > STILL * (1.0 if model.outputs.units[name] == "rad" else size)
-    ]
-    return np.max(shares, axis=0) / OFF if shares else None
-
-
-@gathered
-def spread_remarks(times: np.ndarray, growth: np.ndarray | None) -> Iterator[Remark]:
-    """Return by how much differences of the start grow over a run, and that it is chaotic where they take all."""
-    if growth is None:
-        return
-    grown = f"a small difference of the start becomes {growth[-1]:.2g} times as large over the run, by its impacts"
-    lost = growth * KNOWN >= 1.0
-    if not lost.any():
-        yield said(grown)
-        return
-    yield warning(
-        f"chaotic: {grown}. Of a start that is known to {KNOWN:g} nothing is left from {times[np.argmax(lost)]:.3g} s "
-        "on: a single history is one of many there, and statistics of samples (pgmp montecarlo) are what is known"
-    )

@@ -1,8 +1,8 @@
 """The motion of all unknowns that a reduced run represents, with its velocities and accelerations.
 
-A reduced state gives the unknowns ``q(eta)`` by back-transformation (`NodalMotion`). The velocities and accelerations
-that belong to it are the derivatives along the path ``eta + tau eta' + 1/2 tau^2 eta''`` at tau = 0, taken as
-differences of fourth order. All of the chain rule is in them, also what the reduced equations leave out.
+A reduced state gives the unknowns ``q(eta)`` by back-transformation (`reduction.reconstruction`). The velocities and
+accelerations that belong to it are the derivatives along the path ``eta + tau eta' + 1/2 tau^2 eta''`` at tau = 0,
+taken as differences of fourth order. All of the chain rule is in them, also what the reduced equations leave out.
 
 A path stays where a difference is good: neither the mechanism turns far on it nor do bodies bend by large rotations.
 Where stiff springs or loads act on undeformed bodies at once, flexible accelerations would lead hundreds of radians

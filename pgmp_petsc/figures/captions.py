@@ -48,7 +48,7 @@ def of_runs(runs: Sequence[Trajectory], labels: Sequence[str] = ()) -> list[str]
     return [*early, *of_records([run.record for run in runs], labels)]
 
 
-def headed(figure: Figure, keys: Sequence[Artist], what: str, record: RunRecord, label: str = "") -> Figure:
+def headed(figure: Figure, keys: Sequence[Artist], what: str, record: RunRecord, label: str) -> Figure:
     """Put what a picture of one result shows above it, the warnings that come with the result, and rows of keys."""
     return top_legend(figure, keys, heading(what, record, label), of_records([record]))
 

@@ -68,7 +68,7 @@ def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0, at: 
     return [*drawn, *failures, *lines]
 
 
-def pictures_of(result: Result, path: Path, exaggeration: float = 1.0, at: float | None = None) -> Pictures:
+def pictures_of(result: Result, path: Path, exaggeration: float, at: float | None) -> Pictures:
     """Return what draws each picture of one result, by its name; empty of what has none. `path` names it in keys."""
     return _of_scene([(path, result)], exaggeration, at)[0]
 

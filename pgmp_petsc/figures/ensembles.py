@@ -1,15 +1,7 @@
-"""Densities of the parameters and outputs of ensembles (as Figs. 5 and 6 of Naets et al. 2015).
-
-Outputs of an ensemble over time: mean, and bands between quantiles.
-
-Sobol indices of an ensemble's outputs: which parameters their variance comes from.
-
-How well the figures that an ensemble was to know were known at every look.
-
-Figures of a better model beside what its own samples, and the ensemble's, say alone.
-
-A rare event: the probability of beyond every value, level by level, and at the event's level with its interval.
-"""
+"""Pictures of ensembles: densities of parameters and outputs (as Figs. 5 and 6 of Naets et al. 2015); outputs over
+time, mean and bands between quantiles; Sobol indices; how well figures were known at every look; those of a better
+model beside what its own samples, and the ensemble's, say alone; and of a rare event the probability of beyond every
+value, level by level, and at the event's level with its interval."""
 
 from __future__ import annotations
 
@@ -30,7 +22,6 @@ from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.results import Band, Ensemble, Statistics
 from pgmp_petsc.results.statistics import RareEvent
 
-COLUMNS = 3
 LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
 NOTE_SIZE, NOTE_LENGTH = 8.5, 42  # of the letters there, points, and for how many there is room beside the last panel
 DASHES = (0, (4, 3))
@@ -61,7 +52,7 @@ def densities(
     names = _common(ensembles, names)
     compared = len(ensembles) == 2
     height, ratios = (4.1, (2.8, 1.0)) if compared else (3.1 + 0.3 * len(ensembles), (1.0,))
-    figure, blocks = style.panel_grid(len(names), COLUMNS, (3.6, height), 0.65, 5.0, ratios)
+    figure, blocks = style.panel_grid(len(names), (3.6, height), 0.65, 5.0, ratios)
     models = [ensemble.model for ensemble in ensembles]
     colours = style.distinct_colours(len(models))
     colours = [COLOURS[model] for model in models] if len(set(models)) == len(models) else colours
@@ -282,7 +273,7 @@ def sobol(ensemble: Ensemble, label: str = "") -> Figure:
     names = list(ensemble.sobol)
     one = ensemble.sobol[names[0]]
     size = 3.4, 0.75 + 0.42 * len(one.parameters)
-    figure, blocks = style.panel_grid(len(names), COLUMNS, size, 0.9, 6.4, sharex=True)
+    figure, blocks = style.panel_grid(len(names), size, 0.9, 6.4, sharex=True)
     for axes, name in zip(blocks[:, 0], names):
         found = ensemble.sobol[name]
         places = np.arange(len(found.parameters))[::-1]
@@ -331,7 +322,7 @@ def joined(ensemble: Ensemble, label: str = "") -> Figure:
     """
     found = ensemble.joined
     names = [name for name, one in found.corrected.items() if "mean" in one.figures]
-    figure, blocks = style.panel_grid(len(names), COLUMNS, (3.4, 1.7), 0.9, 6.4)
+    figure, blocks = style.panel_grid(len(names), (3.4, 1.7), 0.9, 6.4)
     best, own = found.models[0], found.models[-1]
     counts = found.corrected[names[0]].counts
     rows = [f"{own}, {len(ensemble.status)}", f"{best}, {counts[0]}", "joined"]

@@ -43,7 +43,7 @@ def frequencies(
     n_modes = min(n_modes, max(table.full_hz.shape[1] for table in tables))
     if n_modes == 0:
         raise InputError("the tables have no flexible modes to draw: every body is rigid")
-    figure, blocks = style.panel_grid(n_modes, COLUMNS, (4.2, 2.45), 0.75, sharex=True)
+    figure, blocks = style.panel_grid(n_modes, (4.2, 2.45), 0.75, columns=COLUMNS, sharex=True)
     for mode, axes in enumerate(blocks[:, 0]):
         for table, colour in zip(tables, colours):
             _draw_mode(axes, table, mode, colour)
@@ -104,7 +104,7 @@ def frequency_maps(table: ModesTable, label: str = "") -> Figure:
         raise InputError(f"maps of frequencies need two coordinates, the table has {len(table.coordinate_units)}")
     first, second = (np.unique(theta) for theta in table.theta)
     n_modes = min(MAPS, table.full_hz.shape[1])
-    figure, blocks = style.panel_grid(n_modes, COLUMNS, (4.2, 3.1), 0.5, sharex=True, sharey=True)
+    figure, blocks = style.panel_grid(n_modes, (4.2, 3.1), 0.5, columns=COLUMNS, sharex=True, sharey=True)
     (x_name, x_unit), (y_name, y_unit) = table.coordinate_units.items()
     for mode, axes in enumerate(blocks[:, 0]):
         # the last coordinate runs fastest: rows are the first one

@@ -21,7 +21,6 @@ from pgmp_petsc.lanes.rainflow import cycles
 from pgmp_petsc.results import Trajectory
 
 N_BINS = 24  # of ranges and of means
-COLUMNS = 3
 TOGETHER = 1e-3  # of a body's motion: nodes nearer than that are one joint
 POLAR = {"projection": "polar"}
 #: outputs of multipliers, by type
@@ -239,7 +238,7 @@ def loads(run: Trajectory, kind: str, label: str = "") -> Figure:
     found = diagram.of(run)
     if not found:
         raise InputError(diagram.lacking)
-    figure, blocks = style.panel_grid(len(found), COLUMNS, (3.7, 3.4), 0.65, 5.0, subplot_kw=diagram.axes)
+    figure, blocks = style.panel_grid(len(found), (3.7, 3.4), 0.65, 5.0, subplot_kw=diagram.axes)
     for (axes,), load in zip(blocks, found):
         axes.set_title(diagram.draw(axes, run, load))
     look = {"color": style.QUIET, "linestyle": "none", "marker": "o", "markersize": 4.0}

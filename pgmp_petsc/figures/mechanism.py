@@ -1,11 +1,6 @@
-"""Shapes of a mechanism on axes: beams as lines, rigid bodies as hollow bars, point masses as squares.
-
-A triangle marks the ends of bodies that the ground holds.
-
-The shape of the mechanism at several instants, as a fan of positions coloured by time.
-
-The assembled mechanism with the names of its bodies, joints and points, for `pgmp check --plot`.
-"""
+"""Pictures of a mechanism: its shape at several instants, as a fan of positions coloured by time, and assembled, with
+the names of its bodies, joints and points (`pgmp check --plot`). Beams are lines, rigid bodies hollow bars, point
+masses squares; a triangle marks the ends of bodies that the ground holds."""
 
 from __future__ import annotations
 
@@ -35,6 +30,8 @@ PATH_COLOUR = "#D8D8D8"
 BAR, HOLLOW = 1.6, 0.5  # width of a rigid body's bar over that of a beam, and of the line inside it over the bar's
 KEY_WIDTH = 3.0  # points
 AT_REST = 1e-6  # a pin that moves by less than this share of the mechanism's extent is held by the ground
+# of the size of a path, the distance of most pairs of frames: nine in a turn; frames that are no turn
+COARSE, MOST, FEW = 0.35, 0.9, 9
 # A motion that leaves the plane by less than this share of its extent is shown along z, another one obliquely.
 FLAT = 1e-3
 RECEDING = (0.45, 0.35)  # how far to the right and up a metre of depth is there
@@ -112,8 +109,14 @@ class Shapes:
     def draw_paths(self, axes: Axes) -> None:
         """Draw the paths of the bodies' ends."""
         for body, cells in self.frames.cells.items():
-            for node in ends(cells):
+            for node in filter(lambda node: is_followed(self.positions[body][:, node]), ends(cells)):
                 axes.plot(*self.positions[body][:, node].T, color=PATH_COLOUR, linewidth=0.8, zorder=1)
+
+    def scale(self, axes: Axes, low: np.ndarray, high: np.ndarray, unit: str) -> None:
+        """Let axes go from one corner (2,) to the other, in a unit."""
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        axes.set_xlabel(style.axis_label(self.axis_names[0], unit))
+        axes.set_ylabel(style.axis_label(self.axis_names[1], unit))
 
     def draw_ground(self, axes: Axes, size: float = 24.0) -> None:
         """Draw a triangle below every end of a body that stays where it is."""
@@ -205,6 +208,12 @@ def _term(name: str, share: float) -> str:
     return name if share == 1.0 else f" {sign} {abs(share):g} {name}"
 
 
+def is_followed(path: np.ndarray) -> bool:
+    """Return whether frames follow the path (n_f, d) of a point: with few of them in a turn, chords are a tangle."""
+    chords = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    return len(chords) < FEW or bool(np.quantile(chords, MOST) <= COARSE * np.ptp(path, axis=0).max())
+
+
 def ends(cells: np.ndarray) -> np.ndarray:
     """Return the nodes that belong to one line cell only."""
     nodes, counts = np.unique(cells, return_counts=True)
@@ -245,11 +254,7 @@ def mechanism(
     for number in chosen[:-1]:
         shapes.draw(axes, number, colours.at(frames.time[number], strength=0.75), width=1.6, pin=3.0, zorder=2)
     shapes.draw(axes, chosen[-1], colours.at(frames.time[chosen[-1]]), width=3.0, pin=5.5, zorder=4)
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    axes.set_aspect("equal")
-    axes.set_xlabel(style.axis_label(shapes.axis_names[0], unit))
-    axes.set_ylabel(style.axis_label(shapes.axis_names[1], unit))
+    shapes.scale(axes, low, high, unit)
     colours.add_bar(axes)
     notes, plain, enlarged = captions.of_runs([trajectory]), shapes.not_enlarged, ""
     if exaggeration != 1.0:
@@ -335,11 +340,7 @@ def assembly(shown: Assembly) -> Figure:
         if any(point.startswith("ground:") for point in label.points):
             axes.plot(*label.place, marker="^", color="#C9CED3", markersize=17, zorder=3)
         axes.plot(*label.place, marker="o", zorder=6, **look)
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    axes.set_aspect("equal")
-    axes.set_xlabel(style.axis_label(shapes.axis_names[0], unit))
-    axes.set_ylabel(style.axis_label(shapes.axis_names[1], unit))
+    shapes.scale(axes, low, high, unit)
     keys = [
         Line2D([], [], marker="o", linestyle="none", color="white", markeredgecolor="#222222", markeredgewidth=1.6,
                markersize=8, label="joint"),

@@ -1,10 +1,8 @@
-"""The outer faces of meshes as triangles between the meshes' own nodes: what is known at nodes is drawn as it is.
+"""What is drawn of bodies at some instants: where their surfaces are, in which colours, and what has to be said of it.
 
-A face of a quadratic cell has nodes between its corners: its edges are drawn as two straight pieces each.
-
-What is drawn of bodies at some instants: where their surfaces are, in which colours, and what has to be said of it.
-
-A deformation is enlarged by ``x + (scale - 1) u`` with the deformation u that a result keeps (`results.trajectory`):
+Surfaces are the outer faces of meshes as triangles between the meshes' own nodes: what is known at nodes is drawn as it
+is. A face of a quadratic cell has nodes between its corners: its edges are drawn as two straight pieces each. A
+deformation is enlarged by ``x + (scale - 1) u`` with the deformation u that a result keeps (`results.trajectory`):
 bodies stay joined, rigid ones included, which go where those that deform take them.
 """
 
@@ -252,7 +250,7 @@ def _scaled(arrows: Sequence[Arrow], skins: Sequence[Skin], newton: str, metre: 
     return force / length, f"forces in joints ({named}): an arrow of {at} is {of}"
 
 
-def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | None = None) -> Motion:
+def vibration_of(shape: ModeShape, colour: str, scale: float | None) -> Motion:
     """Return what is drawn of one period of a mode, whose size means nothing; its colours are shares of the largest.
 
     Raises `InputError` if nothing of it is known in the colour. `scale` is its largest displacement over that of a

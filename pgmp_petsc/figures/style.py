@@ -100,8 +100,8 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def panel_grid(
-    n: int, columns: int, size: tuple[float, float], margin: float, least: float = 0.0,
-    ratios: Sequence[float] = (1.0,), **sharing: Any,
+    n: int, size: tuple[float, float], margin: float, least: float = 0.0, ratios: Sequence[float] = (1.0,),
+    columns: int = 3, **sharing: Any,
 ) -> tuple[Figure, np.ndarray]:  # fmt: skip
     """Return a figure of n blocks, row by row, and the axes of each from above, shape (n, len(ratios)), of such
     heights.
@@ -134,9 +134,7 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> Path:
     return path
 
 
-def top_legend(
-    figure: Figure, handles: Sequence[Artist], title: str | None = None, notes: Sequence[str] = ()
-) -> Figure:
+def top_legend(figure: Figure, handles: Sequence[Artist], title: str | None, notes: Sequence[str] = ()) -> Figure:
     """Put a title, what has to be known besides, and rows of keys above all axes; return the figure.
 
     The strip is kept free of axes; the figure grows by what lies beyond one line of title and one row of keys.

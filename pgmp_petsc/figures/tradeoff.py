@@ -14,7 +14,6 @@ from pgmp_petsc.results.tradeoff import pareto_front
 
 SURFACE_COLOUR = style.PALETTE[3]
 SECOND_ORDER_COLOUR = style.PALETTE[2]
-COLUMNS = 3
 FLOOR = 1e-10  # %, shown for errors that are zero
 RIGHT = 0.6  # share of an axis beyond which labels are to the left of their points
 # Names of the keys, in their order, and of those whose points are connected the line.
@@ -117,7 +116,7 @@ def _draw_known(axes: Axes, x: np.ndarray, y: np.ndarray, **look: object) -> Non
 
 
 def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -> Figure:
-    figure, blocks = style.panel_grid(len(study.outputs), COLUMNS, (4.3, 4.2), 0.95, 6.0, sharex=True)
+    figure, blocks = style.panel_grid(len(study.outputs), (4.3, 4.2), 0.95, 6.0, sharex=True)
     for column, axes in enumerate(blocks[:, 0]):
         _draw_output(axes, study, cost, column)
         axes.set_xlabel(label)

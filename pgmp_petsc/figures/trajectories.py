@@ -1,13 +1,7 @@
-"""Outputs over time, full-order and reduced, and the error between them (as Fig. 4 of Naets et al. 2015).
-
-The balance of energy of a run: what is stored, what the effects brought, and what is left over.
-
-A design: how the search went, and outputs at its start and of the design.
-
-A fit: what was measured, the run that was begun with, the fitted one, and what is left.
-
-What one change of each parameter does to the outputs of a run, over time.
-"""
+"""Pictures over time: outputs, full-order and reduced, and the error between them (as Fig. 4 of Naets et al. 2015); the
+balance of energy of a run, what is stored, what the effects brought and what is left over; how the search for a design
+went, and outputs at its start and of the design; a fit, what was measured, the run that was begun with, the fitted one
+and what is left; and what one change of each parameter does to outputs."""
 
 from __future__ import annotations
 
@@ -32,7 +26,6 @@ from pgmp_petsc.results.gradients import FittedParameter
 from pgmp_petsc.results.numbers import ROUND_OFF, plain, sizes_of
 
 N_CROSSES = 36
-COLUMNS = 3
 
 
 @dataclass(frozen=True)
@@ -148,7 +141,7 @@ def trajectories(
     with_errors = any(comparison.error_percent(name) for comparison in comparisons for name in outputs)
 
     height, ratios = (4.1, (2.1, 1.0)) if with_errors else (2.9, (1.0,))
-    figure, blocks = style.panel_grid(len(outputs), COLUMNS, (3.7, height), 0.65, 5.0, ratios)
+    figure, blocks = style.panel_grid(len(outputs), (3.7, height), 0.65, 5.0, ratios)
     for block, output in zip(blocks, outputs):
         _draw_output(block, comparisons, output)
     notes = captions.of_runs(*_labelled_runs(comparisons, labels))

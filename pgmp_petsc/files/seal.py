@@ -125,7 +125,7 @@ def seal(path: Path, kind: str, format_version: int, run: str = "") -> None:
         os.fsync(stream.fileno())
 
 
-def sealed(content: bytes | memoryview, kind: str, format_version: int, run: str = "") -> bytes:
+def sealed(content: bytes | memoryview, kind: str, format_version: int, run: str) -> bytes:
     """Return content with its seal ahead of it: a whole file."""
     unsigned = Seal(kind, format_version, run, SIZE + len(content))
     digest = hashlib.sha256(unsigned.packed())

@@ -20,7 +20,6 @@ Options prefix: ``pgmp_full_`` (e.g. ``-pgmp_full_mat_mumps_icntl_4 2``).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Self
 
 import numpy as np
@@ -28,7 +27,7 @@ import numpy as np
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.effects import Held, Motion
-from pgmp_petsc.effects.law import rubs
+from pgmp_petsc.effects.law import any_bend
 from pgmp_petsc.full.energy import energies_of
 from pgmp_petsc.full.forces import act
 from pgmp_petsc.full.kernel import count_turns, evaluate
@@ -55,7 +54,7 @@ class FullDistributed(FullSystem):
         self,
         equations: FullEquations,
         comm: Comm,
-        motions: Mapping[int, Motion | Held] = MappingProxyType({}),
+        motions: Mapping[int, Motion | Held],
         settled: Settled | None = None,
         built_in: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> None:
@@ -71,7 +70,7 @@ class FullDistributed(FullSystem):
         self._typical_mass = comm.allreduce(float(mass_on_diagonal(self._problem, equations.size)[0, 0])) / self.n_dofs
         self._typical_stiffness = 0.0
         self._solver_failed = False
-        self.rubs = any(comm.allgather(rubs(self._problem.actions.laws)))
+        self.bends = any(comm.allgather(any_bend(self._problem.actions.laws)))
         self._counted_edges = np.flatnonzero(self._problem.actions.counted[equations.edges])
         self.n_events = comm.allreduce(len(self._counted_edges))
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
-from types import MappingProxyType
 from typing import Self
 
 import numpy as np
@@ -272,7 +271,7 @@ class FullBatch(FullSystem):
         values: Mapping[str, np.ndarray],
         initial: tuple[np.ndarray, np.ndarray],
         n_samples: int,
-        motions: Mapping[int, Motion] = MappingProxyType({}),
+        motions: Mapping[int, Motion],
         settled: Settled | None = None,
         built_in: tuple[np.ndarray, np.ndarray] | None = None,
         in_joints: bool = False,

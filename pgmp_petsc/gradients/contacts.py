@@ -3,7 +3,7 @@
 The engine ends a part of a step where an edge is crossed, depth(q, p) = 0, and goes on from there with the scheme as it
 stands: positions, velocities, accelerations and auxiliary accelerations are what they were, as the force of a stop
 begins and ends at zero (`effects.law`). The discrete map is differentiated, with the length h of a part as one more
-variable (Galan, Feehery and Barton 1999 have the same of continuous time). With the prediction of `propagation` and all
+variable (Galan, Feehery and Barton 1999 have the same of continuous time). With the prediction of `propagate` and all
 other symbols from there,
 
     d q_hat/dh = q'_n + 2 h ((1/2 - beta) A_n + beta A_{n+1}),     d q'_hat/dh = (1 - gamma) A_n + gamma A_{n+1},

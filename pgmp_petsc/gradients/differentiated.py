@@ -114,9 +114,7 @@ def differentiate(
         if system.settled is not None:
             system.settled.require()
         trail = StateRecord(pulse)
-        done = integrate(system, attempt.simulation, observer=trail)
-        worst = [int(np.argmax(done.status != Status.FINE))]  # all runs with the same steps
-        done = replace(done, status=done.status[worst], failure_time=done.failure_time[worst])
+        done = _worst(integrate(system, attempt.simulation, observer=trail))
         kept[:] = [(attempt, done, trail, system)]
         return done
 
@@ -145,6 +143,12 @@ def differentiate(
     return DifferentiatedRun(times, outputs, derivatives, states.q, changes[0], attempt.divisor, contacts=found)
 
 
+def _worst(done: Run) -> Run:
+    """Return the first of runs with the same steps that stopped, or the first of all."""
+    worst = [int(np.argmax(done.status != Status.FINE))]
+    return replace(done, status=done.status[worst], failure_time=done.failure_time[worst])
+
+
 def _require_fine(model: AnyModel, done: Run) -> None:
     status = Status(done.status[0])
     if status != Status.FINE:
@@ -171,9 +175,7 @@ def _of_components(
                 system.settled.require()
             record = OutputRecord(model, system, *([] if runs else [pulse]))
             with np.errstate(all="ignore"):
-                done = integrate(system, attempt.simulation, observer=record)
-            worst = [int(np.argmax(done.status != Status.FINE))]  # all runs with the same steps
-            done = replace(done, status=done.status[worst], failure_time=done.failure_time[worst])
+                done = _worst(integrate(system, attempt.simulation, observer=record))
             if done.status[0] != Status.FINE:
                 break
             times, found = record.evaluated()

@@ -1,4 +1,4 @@
-"""The reduced equations of one sample linearised along its run.
+"""The reduced equations of one sample linearised along its run; compiled.
 
 At every instant, with r the residual of the equations of motion, local effects included,
 
@@ -6,14 +6,8 @@ At every instant, with r the residual of the equations of motion, local effects 
 
 All of them are exact derivatives of what is interpolated but for the second derivatives of local effects' measures.
 The run is known, so that its instants need no order: those in the same cell of the tables are taken together, LANES of
-them at once.
-
-Small systems of linear equations; compiled.
-
-Weighted tables of the reduced model with their first and second derivatives at LANES places of a cell; compiled.
-
-In a cell every entry of a table is a polynomial of the place (`reduced.arrays.Tables`). With the weights w of
-one sample, or their derivatives with a parameter, in place of those of all terms,
+them at once. In a cell every entry of a table is a polynomial of the place (`reduced.arrays.Tables`). With the weights
+w of one sample, or their derivatives with a parameter, in place of those of all terms,
 
     A = sum_t w_t sum_c C_tc prod_k x_k^(c_k),
 
@@ -318,10 +312,8 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
     of_rigid = np.empty((n_sets, n_rigid * N_POWERS_OF_RIGID**r))
     of_terms = np.empty((n_sets, layout.end * N_POWERS**r))
     at = np.empty(LANES, dtype=np.int64)
-    of_loads, amplitudes = items(room.loads, WIDE), items(room.amplitudes, WIDE)
     state, moment = items(room.state, WIDE), items(room.moment, WIDE)
-    balance, matrix = items(room.balance, WIDE), items(room.matrix, WIDE)
-    by_q, by_v, by_a = items(room.by_q, WIDE), items(room.by_v, WIDE), items(room.by_a, WIDE)
+    balance, by_q = items(room.balance, WIDE), items(room.by_q, WIDE)
     loaded, first, last, at_load = loads.shape[2] > 0, 0, -1, 0
     while first < n_t:
         cell, count = cells[turns[first]], 1
@@ -335,6 +327,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
             for s in range(n_sets):
                 weigh(of_cell, weights[s], of_terms[s])
             last, at_load = cell, place_of(tables.loads, cell)
+        of_loads = tables.loads.polynomials[at_load]
         for lane in range(LANES):
             # lanes that are left have the last instant again
             t = at[lane] = turns[first + min(lane, count - 1)]
@@ -343,46 +336,14 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
             for part in range(3):
                 for i in range(n):
                     room.state[part, i, lane] = states[part][t, i]
-        fill_jets(of_terms[0], room.place, layout.rigid, n_rigid, layout.end, True, room.jets)
-        fill_rigid_jets(of_rigid[0], room.place, layout.rigid, n_rigid, True, room.jets)
-        if loaded:
-            for lane in range(LANES):
-                for l in range(loads.shape[2]):
-                    room.amplitudes[l, lane] = loads[at[lane], 0, l]
-            weigh(tables.loads.polynomials[at_load], amplitudes, of_loads)
-            fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, True, room.load_jets)
+        _fill_all_jets(layout, of_terms[0], of_rigid[0], of_loads, loads, 0, at, True, room)
         _take_up(layout, state, mass_damping, moment)
         fill_residual(layout, room.jets, room.load_jets, 0, 1, layout.rigid, loaded, room.moment, room.balance)
         for lane in range(count):
             for i in range(n):
                 residual[at[lane], i] += room.balance[i, lane]
         if gains[1] > 0.0:
-            # what is to be taken away is so small that the tables stay as they are, and what deformations make of them,
-            # and that a matrix without second derivatives of tables will do
-            fill_tangents(
-                layout, room.jets, room.load_jets, layout.rigid, loaded, room.moment, room.by_q, room.by_v, room.by_a
-            )
-            gain_a = gains[1] + gains[0] * mass_damping
-            for i in range(n):
-                for j in range(n):
-                    matrix[i, j] = by_q[i, j] + gains[0] * by_v[i, j] + gain_a * by_a[i, j]
-            for lane in range(LANES):
-                for i in range(n):
-                    room.balance[i, lane] = residual[at[lane], i]
-                    if local:
-                        for j in range(n):
-                            room.matrix[i, j, lane] += all_by_q[at[lane], i, j] + gains[0] * all_by_v[at[lane], i, j]
-            for k in range(n):
-                if prescribed[k]:
-                    for j in range(n):
-                        matrix[k, j] = spread(1.0 if j == k else 0.0)
-                    balance[k] = spread(0.0)
-            solve_lanes(matrix, balance)
-            for i in range(n):
-                state[0, i] -= balance[i]
-                state[1, i] -= gains[0] * balance[i]
-                state[2, i] -= gains[1] * balance[i]
-            _take_up(layout, state, mass_damping, moment)
+            _correct(layout, loaded, mass_damping, prescribed, gains, local, at, room, result)
         fill_tangents(
             layout, room.jets, room.load_jets, layout.rigid, loaded, room.moment, room.by_q, room.by_v, room.by_a
         )
@@ -401,19 +362,61 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
                     all_by_v[t, i, j] += room.by_v[i, j, lane] + mass_damping * room.by_a[i, j, lane]
                     all_by_a[t, i, j] += room.by_a[i, j, lane]
         for s in range(1, n_sets):
-            fill_jets(of_terms[s], room.place, layout.rigid, n_rigid, layout.end, False, room.jets)
-            fill_rigid_jets(of_rigid[s], room.place, layout.rigid, n_rigid, False, room.jets)
-            if loaded:
-                for lane in range(LANES):
-                    for l in range(loads.shape[2]):
-                        room.amplitudes[l, lane] = loads[at[lane], s, l]
-                weigh(tables.loads.polynomials[at_load], amplitudes, of_loads)
-                fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, False, room.load_jets)
+            _fill_all_jets(layout, of_terms[s], of_rigid[s], of_loads, loads, s, at, False, room)
             fill_residual(layout, room.jets, room.load_jets, 0, 1, layout.rigid, loaded, room.moment, room.balance)
             for lane in range(count):
                 for i in range(n):
                     by_parameters[at[lane], s - 1, i] += room.balance[i, lane]
         first += count
+
+
+@njit(cache=True, apart=True, error_model="numpy", counted=False)
+def _fill_all_jets(layout, of_terms, of_rigid, of_loads, loads, s, at, whole, room):
+    """Fill the jets of all tables with the weights of the set s, at instants `at` (LANES,); see `fill_jets`."""
+    n_rigid, amplitudes = len(layout.rigid) * (len(layout.rigid) + 1) // 2, items(room.amplitudes, WIDE)
+    fill_jets(of_terms, room.place, layout.rigid, n_rigid, layout.end, whole, room.jets)
+    fill_rigid_jets(of_rigid, room.place, layout.rigid, n_rigid, whole, room.jets)
+    if loads.shape[2] > 0:
+        for lane in range(LANES):
+            for j in range(loads.shape[2]):
+                room.amplitudes[j, lane] = loads[at[lane], s, j]
+        weigh(of_loads, amplitudes, items(room.loads, WIDE))
+        fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, whole, room.load_jets)
+
+
+@njit(cache=True, apart=True, error_model="numpy", counted=False)
+def _correct(layout, loaded, mass_damping, prescribed, gains, local, at, room, result):
+    """Take away what the iteration of steps that end at instants `at` (LANES,) left.
+
+    It is so small that the tables stay as they are, and what deformations make of them, and that a matrix without
+    second derivatives of tables will do.
+    """
+    all_by_q, all_by_v, _, _, residual = result
+    n, gain_a = layout.n_eta, gains[1] + gains[0] * mass_damping
+    state, moment = items(room.state, WIDE), items(room.moment, WIDE)
+    balance, matrix = items(room.balance, WIDE), items(room.matrix, WIDE)
+    by_q, by_v, by_a = items(room.by_q, WIDE), items(room.by_v, WIDE), items(room.by_a, WIDE)
+    fill_tangents(layout, room.jets, room.load_jets, layout.rigid, loaded, room.moment, room.by_q, room.by_v, room.by_a)
+    for i in range(n):
+        for j in range(n):
+            matrix[i, j] = by_q[i, j] + gains[0] * by_v[i, j] + gain_a * by_a[i, j]
+    for lane in range(LANES):
+        for i in range(n):
+            room.balance[i, lane] = residual[at[lane], i]
+            if local:
+                for j in range(n):
+                    room.matrix[i, j, lane] += all_by_q[at[lane], i, j] + gains[0] * all_by_v[at[lane], i, j]
+    for k in range(n):
+        if prescribed[k]:
+            for j in range(n):
+                matrix[k, j] = spread(1.0 if j == k else 0.0)
+            balance[k] = spread(0.0)
+    solve_lanes(matrix, balance)
+    for i in range(n):
+        state[0, i] -= balance[i]
+        state[1, i] -= gains[0] * balance[i]
+        state[2, i] -= gains[1] * balance[i]
+    _take_up(layout, state, mass_damping, moment)
 
 
 @njit(error_model="numpy", counted=False)

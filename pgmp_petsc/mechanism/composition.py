@@ -37,12 +37,12 @@ from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Statement, along, angle, perpendicular
 from pgmp_petsc.scene.bodies import Placement
 from pgmp_petsc.scene.effects import AddedMass
+from pgmp_petsc.scene.fields import GROUND
 from pgmp_petsc.scene.joints import DAMPED_BY, PARALLEL, TURNS, CouplingEntry, Elastic, Offset
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.uses import slides
 
-GROUND = "ground"
 ROUNDED = 1e-9  # of the length of a run of nodes, by which a range may be longer
 
 

@@ -2,9 +2,7 @@
 
 The models know both in their own ways (`models.stresses`): a full-order model has the positions of its meshes. A body
 that is condensed has ``x = p + R (X + T y)`` with its pose and its coordinates y, a reduced model ``y = Psi(theta)
-delta``, and of second order ``1/2 chi delta delta`` besides.
-
-Visible parts of a mechanism: the bodies whose meshes a model knows, and where they have stresses.
+delta``, and of second order ``1/2 chi delta delta`` besides. Visible are the bodies whose meshes a model knows.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
-"""The full-order model of a scene.
-
-The component model of a scene: flexible bodies in floating frames, joined by constraints.
-"""
+"""The models of a scene that have its unknowns: the full-order one, and the component one, whose flexible bodies are in
+floating frames, joined by constraints."""
 
 from __future__ import annotations
 

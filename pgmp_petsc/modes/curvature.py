@@ -13,16 +13,16 @@ with K3 the third derivative of the strain energy at rest and c'' the second der
 plane but for joints that turn with a body; in space rotations are rotation vectors). So the manifold holds, to second
 order, the nonlinear static answers to all loads that Psi answers to first order. What is left open, multiples of the
 rigid motion and of Psi, is deflated: chi is M-orthogonal to both, in space with the momenta of sections that turn
-(`rotary_curvature`), so that delta is the part of the motion along Psi to second order too.
+(`RotaryCurvature`), so that delta is the part of the motion along Psi to second order too.
 
-The last vectors of Psi may answer offsets p of joints instead (`modes.built_in`), of which the constraints are
-``c + gamma p + 1/2 gamma' p p``. In pairs with these, gamma stands beside ``c'' psi``: for x_a and psi_j
+The last vectors of Psi may answer offsets p of joints instead (`modes.built_in`), of which the constraints are ``c +
+gamma p + 1/2 gamma' p p``. In pairs with these, gamma stands beside ``c'' psi``: for x_a and psi_j
 
     K chi_aj + K3[x_a, psi_j] + (mu_a.c'') psi_j + mu_j.(c'' x_a + d gamma_a) + C^T nu_aj = 0,
     C chi_aj = - c''[x_a, psi_j] - d gamma_a.psi_j,
 
-and so on for two of them, with ``- gamma'_ab`` too. Their amplitudes are given: chi keeps its part along them, that
-of two of them along all vectors, which is at rest, and none of what is stiff in other pairs.
+and so on for two of them, with ``- gamma'_ab`` too. Their amplitudes are given: chi keeps its part along them, that of
+two of them along all vectors, which is at rest, and none of what is stiff in other pairs.
 
 Along stiff vectors of Psi chi may keep its part (`static_stretching`): bending shortens a beam without stretching it.
 Left to a stiff coordinate, the shortening is followed with its inertia, but the cubic strain energy, which then couples
@@ -43,11 +43,10 @@ the rotations phi of psi_r: to the right-hand side comes ``phi x f_j``. So chi_r
 body, which stores no energy, and chi_rr the way of the mechanism. Of both chi keeps its part along Psi for the reason
 above: what turns does not stretch.
 
-What rotations in space add to inertia at second order: sections and rigid bodies turn by ``exp(phi)``.
-
-A node's directors are ``d_k = R exp(phi) e_k``. Their second derivative in two vectors a and b of displacements and
-rotations, ``1/2 (a x (b x e_k) + b x (a x e_k))``, is added to chi wherever chi meets the mass (`modes.curvature`).
-With the inertia J of the directors at a node (`bodies.matrices`) its momentum on a rotation phi is
+Rotations in space add to inertia at second order: sections and rigid bodies turn by ``exp(phi)``. A node's directors
+are ``d_k = R exp(phi) e_k``. Their second derivative in two vectors a and b of displacements and rotations, ``1/2 (a x
+(b x e_k) + b x (a x e_k))``, is added to chi wherever chi meets the mass. With the inertia J of the directors at a node
+(`bodies.matrices`) its momentum on a rotation phi is
 
     phi . 1/2 ((J a) x b + (J b) x a),
 
@@ -284,7 +283,7 @@ class _TurningJoints:
         hessians: list[ConstraintHessian],
         shape: np.ndarray,
         pairs: tuple[np.ndarray, np.ndarray],
-        gaps: GapDerivatives | None = None,
+        gaps: GapDerivatives | None,
     ) -> None:
         self._touched = np.unique(jacobian.indices)
         self._jacobian = jacobian[:, self._touched].toarray()

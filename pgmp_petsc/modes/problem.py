@@ -31,6 +31,7 @@ from pgmp_petsc.mechanism.constraint_set import NullSpace, NullSpaces
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.pencils import MOST_UNKNOWNS, DensePencil, SparsePencil, cholesky, forward
 from pgmp_petsc.ranks.petsc import has_options
+from pgmp_petsc.scene.numerics import Reduction
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ class ModalProblem:
     values
         Parameter values at which M and K are taken.
     n_modes
-        Number of flexible modes.
+        Number of flexible modes, or all that the mesh has if these are fewer.
     comm
         Ranks that share one eigenproblem.
     matrices
@@ -99,13 +100,15 @@ class ModalProblem:
     ----------
     clamped
         Coordinates that follow given motions.
+    n_available
+        Number of flexible modes that the mesh has.
     n_released, n_unstrained
         Numbers of motions that elastic joints allow, and of all vanishing eigenvalues: those of free coordinates too.
 
     Raises
     ------
     InputError
-        If the mesh has fewer flexible modes than asked for.
+        If the mesh has no flexible modes.
     """
 
     def __init__(
@@ -353,26 +356,20 @@ class ModalProblem:
             return columns
         return np.concatenate(self.comm.allgather(columns))
 
-    def check_basis(self, n_static: int, n_parameter: int = 0) -> None:
-        """Refuse more vectors than the mesh has flexible degrees of freedom.
+    def keep(self, reduction: Reduction, n_static: int = 0) -> bool:
+        """Find as many modes as a basis has beside static ones, and return whether they are fewer than all.
 
-        Raises `InputError` if modes, static modes and those of other parameter values together are too many.
+        Raises `InputError` as `Reduction.fitting` does.
         """
-        if self.n_modes + n_static + n_parameter > self._available:
-            further = f" and {n_parameter} parameter modes" if n_parameter else ""
-            raise InputError(
-                f"reduction.modes = {self.n_modes}: with {n_static} static modes{further}, more than the mesh's "
-                f"{self._available} flexible modes; take fewer modes or a finer mesh"
-            )
+        self.n_modes = reduction.fitting(self.n_available, n_static).modes
+        return self.n_modes < self.n_available
 
     def _check_size(self) -> None:
         null = self._null_space(self._lowest())
-        self._available = null.independent.size - self.n_unstrained
-        if self.n_modes > self._available:
-            raise InputError(
-                f"reduction.modes = {self.n_modes}: the mesh has only {self._available} flexible modes; "
-                "take fewer modes or a finer mesh"
-            )
+        self.n_available = null.independent.size - self.n_unstrained
+        if self.n_available < 1:
+            raise InputError("the mesh has no flexible modes; take a finer one")
+        self.n_modes = min(self.n_modes, self.n_available)
         self.n_redundant = null.n_redundant
 
     def _find_shift(self) -> None:

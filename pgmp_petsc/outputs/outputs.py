@@ -19,6 +19,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.effects import start_of
 from pgmp_petsc.effects.motion import bases_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -150,13 +151,12 @@ class OutputSet:
 
     @classmethod
     def of(cls, scene: Scene, kinematics: RigidKinematics, start: np.ndarray | None = None) -> OutputSet:
-        """Prepare the outputs of a scene, with coordinates at the start, shape (n_theta,), rad; by default what the
-        scene says of those that are not prescribed.
+        """Prepare the outputs of a scene, with coordinates at the start, shape (n_theta,), rad; by default the scene's.
 
         Raises `InputError` if an output names a point that the mesh does not have, or a stress that is not known there.
         """
         if start is None:
-            start = said_start(scene, kinematics)
+            start = start_of(scene, kinematics.mechanism)[0]
         functions, stresses, needs, order, beside = {}, [], Needs(), 0, []
         numbers = {name: k for k, name in enumerate((*scene.carried, *scene.controllers))}
         forces = _forces(scene, kinematics, start)
@@ -217,11 +217,6 @@ def _in_order(scene: Scene) -> list[str]:
     for name in scene.outputs:
         add(name)
     return list(found)
-
-
-def said_start(scene: Scene, kinematics: RigidKinematics) -> np.ndarray:
-    """Return the coordinates that a scene says to start at, also of those that are prescribed, (n_theta,)."""
-    return np.array([scene.initial_state(c.name).position for c in kinematics.mechanism.coordinates])
 
 
 def carried_in(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> tuple[ForceOutput, ...]:

@@ -21,6 +21,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.ranks.agreement import NOW_AND_THEN
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -103,7 +104,6 @@ MANY = 4  # pieces a rank from which on it has one in hand
 RESULT, ANSWER = 1, 2  # tags
 NO_MORE, STOP = -1, -2  # answers
 FAILED, LEAVES = -1, -2  # in place of the number of a piece
-NOW_AND_THEN = 1e-3  # s; MPI's own waiting keeps the processor busy
 
 
 def deal(comm: Comm, n_pieces: int, work: Work, take: Take) -> None:

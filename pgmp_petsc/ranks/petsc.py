@@ -1,13 +1,11 @@
-"""The start of MPI, PETSc and SLEPc, the options that reach them, and what they say when they refuse one.
+"""MPI, PETSc and SLEPc: their start, the options that reach them and what they say when they refuse one, named events
+for PETSc's own log, and matrices from the rows that each rank holds.
 
 PETSc and SLEPc start together, on all ranks: starting SLEPc registers one more collective clean-up for the end of
 Python, so a rank that never solves an eigenproblem would leave the others waiting there.
 
-Named events for PETSc's own log: ``pgmp ... -- -log_view`` shows what an effect takes of a run.
-
-An event exists from its first use on: what a scene does not name never appears.
-
-PETSc matrices from the rows that each rank holds.
+An event (``pgmp ... -- -log_view`` shows what an effect takes of a run) exists from its first use on: what a scene does
+not name never appears.
 """
 
 from __future__ import annotations

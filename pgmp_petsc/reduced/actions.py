@@ -1,4 +1,5 @@
-"""Where the local effects of a reduced model hold: rigid kinematics and mode shapes of their nodes, as interpolants."""
+"""What acts on reduced models: local effects with rigid kinematics and mode shapes of the nodes where they hold, as
+interpolants; and over time amplitudes of loads and of local effects, and prescribed motions."""
 
 from __future__ import annotations
 
@@ -8,10 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.effects.action import NOTHING, Action, compile_actions, counted_from
+from pgmp_petsc.effects.action import NOTHING, Action, amplitudes_over, compile_actions, counted_from
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.effects.time_function import TimeFunction, joined
+from pgmp_petsc.lanes.vectors import same_in_all_lanes
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -26,6 +28,7 @@ from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import LengthGrid, SampleGrid
 from pgmp_petsc.reduction.tables import fine_grid
+from pgmp_petsc.stepping.second_order_system import State
 
 
 @dataclass(frozen=True)
@@ -224,3 +227,48 @@ def _counted(
         away = first - angles[fine.nearest(start[None])[0]] - winding @ start
         angles += 2 * np.pi * np.rint(away / (2 * np.pi))
     return angles, winding
+
+
+class ReducedStrengths:
+    """Strengths that are the same for all samples of a batch.
+
+    Parameters
+    ----------
+    load_effects
+        Effects with loads, in the order of the tables.
+    actions
+        Local effects.
+    motions
+        Of the prescribed coordinates, by their numbers.
+    n_coordinates
+        Number of rigid coordinates.
+    """
+
+    def __init__(
+        self,
+        load_effects: Sequence[Effect],
+        actions: Sequence[Action],
+        motions: Mapping[int, Motion],
+        n_coordinates: int,
+    ) -> None:
+        self._load_effects, self._actions, self._motions = load_effects, actions, motions
+        self._n_motions = 3 * n_coordinates if motions else 0
+
+    def at(self, time: float) -> Strengths:
+        """Return what acts on every lane at an instant (s)."""
+        return Strengths(*(same_in_all_lanes(part[0]) for part in self.over(np.array([time]))))
+
+    def over(self, times: np.ndarray) -> Strengths:
+        """Return what acts at several instants (n_t,), s, one a row."""
+        loads = np.empty((times.size, len(self._load_effects)))
+        for column, effect in zip(loads.T, self._load_effects):
+            column[:] = effect.amplitude(times)
+        motions = np.zeros((times.size, self._n_motions))
+        for k, motion in self._motions.items():
+            motions[:, 3 * k : 3 * k + 3] = np.transpose(motion.at(times))
+        return Strengths(loads, amplitudes_over(self._actions, times), motions)
+
+    def prescribe(self, time: float, state: State, samples: np.ndarray) -> None:
+        """Put the prescribed coordinates of some samples (a mask) where they are at a time (s)."""
+        for k, motion in self._motions.items():
+            state.q[samples, k], state.v[samples, k], state.a[samples, k] = motion.at(time)

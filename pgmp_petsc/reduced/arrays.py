@@ -58,7 +58,7 @@ class Work(NamedTuple):
     q: np.ndarray
     rate: np.ndarray
     acceleration: np.ndarray
-    #: v, a: velocities and accelerations as the inertia forces see them (see `reduced_lagrangian` and
+    #: v, a: velocities and accelerations as the inertia forces see them (see `lagrangian` and
     #: ``Layout.quadratic``), n_eta each
     v: np.ndarray
     a: np.ndarray

@@ -1,4 +1,4 @@
-"""Solving with the iteration matrices of LANES samples at once, compiled; see `reduced_arrays.Matrix`.
+"""Solving with the iteration matrices of LANES samples at once, compiled; see `arrays.Matrix`.
 
 The flexible block has factors ``L D U`` without pivoting, L and U with unit diagonals: ``U = L^T`` but for gyroscopic
 terms. Its symmetric part is positive definite at reasonable steps, and so are all pivots positive. Where one is not,

@@ -13,7 +13,7 @@ import numpy as np
 from numba import types
 
 from pgmp_petsc.controllers.law import GIVEN, Room, respond
-from pgmp_petsc.controllers.running import AFTER, BEFORE, Controls
+from pgmp_petsc.controllers.running import AFTER, BEFORE, Controls, Running
 from pgmp_petsc.effects.time_function import TimeFunction, TimeFunctions, evaluate, joined
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
@@ -44,6 +44,26 @@ class Law(NamedTuple):
     sample_times: np.ndarray  # s, (n,)
     is_fixed: np.ndarray  # whether the reference is a number of each sample, (n,)
     fixed: np.ndarray  # these numbers, (n, n_samples)
+
+    @classmethod
+    def of(cls, each: Sequence[Running], rows: Sequence[int], n_samples: int) -> Law:
+        """Return those of controllers, each with the first part of its force."""
+
+        def numbers(values: list, kind: type = np.int64) -> np.ndarray:
+            return np.array(values, dtype=kind)
+
+        n, are_fixed = len(each), [isinstance(one.reference, np.ndarray) for one in each]
+        parameters = np.zeros((n, n_samples, max((one.p.shape[1] for one in each), default=0)))
+        fixed = np.zeros((n, n_samples))
+        for one, is_fixed, into, value in zip(each, are_fixed, parameters, fixed):
+            into[:, : one.p.shape[1]] = one.p
+            value[:] = one.reference if is_fixed else 0.0
+        return cls(
+            numbers([one.law.address for one in each]), numbers([one.z.shape[1] for one in each]),
+            numbers([one.columns.start for one in each]), numbers([one.law.n_motions for one in each]),
+            numbers(rows), numbers([bool(one.entry.sample_time) for one in each], bool), parameters,
+            numbers([one.entry.sample_time for one in each], float), numbers(are_fixed, bool), fixed,
+        )  # fmt: skip
 
 
 class Control(NamedTuple):
@@ -88,17 +108,8 @@ class Control(NamedTuple):
         numbers of those that are parts of forces."""
         each = [] if controls is None else controls.each
         n, most = len(each), max((1 + 2 * one.law.n_motions for one in each), default=1)
-        parameters = np.zeros((n, n_samples, max((one.p.shape[1] for one in each), default=0)))
-        fixed, functions = np.zeros((n, n_samples)), []
-        for one, into, value in zip(each, parameters, fixed):
-            into[:, : one.p.shape[1]] = one.p
-            is_fixed = isinstance(one.reference, np.ndarray)
-            value[:] = one.reference if is_fixed else 0.0
-            functions.append(TimeFunction.constant(0.0) if is_fixed else one.reference)
-
-        def numbers(values: list, kind: type = np.int64) -> np.ndarray:
-            return np.array(values, dtype=kind)
-
+        references = [one.reference for one in each]
+        functions = [TimeFunction.constant(0.0) if isinstance(one, np.ndarray) else one for one in references]
         n_carried = 0 if controls is None else len(controls.names) - n
         rows = [*([] if controls is None else controls.firsts[n_carried:]), len(actions)]
         parts = [actions[first:last] for first, last in zip(rows, rows[1:])]
@@ -113,24 +124,12 @@ class Control(NamedTuple):
             for sampled in (False, True)
         )
         n_beside = 0 if controls is None else controls.n_beside
-        law = Law(
-            numbers([one.law.address for one in each]),
-            numbers([one.z.shape[1] for one in each]),
-            numbers([one.columns.start for one in each]),
-            numbers([one.law.n_motions for one in each]),
-            numbers(rows[:-1]),
-            numbers([bool(one.entry.sample_time) for one in each], bool),
-            parameters,
-            numbers([one.entry.sample_time for one in each], float),
-            numbers([isinstance(one.reference, np.ndarray) for one in each], bool),
-            fixed,
-        )
         places = np.zeros((3, LANES, n_beside))
         return cls(
-            law, numbers(actions), origins, measuring, sampling, joined(functions), np.zeros((0, n, 2)),
-            np.zeros((0, n), dtype=bool), np.zeros((0, n_samples, 2, n)), np.zeros((LANES, 1 + 2 * n)),
-            np.zeros(LANES), np.zeros((LANES, N_GIVEN + most - 1)), *places, np.zeros((LANES, n, most)),
-            np.zeros((LANES, n)), n_carried, Room.of([one.law for one in each]),
+            Law.of(each, rows[:-1], n_samples), np.array(actions, dtype=np.int64), origins, measuring, sampling,
+            joined(functions), np.zeros((0, n, 2)), np.zeros((0, n), dtype=bool), np.zeros((0, n_samples, 2, n)),
+            np.zeros((LANES, 1 + 2 * n)), np.zeros(LANES), np.zeros((LANES, N_GIVEN + most - 1)), *places,
+            np.zeros((LANES, n, most)), np.zeros((LANES, n)), n_carried, Room.of([one.law for one in each]),
         )  # fmt: skip
 
     def over_steps(self, controls: Controls | None, ends: np.ndarray, goes_on: bool, forces: np.ndarray) -> Control:

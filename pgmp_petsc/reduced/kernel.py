@@ -1,6 +1,6 @@
 """Newton corrections of the reduced model, LANES samples at a time, compiled.
 
-The equations are those of `reduced_lagrangian`. Their tables are interpolated at the sample's own theta and weighted
+The equations are those of `lagrangian`. Their tables are interpolated at the sample's own theta and weighted
 with its own parameters.
 
 A prescribed coordinate has its position, velocity and acceleration given; its correction is zero. The residual of its

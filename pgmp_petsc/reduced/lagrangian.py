@@ -36,8 +36,6 @@ With all of it the system is Lagrangian in the interpolated tables and conserves
 call for have no entries. The iteration matrix leaves out second derivatives of the tables. Its flexible block is
 symmetric but for gyroscopic terms, rows and columns of theta border it.
 
-Terms of second order in the deformation of the reduced Lagrangian; `reduced_lagrangian` has the equations.
-
 Each function adds its part to the residual and, if `fresh`, to the iteration matrix.
 """
 

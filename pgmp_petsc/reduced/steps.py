@@ -4,9 +4,8 @@ A block of LANES samples goes through many steps before the next one begins, so 
 cache; every lane has a clock, a Newton iteration and a fate of its own. A lane that crosses the edge of a law within a
 step takes it in parts, up to the edge and on (`edge_search`).
 
-Where the lanes of a block are in their steps, how long their next one is and what acts at its end, compiled.
-
-Lanes go from step to step by themselves: one that searches the edge of a law takes parts of a step while others go on.
+`Clocks` say where the lanes of a block are in their steps, how long their next one is and what acts at its end. Lanes
+go from step to step by themselves: one that searches the edge of a law takes parts of a step while others go on.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.effects.law import rubs
+from pgmp_petsc.effects.law import any_bend
 from pgmp_petsc.effects.time_function import evaluate
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import aligned
@@ -23,14 +22,7 @@ from pgmp_petsc.lanes.vectors import EVERY_LANE, LANES, blend, count_lanes, exce
 from pgmp_petsc.reduced.action_kernel import act, bent_lanes, forget_rates, limited_lanes
 from pgmp_petsc.reduced.arrays import Strengths, acting_of, places_of
 from pgmp_petsc.reduced.carried import begin_carried, find_carried, keep_carried, take_carried
-from pgmp_petsc.reduced.control import (
-    act_of_states,
-    begin_steps,
-    follow_states,
-    jump_lanes,
-    sample_states,
-    show_forces,
-)
+from pgmp_petsc.reduced.control import act_of_states, begin_steps, follow_states, jump_lanes, sample_states, show_forces
 from pgmp_petsc.reduced.kernel import correct_block, follow_correction, gather, scatter
 from pgmp_petsc.stepping.alpha_step import (
     FIRST_CONTRACTION,
@@ -44,15 +36,7 @@ from pgmp_petsc.stepping.alpha_step import (
     goes_on,
 )
 from pgmp_petsc.stepping.alpha_step import NEWTON_TOLERANCE as TOLERANCE_OF_TRIALS
-from pgmp_petsc.stepping.edge_search import (
-    REST,
-    WHOLE,
-    EdgeSearch,
-    begin_step,
-    give_up,
-    in_search,
-    look_at_all,
-)
+from pgmp_petsc.stepping.edge_search import REST, WHOLE, EdgeSearch, begin_step, give_up, in_search, look_at_all
 from pgmp_petsc.stepping.status import Outcome
 
 
@@ -417,7 +401,7 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
     carries, going = equations.carried.actions.size > 0, lanes
     if carries:
         begin_carried(equations, room, state[6], memory.samples[block], lanes)
-    first, rubbing = load(expected, 0), rubs(equations.local.actions.laws)
+    first, rubbing = load(expected, 0), any_bend(equations.local.actions.laws)
     for iteration in range(MAX_ITERATIONS):
         fresh, unsettled = attempt > 0 or iteration % REFRESH_EVERY == 0, 0
         if carries:

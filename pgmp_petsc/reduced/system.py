@@ -1,7 +1,4 @@
-"""The reduced model as a second-order system for the integrator; a batch of samples with their own parameters.
-
-What acts on reduced models over time: amplitudes of loads and of local effects, and prescribed motions.
-"""
+"""The reduced model as a second-order system for the integrator; a batch of samples with their own parameters."""
 
 from __future__ import annotations
 
@@ -16,12 +13,12 @@ from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.controllers.acting import NOTED, given_to
 from pgmp_petsc.controllers.running import AFTER, BEFORE, MOST_STARTS, Controls
 from pgmp_petsc.effects import Effect, Motion
-from pgmp_petsc.effects.action import Action, amplitudes_over
+from pgmp_petsc.effects.action import amplitudes_over
 from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.lanes.lane_items import aligned
-from pgmp_petsc.lanes.vectors import LANES, same_in_all_lanes
+from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED
-from pgmp_petsc.reduced.actions import ReducedActions, functions_of_time
+from pgmp_petsc.reduced.actions import ReducedActions, ReducedStrengths, functions_of_time
 from pgmp_petsc.reduced.arrays import Room, Strengths
 from pgmp_petsc.reduced.control import Control
 from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices, find_all_carried, load_on
@@ -540,48 +537,3 @@ class ReducedSystem(SecondOrderSystem):
 def _parts(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return positions, velocities and accelerations."""
     return state.q, state.v, state.a
-
-
-class ReducedStrengths:
-    """Strengths that are the same for all samples of a batch.
-
-    Parameters
-    ----------
-    load_effects
-        Effects with loads, in the order of the tables.
-    actions
-        Local effects.
-    motions
-        Of the prescribed coordinates, by their numbers.
-    n_coordinates
-        Number of rigid coordinates.
-    """
-
-    def __init__(
-        self,
-        load_effects: Sequence[Effect],
-        actions: Sequence[Action],
-        motions: Mapping[int, Motion],
-        n_coordinates: int,
-    ) -> None:
-        self._load_effects, self._actions, self._motions = load_effects, actions, motions
-        self._n_motions = 3 * n_coordinates if motions else 0
-
-    def at(self, time: float) -> Strengths:
-        """Return what acts on every lane at an instant (s)."""
-        return Strengths(*(same_in_all_lanes(part[0]) for part in self.over(np.array([time]))))
-
-    def over(self, times: np.ndarray) -> Strengths:
-        """Return what acts at several instants (n_t,), s, one a row."""
-        loads = np.empty((times.size, len(self._load_effects)))
-        for column, effect in zip(loads.T, self._load_effects):
-            column[:] = effect.amplitude(times)
-        motions = np.zeros((times.size, self._n_motions))
-        for k, motion in self._motions.items():
-            motions[:, 3 * k : 3 * k + 3] = np.transpose(motion.at(times))
-        return Strengths(loads, amplitudes_over(self._actions, times), motions)
-
-    def prescribe(self, time: float, state: State, samples: np.ndarray) -> None:
-        """Put the prescribed coordinates of some samples (a mask) where they are at a time (s)."""
-        for k, motion in self._motions.items():
-            state.q[samples, k], state.v[samples, k], state.a[samples, k] = motion.at(time)

@@ -10,7 +10,7 @@ In body frames the damping matrices of all bodies are constant, so that
     D(theta) = Psi^T (sum_b beta_b K_b + alpha_b M_b + P_b P_b^T) Psi,     Psi = [d rho/d theta, Psi_flexible]
 
 and rigid motion is braked by alpha alone. What all bodies have of alpha in common brakes the momentum of the reduced
-model itself (`reduced_equations`), which has the terms of higher order in the deformation, too; only what exceeds it is
+model itself (`lagrangian`), which has the terms of higher order in the deformation, too; only what exceeds it is
 in D.
 """
 
@@ -276,7 +276,7 @@ def pack_cubic(tensors: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(tensors[..., i[chosen], j[chosen], k[chosen]])
 
 
-def displacement_scale(projection: np.ndarray, size: float, dimension: int = 2) -> np.ndarray:
+def displacement_scale(projection: np.ndarray, size: float, dimension: int) -> np.ndarray:
     """Return the largest displacement per unit of each flexible coordinate, shape (n_delta,); 1 of one without any: of
     an offset that an elastic joint takes.
 

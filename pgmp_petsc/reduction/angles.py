@@ -1,9 +1,15 @@
 """Which angles a build adds to those it begins with, and how far stress outputs are off by those it has.
 
-With a tolerance, each coordinate has further angles where tables differ from those of the round before. Without one,
-angles of a single coordinate are halved, if they may be, where vectors of other parameter values turn too quickly for
-them (the basis is too uneven, or interpolated matrices are indefinite at some values), and where stress outputs are
-interpolated badly.
+With a tolerance, each coordinate has further angles: after each round the tables that were interpolated before are
+compared with the samples that came since, and where they differ by more, both halves of the interval are sampled in the
+next round. Differences are relative to what they act beside: mass to the modes' unit mass, stiffness entry (i, j) to
+the geometric mean of the diagonal ones, loads and inertia forces to their own largest values. Tables of second order in
+the deformation follow, but are not compared: they correct the others by small amounts, and may vanish but for
+round-off.
+
+Without a tolerance, angles of a single coordinate are halved, if they may be, where vectors of other parameter values
+turn too quickly for them (the basis is too uneven, or interpolated matrices are indefinite at some values), and where
+stress outputs are interpolated badly.
 
 The bodies answer a load L with stresses ``R = D S Psi K_r^-1 Psi^T L`` (D and S as in `missed_answers`), of which Psi,
 ``K_r = Psi^T K Psi`` and ``Psi^T L`` are interpolated each by itself. A force along a slender body is a small
@@ -19,7 +25,7 @@ its range with that acceleration. What hardly stresses a body beside the other d
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,8 +34,9 @@ from pgmp_petsc.base.errors import Remark, RunError, gathered, note, warning
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.modes.continuity import procrustes
 from pgmp_petsc.outputs.stress import StressOutput
-from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, interpolation_errors, midpoints
+from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.tables import ReducedTables, indefinite_between, with_units
@@ -332,3 +339,69 @@ def _strains(points: object, body: Body, moves: np.ndarray) -> Iterator[np.ndarr
     step = max(1, AT_ONCE // max(1, points.width))
     for first in range(0, columns.shape[1], step):
         yield points.of_displacements(body.displacements(columns[:, first : first + step]))
+
+
+def midpoints(samples: Samples, chosen: np.ndarray | None = None) -> np.ndarray:
+    """Return the middles of the intervals between samples, shape (n,); of all, or of those chosen by a mask."""
+    ends = samples.theta[1:]
+    if samples.periodic:
+        ends = np.append(ends, samples.upper)
+    middles = 0.5 * (samples.theta[: ends.size] + ends)
+    return middles if chosen is None else middles[chosen]
+
+
+def interpolation_errors(
+    before: ContinuousBasis, now: ContinuousBasis, theta: np.ndarray, values: Mapping[str, float]
+) -> np.ndarray:
+    """Return the largest relative difference, shape (n_new,), between the tables of the round before and what was found
+    since at new samples, shape (n_new, n_theta).
+
+    A new sample is turned to the interpolated basis first, within the groups of the round before: more samples resolve
+    more, so that groups can only become smaller. Terms are weighted by nominal parameters.
+    """
+    old = before.tables
+    rows = now.tables.samples.nearest(theta)
+    guessed = interpolant(old.samples, before.projection, "spline")(theta)
+    rotations = np.array([_align(now.projection[row], guess, before.groups) for row, guess in zip(rows, guessed)])
+    fresh = now.tables.at(rows).turned(rotations)
+    errors = np.zeros(len(theta))
+    for name, weights in (("mass", old.mass_weights), ("inertia", old.mass_weights), ("load", old.load_weights)):
+        scale = 1.0 if name == "mass" else _largest_entry(getattr(old, name), weights, values)
+        errors = np.maximum(errors, _difference(name, old, fresh, theta, weights, values) / scale)
+    stiffness = with_units(_weighted(fresh.stiffness, old.stiffness_weights, values))
+    diagonal = np.sqrt(np.einsum("nii->ni", np.abs(stiffness)))
+    guess = with_units(
+        _weighted(interpolant(old.samples, old.stiffness, "spline")(theta), old.stiffness_weights, values)
+    )
+    relative = np.abs(stiffness - guess) / (diagonal[:, :, None] * diagonal[:, None, :])
+    return np.maximum(errors, relative.max(axis=(1, 2), initial=0.0))
+
+
+def _align(fresh: np.ndarray, guess: np.ndarray, groups: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the rotation of a fresh basis (n_dofs, m), group by group, to an interpolated one."""
+    rotation = np.eye(fresh.shape[1])
+    for group in groups:
+        rotation[np.ix_(group, group)], _ = procrustes(fresh[:, group].T @ guess[:, group])
+    return rotation
+
+
+def _difference(
+    name: str, old: ReducedTables, fresh: ReducedTables, theta: np.ndarray, weights: tuple, values: Mapping[str, float]
+) -> np.ndarray:
+    guess = interpolant(old.samples, getattr(old, name), "spline")(theta)
+    if name == "mass":
+        # the rigid inertia comes from the kinematics and is not interpolated
+        guess[:, :, : old.n_coordinates, : old.n_coordinates] = fresh.mass[
+            :, :, : old.n_coordinates, : old.n_coordinates
+        ]
+    difference = np.abs(_weighted(guess - getattr(fresh, name), weights, values))
+    return difference.reshape(len(theta), -1).max(axis=1, initial=0.0)
+
+
+def _largest_entry(table: np.ndarray, weights: tuple, values: Mapping[str, float]) -> float:
+    return max(float(np.max(np.abs(_weighted(table, weights, values)), initial=0.0)), 1e-300)
+
+
+def _weighted(table: np.ndarray, weights: tuple, values: Mapping[str, float]) -> np.ndarray:
+    """Sum the terms (axis 1) at given parameter values."""
+    return np.einsum("t,nt...->n...", evaluate_weights(weights, values), table)

@@ -3,9 +3,8 @@
 The configurations are dealt to groups of ranks in contiguous arcs. Each group solves its own eigenproblems and compares
 neighbouring modes, also over the borders of the arcs; the rotations that make the basis continuous follow from these
 comparisons on the first rank, so that the number of groups has no part in them. With a tolerance for the sampling,
-rounds of further configurations follow where the interpolated tables differ from the fresh samples.
-
-The curvature of a finished basis at its samples, and the tables of second order that follow from it.
+rounds of further configurations follow where the interpolated tables differ from the fresh samples. What is of second
+order, the curvature of the basis at its samples and the tables that follow from it, is found of the finished basis.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bodies.matrices import assemble, mass_of_bodies, owned_rows
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
-from pgmp_petsc.effects import Action, Load, actions_of, effects_of, loads_of, patterns_of
+from pgmp_petsc.effects import Action, Load, actions_of, effects_of, loads_of, patterns_of, start_of
 from pgmp_petsc.effects.springs import spring_remarks
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
@@ -32,7 +31,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.built_in import BuiltIn, Closing
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
-from pgmp_petsc.outputs.outputs import OutputSet, carried_in, said_start
+from pgmp_petsc.outputs.outputs import OutputSet, carried_in
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import AngleRounds
@@ -41,7 +40,7 @@ from pgmp_petsc.reduction.checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, JoinedSamples, SampleStore, compression_of
 from pgmp_petsc.reduction.interpolation import samples_for
 from pgmp_petsc.reduction.joint_gaps import JointGaps, gap_answers_at, rows_of
-from pgmp_petsc.reduction.length_family import build_over_lengths
+from pgmp_petsc.reduction.length_family import POOR_COSINE, build_over_lengths
 from pgmp_petsc.reduction.missed_answers import MissedAnswers, missed_answers_at
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import ParameterPoints, SampleGrid
@@ -62,7 +61,6 @@ from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.scene.uses import length_names
 
 OverSamples = TypeVar("OverSamples", MissedAnswers, JointGaps)
-POOR_COSINE = 0.5  # between neighbouring spaces of modes; tables between them are then of neither
 CROSSED = 0.1  # below it modes have changed places: an exact crossing has no angle between
 
 
@@ -112,95 +110,116 @@ def _condensed_and_built(
         check_capabilities(scene, Purpose.BUILD, meshes)
         meshes = condensed(scene, meshes, group, way.checkpoint)
     with angle_group(meshes, group) as angles:
-        return _built(scene, meshes, angles, way, timings)
+        with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
+            build = _Build(scene, meshes, angles, way)
+        found = build.found(timings)
+        timings = timings.maximum(group.world)
+        return None if found.joined is None else build.model(found, timings)
 
 
-def _built(
-    scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, way: _Way, timings: Timings
-) -> ReducedOrderModel | None:
-    """As `build_rom`, with condensed bodies."""
-    with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
-        mechanism = Mechanism.from_scene(scene, meshes).straight
-        kinematics = RigidKinematics(mechanism, over_range=True)
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What the build of one mechanism found; joined samples and basis on the first rank, None elsewhere."""
+
+    samples: SampleGrid
+    joined: JoinedSamples | None
+    basis: ContinuousBasis | None
+    rounds: AngleRounds
+    points: ParameterPoints
+    n_redundant: int  # constraints that say the same as others
+    missed: MissedAnswers | None
+    gaps: JointGaps | None
+
+
+class _Build:
+    """The build of one mechanism, with condensed bodies."""
+
+    def __init__(self, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, way: _Way) -> None:
+        self._scene, self._meshes, self._group, self._way = scene, meshes, group, way
+        mechanism = self._mechanism = Mechanism.from_scene(scene, meshes).straight
+        self._kinematics = RigidKinematics(mechanism, over_range=True)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
-        matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
-        loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
-        carried = carried_in(scene, kinematics, said_start(scene, kinematics))
-        opened_rows = rows_of((*OutputSet.of(scene, kinematics).forces, *carried), mechanism.n_held)
-    store = SampleStore(group, way.samples or _samples(scene, kinematics))
-    with ExitStack() as opened:
-        with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
-            problem = ModalProblem(kinematics, scene.nominal, scene.reduction.modes, group.comm, matrices)
-            opened.enter_context(problem)
-            static_loads = StaticLoads.of(problem, patterns, scene.reduction)
-        with timings.phase("points"):
-            points = way.points or choose_points(scene, problem, static_loads, group)
-        with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
-            snapshots = opened.enter_context(ParameterSnapshots(problem, static_loads, points.points))
-            probe = _probe(problem, actions_of(effects))
-            built_in = BuiltIn(problem, scene, meshes)
-            sampler = Sampler(problem, loads, static_loads, snapshots, probe, built_in)
-        sampling = _Sampling(scene, sampler, group, way)
-        joined, basis, rounds = sampling.joined(store, loads, bool(actions_of(effects)), timings)
-        manifold = None
+        self._matrices, self._effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
+        self._loads = loads_of(self._effects, self._matrices)
+        carried = carried_in(scene, self._kinematics, start_of(scene, mechanism)[0])
+        self._opened_rows = rows_of((*OutputSet.of(scene, self._kinematics).forces, *carried), mechanism.n_held)
+
+    def found(self, timings: Timings) -> _Found:
+        """Solve the eigenproblems and join them; what hangs on the basis follows. Collective on ``group.world``."""
+        scene, group, loads, way = self._scene, self._group, self._loads, self._way
+        store = SampleStore(group, way.samples or _samples(scene, self._kinematics))
+        actions = actions_of(self._effects)
+        with ExitStack() as opened:
+            with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
+                n_modes, matrices = scene.reduction.modes, self._matrices
+                problem = ModalProblem(self._kinematics, scene.nominal, n_modes, group.comm, matrices)
+                opened.enter_context(problem)
+                static_loads = StaticLoads.of(problem, patterns_of(self._effects, matrices), scene.reduction)
+            with timings.phase("points"):
+                points = way.points or choose_points(scene, problem, static_loads, group)
+            with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
+                snapshots = opened.enter_context(ParameterSnapshots(problem, static_loads, points.points))
+                built_in = BuiltIn(problem, scene, self._meshes)
+                sampler = Sampler(problem, loads, static_loads, snapshots, _probe(problem, actions), built_in)
+            sampling = _Sampling(scene, sampler, group, way)
+            joined, basis, rounds = sampling.joined(store, loads, bool(actions), timings)
+            manifold = missed = gaps = None
+            if scene.second_order:
+                with timings.phase("second order"):
+                    manifold = Manifold(problem, loads, static_loads, scene.static_stretching, built_in)
+                    basis = sampling.curve(store, basis, manifold)
+            if _forces_change(scene, self._mechanism):
+                with timings.phase("section forces"):
+                    missed = sampling.missed(store, basis, static_loads)
+            if self._opened_rows.size:
+                with timings.phase("forces in joints"):
+                    if manifold is None and all(body.third_derivative_known for body in self._mechanism.bodies):
+                        manifold = Manifold(problem, loads, static_loads, static_stretching=True, built_in=built_in)
+                    gaps = sampling.gaps(store, basis, loads, self._opened_rows, manifold)
+        return _Found(store.samples, joined, basis, rounds, points, problem.n_redundant, missed, gaps)
+
+    def model(self, found: _Found, timings: Timings) -> ReducedOrderModel:
+        """Return the model that was found; on the first rank."""
+        scene, kinematics, joined, basis = self._scene, self._kinematics, found.joined, found.basis
+        tables, mass, gaps = basis.tables, self._matrices.mass, found.gaps
+        n_ranks, bodies, scheme = self._group.world.size, self._mechanism.bodies, scene.interpolation
+        if self._group.comm.size > 1:
+            mass = mass_of_bodies(bodies, range(self._mechanism.n_dofs))
         if scene.second_order:
-            with timings.phase("second order"):
-                manifold = Manifold(problem, loads, static_loads, scene.static_stretching, built_in)
-                basis = sampling.curve(store, basis, manifold)
-        missed = None
-        if _forces_change(scene, mechanism):
-            with timings.phase("section forces"):
-                missed = sampling.missed(store, basis, static_loads)
-        gaps = None
-        if opened_rows.size:
-            with timings.phase("forces in joints"):
-                if manifold is None and all(body.third_derivative_known for body in mechanism.bodies):
-                    manifold = Manifold(problem, loads, static_loads, static_stretching=True, built_in=built_in)
-                gaps = sampling.gaps(store, basis, loads, opened_rows, manifold)
-    n_redundant = problem.n_redundant
-    timings = timings.maximum(group.world)
-    if joined is None:
-        return None
-    tables, mass = basis.tables, matrices.mass
-    if group.comm.size > 1:
-        mass = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
-    if scene.second_order:
-        changes = mode_changes(kinematics, mass, tables.samples, basis.projection, scene.interpolation, tables.n_given)
-        tables = replace(tables, changes=changes)
-    if gaps is not None and gaps.cubic is not None:
-        wider = np.concatenate([basis.projection, gaps.shapes], axis=2)
-        both = mode_changes(kinematics, mass, tables.samples, wider, scene.interpolation)
-        gaps = gaps.changing(both, tables.samples, scene.interpolation)
-    n_parameter = tables.n_modes - tables.n_given - joined.n_kept
-    indefinite = indefinite_between(tables.moving(), scene, *spanning_values(scene))
-    remarks = (
-        *scene.remarks,
-        *(() if way.checkpoint is None else way.checkpoint.remarks),
-        *kinematics.remarks,
-        *spring_remarks(effects, scene.reduction),
-        *_doubts(float(joined.cosines.min()), n_redundant, indefinite),
-        *rounds.remarks(store.samples, basis),
-        *_few_vectors(scene.reduction.parameter_modes, n_parameter),
-    )
-    return ReducedOrderModel(
-        tables=tables,
-        branch=kinematics.branch,
-        rigid_inertia=rigid_inertia(tables.samples, mass, kinematics),
-        projection=basis.projection,
-        frequencies_hz=np.sqrt(joined.tables["eigenvalues"]) / (2 * np.pi),
-        cosines=joined.cosines,
-        meshes=dict(meshes),
-        n_redundant=n_redundant,
-        record=RunRecord(
-            scene_to_toml(scene), own_values(scene, scene.nominal), None, group.world.size, timings.as_dict(), remarks
-        ),
-        curvature=basis.curvature,
-        points=replace(points, n_vectors=n_parameter),
-        indefinite=indefinite,
-        stiffness_changes=_stiffness_changes(store.samples, joined, basis),
-        missed=missed,
-        gaps=gaps,
-    )
+            changes = mode_changes(kinematics, mass, tables.samples, basis.projection, scheme, tables.n_given)
+            tables = replace(tables, changes=changes)
+        if gaps is not None and gaps.cubic is not None:
+            wider = np.concatenate([basis.projection, gaps.shapes], axis=2)
+            gaps = gaps.changing(mode_changes(kinematics, mass, tables.samples, wider, scheme), tables.samples, scheme)
+        n_parameter = tables.n_modes - tables.n_given - joined.n_kept
+        indefinite = indefinite_between(tables.moving(), scene, *spanning_values(scene))
+        remarks = (
+            *scene.remarks,
+            *(() if self._way.checkpoint is None else self._way.checkpoint.remarks),
+            *kinematics.remarks,
+            *spring_remarks(self._effects, scene.reduction),
+            *_doubts(float(joined.cosines.min()), found.n_redundant, indefinite),
+            *found.rounds.remarks(found.samples, basis),
+            *_few_vectors(scene.reduction.parameter_modes, n_parameter),
+        )
+        toml, nominal = scene_to_toml(scene), own_values(scene, scene.nominal)
+        return ReducedOrderModel(
+            tables=tables,
+            branch=kinematics.branch,
+            rigid_inertia=rigid_inertia(tables.samples, mass, kinematics),
+            projection=basis.projection,
+            frequencies_hz=np.sqrt(joined.tables["eigenvalues"]) / (2 * np.pi),
+            cosines=joined.cosines,
+            meshes=dict(self._meshes),
+            n_redundant=found.n_redundant,
+            record=RunRecord(toml, nominal, None, n_ranks, timings.as_dict(), remarks),
+            curvature=basis.curvature,
+            points=replace(found.points, n_vectors=n_parameter),
+            indefinite=indefinite,
+            stiffness_changes=_stiffness_changes(found.samples, joined, basis),
+            missed=found.missed,
+            gaps=gaps,
+        )
 
 
 def _forces_change(scene: Scene, mechanism: Mechanism) -> bool:

@@ -136,7 +136,7 @@ def gap_answers_at(
     theta: np.ndarray,
     sample: Sample,
     combination: np.ndarray,
-    curved: Callable[..., tuple[np.ndarray, SecondOrderTables]] | None = None,
+    curved: Callable[..., tuple[np.ndarray, SecondOrderTables]] | None,
 ) -> tuple[np.ndarray | None, ...]:
     """Return Y, local rows (n_local, g), and behind it the other arrays of `JointGaps` at one configuration, in its
     order. Collective on the problem's communicator.

@@ -44,7 +44,7 @@ Build = Callable[[Scene, Mapping[str, BodyShape], SampleGrid | None, ParameterPo
 HIGH = 0.5  # |T_n| where the family is checked; at points of the grid, where it vanishes, nothing could be seen
 LARGE = 1e-4  # share by which frequencies between the points may be off without a warning
 FOLLOWED = 0.9  # between spaces of modes of neighbouring angles; below, more angles are the likelier cure
-POOR_COSINE = 0.5  # between spaces of modes of two lengths; as between neighbouring angles
+POOR_COSINE = 0.5  # between spaces of modes of neighbouring angles or lengths; tables between them are then of neither
 MORE = "take more reduction.length_points, or a narrower range"
 
 

@@ -1,10 +1,9 @@
-"""The reduced-order model: the result of the offline build, and all that simulations need.
+"""The reduced-order model: the result of the offline build, all that simulations need, and how far from its nominal
+parameters it serves.
 
-How far from its nominal parameters a reduced model serves.
-
-A build tries the values that span its scene's distributions (`spanning_values`: quantiles at three standard
-deviations, or bounds): at these its matrices were looked at, and bases by tolerance were chosen. Half as far again is
-served without a word; six standard deviations cost 1.6 % of the deformation where three cost 0.3 %
+A build tries the values that span its scene's distributions (`spanning_values`: quantiles at three standard deviations,
+or bounds): at these its matrices were looked at, and bases by tolerance were chosen. Half as far again is served
+without a word; six standard deviations cost 1.6 % of the deformation where three cost 0.3 %
 (`tests/hard_cases/test_far_from_nominal.py`). What lies outside is counted and warned of. Three times as far away as
 the span it is refused: values of single runs, samples of a file, and distributions of which the greater part lies
 there. Lengths, places and ratios are not served beyond the points of their polynomials at all. Of parameters that no
@@ -344,6 +343,7 @@ class Served:
     least: float
     most: float
     to_own: float = 1.0  # times which values are in the units of the scene
+    unit: str = ""  # of values in the units of the scene
 
     def shown(self, value: float) -> str:
         """Return a value as messages have it."""
@@ -356,12 +356,12 @@ class Served:
     @property
     def range(self) -> str:
         """What is served, in messages."""
-        return f"[{self.shown(self.low)}, {self.shown(self.high)}]"
+        return f"[{self.shown(self.low)}, {self.shown(self.high)}] {self.unit}".rstrip()
 
     @property
     def limits(self) -> str:
         """What is not refused, in messages."""
-        return f"[{self.shown(self.least)}, {self.shown(self.most)}]"
+        return f"[{self.shown(self.least)}, {self.shown(self.most)}] {self.unit}".rstrip()
 
     @property
     def is_sharp(self) -> bool:
@@ -384,7 +384,7 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
     if rom.family is not None:
         grid = rom.family.grid
         found |= {
-            name: Served(low, high, low, high, to_own(built, name))
+            name: Served(low, high, low, high, to_own(built, name), built.system.unit(built.parameters[name].unit))
             for name, (low, high) in zip(grid.names, grid.ranges)
         }
     return found
@@ -401,7 +401,7 @@ def ranges_of(built: Scene, names: Collection[str]) -> dict[str, Served]:
             tried = spanning_values(built, [name])[0][name]
             low, high = float(tried.min()), float(tried.max())
         ends = [nominal + factor * (end - nominal) for factor in (WIDER, FARTHEST) for end in (low, high)]
-        found[name] = Served(*ends, to_own(built, name))
+        found[name] = Served(*ends, to_own(built, name), built.system.unit(parameter.unit))
     return found
 
 

@@ -57,9 +57,8 @@ class StaticLoads:
         turning = UnitForces(wanted.turning, problem.mechanism)
         turning = turning.chosen(_independent_forces(problem, turning))
         loads = cls(problem.independent(wanted.fixed), turning, accelerations)._answered(problem)
-        n_static = loads.patterns.shape[1] + len(loads.turning.actions) + accelerations.size
-        problem.check_basis(n_static, reduction.parameter_modes)
-        return loads
+        n_static = loads.patterns.shape[1] + len(loads.turning.actions) + loads.accelerations.size
+        return loads if problem.keep(reduction, n_static) else loads._chosen(np.zeros(n_static, dtype=bool))
 
     def _answered(self, problem: ModalProblem) -> StaticLoads:
         """Return the loads without those whose answers are combinations of others wherever they are tried.
@@ -74,8 +73,12 @@ class StaticLoads:
         for theta in _places(problem):
             modes = problem.solve(theta)
             found.append(dependent_loads(problem, modes, self.at(problem, modes)))
-        kept = ~np.all(found, axis=0)
-        fixed, turning, inertia = np.split(kept, [n_fixed, n_fixed + n_turning])
+        return self._chosen(~np.all(found, axis=0))
+
+    def _chosen(self, kept: np.ndarray) -> StaticLoads:
+        """Return those of the loads that a mask over all of them has."""
+        n_fixed = self.patterns.shape[1]
+        fixed, turning, inertia = np.split(kept, [n_fixed, n_fixed + len(self.turning.actions)])
         return StaticLoads(self.patterns[:, fixed], self.turning.chosen(turning), self.accelerations[inertia])
 
     def at(self, problem: ModalProblem, modes: ModeSet) -> np.ndarray:

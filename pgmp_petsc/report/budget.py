@@ -1,9 +1,6 @@
-"""The error budget of a scene's results: every source of error with its size and how it is known, or that it is not.
-
-The verdict of a scene's results in words: what happens how surely, how far off the model is, and what went wrong.
-
-What is in a result file, in one line: for a command that goes through many steps.
-"""
+"""How far a scene's results are to be trusted: the error budget, every source of error with its size and how it is
+known, or that it is not; the verdict in words, what happens how surely, how far off the model is and what went wrong;
+and a file's headline, for a command that goes through many steps."""
 
 from __future__ import annotations
 

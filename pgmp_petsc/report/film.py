@@ -1,14 +1,10 @@
-"""Bodies of a film: surfaces of meshed ones and lines of the others, with how far they deform and their stress.
+"""The film of a run: shapes of the mechanism at its frames, as numbers for the page's script.
 
-Fields of a run (`results.trajectory`) are drawn as they are; a body without one has the line between its joints.
-
-The film of a run: shapes of the mechanism at its frames, as numbers for the page's script.
-
-The picture is `SIZE` units wide. A body is where a rigid motion takes its undeformed nodes X, and bends from there:
-``x = p + D X + factor * u``, with the rows to the right, down and towards the eye. The page enlarges u alone, and turns
-all of it about the picture's middle where the motion is in space.
-
-A picture of surfaces with stress in colour: what a page shows where no script runs.
+Fields of the run (`results.trajectory`) are drawn as they are, surfaces of meshed bodies and lines of the others, with
+how far they deform and their stress; a body without a field has the line between its joints. The picture is `SIZE`
+units wide. A body is where a rigid motion takes its undeformed nodes X, and bends from there: ``x = p + D X + factor *
+u``, with the rows to the right, down and towards the eye. The page enlarges u alone, and turns all of it about the
+picture's middle where the motion is in space. Where no script runs it shows a picture of surfaces in colour.
 """
 
 from __future__ import annotations
@@ -27,7 +23,7 @@ from matplotlib.tri import Triangulation
 
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.declare.records import number_name
-from pgmp_petsc.figures.mechanism import AT_REST, FLAT, ends, shown_positions
+from pgmp_petsc.figures.mechanism import AT_REST, FLAT, ends, is_followed, shown_positions
 from pgmp_petsc.figures.motion import VALUES, WORDS, coarsened, in_space, outlines, skin_of, uncoloured
 from pgmp_petsc.figures.solids import COLOURS, EDGE, PLAIN, RIGID, view_of
 from pgmp_petsc.figures.style import PALETTE, QUIET, axis_unit, new_figure, round_below, scene_of
@@ -177,6 +173,7 @@ FOOT = 600  # below the mechanism, for the bar of the scale
 LARGEST_SHOWN = 0.3  # an enlarged deformation may reach this share of the picture's height
 FACTORS = (1, 3, 10, 30, 100, 300, 1000)
 N_STOPS = 33  # colours that the page interpolates between
+STOPS = [to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0.0, 1.0, N_STOPS))]
 SHADES = 254  # of stress from zero to the largest one; one more number says that it is not known
 
 
@@ -232,81 +229,100 @@ class _Picture:
 
 def film_of(run: Trajectory, name: str = "") -> Film | None:
     """Return the film of a run, whose file has a name; None where it has no frames."""
-    frames = run.frames
-    if frames is None or not len(frames.time):
+    if run.frames is None or not len(run.frames.time):
         return None
-    bodies, stress = bodies_of(run), stress_of(run)
-    peak = 0 if stress is None else stress.frame
-    picture, height = _picture(bodies)
-    joints = {body: picture.places(in_space(at)) for body, at in frames.positions.items()}
-    chosen = _chosen(bodies, len(frames.time), peak)
-    start = int(np.searchsorted(chosen, peak))
-    shown = [body.at(chosen) for body in bodies]
-    colours = [
-        PALETTE[number % len(PALETTE)] if not len(body.triangles) else RIGID if body.kind == "rigid" else PLAIN
-        for number, body in enumerate(shown)
-    ]
-    packed = [_packed(body, picture, stress) for body in shown]
-    moving, still_ends = _paths(run, joints, picture, True), _paths(run, joints, picture, False)
-    reach = max((entry["step"] * np.iinfo(np.int16).max for entry in packed if "step" in entry), default=0.0)
-    time = frames.time[chosen]
-    # digits behind the point that tell frames apart
-    decimals = int(np.clip(1 - np.floor(np.log10(np.diff(time).min()) + 1e-9), 0, 12)) if len(time) > 1 else 3
-    bar = round_below(SIZE / 6.0 / picture.unit)  # in the run's unit, about a sixth of the picture
-    length, metre = axis_unit(run.record.system.unit("m"), np.array([bar]))
-    stops = [to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0.0, 1.0, N_STOPS))]
-    data: dict[str, Any] = {
-        "time": time.tolist(),
-        "decimals": decimals,
-        "width": SIZE,
-        "height": height + FOOT,
-        "start": start,
-        "bar": bar * run.record.system.length,
-        "bodies": [entry | {"colour": colour} for entry, colour in zip(packed, colours)],
-        "factors": [factor for factor in FACTORS if factor == 1 or 0.0 < factor * reach <= LARGEST_SHOWN * height],
-        "outputs": {
-            key: [float(value) if np.isfinite(value) else None for value in np.interp(time, run.time, own)]
-            for key, own in run.outputs.items()
-        },
-    }
+    made = _Shots(run)
+    data, stress, pascal = made.data(), made.stress, run.record.system.unit("Pa")
     legend = None
     if stress is not None:
-        pascal = run.record.system.unit("Pa")
         factor, unit = axis_unit(pascal, np.array([stress.largest]))
-        legend = Legend(WORDS["mises"], unit, stops, stress.shown(name, pascal)[0], f"{stress.body} {stress.when}")
-        data |= {"stops": stops, "stress": (factor * stress.over_time[chosen]).tolist(), "unit": unit}
-    if not picture.flat:
-        everywhere = picture.places(np.concatenate([body.points.reshape(-1, 3) for body in shown]))
-        middle = 0.5 * (everywhere.min(axis=0) + everywhere.max(axis=0))
-        data["turns"] = {"middle": middle.tolist(), "paths": [path.round().tolist() for path in moving],
-                         "ground": [path[0].round().tolist() for path in still_ends]}  # fmt: skip
-    flat = [picture.places(body.points[start]) for body in shown]
-    largest = 1.0 if stress is None else max(stress.largest, 1e-300)
-    shares = [None if body.values is None else body.values / largest for body in shown]
-    still = still_of(shown, flat, shares, start, (SIZE, height + FOOT))
+        largest, _ = stress.shown(name, pascal)
+        legend = Legend(WORDS["mises"], unit, STOPS, largest, f"{stress.body} {stress.when}")
+        data |= {"stops": STOPS, "stress": (factor * stress.over_time[made.chosen]).tolist(), "unit": unit}
+    length, metre = axis_unit(run.record.system.unit("m"), np.array([made.bar]))
     return Film(
         width=SIZE,
-        height=height + FOOT,
-        start=start,
-        lines=[
-            _line(body, at, colour, stress, stops, start)
-            for body, at, colour in zip(shown, flat, colours)
-            if not len(body.triangles)
-        ],
-        paths=["M" + "L".join(_pair(at) for at in path) for path in moving],
-        ground=[tuple(path[0, :2].round().astype(int).tolist()) for path in still_ends],
-        scale=(round(bar * picture.unit), f"{bar * length:g} {metre}"),
-        still=still,
+        height=made.height + FOOT,
+        start=made.start,
+        lines=made.lines(),
+        paths=["M" + "L".join(_pair(at) for at in path) for path in made.moving],
+        ground=[tuple(path[0, :2].round().astype(int).tolist()) for path in made.resting],
+        scale=(round(made.bar * made.picture.unit), f"{made.bar * length:g} {metre}"),
+        still=made.still(),
         keys=[
             ("surface" if len(body.triangles) else body.kind, colour, body.name + ", rigid" * (body.kind == "rigid"))
-            for body, colour in zip(shown, colours)
+            for body, colour in zip(made.shown, made.colours)
             if body.values is None or stress is None
         ],
         legend=legend,
         data=data,
-        notes=_notes(run, bodies, len(data["factors"]) > 1),
-        left_out=_left_out(run, bodies, len(chosen), name),
+        notes=_notes(run, made.bodies, len(data["factors"]) > 1),
+        left_out=_left_out(run, made.bodies, len(made.chosen), name),
     )
+
+
+class _Shots:
+    """A run's bodies at the frames that are shown, and where the picture has them."""
+
+    def __init__(self, run: Trajectory) -> None:
+        self._run, frames = run, run.frames
+        self.bodies, self.stress = bodies_of(run), stress_of(run)
+        peak = 0 if self.stress is None else self.stress.frame
+        self.picture, self.height = _picture(self.bodies)
+        self.chosen = _chosen(self.bodies, len(frames.time), peak)
+        self.start = int(np.searchsorted(self.chosen, peak))
+        self.shown = [body.at(self.chosen) for body in self.bodies]
+        self.colours = [
+            PALETTE[number % len(PALETTE)] if not len(body.triangles) else RIGID if body.kind == "rigid" else PLAIN
+            for number, body in enumerate(self.shown)
+        ]
+        joints = {body: self.picture.places(in_space(at)) for body, at in frames.positions.items()}
+        self.moving, self.resting = (_paths(run, joints, self.picture, moving) for moving in (True, False))
+        self.bar = round_below(SIZE / 6.0 / self.picture.unit)  # in the run's unit, about a sixth of the picture
+        self._flat = [self.picture.places(body.points[self.start]) for body in self.shown]
+
+    def data(self) -> dict[str, Any]:
+        """Return what the page's script moves, without stress."""
+        run, picture, time = self._run, self.picture, self._run.frames.time[self.chosen]
+        packed = [_packed(body, picture, self.stress) for body in self.shown]
+        reach = max((entry["step"] * np.iinfo(np.int16).max for entry in packed if "step" in entry), default=0.0)
+        # digits behind the point that tell frames apart
+        decimals = int(np.clip(1 - np.floor(np.log10(np.diff(time).min()) + 1e-9), 0, 12)) if len(time) > 1 else 3
+        largest = LARGEST_SHOWN * self.height
+        data: dict[str, Any] = {
+            "time": time.tolist(),
+            "decimals": decimals,
+            "width": SIZE,
+            "height": self.height + FOOT,
+            "start": self.start,
+            "bar": self.bar * run.record.system.length,
+            "bodies": [entry | {"colour": colour} for entry, colour in zip(packed, self.colours)],
+            "factors": [factor for factor in FACTORS if factor == 1 or 0.0 < factor * reach <= largest],
+            "outputs": {
+                key: [float(value) if np.isfinite(value) else None for value in np.interp(time, run.time, own)]
+                for key, own in run.outputs.items()
+            },
+        }
+        if not picture.flat:
+            everywhere = picture.places(np.concatenate([body.points.reshape(-1, 3) for body in self.shown]))
+            middle = 0.5 * (everywhere.min(axis=0) + everywhere.max(axis=0))
+            data["turns"] = {"middle": middle.tolist(), "paths": [path.round().tolist() for path in self.moving],
+                             "ground": [path[0].round().tolist() for path in self.resting]}  # fmt: skip
+        return data
+
+    def lines(self) -> list[dict[str, Any]]:
+        """Return the bodies without a surface, as SVG has them."""
+        return [
+            _line(body, at, colour, self.stress, self.start)
+            for body, at, colour in zip(self.shown, self._flat, self.colours)
+            if not len(body.triangles)
+        ]
+
+    def still(self) -> str:
+        """Return the picture of the surfaces; see `still_of`."""
+        largest = 1.0 if self.stress is None else max(self.stress.largest, 1e-300)
+        shares = [None if body.values is None else body.values / largest for body in self.shown]
+        return still_of(self.shown, self._flat, shares, self.start, (SIZE, self.height + FOOT))
 
 
 def _picture(bodies: list[FilmBody]) -> tuple[_Picture, int]:
@@ -368,9 +384,7 @@ def _text(numbers: np.ndarray, kind: str) -> str:
     return base64.b64encode(np.ascontiguousarray(numbers, dtype=kind).tobytes()).decode("ascii")
 
 
-def _line(
-    body: FilmBody, at: np.ndarray, colour: str, stress: Stress | None, stops: list[str], number: int
-) -> dict[str, Any]:
+def _line(body: FilmBody, at: np.ndarray, colour: str, stress: Stress | None, number: int) -> dict[str, Any]:
     """Return a body without a surface as SVG has it, as the page's script draws it at other frames."""
     if body.values is None or stress is None:
         paths = [("hollow" if hollow else "", colour, "".join(f"M{_pair(at[a])}L{_pair(at[b])}" for a, b in body.lines))
@@ -380,7 +394,7 @@ def _line(
         whole = "".join(f"M{_pair(at[a])}L{_pair(at[b])}" for a, b in body.lines)
         paths = [("casing", "#3a3a3a", whole)]
         paths += [
-            ("", stops[round((N_STOPS - 1) * float(max(own[a], own[b])))], f"M{_pair(at[a])}L{_pair(at[b])}")
+            ("", STOPS[round((N_STOPS - 1) * float(max(own[a], own[b])))], f"M{_pair(at[a])}L{_pair(at[b])}")
             for a, b in body.lines
         ]
     nodes = ends(body.lines) if len(body.lines) else range(len(at))
@@ -395,10 +409,11 @@ def _pair(place: np.ndarray) -> str:
 
 
 def _paths(run: Trajectory, joints: dict[str, np.ndarray], picture: _Picture, moving: bool) -> list[np.ndarray]:
-    """Return the paths (n_f, 3) of the ends of bodies that move, or of those that do not."""
+    """Return the paths (n_f, 3) of the ends of bodies that move, as far as frames follow them, or of those at rest."""
     extent = max(np.ptp(np.concatenate([at.reshape(-1, 3) for at in joints.values()]), axis=0)[:2])
     every = (joints[body][:, node] for body, cells in run.frames.cells.items() for node in ends(cells))
-    return [path for path in every if len(path) > 1 and (np.ptp(path, axis=0).max() >= AT_REST * extent) == moving]
+    moved = [path for path in every if len(path) > 1 and (np.ptp(path, axis=0).max() >= AT_REST * extent) == moving]
+    return [path for path in moved if not moving or is_followed(path)]
 
 
 def _notes(run: Trajectory, bodies: list[FilmBody], enlarged: bool) -> list[str]:

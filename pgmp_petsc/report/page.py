@@ -1,11 +1,8 @@
-"""The page: one HTML file that needs no network, with a section a scene.
+"""The page: one HTML file that needs no network, with a section a scene: everything that the template writes, worked
+out of the scene's results, and data to take along as CSV with all digits.
 
-Figures from a file are ``<data>`` elements with the file's own number, its name and its dataset. Styles,
-script, pictures and data are within the page, and its content policy lets it load nothing else.
-
-One scene's part of a page: everything that the template writes, worked out of the scene's results.
-
-Data to take along from a page: CSV with all digits, within the page itself.
+Figures from a file are ``<data>`` elements with the file's own number, its name and its dataset. Styles, script,
+pictures and data are within the page, and its content policy lets it load nothing else.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """Many runs with random parameters: values, outputs at the end time and their statistics; why there are so many, better
-models on the same draws, and shards, which ``pgmp merge`` joins.
-
-Samples that failed have NaN in all that follows from a run.
-"""
+models on the same draws, and shards, which ``pgmp merge`` joins. Samples that failed have NaN in all that follows from
+a run."""
 
 from __future__ import annotations
 
@@ -35,7 +33,7 @@ from pgmp_petsc.declare.records import (
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results.estimates import BALANCE_WORDS, OF_REDUCED, OF_STEP, VALIDITY_WORDS
 from pgmp_petsc.results.numbers import axis_unit, interval_text, number_text
-from pgmp_petsc.results.statistics import MODELS, Band, Chance, Sensitivity, Statistics
+from pgmp_petsc.results.statistics import MODELS, UNKNOWN, Band, Chance, Sensitivity, Statistics
 
 _UNIT = "as attribute units"
 
@@ -173,7 +171,6 @@ class ShardSamples(Result):
 read_shard = ShardSamples.opened
 
 
-UNKNOWN = float("nan")
 FIGURES = {
     "mean": "mean",
     "std": "standard deviation",

@@ -39,6 +39,7 @@ from pgmp_petsc.declare.records import (
     units_of,
 )
 from pgmp_petsc.files.hdf5 import RunRecord, take
+from pgmp_petsc.results.statistics import UNKNOWN
 
 DEVIATION, PERCENT = "one standard deviation", "1 % of its value"
 
@@ -274,9 +275,6 @@ class Fit(Result):
     def unit(self) -> str:
         """Units of the parameters."""
         return ", ".join(parameter.unit for parameter in self.parameters)
-
-
-UNKNOWN = float("nan")
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,6 @@
-"""Figures of an ensemble with their confidence intervals: statistics, probabilities of events, and bands over time.
-
-Sobol indices of an output: which parameters its variance comes from.
-
-The probability of a rare event, and the samples that it follows from.
-"""
+"""Figures of an ensemble with their confidence intervals: statistics, probabilities of events, bands over time, and
+Sobol indices, which parameters the variance of an output comes from; and the probability of a rare event, with the
+samples that it follows from."""
 
 from __future__ import annotations
 

@@ -1,10 +1,8 @@
-"""The figures of a result as plain data, for `--json`: mappings, lists, texts and numbers.
+"""The figures of a result as plain data, for `--json`, and as tables: mappings, lists, texts and numbers.
 
-Numbers are None where a figure is not known or infinite (an end of an interval that too few samples leave open).
-
-Values are in the units beside them, those of the scene.
-
-Results as tables: columns with their units in the first line of a CSV file, all digits.
+Numbers are None where a figure is not known or infinite (an end of an interval that too few samples leave open). Values
+are in the units beside them, those of the scene. Tables have columns with their units in the first line of a CSV file,
+all digits.
 
 =================== ==================================================================================================
 result              rows and columns

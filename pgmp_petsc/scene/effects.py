@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from itertools import chain
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
@@ -40,6 +40,7 @@ TABLE = (
     "rows [time (s), value]; linear between rows, constant before and after them; each value a number or a parameter's "
     "name; or a CSV file of such rows of numbers: its name, or { file, x, y } with the names of two columns"
 )
+JUMP = 0.2  # of a table's largest value: what changes by more within a step jumps
 
 
 class EffectEntry(Table):
@@ -63,6 +64,8 @@ class EffectEntry(Table):
     single: ClassVar[bool] = False
     #: Whether its force turns within a step, so that the error of a step does not fall as its square.
     edged: ClassVar[bool] = False
+    #: Names of its formula with which its force jumps.
+    jumps_with: ClassVar[frozenset[str]] = frozenset()
     #: Whether it acts on vibrations alone: the rigid mechanism does not feel it.
     on_vibrations: ClassVar[bool] = False
     #: Whether it is a uniform field of acceleration.
@@ -93,6 +96,10 @@ class EffectEntry(Table):
         Raises `InputError` if a body's mesh does not have a point that it is at.
         """
         raise NotImplementedError
+
+    def jumps_within(self, step: float) -> bool:
+        """Return whether its force may jump within a step of that length, s."""
+        return bool(self.jumps_with)
 
     def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
         """Yield a line for each entry that does not fit the rest of the scene; joints and points are looked at."""
@@ -247,6 +254,15 @@ class OverTime(EffectEntry):
             yield Use(use.entry, use.value, use.sign, ("1", self.unit_of_values)) if is_scale else use
         for key, value in self.values_over_time:
             yield Use(f"{entry}.{key}", value, "any", (self.unit_of_values,))
+
+    def jumps_within(self, step: float) -> bool:
+        """Return whether rows within a step of that length, s, differ by much of the largest value."""
+        rows = (self.table or ()) if self.is_over_time else ()
+        largest = max((abs(value) for _, value in rows if not isinstance(value, str)), default=0.0)
+        return any(
+            end - begin < step and (isinstance(a, str) or isinstance(b, str) or abs(b - a) > JUMP * largest)
+            for (begin, a), (end, b) in pairwise(rows)
+        )
 
     def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         """Yield the times of a table, or where its rows are along the motion of a joint."""

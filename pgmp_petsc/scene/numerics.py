@@ -1,7 +1,5 @@
-"""How a scene is computed: the reduction and a simulation.
-
-An ensemble: many runs with drawn parameters, and which figures of them are asked for.
-"""
+"""How a scene is computed: the reduction, a simulation, and an ensemble, many runs with drawn parameters, with the
+figures of them that are asked for."""
 
 from __future__ import annotations
 
@@ -11,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from pgmp_petsc.base.errors import nearest_name
+from pgmp_petsc.base.errors import InputError, nearest_name
 from pgmp_petsc.scene.fields import (
     AngleOrPlace,
     AnyScene,
@@ -53,7 +51,11 @@ class Reduction(Table):
         description="largest error of any output by the reduction, as a share of its largest value over time; pgmp "
         "build chooses what is not given of modes, static_modes, second_order, angles and interpolation",
     )
-    modes: Vectors = Field(15, ge=1, description="number of flexible modes kept at every configuration")
+    modes: Vectors = Field(
+        15,
+        ge=1,
+        description="number of flexible modes kept at every configuration; by default no more than the mesh has",
+    )
     angles: Angles = Field(
         629,
         ge=4,
@@ -124,6 +126,23 @@ class Reduction(Table):
         if self.sampling_tolerance is not None and self.interpolation != "spline":
             raise refusal('needs interpolation = "spline", which takes samples at any angles', "sampling_tolerance")
         return self
+
+    def fitting(self, n_available: int, n_static: int = 0) -> Self:
+        """Return these settings with as many modes as a mesh has, where the scene says no number and the mesh has no
+        more than they and static ones are: all of them answer every load.
+
+        Raises `InputError` if the scene says a number, and they are too many.
+        """
+        if self.modes + n_static + self.parameter_modes <= n_available:
+            return self
+        if "modes" not in self.model_fields_set:
+            return self.model_copy(update={"modes": n_available})
+        kinds = {"static": n_static, "parameter": self.parameter_modes}
+        beside = " and ".join(f"{count} {kind} modes" for kind, count in kinds.items() if count)
+        raise InputError(
+            f"reduction.modes = {self.modes}: {beside and f'with {beside}, '}the mesh has only {n_available} "
+            "flexible modes; take fewer modes or a finer mesh"
+        )
 
 
 class InitialState(Table):

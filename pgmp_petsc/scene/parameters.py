@@ -240,19 +240,20 @@ class Parameter(Table):
         if self.bounds is None:
             return self
         low, high = self.bounds
+        bounds = f"the parameter's bounds [{low}, {high}] {self.unit}".rstrip()
         for key in ("nominal", "value"):
             number = getattr(self, key)
             if number is not None and not low <= number <= high:
-                raise refusal(f"must lie inside the parameter's bounds [{low}, {high}]", key)
+                raise refusal(f"must lie inside {bounds}", key)
         if self.distribution is None:
             return self
         law = self.distribution.law
         below, above = (_below(law)(low), law.cdf(high)), (law.sf(low), law.sf(high))
         if not max(below[1] - below[0], above[0] - above[1]) > 0.0:
-            raise refusal(f"gives no samples inside the parameter's bounds [{low}, {high}]", "distribution")
+            raise refusal(f"gives no samples inside {bounds}", "distribution")
         # scipy.stats counts the turns of circular distributions, such as vonmises: no truncation can draw from that
         if not (0.0 <= below[0] and below[1] <= 1.0 + 1e-9):
-            shares = f"{below[0]:.3g} of its samples below the parameter's bounds [{low}, {high}] and {below[1]:.3g}"
+            shares = f"{below[0]:.3g} of its samples below {bounds} and {below[1]:.3g}"
             why = "below their upper end, which are no shares, as it repeats itself within them"
             raise refusal(f"has {shares} {why}; take narrower bounds, or another distribution", "distribution")
         return self

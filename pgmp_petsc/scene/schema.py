@@ -238,7 +238,7 @@ class Scene(Table):
 
     @property
     def plain_effects(self) -> dict[str, Effect]:
-        """The effects with loads whose functions of time hold numbers alone; see `load_parts`."""
+        """The effects with loads whose functions of time hold numbers alone; see `parts_of`."""
         return {part: plain for name, effect in self.effects.items() for part, plain in parts_of(name, effect).items()}
 
     def path_of(self, mesh: str) -> Path:

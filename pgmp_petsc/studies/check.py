@@ -77,9 +77,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     if flexible_bodies and len(coordinates) > MOST_FOLLOWED:
         no_grid = why_no_grid(scene, mechanism)
     reducible = flexible_bodies and not no_grid
-    if reducible and scene.reduction.modes > n_flexible and not left_open:
-        why = f"reduction.modes = {scene.reduction.modes}: the mesh has only {n_flexible} flexible modes"
-        raise InputError(f"{why}; take fewer modes or a finer mesh")
+    if reducible and not left_open:
+        scene = scene.model_copy(update={"reduction": scene.reduction.fitting(n_flexible)})
     lines = [
         f"scene {scene.name}",
         *_bodies(mechanism),
@@ -92,6 +91,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
         lines.append(f"  coordinate    {coordinate.name}: {ends}, {kind}{_placed(scene, mechanism, coordinate)}")
     lines += _start(scene, effects, loads, kinematics)
     flexible = _flexible(scene, mechanism, n_patterns)
+    if scene.reduction.modes == n_flexible:  # they answer every load
+        flexible = {"modes": n_flexible}
     reduced = f"{len(coordinates)} rigid + {sum(flexible.values())} flexible reduced"
     if left_open:
         reduced = f"reduced as reduction.tolerance = {scene.reduction.tolerance:g} needs them (pgmp build)"

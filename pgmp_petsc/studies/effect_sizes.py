@@ -66,7 +66,7 @@ from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import Energies, State, joined
 from pgmp_petsc.stepping.static_equilibrium import require_settled
 from pgmp_petsc.stepping.status import Status
-from pgmp_petsc.studies.records import balance_of
+from pgmp_petsc.studies.simulate import balance_of
 
 FEW_STEPS = 150
 MAX_STEPS = 600  # more do not change an order of magnitude

@@ -1,19 +1,17 @@
-"""The fields of bodies over a run's frames, as results keep them: with what deforms them apart from their rigid motion.
+"""What can be seen of a mechanism: fields of bodies over a run's frames, shapes at instants, assembled at the start,
+and modes of vibration, as results keep them.
 
-Deformation is position less that in the rigid mechanism at the same measured coordinates, as outputs of that type
-report it (`outputs`). In the rigid mechanism bodies meet at their joints as the deformed ones do, so that a deformation
-that is enlarged takes no joint apart but for what is of second order in it.
-
-The shape of the mechanism at some instants, from the frames of its nodes.
+Fields have what deforms bodies apart from their rigid motion. Deformation is position less that in the rigid mechanism
+at the same measured coordinates, as outputs of that type report it (`outputs`). In the rigid mechanism bodies meet at
+their joints as the deformed ones do, so that a deformation that is enlarged takes no joint apart but for what is of
+second order in it.
 
 A beam's shape is that of its nodes. A rigid body's only node is its centre of mass ``(X, Y, phi)``: its shape is its
 mesh, placed by ``x_k = (X, Y) + R(phi) (s_k - s_centre)``.
 
-The assembled mechanism of a scene at its start, with its bodies undeformed.
-
-Modes of vibration of a reduced model at a configuration, brought back to the meshes of its bodies. With the reduced
-matrices M and K at the configuration theta, ``K v = omega^2 M v`` for v = [rates of the free coordinates, flexible
-coordinates]. The mode moves the nodes by
+Modes of a reduced model at a configuration are brought back to the meshes of its bodies. With the reduced matrices M
+and K at the configuration theta, ``K v = omega^2 M v`` for v = [rates of the free coordinates, flexible coordinates].
+The mode moves the nodes by
 
     u = (d rho / d theta) v_theta + R Psi(theta) v_delta,
 

@@ -124,7 +124,7 @@ def _tabulated(
     group: RankGroup,
     timings: Timings,
 ) -> ModesTable | None:
-    own = np.empty((0, scene.reduction.modes))
+    own = None
     with (
         timings.phase("eigenproblems"),
         agreed(group.world, "eigenproblems"),
@@ -145,6 +145,7 @@ def _tabulated(
         arc = group.arc(samples.n)
         if arc:
             with _problem(scene, kinematics, springs, group.comm) as problem:
+                problem.keep(scene.reduction)
                 rows, stress = [], BuiltInStress(problem, scene, meshes) if stressed else None
                 for index in arc:
                     rows.append(_frequencies(problem, theta[index], stress))
@@ -157,17 +158,8 @@ def _tabulated(
     if group.world.rank > 0:
         return None
     with timings.phase("reduced"):
-        reduced = None
-        if rom is not None:
-            rom = rom.at_lengths(scene)
-            scheme = scene_from_toml(rom.record.scene_toml, scene.directory).interpolation
-            free = [k for k, coordinate in enumerate(coordinates) if not coordinate.prescribed]
-            if springs is None:
-                given = offset_values(scene, scene.values) if stressed else None
-                reduced = reduced_frequencies(rom.tables.moving(given), scheme, scene.values, theta, free)
-            else:
-                reduced = reduced_vibrations(rom, springs, scheme, scene.values, theta)
-    full = np.concatenate(arcs)
+        reduced = None if rom is None else _reduced(scene, rom, springs, stressed, theta, coordinates)
+    full = np.concatenate([rows for rows in arcs if rows is not None])
     remarks = (*scene.remarks, *said, *_unstable(full, theta, coordinates), note(MESH_ERROR))
     return ModesTable(
         record=RunRecord(scene_to_toml(scene), own_values(scene), None, group.world.size, timings.as_dict(), remarks),
@@ -176,6 +168,24 @@ def _tabulated(
         reduced_hz=reduced,
         coordinate_units={c.name: c.unit for c in coordinates},
     )
+
+
+def _reduced(
+    scene: Scene,
+    rom: ReducedOrderModel,
+    springs: SpringStiffness | None,
+    stressed: bool,
+    theta: np.ndarray,
+    coordinates: Sequence[Coordinate],
+) -> np.ndarray:
+    """Return the frequencies of the reduced model at the scene's values, as of the full-order one."""
+    rom = rom.at_lengths(scene)
+    scheme = scene_from_toml(rom.record.scene_toml, scene.directory).interpolation
+    if springs is not None:
+        return reduced_vibrations(rom, springs, scheme, scene.values, theta)
+    free = [k for k, coordinate in enumerate(coordinates) if not coordinate.prescribed]
+    given = offset_values(scene, scene.values) if stressed else None
+    return reduced_frequencies(rom.tables.moving(given), scheme, scene.values, theta, free)
 
 
 def springs_of(scene: Scene, kinematics: RigidKinematics) -> tuple[SpringStiffness | None, tuple[Remark, ...]]:

@@ -17,7 +17,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from importlib import resources
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
@@ -32,8 +34,9 @@ from pgmp_petsc.scene.bodies import CAD
 from pgmp_petsc.scene.loading import scene_from_toml
 from pgmp_petsc.studies.plausibility.bodies import sizes_of
 
+_BEGINNINGS = resources.files("pgmp_petsc.studies") / "beginnings"
 MILLIMETRE = 1e-3
-STEEL = {"E": 210e3, "nu": 0.3, "rho": 7.85e-9, "yields": 250.0}  # in mm, t, s
+STEEL = {"nu": 0.3, "rho": 7.85e-9, "yields": 250.0}  # in mm, t, s
 STEPS_A_PERIOD, PERIODS = 20.0, 15.0
 ROUND_OFF = 1e-9  # of the largest moment of inertia
 
@@ -131,115 +134,19 @@ def _text(part: CadPart, name: str, file: Path, source: Path, hold: _Place, load
     force = float(f"{bending:.1g}")
     mesh = source.name if source.parent.resolve() == file.parent.resolve() else str(source.resolve())
     duration = float(f"{PERIODS * STEPS_A_PERIOD * step:.2g}")
-    places = "\n".join(f"#   {line}" for line in _cylinder_lines(part)) or "#   none"
-    deflection = "xyz"[int(np.argmax(np.abs(across)))]
-    return f'''# {source.name}: held at {hold.name}, loaded at {load.name}.
-# Lengths are in mm, forces in N, stresses in MPa, masses in t.
-#
-#   pgmp run {file.name}                       check, build, simulate, compare, ensemble, report
-#   pgmp check {file.name} --plot mechanism.png
-#
-# Points of the part: every face is one (face1 to face{part.n_faces}), and so are its whole cylinders:
-{places}
+    entries = {
+        "source": source.name, "file": file.name, "name": name, "hold": hold.name, "loaded": load.name,
+        "n_faces": part.n_faces, "cylinders": "\n".join(f"#   {line}" for line in _cylinder_lines(part)) or "#   none",
+        "mesh": _quoted(mesh), "centre": _numbers(hold.centre), "axis": _numbers(axis), "across": _numbers(-across),
+        "force": f"{force:g}", "ramp": f"{0.3 * duration:.2g}", "duration": f"{duration:g}", "step": f"{step:g}",
+        "damping": f"{2.0 * step:.1g}", "deflection": "xyz"[int(np.argmax(np.abs(across)))],
+    }  # fmt: skip
+    return _filled("part.toml", STEEL | entries)
 
-[scene]
-name = "{name}"
-units = "mm"
 
-[parameters.load]
-nominal = 1.0
-description = "strength of the force, as a share of its table"
-distribution = {{ name = "norm", loc = 1.0, scale = 0.15 }}          # any of scipy.stats, and its arguments
-bounds = [0.4, 1.6]                  # samples stay between these
-
-[parameters.modulus]
-nominal = 210.0                      # where the reduced basis is built
-unit = "GPa"                         # of all numbers of this parameter
-distribution = {{ name = "norm", loc = 210.0, scale = 5.0 }}
-bounds = [190.0, 230.0]
-
-[materials.steel]
-E = "modulus"
-nu = {STEEL["nu"]}
-rho = {STEEL["rho"]}                        # t/mm3
-
-[bodies.{name}]
-mesh = {_quoted(mesh)}
-# mesh_size = 3.0                    # mm, the largest size of a cell; by the thickness of the walls if left out
-element = "solid3d"
-material = "steel"
-
-[ground.points]
-held = {_numbers(hold.centre)}       # mm
-
-[joints.hold]
-type = "revolute"
-connect = ["ground:held", "{name}:{hold.name}"]
-axis = {_numbers(axis)}
-
-[coordinates.angle]
-joint = "hold"
-range = [-0.1, 0.1]                  # rad
-
-# The hinge is held. Leave this out to let the part swing, over a wider range of its angle.
-[effects.held]
-type = "prescribed_motion"
-coordinate = "angle"
-constant_speed = {{ speed = 0.0 }}     # rad/s
-
-[effects.weight]
-type = "gravity"
-direction = {_numbers(-across)}
-
-[effects.force]
-type = "force"
-point = "{name}:{load.name}"
-direction = {_numbers(-across)}
-table = [[0.0, 0.0], [{0.3 * duration:.2g}, {force:g}], [{duration:g}, {force:g}]]      # s, N; linear between the rows
-scale = "load"
-
-[effects.material_damping]
-type = "structural_damping"
-stiffness = {2.0 * step:.1g}                  # s
-
-# The reduced model: which shapes the part may take.
-[reduction]
-modes = 6
-static_modes = true                  # and the static answer to each load
-inertia_modes = true                 # and to the inertia forces of the motion
-angles = 5                           # sampled angles
-
-[initial]
-equilibrium = true                   # under the loads at time zero
-
-[simulation]
-duration = {duration:g}                      # s
-step = {step:g}                          # s
-spectral_radius = 0.8                # of generalised-alpha; 1 is without numerical damping
-frames = 61                          # instants at which the whole shape is kept, for pictures
-
-[reference]
-model = "components"                 # what the reduced model is compared with; "mesh" takes some minutes
-
-[ensemble]
-sampler = "sobol"
-extremes = true                      # keep the largest and the smallest value of every output over time
-
-[ensemble.probabilities.yields]
-output = "worst_stress"
-above = {STEEL["yields"]}                        # MPa
-when = "ever"                        # at any time; "end" is the end of the run
-
-[outputs.deflection]                 # mm
-type = "deformation"
-point = "{name}:{load.name}"
-axis = "{deflection}"
-
-[outputs.worst_stress]               # MPa, the largest of the whole part
-type = "stress"
-body = "{name}"
-quantity = "von_mises"
-'''
+def _filled(name: str, entries: Mapping[str, object]) -> str:
+    """Return a text of the folder of scenes to begin with, with what stands for its ``${entries}``."""
+    return Template((_BEGINNINGS / name).read_text(encoding="utf-8")).substitute(entries)
 
 
 def _quoted(path: str) -> str:
@@ -432,73 +339,65 @@ def _points(points: Mapping[str, np.ndarray]) -> str:
 def _robot_text(file: Path, source: Path, root: str, bodies: Mapping[str, _Body], joints: Sequence[Mapping]) -> str:
     """Return the text of the scene."""
     own = {id(body): body for body in bodies.values()}.values()
-    title = _free_name(file.stem, ())
-    lines = [
-        f"# The robot of {source.name}: links are rigid bodies, joints are held by drives. SI units throughout.",
-        "#",
-        f"#   pgmp check {file.name} --plot robot.png",
-        f"#   pgmp simulate {file.name} --full -o run.h5      torques and forces that hold it",
-        "#",
-        "# A link becomes flexible with a mesh or a beam in place of its entries `rigid`, its points named anew:",
-        '#   mesh = "link.step"',
-        '#   element = "solid3d"',
-        '#   material = "steel"',
-        '#   faces = { origin = "bore1", elbow = "bore2" }',
-        "# or with line, element, material, section and orientation, whose points are hinge and tip.",
-        "",
-        "[scene]",
-        f'name = "{title}"',
-        "",
-    ]
-    for body in own:
-        if not body.name:
-            if body.points:
-                lines += [f"# {root}", "[ground]", f"points = {_points(body.points)}  # m", ""]
-            continue
-        link, turn = body.link, Rotation.from_matrix(body.place[:3, :3]).as_rotvec()
-        tensor = np.array(link["inertia"])
-        moments = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-        lines += [
-            f"[bodies.{body.name}]",
-            f"rigid.mass = {link['mass']!r}  # kg",
-            f"rigid.centre = {_exact(link['centre'])}  # m",
-            f"rigid.inertia = {_exact(moments)}  # kg m2: xx, yy, zz, xy, xz, yz",
-            f"rigid.points = {_points(body.points)}  # m",
-            f"placement = {{ origin = {_exact(body.place[:3, 3])}, rotation = {_exact(turn)} }}  # m, rad",
-            "",
-        ]
-    names, coordinates = set[str](), []
+    names, joined, coordinates = set[str](), [], []
     for joint in joints:
         name = _free_name(joint["name"], names)
         names.add(name)
         kind = MOVING.get(joint["type"], "fixed")
-        lines += [
+        joined += [
             f"[joints.{name}]",
             f'type = "{kind}"',
             f'connect = ["{joint["of"]}:{joint["point"]}", "{joint["body"]}:origin"]',
-        ]
-        lines += [f"axis = {_exact(joint['in_owner'])}", ""] if kind != "fixed" else [""]
-        if kind == "fixed":
-            continue
-        whole = joint["type"] == "continuous"
-        low, high = (0.0, WHOLE_TURN) if whole else joint["limit"]
-        unit = "m" if kind == "prismatic" else "rad"
-        coordinates += [
-            f"[coordinates.{name}]",
-            f'joint = "{name}"',
-            f"range = {_exact((low, high))}  # {unit}",
-            *(["periodic = true"] if whole else []),
-            "",
-            f"[effects.hold_{name}]",
-            'type = "prescribed_motion"',
-            f'coordinate = "{name}"',
-            f"constant_speed = {{ speed = 0.0, start = {0.0 if low <= 0.0 <= high else 0.5 * (low + high)!r} }}",
-            "",
-            f"[outputs.drive_{name}]  # {'N' if kind == 'prismatic' else 'N m'}",
-            'type = "drive_torque"',
-            f'coordinate = "{name}"',
+            *([f"axis = {_exact(joint['in_owner'])}"] if kind != "fixed" else []),
             "",
         ]
-    lines += [*coordinates, "[effects.weight]", 'type = "gravity"', "direction = [0.0, 0.0, -1.0]", ""]
-    lines += ["[simulation]", "duration = 0.1  # s", "step = 1e-3  # s", ""]
-    return "\n".join(lines)
+        coordinates += _held(name, kind, joint) if kind != "fixed" else []
+    entries = {
+        "source": source.name, "file": file.name, "title": _free_name(file.stem, ()),
+        "bodies": "\n".join(line for body in own for line in (_rigid(body) if body.name else _grounded(body, root))),
+        "joints": "\n".join(joined), "coordinates": "\n".join(coordinates),
+    }  # fmt: skip
+    return _filled("robot.toml", entries)
+
+
+def _grounded(body: _Body, root: str) -> list[str]:
+    """Return the lines of the points of the ground."""
+    return [f"# {root}", "[ground]", f"points = {_points(body.points)}  # m", ""] if body.points else []
+
+
+def _rigid(body: _Body) -> list[str]:
+    """Return the lines of a body."""
+    link, turn = body.link, Rotation.from_matrix(body.place[:3, :3]).as_rotvec()
+    tensor = np.array(link["inertia"])
+    return [
+        f"[bodies.{body.name}]",
+        f"rigid.mass = {link['mass']!r}  # kg",
+        f"rigid.centre = {_exact(link['centre'])}  # m",
+        f"rigid.inertia = {_exact(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])}  # kg m2: xx, yy, zz, xy, xz, yz",
+        f"rigid.points = {_points(body.points)}  # m",
+        f"placement = {{ origin = {_exact(body.place[:3, 3])}, rotation = {_exact(turn)} }}  # m, rad",
+        "",
+    ]
+
+
+def _held(name: str, kind: str, joint: Mapping[str, Any]) -> list[str]:
+    """Return the lines of a joint's coordinate, of the drive that holds it, and of what the drive takes."""
+    whole = joint["type"] == "continuous"
+    low, high = (0.0, WHOLE_TURN) if whole else joint["limit"]
+    unit, effort = ("m", "N") if kind == "prismatic" else ("rad", "N m")
+    return [
+        f"[coordinates.{name}]",
+        f'joint = "{name}"',
+        f"range = {_exact((low, high))}  # {unit}",
+        *(["periodic = true"] if whole else []),
+        "",
+        f"[effects.hold_{name}]",
+        'type = "prescribed_motion"',
+        f'coordinate = "{name}"',
+        f"constant_speed = {{ speed = 0.0, start = {0.0 if low <= 0.0 <= high else 0.5 * (low + high)!r} }}",
+        "",
+        f"[outputs.drive_{name}]  # {effort}",
+        'type = "drive_torque"',
+        f'coordinate = "{name}"',
+        "",
+    ]

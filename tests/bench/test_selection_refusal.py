@@ -11,7 +11,8 @@ from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bench.candidates import Limits
 from pgmp_petsc.bench.cases import Load, Setting, Training
 from pgmp_petsc.bench.choice import ReductionChoice
-from pgmp_petsc.bench.history import Errors, Ledger, Trial
+from pgmp_petsc.bench.history import Errors, Trial
+from pgmp_petsc.bench.ledger import Ledger
 from pgmp_petsc.bench.step_choice import StepChoice, fine_enough
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.numerics import Reduction

@@ -8,7 +8,7 @@ import pytest
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.cases import HASTE, PULSE, Training, stops_of, training_loads, with_softer_stops
 from pgmp_petsc.bench.choice import cost_text, leaves_open, mesh_remark
-from pgmp_petsc.bench.history import BASIS, INTERPOLATION, STEP, shares_of
+from pgmp_petsc.bench.ledger import BASIS, INTERPOLATION, STEP, shares_of
 from pgmp_petsc.results import Attempt, Selection
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.parameters import spanning_values

@@ -7,21 +7,22 @@ import pytest
 from runs import PAPER_SCENE, paper_scene
 from scipy import stats
 
-from pgmp_petsc.bench.candidates import (
+from pgmp_petsc.bench.candidates import Limits
+from pgmp_petsc.bench.cases import Setting, box, held_out, node_values, quantiles, step_of
+from pgmp_petsc.bench.history import History, ResponseSurface, largest_errors
+from pgmp_petsc.bench.reference import ReferenceSequence
+from pgmp_petsc.bench.tradeoff import (
     FULL,
-    Limits,
-    ResponseSurface,
+    Dealer,
+    Prices,
     best_settings,
     columns_of,
     first_settings,
     node_counts,
     own_setting,
     settings_around,
+    tasks_of,
 )
-from pgmp_petsc.bench.cases import Setting, box, held_out, node_values, quantiles, step_of
-from pgmp_petsc.bench.history import History, largest_errors
-from pgmp_petsc.bench.reference import ReferenceSequence
-from pgmp_petsc.bench.tradeoff import Dealer, Prices, tasks_of
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Reduction, count_steps
 from pgmp_petsc.scene.parameters import uncertain_names

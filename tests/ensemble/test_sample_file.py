@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.ensemble.plan import Plan, read_samples
+from pgmp_petsc.ensemble.plan import Plan
+from pgmp_petsc.ensemble.sample_file import read_samples
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.scene import Scene
 from scenes import slider_crank

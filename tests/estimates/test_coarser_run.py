@@ -124,6 +124,26 @@ def test_brief_contacts_and_steps_that_failed_make_it_unsure(changes: dict, why:
     np.testing.assert_allclose(found.outputs["x"] * order, sure.outputs["x"] * (coarser_run.TIMES**2 - 1.0), rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("entries", "jumps"),
+    [
+        ('type="law", force="0.5 * (t < 0.3)"', True),
+        ('type="torque", table=[[0.0, 0.5], [0.3, 0.5], [0.3001, -0.4]]', True),
+        ('type="torque", table=[[0.0, 0.5], [0.3, 0.5], [0.3001, 0.45]]', False),
+        ('type="torque", table=[[0.0, 0.5], [0.3, 0.5], [0.4, -0.4]]', False),
+        ('type="torque", harmonic={amplitude=0.5, frequency_hz=3.0}', False),
+    ],
+)
+def test_errors_fall_as_the_step_where_a_force_jumps(entries: str, jumps: bool) -> None:
+    time, outputs, _, other = runs(10.0)
+    motor = [f'effects.motor={{joint="crank_hinge", {entries}}}']
+    sure, found = (coarser_run.step_errors(load_scene(PAPER_SCENE, more), time, outputs, other) for more in ((), motor))
+    assert not sure.unsure and ("where a force jumps (effects.motor)" in found.unsure) == jumps
+    r = coarser_run.TIMES
+    order = r - 1.0 if jumps else r**2 - 1.0
+    np.testing.assert_allclose(found.outputs["x"] * order, sure.outputs["x"] * (r**2 - 1.0), rtol=1e-12)
+
+
 def test_what_is_unsure_is_a_note_where_it_is_small() -> None:
     time, outputs, _, other = runs(10.0, amplitude=1e-6)
     found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, replace(other, shortest=np.full(1, STEP)))

@@ -9,9 +9,9 @@ import synthetic
 from loose_scenes import worn
 from runs import reduced_model, trajectory
 
-from pgmp_petsc.estimates import coarser_run
-from pgmp_petsc.estimates.coarser_run import growth_of, spread_remarks
+from pgmp_petsc.estimates import starts
 from pgmp_petsc.estimates.own_error import OwnErrors, large_errors, not_estimated, not_known, of_figures, of_statistics
+from pgmp_petsc.estimates.starts import growth_of, spread_remarks
 from pgmp_petsc.results import EstimatedErrors, Trajectory
 from pgmp_petsc.texts.models import of_trajectory
 from scenes import slider_crank
@@ -78,7 +78,7 @@ def _growth(monkeypatch, off: float) -> np.ndarray:
     model = reduced_model(worn(*LONG))
     run = trajectory(model)
     eta = np.hstack([run.coordinates, run.modal])
-    monkeypatch.setattr(coarser_run, "OFF", off)
+    monkeypatch.setattr(starts, "OFF", off)
     found = growth_of(model, model.scene.simulation, eta, run.outputs)
     assert found.shape == run.time.shape
     return found

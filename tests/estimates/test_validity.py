@@ -11,8 +11,7 @@ from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble
 from pgmp_petsc.bodies.sections.section import Coefficients
 from pgmp_petsc.effects import actions_of, effects_of, loads_of
 from pgmp_petsc.estimates.own_error import FEW_STEPS, absence_of_estimates, few_steps, left_out_of_estimates
-from pgmp_petsc.estimates.validity import BodyStrains, half_height, remarks_of
-from pgmp_petsc.estimates.validity_kernel import Kept, Places, Weights, look_at
+from pgmp_petsc.estimates.validity import BodyStrains, Kept, Places, Weights, half_height, look_at, remarks_of
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.groups import RankGroup

@@ -25,8 +25,7 @@ from sealed import resealed
 
 from pgmp_petsc.api.files import contents, describe
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.ensemble.checkpoint import Checkpoint
-from pgmp_petsc.ensemble.description import Shards
+from pgmp_petsc.ensemble.checkpoint import Checkpoint, Shards
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models.component_file import ComponentsFile

@@ -83,8 +83,8 @@ bodies.crank.section.shape=1 -> = 1: unknown
 effects."my motor"={type="gravity"} -> : a name starts with a letter or _ and goes on with letters, digits, _ or -
 ground.points."a:b"=[0,1] -> : a name starts with a letter or _ and goes on with letters, digits, _ or -
 ground.points.origin=[0, 1] -> = [0, 1]: the ground's origin is always at [0, 0]; give the point another name
-parameters.r1.nominal=1 -> = 1: must lie inside the parameter's bounds [0.001, 0.012]
-parameters.r1.value=1 -> = 1: must lie inside the parameter's bounds [0.001, 0.012]
+parameters.r1.nominal=1 -> = 1: must lie inside the parameter's bounds [0.001, 0.012] m
+parameters.r1.value=1 -> = 1: must lie inside the parameter's bounds [0.001, 0.012] m
 parameters.r1.bounds=[2, 1] -> = [2, 1]: the first number must be below the second
 parameters.r1.distribution=3 -> = 3: a table is needed
 parameters.r1.distribution.loc='a' -> = "a": a number is needed

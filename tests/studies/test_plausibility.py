@@ -41,8 +41,8 @@ REFUSED = {
     # a crank 11 m thick and 0.3 m long
     "thicker than long": (SCENE, ["parameters.r1={nominal=5.6}"], "parameters.r1.nominal", "longer than thick"),
     "thick rod": (SCENE, ["bodies.rod.section.radius=11"], "bodies.rod.section.radius", "22 m thick and 0.7 m long"),
-    "wide rod": (SCENE, ['bodies.rod.section={shape="rectangle", width=2.0, height=0.01}'],
-                 "bodies.rod.section.width", "longer than thick"),
+    "high rod": (SCENE, ['bodies.rod.section={shape="rectangle", width=0.01, height=2.0}'],
+                 "bodies.rod.section.height", "longer than thick"),
     "radius beyond numbers": (SCENE, ["bodies.rod.section.radius=1e100"], "bodies.rod.section.radius", "1e+30"),
     "radius below numbers": (SCENE, ["bodies.rod.section.radius=1e-200"], "bodies.rod.section.radius", "1e-30"),
     "range in degrees": (SCENE, ['coordinates.theta={joint="crank_hinge", range=[0, 90]}'], "coordinates.theta.range",
@@ -106,6 +106,9 @@ WARNED = {
     "rides freely": (CRANE, [FREELY, BEGUN], "joints.rear.type", "the slope of the bent beam drives it"),
     "motion beyond the range": (DRIVEN, ["coordinates.theta.range=[0.0, 6.0]", "coordinates.theta.periodic=false"],
                                 "effects.motor", "beyond coordinates.theta.range = [0, 6], where reduced runs end"),
+    "dwell between rows": (DRIVEN, ['effects.motor={type="prescribed_motion", coordinate="theta", '
+                                    'table=[[0.0, 0.0], [1.0, 1.0], [2.0, 1.0], [3.0, 0.0]]}'],
+                           "effects.motor.table", "from 1 to 2 s the spline moves by "),
     "E = 210": (SCENE, ["materials.steel.E=210"], "materials.steel.E", "waves run through steel"),
     "E = 210e12": (SCENE, ["materials.steel.E=210e12"], "materials.steel.E", "waves run"),
     "E of a parameter": (SCENE, ['materials.steel.E="q"', "parameters.q={nominal=210.0}"], "parameters.q.nominal",
@@ -269,6 +272,11 @@ SYSTEMS = {
     "cm, g and s": (7.8, 2.1e12, 70.0, 981.0),
     "in, lbf s2/in and s": (7.3e-4, 30e6, 27.6, 386.2),
 }
+
+
+def test_how_wide_a_beam_is_across_the_plane_does_not_count() -> None:
+    wide = 'bodies.rod.section={shape="rectangle", width=2.0, height=0.01}'  # a rod of 0.7 m
+    assert not any("thick" in text for text in warnings_of(SCENE, [wide]))
 
 
 def test_what_is_said_of_many_bodies_is_said_once() -> None:

@@ -10,7 +10,8 @@ from runs import history, reduced_model, rom_of, samples
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, interpolation_errors, midpoints
+from pgmp_petsc.reduction.angles import interpolation_errors, midpoints
+from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import Samples
 from pgmp_petsc.studies.modes_table import reduced_frequencies

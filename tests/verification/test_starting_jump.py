@@ -5,7 +5,7 @@ import pytest
 from runs import motion, reduced_model, trajectory
 
 from pgmp_petsc.base.errors import Remark
-from pgmp_petsc.estimates.sampled_load import jump_remarks
+from pgmp_petsc.estimates.starts import jump_remarks
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import scene_from_toml
 from scenes import slider_crank, tables

@@ -130,7 +130,7 @@ def test_without_loads_there_are_no_static_modes() -> None:
 
 
 def test_static_modes_are_wanted_only_where_asked_for() -> None:
-    scene = slider_crank(GRAVITY)
+    scene = slider_crank(GRAVITY, "reduction.modes=3")
     kinematics = kinematics_of(scene)
     matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
     effects = effects_of(scene, kinematics.mechanism)
@@ -215,6 +215,17 @@ def test_more_vectors_than_the_mesh_has_are_refused() -> None:
         rom_of(slider_crank(STATIC, "reduction.modes=30"))
     with pytest.raises(InputError, match="reduction.modes = 31: the mesh has only 30"):
         rom_of(slider_crank("reduction.modes=31"))
+
+
+@pytest.mark.parametrize("static", ["static_modes=false", "static_modes=true", "inertia_modes=true"])
+def test_by_default_a_basis_has_no_more_modes_than_the_mesh(static: str) -> None:
+    """They are all that it can do: no static answer is beside them."""
+    section = 'section={shape="circle", radius=5e-3}'
+    rod = f'bodies.rod={{line={{length=0.7, elements=3}}, element="beam2d", material="steel", {section}}}'
+    few = ("bodies.crank.flexible=false", rod, GRAVITY)
+    assert rom_of(slider_crank(*few, f"reduction={{angles=16, {static}}}")).tables.n_modes == 9
+    with pytest.raises(InputError, match="reduction.modes = 10: .*the mesh has only 9"):
+        rom_of(slider_crank(*few, f"reduction={{modes=10, angles=16, {static}}}"))
 
 
 def test_a_static_answer_that_the_modes_hold_already_is_noticed() -> None:

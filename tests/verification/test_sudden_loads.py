@@ -6,7 +6,7 @@ from runs import MODELS, motion, trajectory
 
 from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import scene_from_toml
-from pgmp_petsc.studies.records import balance_remarks
+from pgmp_petsc.studies.simulate import balance_remarks
 from scenes import HEADER, meshes_of, tables
 
 # the rotation of a node vibrates with some 200 kHz (GA l / 4 over rho I l / 3), 200 periods a step

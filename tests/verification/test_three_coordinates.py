@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from alike import assert_samples_are_those_alone
 from conftest import ROOT
-from runs import assert_close, full_model, history, largest_errors, reduced_model, samples, trajectory
+from runs import assert_close, full_model, history, largest_errors, read_meshes, reduced_model, samples, trajectory
 from test_many_coordinates import chain
 
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 
 
@@ -32,6 +35,19 @@ def test_samples_of_a_batch_are_those_alone(robot: ReducedModel) -> None:
     """Bit for bit, whatever cells the others are in."""
     model = ReducedModel(platform("simulation.duration=0.05"), robot.rom, robot.kinematics)
     assert_samples_are_those_alone(model, (0, 4, 10), radius=np.linspace(2.5e-3, 3.5e-3, 11))
+
+
+def test_outputs_are_prepared_where_drives_begin() -> None:
+    """At zero, where coordinates begin of which a scene says nothing else, the robot does not close."""
+    start = {name: state.position for name, state in platform().simulation.initial.items()}
+    drives = (
+        f'effects.{name}_torque={{type="prescribed_motion", coordinate="{name}", table=[[0, {x}], [1, {x}]]}}'
+        for name, x in start.items()
+    )
+    force = 'outputs.force={type="joint_force", joint="first_pin"}'
+    scene = platform("simulation.initial={}", force, *drives)
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+    assert "force" in OutputSet.of(scene, kinematics).units
 
 
 @pytest.mark.parametrize(("name", "angles", "share"), [("scara", 5, 5e-3), ("delta_robot", 4, 1e-3)])

@@ -127,6 +127,9 @@ def test_a_torque_on_a_driven_joint_has_no_static_answer() -> None:
 
 
 def test_more_modes_than_a_driven_mesh_has() -> None:
-    scene = pendulum("reduction.modes=30")
-    with pytest.raises(InputError, match="the mesh has only 30 flexible modes"):
-        problem_of(driven(scene, "phi"), scene, 31).__enter__()
+    scene = pendulum("reduction.modes=31")
+    with (
+        problem_of(driven(scene, "phi"), scene, 31) as problem,
+        pytest.raises(InputError, match="the mesh has only 30 flexible modes"),
+    ):
+        problem.keep(scene.reduction)

@@ -213,7 +213,7 @@ def _thickness_entry(scene: Scene, body: Body, entry: str) -> tuple[str, tuple[o
     section = body.section
     if not section.sizes:
         return entry, ()
-    key = max(section.sizes, key=lambda size: scene.number(getattr(section, size)))
+    key = max(section.sizes[: scene.dimension - 1], key=lambda size: scene.number(getattr(section, size)))
     name, value = named(scene, f"{entry}.{key}", getattr(section, key))
     return name, (value,)
 
@@ -227,7 +227,8 @@ def _beam(scene: Scene, name: str, mesh: LineMesh) -> Size:
     if body.section.reach is None:
         thickness = math.sqrt(12.0) * gyration
     else:
-        thickness = max(2.0 * float(reach.at(scene.values)) for reach in body.section.reach)
+        across = body.section.reach[: scene.dimension - 1]
+        thickness = max(2.0 * float(reach.at(scene.values)) for reach in across)
     frequency = 0.5 * math.pi * (gyration / length) * (speed / length) if body.flexible else 0.0
     return Size(length, thickness, line_density * float(mesh.lengths.sum()), frequency)
 

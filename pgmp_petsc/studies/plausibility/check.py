@@ -16,6 +16,7 @@ from pydantic import BaseModel
 
 from pgmp_petsc.base.errors import Remark, warning
 from pgmp_petsc.base.units import MM, SI, STANDARD_GRAVITY
+from pgmp_petsc.mechanism.capabilities import BYTES
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
@@ -105,7 +106,6 @@ WHOLE_TURN = 2 * math.pi + 1e-3  # rad
 IN_RAD = "Angles are in rad: 90 degrees are 1.5708"
 FEW_ANGLES = 128  # of a turn of a cam
 LARGE_TABLES, LARGEST_TABLES = 16e9, 1e12  # bytes
-BYTES = 8
 Frequency = Callable[[], float | None]
 
 

@@ -1,9 +1,5 @@
-"""Loads, springs, dampers and masses: what never acts, acts twice, or would make a mechanism faster than can be.
-
-End stops that the mechanism starts in.
-
-How fast coordinates start and are driven.
-"""
+"""Loads, springs, dampers and masses: what never acts, acts twice, or would make a mechanism faster than can be; end
+stops that the mechanism starts in; and how fast coordinates start and are driven."""
 
 from __future__ import annotations
 
@@ -170,9 +166,7 @@ def _twice(scene: Scene) -> Iterator[Finding]:
 DEEPEST = 1.0  # rad, or the size of the mechanism: a stop beyond is no stop
 
 
-def stop_findings(
-    scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None, size: float = 1.0
-) -> Iterator[Finding]:
+def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None, size: float) -> Iterator[Finding]:
     """Yield stops that are violated at the start.
 
     Where a stop is on another joint than that of a coordinate, the mechanism is assembled, which takes its meshes.
