@@ -7,6 +7,7 @@ faces hinge and tip.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from conftest import ROOT
@@ -56,6 +57,7 @@ SPATIAL_BARS = (
 )  # fmt: skip
 
 
+@cache
 def bar(first: float, last: float, n: int, dimension: int = 3) -> SolidMesh:
     """Return a square bar along the x axis, in the plane a rectangle, of quadratic cells."""
     size = (last - first, WIDTH, WIDTH)

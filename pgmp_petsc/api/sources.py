@@ -1,7 +1,5 @@
-"""Sources of a call: a built model or a scene that a program holds, or the file of one, and models of these.
-
-The file of a result, which is claimed before long work and written after it, and the ranks that get the result.
-"""
+"""Sources of a call: a built model or a scene that a program holds, or the file of one, and models of these; and the
+file of a result, which is claimed before long work and written after it, with the ranks that get the result."""
 
 from __future__ import annotations
 

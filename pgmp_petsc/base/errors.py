@@ -1,6 +1,5 @@
-"""Errors, and the exit status with which a command then ends.
-
-Remarks for a result's reader besides its figures: warnings, and notes on what was left out and why.
+"""Errors, with the exit status with which a command then ends, and remarks for a result's reader besides its figures:
+warnings, and notes on what was left out and why.
 
 A remark is printed where the result is made, kept in its file (root attribute ``remarks``) and printed again by ``pgmp
 info``: what was not computed, not estimated, not converged or left out is said in all three places in the same words.

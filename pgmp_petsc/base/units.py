@@ -5,11 +5,9 @@ A scene that says its units is converted where it is read (`scene.border`), and 
 back (`UnitSystem.text`, `declare.records`); nothing between knows of them. A scene that says none is computed with its
 numbers as they are.
 
-Dimensions of units, and numbers that are texts with their unit: ``"500 mm"``.
-
-All scenes hold is made of kilogram, metre and second; an angle counts as a number. pint knows the units that people use
-and how many of the SI unit each is. Factors that are whole numbers, or one over these, are exact: 5.6 mm are the 5.6e-3
-of SI units.
+Numbers may be texts with their unit: ``"500 mm"``. All scenes hold is made of kilogram, metre and second; an angle
+counts as a number. pint knows the units that people use and how many of the SI unit each is. Factors that are whole
+numbers, or one over these, are exact: 5.6 mm are the 5.6e-3 of SI units.
 """
 
 from __future__ import annotations

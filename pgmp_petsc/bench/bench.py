@@ -28,7 +28,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.base.progress import Progress, without_progress
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bench.cases import OWN, Case, Setting, Training, at_values, node_values
+from pgmp_petsc.bench.cases import OWN, Case, Setting, Training, at_values, node_values, step_of
 from pgmp_petsc.bench.history import (
     AnyModel,
     Errors,
@@ -54,7 +54,6 @@ from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, RankGroup, first_ranks
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.checkpoint import Arrays, Finished
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.stepping.alpha_step import LENGTHS
@@ -169,11 +168,13 @@ class Bench:
         return families[setting.family](setting)
 
     def _reduced(self, setting: Setting) -> tuple[ReducedModel, int, float]:
+        scene = self.scene.model_copy(update={"reduction": setting.reduction})
         if self._timed is None:
-            scene = self.scene.model_copy(update={"reduction": setting.reduction})
             rom, kinematics = self._shelf.take(setting.reduction), self._subject.kinematics
         else:
-            scene = scene_from_toml(scene_to_toml(self.scene), self.scene.directory, setting.overrides(self.scene))
+            simulation = scene.simulation
+            stepped = simulation.model_copy(update={"step": step_of(simulation.duration, setting.n_steps)})
+            scene = scene.model_copy(update={"simulation": stepped})
             shapes = self._subject.shapes if setting.refinement == 1 else self._refined(setting.refinement)
             rom, kinematics = build_rom(scene, shapes, self.group), None
         n_coordinates = rom.tables.n_coordinates + rom.tables.n_modes

@@ -164,10 +164,11 @@ class Limits:
     def of(cls, scene: Scene, kinematics: RigidKinematics, n_condensed: int = MODES[-1]) -> Limits:
         """Count, with the kinematics of beams and of bodies that are condensed for so many modes."""
         mechanism, coordinates = kinematics.mechanism, kinematics.coordinates
-        pose = kinematics.poses(start_of_coordinates(scene, kinematics)[None])[..., 0]
+        start = start_of_coordinates(scene, kinematics)
+        pose, n_released = kinematics.poses(start[None])[..., 0], kinematics.motion(start).released.shape[-1]
         clamped = [coordinate for coordinate in coordinates if coordinate.prescribed]
         n_free = null_space(constraint_jacobian(mechanism, pose, clamped)).independent.size
-        n_modes = n_free - (len(coordinates) - len(clamped))
+        n_modes = n_free - (len(coordinates) - len(clamped)) - n_released
         of_cells = any(body.dense for body in mechanism.bodies)
         served = n_condensed if of_cells and n_modes > n_condensed else None
         matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))

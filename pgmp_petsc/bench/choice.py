@@ -18,7 +18,7 @@ which every build measures (`reduction.length_family`).
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from math import ceil
@@ -454,28 +454,13 @@ def choose(
         bench = Bench(reference, training, group.world, subject, group, bar, finished)
         step = StepChoice(bench, ledger, period, reference.model.name)
         step.begin()
-        if scene.reduction.tolerance is None:
-            bench.check_references(step.n_basis, step.loads)
-            step.finish({})
-            allowed, trial = step.allowed, bench.try_out(scene.reduction, step.n_basis, step.loads)
-        else:
-            bench.check_references(step.n_basis)
-            limits = Limits.of(scene, subject.kinematics, n_modes)
-            reduction = ReductionChoice(bench, ledger, limits, step.n_basis, step.allowed)
-            say(reduction.price)
-            allowed, trial = reduction.allowed, reduction.run()
-            step.finish(allowed)
-            trial = _at_the_chosen_step(bench, ledger, limits, step, trial)
+        allowed, trial = _tried(bench, ledger, step, subject, say)
         if not trial.built:
             raise RunError(trial.reason)
         step.fit_reduced(trial)
         rom = bench.rom_of(trial)
         chosen = _chosen_scene(scene, step, trial, rom)
-        found = [*mesh_remark(bench, trial.n_steps), _cost_remark(bench, step, trial)]
-        if not step.kept:
-            loads = " and ".join(f"'{name}'" for name in step.loads)
-            sharper = "for loads with sharper corners, give simulation.tolerance with the run"
-            found.insert(0, f"the step was found with {loads}: {sharper}")
+        found = [*_of_loads(step), *mesh_remark(bench, trial.n_steps), _cost_remark(bench, step, trial)]
     asked = {name: getattr(scene, name).tolerance for name in ("reduction", "simulation")}
     used = step.loads if scene.reduction.tolerance is None else [load.name for load in bench.training.loads]
     selection = Selection(
@@ -496,6 +481,32 @@ def choose(
     record = rom.record
     record = replace(record, scene_toml=scene_to_toml(chosen), timings=timings.as_dict() | record.timings)
     return Choice(chosen, replace(rom, record=record), selection)
+
+
+def _tried(
+    bench: Bench, ledger: Ledger, step: StepChoice, subject: Subject, say: Callable[[str], None]
+) -> tuple[Mapping[str, float], Trial]:
+    """Return the errors that are allowed, and the reduced model that is given or chosen, with the step it has."""
+    scene = subject.scene
+    if scene.reduction.tolerance is None:
+        bench.check_references(step.n_basis, step.loads)
+        step.finish({})
+        return step.allowed, bench.try_out(scene.reduction, step.n_basis, step.loads)
+    bench.check_references(step.n_basis)
+    limits = Limits.of(scene, subject.kinematics, subject.n_modes)
+    reduction = ReductionChoice(bench, ledger, limits, step.n_basis, step.allowed)
+    say(reduction.price)
+    allowed, trial = reduction.allowed, reduction.run()
+    step.finish(allowed)
+    return allowed, _at_the_chosen_step(bench, ledger, limits, step, trial)
+
+
+def _of_loads(step: StepChoice) -> Iterator[str]:
+    """Yield with which loads the step was found, where it was."""
+    if not step.kept:
+        loads = " and ".join(f"'{name}'" for name in step.loads)
+        sharper = "for loads with sharper corners, give simulation.tolerance with the run"
+        yield f"the step was found with {loads}: {sharper}"
 
 
 def modes_to_condense(scene: Scene) -> int:

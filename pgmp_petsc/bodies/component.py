@@ -6,14 +6,12 @@ span the free motion of the body, its interface's answers over the frequencies a
 (`component_modes`); so whatever the frames are joined to, at any configuration, mass and stiffness are ``T^T M T`` and
 ``T^T K T``, constant and small.
 
-A rigid body's mass about its centre of mass, from a continuum mesh, from the lines of beams in space, or as given.
-
+A rigid body's mass about its centre of mass comes from a continuum mesh, from the lines of beams in space, or as given.
 Its unknowns are the displacement and rotation of the centre of mass, y. With the body's mass matrix M, its rigid
 motions R and its linear displacement fields F, the mass is ``R^T M R``, and ``(R^T M R)^-1 R^T M F`` is the rigid
 motion that has the momenta of the fields: the inertia forces of any motion are exact.
 
-Displacement fields that are linear in the place, the rigid motions among them, and moments of inertia of directors.
-
+Displacement fields that are linear in the place, the rigid motions among them, have moments of inertia of directors.
 The fields are ordered as in `Component.fields`: the d displacements, then ``u_i = x_j`` at number ``d + d i + j``.
 """
 

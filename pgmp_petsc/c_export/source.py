@@ -285,7 +285,7 @@ def _action(action: ActionInC, first: int) -> str:
     last = first + len(action.parts)
     numbers = (
         first, last, action.strength, action.edge, len(action.law.edges), action.role, int(action.controlled),
-        int(bool(action.law.about_zero)),
+        int(action.law.bends),
     )  # fmt: skip
     return f"{{{', '.join(map(str, (*numbers, f'law_{action.law.name}')))}}}"
 

@@ -150,7 +150,7 @@ def _sizes(system: JointBatch, parts: Parts) -> dict[str, float]:
         "N_TERMS": len(parts.weights),
         "N_LOAD_TERMS": len(equations.load_weights),
         "MOST": max(2, *tree.n_amplitudes),
-        "ALWAYS_PROBED": int(any(action.law.about_zero for action in equations.actions)),
+        "ALWAYS_PROBED": int(any(action.law.bends for action in equations.actions)),
         "TYPICAL_MASS": float(system.typical_mass[0]),
     }
 

@@ -2,27 +2,22 @@
 
 Everything comes from one factor of ``K - sigma M`` with a negative shift of the order of the first elastic eigenvalue,
 so that it is positive definite although K has the body's rigid motion in its null space. A second factor counts the
-eigenvalues below a gap; it is not kept.
+eigenvalues below a gap; it is not kept. A body's affine matrices are in PETSc: ``A = sum_i w_i A_i`` with weights w_i
+that parameter values give.
 
-Displacement fields that are polynomials of the place: first guesses of modes.
-
-A body's affine matrices in PETSc: ``A = sum_i w_i A_i`` with weights w_i that parameter values give.
-
-Elastic modes of a free body by block Lanczos with the inverse of its shifted stiffness.
-
-The lowest eigenvalues of ``K x = lambda M x`` are the highest ones nu of
+Elastic modes of a free body are found by block Lanczos with the inverse of its shifted stiffness. The lowest
+eigenvalues of ``K x = lambda M x`` are the highest ones nu of
 
     (K - sigma M)^-1 M x = nu x,    lambda = sigma + 1 / nu,
 
-self-adjoint in the mass. An M-orthonormal basis V with its images W under that operator grows by the residuals
-``W y - nu V y`` of the Ritz pairs that have not converged yet: the same spaces as those of block Lanczos, without new
-directions for pairs that are done. A block costs one pass over the factor where vectors one by one cost one each, and
-a pass is what takes the time: a large factor comes from memory, or from a disk.
+self-adjoint in the mass. An M-orthonormal basis V with its images W under that operator grows by the residuals ``W y -
+nu V y`` of the Ritz pairs that have not converged yet: the same spaces as those of block Lanczos, without new
+directions for pairs that are done. A block costs one pass over the factor where vectors one by one cost one each, and a
+pass is what takes the time: a large factor comes from memory, or from a disk.
 
 Polynomials of the place are the first block. They are near the lowest modes of slender bodies and hold the rigid
-motion; rough waves besides see to it that no mode is orthogonal to all of them.
-
-A subspace of a body's displacements that grows, orthonormal in the mass: columns distributed over ranks by rows.
+motion; rough waves besides see to it that no mode is orthogonal to all of them. The basis that grows is distributed
+over ranks by rows.
 """
 
 from __future__ import annotations

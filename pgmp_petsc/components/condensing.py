@@ -1,15 +1,13 @@
 """Condensing all continuum bodies of a scene, body by body, dealt to groups of ranks.
 
-What a build with continuum bodies will take, from one trial factorisation and solve of its largest body.
-
+What a build with continuum bodies will take follows from one trial factorisation and solve of its largest body.
 Condensing a body takes its assembly, two factorisations (one for solves, one that counts eigenvalues by inertia and
 keeps nothing) and solves in blocks: those of the modes and of the frames' answers, round by round, all columns at once,
 which take little longer than one: a solve waits for the factor to come from memory, or from files. Time and memory of
 bodies of the same kind grow with their unknowns, a little faster for bulky ones; they are taken as proportional here.
 
-Flexible bodies in floating frames: what is left of a mesh is moments, a stiffness and the shapes at its frames.
-
-A body's fields are its lowest free modes and what its frames' forces do beyond them statically; a continuum body's are
+Of a flexible body in a floating frame what is left of its mesh is moments, a stiffness and the shapes at its frames. A
+body's fields are its lowest free modes and what its frames' forces do beyond them statically; a continuum body's are
 taken of those that it is condensed to (`component_modes`), which answer its frames whatever these are joined to. They
 are turned to free modes, which are orthogonal to the rigid motions in the mass at nominal parameters, and these are
 left out: the frame makes them (`bodies.floating`). Of cells that follow their foreshortening there are all fields that

@@ -65,7 +65,7 @@ class Acting(Law):
     The force does not hang on the measure that the mechanics have: the controller has found it there already.
     """
 
-    linear_stiffness = ""
+    linear_stiffness, bends = "", False
 
     def _printed(self) -> str:
         return ACTING

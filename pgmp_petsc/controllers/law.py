@@ -15,9 +15,8 @@ and c known when the step begins. `respond` solves this small block at given s a
 a force on a joint with its slopes by s and s', for the Newton matrix of the mechanics. gamma = 1/2 + alpha_f - alpha_m
 holds for both orders, so that states and mechanics are of second order together.
 
-What a controller measures, as an expression of motions s_i of the mechanics, their rates v_i, time and parameters.
-
-A motion is what an output of its own reads: an angle, a way, a distance, a place. Outputs of outputs, `rate` and
+What a controller measures is an expression of motions s_i of the mechanics, their rates v_i, time and parameters. A
+motion is what an output of its own reads: an angle, a way, a distance, a place. Outputs of outputs, `rate` and
 `formula`, are expressions of these, so that slopes and rates of what they are follow by the chain rule.
 """
 
@@ -135,6 +134,7 @@ GIVEN = ("t", "r", "reference_rate")
 #: In rates, the force before and after the limits.
 FORCES = ("free", "limited")
 LIMITS = ("lower", "upper")
+WHOLE = "unlimited"  # name of the force before it is limited
 _NUMBER, _NUMBERS = types.float64, types.CPointer(types.float64)
 _TAKES = _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS
 PRINTS = (__name__, "pgmp_petsc.controllers.law", "pgmp_petsc.declare.expressions")
@@ -253,14 +253,15 @@ class ControlLaw(Printed):
         states, (lower, upper) = [names[one] for one in self.states], (symbolic(one, names) for one in self.limits)
         pairs = [tuple(sp.Symbol(f"{name}_{k}", real=True) for name in "sv") for k in range(self.n_motions)]
         motions = list(itertools.chain(*pairs))
-        # what is measured has names of its own: where it has cases, comparisons of it are no expressions of sympy
+        # what is measured, and the force, have names of their own: where they have cases, comparisons of them are no
+        # expressions of sympy
         seen = {name: one.symbolic(pairs, names) for name, one in self.measured}
         seen["rate"] = rate_of(seen[self.rate_of], pairs, names["t"]) if self.rate_of else sp.Integer(0)
         slopes = {(name, by): sp.diff(one, by) for name, one in seen.items() for by in motions}
         slope_names = {key: sp.Symbol(f"{key[0]}_by_{key[1]}", real=True) for key, one in slopes.items() if one != 0}
         names |= {name: sp.Symbol(name, real=True) for name in seen}
-        free = symbolic(self.force, names)
-        limited = sp.Piecewise((lower, free < lower), (upper, free > upper), (free, True))
+        free, whole = symbolic(self.force, names), sp.Symbol(WHOLE, real=True)
+        limited = sp.Piecewise((lower, whole < lower), (upper, whole > upper), (free, True))
         rates = [symbolic(text, names | {"free": free, "limited": limited}) for text in self.states.values()]
 
         def slope(one: Any, by: Any) -> Any:
@@ -277,6 +278,7 @@ class ControlLaw(Printed):
         of_measures, measures = printed(expressions)
         named = [*seen, *map(str, slope_names.values())]
         of_measures += [f"{name} = {value}" for name, value in zip(named, measures)]
+        of_force, (force,) = printed([free])
         lines, values = printed(found)
         of_start, initial = printed(starts) if starts else ([], [])
         parameters = [f"{name} = _p[{k}]" for k, name in enumerate((*self.parameters, *LIMITS))]
@@ -288,29 +290,34 @@ class ControlLaw(Printed):
         return PYTHON.format(
             name=self.name,
             taken=text([*parameters, *measured, *of_measures, *(f"{z} = _z[{k}]" for k, z in enumerate(self.states))]),
-            evaluate=text([*lines, *(f"_found[{k}] = {value}" for k, value in enumerate(values))]),
+            evaluate=text(
+                [*of_force, f"{WHOLE} = {force}", *lines, *(f"_found[{k}] = {value}" for k, value in enumerate(values))]
+            ),
             of_start=text([*parameters, *measured, *of_measures]),
             initial=text([*of_start, *(f"_found[{k}] = {value}" for k, value in enumerate(initial))]),
-            c=self._in_c([*map(str, motions)], (named, expressions), found, starts),
+            c=self._in_c([*map(str, motions)], (named, expressions), free, found, starts),
         )
 
     def _in_c(
-        self, motions: Sequence[str], measured: tuple[Sequence[str], Sequence[Any]], found: Sequence[Any],
+        self, motions: Sequence[str], measured: tuple[Sequence[str], Sequence[Any]], free: Any, found: Sequence[Any],
         starts: Sequence[Any],
     ) -> str:  # fmt: skip
         """Return the functions of rates and force, and of the first states, in C."""
         given = {"_p": (*self.parameters, *LIMITS), "_x": (*GIVEN, *motions), "_z": tuple(self.states)}
         names, expressions = measured
 
-        def function(name: str, values: Sequence[Any], parts: Sequence[str]) -> list[str]:
+        def block(names: Sequence[str], expressions: Sequence[Any]) -> list[str]:
+            shared, values = printed(expressions, in_c=True)
+            inner = [*shared, *(f"{name} = {value};" for name, value in zip(names, values))]
+            lines = [f"double {', '.join(names)};", "{", *(f"    {one}" for one in inner), "}"]
+            return [f"    {line}" for line in (*lines, *(f"(void){name};" for name in names))]
+
+        def function(name: str, values: Sequence[Any], parts: Sequence[str], of_force: Sequence[str] = ()) -> list[str]:
             takes = "const double _p[], const double _x[], const double _z[], double _found[]"
             lines = [f"static void {name}({takes}) {{", "    (void)_p, (void)_x, (void)_z, (void)_found;"]
             known = [(one, f"{part}[{k}]") for part in parts for k, one in enumerate(given[part])]
             lines += [f"    const double {one} = {value};" for one, value in known]
-            lines += [f"    double {', '.join(names)};", "    {"]
-            shared, of_measures = printed(expressions, in_c=True)
-            lines += [f"        {one}" for one in (*shared, *(f"{n} = {v};" for n, v in zip(names, of_measures)))]
-            lines += ["    }", *(f"    (void){one};" for one in (*(one for one, _ in known), *names))]
+            lines += [*(f"    (void){one};" for one, _ in known), *block(names, expressions), *of_force]
             shared, values = printed(values, in_c=True) if values else ([], [])
             return [
                 *lines,
@@ -321,7 +328,7 @@ class ControlLaw(Printed):
 
         return "\n".join(
             [
-                *function(f"control_{self.name}", found, ("_p", "_x", "_z")),
+                *function(f"control_{self.name}", found, ("_p", "_x", "_z"), block([WHOLE], [free])),
                 "",
                 *function(f"start_{self.name}", starts, ("_p", "_x")),
             ]

@@ -219,7 +219,7 @@ def _of_robust(question: Question, figures: DesignFigures, ends: np.ndarray, con
     if question.deviations is None:
         return
     met = [(constraint, constraint.size * own) for constraint, own in zip(question.constraints, ends[1:])]
-    open_ones = [f"'{constraint.text}' (missed by {interval_text(of)})" for constraint, of in met if of[1] > 0.0]
+    open_ones = [f"'{constraint.text}' (missed by {interval_text(of)})" for constraint, of in met if of[0] <= 0.0 < of[1]]
     if open_ones:
         what = f"{figures.n_samples} samples leave open whether the design meets {', '.join(open_ones)}"
         cure = "take a larger --samples, or ask for more room"

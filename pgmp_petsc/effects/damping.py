@@ -1,4 +1,4 @@
-"""Modal damping of free bodies: a constant matrix in each body's frame, which turns with the body.
+"""Damping within the bodies. Modal damping is a constant matrix in each body's frame, which turns with the body,
 
     D = sum_i 2 zeta_i omega_i (M phi_i) (M phi_i)^T = P P^T,     forces  -R P P^T R^T q'
 
@@ -14,12 +14,9 @@ exact: each is damped by itself, ``2 zeta_i omega_i m_i xi_i'``, and the frame i
 In space a node has a position and three directors. Its angular velocity is ``1/2 sum_k d_k x d_k'``, so that a couple m
 acts on its director d_k with the force ``1/2 m x d_k``.
 
-Elastic modes of a free body in its own frame: ``(K - omega^2 M) phi = 0`` beyond its rigid motions.
-
-They are those of the material alone, in every model: without the point masses that a body carries, whose values may
-differ from sample to sample. The frames of a body on a mesh have neither mass nor stiffness of their own.
-
-Damping within the bodies.
+Elastic modes of a free body in its own frame are those of ``(K - omega^2 M) phi = 0`` beyond its rigid motions. They
+are those of the material alone, in every model: without the point masses that a body carries, whose values may differ
+from sample to sample. The frames of a body on a mesh have neither mass nor stiffness of their own.
 
 Rayleigh's: stresses follow ``eps + beta eps'`` instead of the strains eps (Kelvin and Voigt), and the momentum is
 braken at the rate alpha, forces ``-alpha M q'``. With eps' the rate of the beam's own strains, a rigid motion is not
@@ -28,9 +25,8 @@ damped by beta. Modal: ratios ``zeta_i`` of the elastic modes phi_i of each free
     -sum_i 2 zeta_i omega_i M phi_i phi_i^T M R^T q',
 
 in the body's frame, which turns with its mean rotation R (`modal_damping`); the modes are M-orthogonal to rigid
-motions, so these are not damped either. The iteration matrix of the full-order model leaves modal damping out, so
-that each correction of a step leaves up to the largest ratio of the one before: ratios beyond 0.3 or so need small
-steps.
+motions, so these are not damped either. The iteration matrix of the full-order model leaves modal damping out, so that
+each correction of a step leaves up to the largest ratio of the one before: ratios beyond 0.3 or so need small steps.
 """
 
 from __future__ import annotations

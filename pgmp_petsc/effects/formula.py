@@ -1,18 +1,16 @@
 """Laws that a scene writes: formulas on a joint's motion or the distance of two points, and tables over a motion.
 
 ``force = "A * sin(12 * s) - c * v - m0 * (t > 0.1)"`` is parsed, and never evaluated: what it may have is in
-`declare.formulas`. It is written anew in the language of declarations (`declare.expressions`), and from there
-on it is a law as all others: compiled, differentiated, printed in C. A comparison is 1 where it holds, else 0;
-derivatives leave out its jump, and steps do not end there. The time is the `amplitude` of the law, of which the
-function of time is t itself. All of the force is counted as work: the law has no potential, and no part in the
-stiffness of vibrations.
+`declare.formulas`. It is written anew in the language of declarations (`declare.expressions`), and from there on it is
+a law as all others: compiled, differentiated, printed in C. A comparison is 1 where it holds, else 0; derivatives leave
+out its jump, and steps do not end there. The time is the `amplitude` of the law, of which the function of time is t
+itself. All of the force is counted as work: the law has no potential, and no part in the stiffness of vibrations.
 
-Loads over the motion of a joint: a table of torques or forces over an angle, or over a way.
-
-Linear between the rows, and constant beyond them; a table over a whole turn of an angle goes on for ever, and so does
-one over several turns whose ends are equal, as of an engine of four strokes. The law is printed with its table, and is
-one law as all others; all of its force is counted as work. Over the motion of another joint than it acts on, it is led
-by that (`effects.action`).
+A load over the motion of a joint is a table of torques or forces over an angle, or over a way. It is linear between the
+rows, and constant beyond them; a table over a whole turn of an angle goes on for ever, and so does one over several
+turns whose ends are equal, as of an engine of four strokes. The law is printed with its table, and is one law as all
+others; all of its force is counted as work. Over the motion of another joint than it acts on, it is led by that
+(`effects.action`).
 """
 
 from __future__ import annotations
@@ -122,7 +120,7 @@ def turns_of(rows: Rows) -> int | None:
 class TableLaw(Law):
     """A law over a table, whose code is given."""
 
-    linear_stiffness = ""
+    linear_stiffness, bends = "", False
 
     def _printed(self) -> str:
         return self.text

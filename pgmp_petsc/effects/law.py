@@ -44,6 +44,7 @@ PYTHON = '''"""The law {name}, printed from its declaration."""
 from math import atan, cos, exp, log, sin, sqrt, tanh
 
 STIFFNESS = {stiffness}
+BENDS = {bends}
 
 
 def evaluate(p, amplitude, s, rate, about, depths):
@@ -128,6 +129,11 @@ class Law(Printed):
         found = kept(self.name, key, Path(self.file), self._printed)
         self._check_finite(found)
         return found
+
+    @property
+    def bends(self) -> bool:
+        """Whether its damping changes with the rate, as that of friction and of what has a kink; steps end at edges."""
+        return self.code.BENDS
 
     @property
     def linear_stiffness(self) -> str:
@@ -224,6 +230,7 @@ class Law(Printed):
         return PYTHON.format(
             name=self.name,
             stiffness=repr(stiffness),
+            bends=bool(self.about_zero) or not edges and rate in found[2].free_symbols,
             parameters="\n".join(f"    {name} = p[{k}]" for k, name in enumerate(self.parameters)),
             limited=limited,
             evaluate=python([*found, *edges], evaluated),
@@ -262,7 +269,7 @@ class Laws(NamedTuple):
     """The laws of some actions, as compiled functions take them."""
 
     addresses: np.ndarray  # of their functions, shape (n_actions,)
-    taken_up: np.ndarray  # whether an iterate may be taken up from zero, (n_actions,)
+    bend: np.ndarray  # `Law.bends`, (n_actions,)
     edges: np.ndarray  # number of the first edge of each among those of all, (n_actions + 1,)
 
     @classmethod
@@ -270,7 +277,7 @@ class Laws(NamedTuple):
         """Make them of laws."""
         return cls(
             np.array([law.address for law in laws], dtype=np.int64),
-            np.array([bool(law.about_zero) for law in laws], dtype=bool),
+            np.array([law.bends for law in laws], dtype=bool),
             np.cumsum([0, *(len(law.edges) for law in laws)]),
         )
 
@@ -325,10 +332,9 @@ def _fill(address, p, s, rates, amplitudes, depths, found):
 
 
 @njit(error_model="numpy")
-def rubs(laws):
-    """Return whether iterates of any law are taken up from zero: how a step's iteration contracts says nothing of the
-    next one where the law bends."""
-    for one in laws.taken_up:
+def any_bend(laws):
+    """Return whether any law bends: how a step's iteration contracts says nothing of the next one there."""
+    for one in laws.bend:
         if one:
             return True
     return False

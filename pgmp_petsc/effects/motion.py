@@ -39,6 +39,9 @@ from pgmp_petsc.scene.messages import Finding, doubt, problem
 from pgmp_petsc.scene.references import harmonic_problems, load_problems, unknown
 from pgmp_petsc.scene.uses import Use, slides
 
+N_LOOKED_AT = 33  # instants between two rows
+RESTS = 0.02  # of the whole way of a table, by which its spline may move between rows that are the same
+
 
 class PrescribedMotion(Driving):
     """A coordinate that moves as given, whatever it takes."""
@@ -106,8 +109,14 @@ class PrescribedMotion(Driving):
     def doubts(
         self, scene: Scene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
     ) -> Iterator[Finding]:
-        """Yield a table that begins after the run."""
-        duration = scene.simulation.duration
+        """Yield a table that begins after the run, or whose spline moves between rows that say that it rests."""
+        duration, rows = scene.simulation.duration, self.table or ()
+        travel = np.ptp([value for _, value in rows]) if rows else 0.0
+        for (begins, value), (ends, after) in pairwise(rows):
+            off = np.max(np.abs(self.motion(entry).at(np.linspace(begins, ends, N_LOOKED_AT)).angle - value))
+            if value == after and off > RESTS * travel:
+                moves = f"from {begins:g} to {ends:g} s the spline moves by {100 * off / travel:.2g} % of its whole way"
+                yield doubt(f"{entry}.table", f"{moves}, where both rows are the same; more rows there let it rest")
         if self.table is not None and self.table[0][0] > duration:
             late = f"begins at {self.table[0][0]:g} s, but the run ends at simulation.duration = {duration:g} s"
             yield doubt(f"{entry}.table", f"{late}; nothing moves")

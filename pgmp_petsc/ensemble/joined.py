@@ -21,18 +21,15 @@ show.
 A probability follows from that of the next cheaper model by the law of total probability, ``p_1 = a p_2 + b (1 -
 p_2)``: of the common samples a is the share in which the event comes true in the better model where it does in the
 cheaper one, b where it does not (double sampling: Tenenbein, Journal of the American Statistical Association 65 (1970)
-1350-1361). Given the cheaper model's events these are shares of independent trials, with Jeffreys' intervals; that
-of the cheapest model and these are put together by squares (MOVER: Zou and Donner, Statistics in Medicine 27 (2008)
-1693-1702).
-Quantiles are no means, and have no part in this.
+1350-1361). Given the cheaper model's events these are shares of independent trials, with Jeffreys' intervals; that of
+the cheapest model and these are put together by squares (MOVER: Zou and Donner, Statistics in Medicine 27 (2008)
+1693-1702). Quantiles are no means, and have no part in this.
 
 For a budget of time the numbers of samples are those of the least variance that it pays for (`allocation`), for the
 output whose models agree least, from costs and correlations of a pilot of every model's first samples (`allot`). Times
 decide, which will not come again: a run that is taken up keeps the numbers of the one before. Pilot samples are the
 first ones of the ensemble, and so are used; that they have a part in the choice of the numbers has none in the
 intervals but by the spread that they showed.
-
-Samples of better models on an ensemble's own draws, and the figures that they lead to (`joined`).
 """
 
 from __future__ import annotations

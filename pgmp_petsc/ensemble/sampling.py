@@ -20,11 +20,10 @@ one after the other, which takes 20 us each; `first_numbers` makes all side by s
 numpy promises to keep: `SeedSequence`'s mixing of 32-bit words (O'Neill's seed_seq_fe) and PCG XSL-RR 128/64 (O'Neill,
 HMC-CS-2014-0905, 2014).
 
-Copulas: how uniform numbers of independent parameters become those of parameters that depend on each other.
-
-Each is a Rosenblatt transform (Annals of Mathematical Statistics 23 (1952) 470-472), one parameter after the other by
-what is known of those before it: as many uniform numbers go in as come out, so that points of Latin hypercubes, of
-Sobol sequences and of rare events' normal variables serve as random ones do.
+Copulas make of uniform numbers of independent parameters those of parameters that depend on each other. Each is a
+Rosenblatt transform (Annals of Mathematical Statistics 23 (1952) 470-472), one parameter after the other by what is
+known of those before it: as many uniform numbers go in as come out, so that points of Latin hypercubes, of Sobol
+sequences and of rare events' normal variables serve as random ones do.
 
 ======== ==============================================================================================================
 gaussian uniform numbers become normal ones, z, these ``L z`` with ``L L^T`` the correlation matrix, and uniform again

@@ -3,11 +3,10 @@
 Their quantities are outputs at the end and their extremes, whether events came true, and by how much they did or did
 not.
 
-Which uncertain parameters matter: Sobol indices of outputs, with intervals.
-
-The first index of a parameter is the share of an output's variance that its value alone explains,
-``S1 = Var(E(y | x_i)) / Var(y)``; the total one what is left when all others are known, ``ST = E(Var(y | x_~i)) /
-Var(y)`` (Saltelli et al., Computer Physics Communications 181 (2010) 259-270). Two ways lead to them:
+Sobol indices of outputs, with intervals, say which uncertain parameters matter. The first index of a parameter is the
+share of an output's variance that its value alone explains, ``S1 = Var(E(y | x_i)) / Var(y)``; the total one what is
+left when all others are known, ``ST = E(Var(y | x_~i)) / Var(y)`` (Saltelli et al., Computer Physics Communications 181
+(2010) 259-270). Two ways lead to them:
 
 - Samples in Saltelli's blocks, of independent replicates of Sobol sequences in turn: the estimators of SALib for both,
   intervals from the spread between replicates. Resampled blocks of one sequence, which know nothing of how evenly it

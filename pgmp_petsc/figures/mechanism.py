@@ -30,6 +30,8 @@ PATH_COLOUR = "#D8D8D8"
 BAR, HOLLOW = 1.6, 0.5  # width of a rigid body's bar over that of a beam, and of the line inside it over the bar's
 KEY_WIDTH = 3.0  # points
 AT_REST = 1e-6  # a pin that moves by less than this share of the mechanism's extent is held by the ground
+# of the size of a path, the distance of most pairs of frames: nine in a turn; frames that are no turn
+COARSE, MOST, FEW = 0.35, 0.9, 9
 # A motion that leaves the plane by less than this share of its extent is shown along z, another one obliquely.
 FLAT = 1e-3
 RECEDING = (0.45, 0.35)  # how far to the right and up a metre of depth is there
@@ -107,7 +109,7 @@ class Shapes:
     def draw_paths(self, axes: Axes) -> None:
         """Draw the paths of the bodies' ends."""
         for body, cells in self.frames.cells.items():
-            for node in ends(cells):
+            for node in filter(lambda node: is_followed(self.positions[body][:, node]), ends(cells)):
                 axes.plot(*self.positions[body][:, node].T, color=PATH_COLOUR, linewidth=0.8, zorder=1)
 
     def scale(self, axes: Axes, low: np.ndarray, high: np.ndarray, unit: str) -> None:
@@ -204,6 +206,12 @@ def _term(name: str, share: float) -> str:
     """Return a term of an axis' name: ``x``, `` − 0.45 z``."""
     sign = "+" if share > 0.0 else "\N{MINUS SIGN}"
     return name if share == 1.0 else f" {sign} {abs(share):g} {name}"
+
+
+def is_followed(path: np.ndarray) -> bool:
+    """Return whether frames follow the path (n_f, d) of a point: with few of them in a turn, chords are a tangle."""
+    chords = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    return len(chords) < FEW or bool(np.quantile(chords, MOST) <= COARSE * np.ptp(path, axis=0).max())
 
 
 def ends(cells: np.ndarray) -> np.ndarray:

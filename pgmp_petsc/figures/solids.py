@@ -1,13 +1,7 @@
-"""Bodies drawn in space, without a screen: pyvista and VTK make the picture, matplotlib draws its surround.
-
-Both are imported when something is drawn. Where there is no display, VTK draws by EGL or OSMesa.
-
-Surfaces of bodies in colours, with title, units, scale and notes around them: as pictures, and for films.
-
-Films of bodies in motion: MP4, or GIF.
-
-A meshed part with its named faces, or a part of CAD with those of its whole cylinders.
-"""
+"""Bodies drawn in space, without a screen: pyvista and VTK make the picture, matplotlib draws its surround, with title,
+units, scale and notes. There are pictures, films (MP4, or GIF) and meshed parts with their named faces, or those of
+whole cylinders. Both libraries are imported when something is drawn. Where there is no display, VTK draws by EGL or
+OSMesa."""
 
 from __future__ import annotations
 

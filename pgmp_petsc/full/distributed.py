@@ -27,7 +27,7 @@ import numpy as np
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.effects import Held, Motion
-from pgmp_petsc.effects.law import rubs
+from pgmp_petsc.effects.law import any_bend
 from pgmp_petsc.full.energy import energies_of
 from pgmp_petsc.full.forces import act
 from pgmp_petsc.full.kernel import count_turns, evaluate
@@ -70,7 +70,7 @@ class FullDistributed(FullSystem):
         self._typical_mass = comm.allreduce(float(mass_on_diagonal(self._problem, equations.size)[0, 0])) / self.n_dofs
         self._typical_stiffness = 0.0
         self._solver_failed = False
-        self.rubs = any(comm.allgather(rubs(self._problem.actions.laws)))
+        self.bends = any(comm.allgather(any_bend(self._problem.actions.laws)))
         self._counted_edges = np.flatnonzero(self._problem.actions.counted[equations.edges])
         self.n_events = comm.allreduce(len(self._counted_edges))
 

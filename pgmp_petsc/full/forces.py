@@ -1,9 +1,7 @@
 """Forces on a block of full-order samples from outside and between points, compiled: loads and actions.
 
 Samples lie side by side in the last axis (lanes); see `batched_ldl`. The equations are those of `effects.load` and
-`effects.action`.
-
-Actions on the unknowns of nodes, compiled; see `mechanism.node_statements`.
+`effects.action`. Actions are on the unknowns of nodes (`mechanism.node_statements`).
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.effects.law import rubs
+from pgmp_petsc.effects.law import any_bend
 from pgmp_petsc.full.forces import doubt_limited, forget_rates
 from pgmp_petsc.full.joint_kernel import correct_joints, count_turns_in_joints
 from pgmp_petsc.full.kernel import correct_block, count_turns
@@ -99,7 +99,7 @@ def _take_steps_of_block(
     about = reference[0].shape[0] > 0
     q, v, a, multipliers = before[0][block], before[1][block], before[2][block], before[3][block]
     turns, auxiliary, contraction = before[4][block], before[5][block], before[6][block]
-    rates, rubbing = borrowed(problem.actions.about)[block], rubs(problem.actions.laws)
+    rates, rubbing = borrowed(problem.actions.about)[block], any_bend(problem.actions.laws)
     for k in range(n_steps):
         ahead = after[0][k, block], after[1][k, block], after[2][k, block]
         forces, counted = after[3][k, block], after[4][k, block]

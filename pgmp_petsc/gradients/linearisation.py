@@ -370,7 +370,7 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
         first += count
 
 
-@njit(error_model="numpy", counted=False)
+@njit(cache=True, apart=True, error_model="numpy", counted=False)
 def _fill_all_jets(layout, of_terms, of_rigid, of_loads, loads, s, at, whole, room):
     """Fill the jets of all tables with the weights of the set s, at instants `at` (LANES,); see `fill_jets`."""
     n_rigid, amplitudes = len(layout.rigid) * (len(layout.rigid) + 1) // 2, items(room.amplitudes, WIDE)
@@ -384,7 +384,7 @@ def _fill_all_jets(layout, of_terms, of_rigid, of_loads, loads, s, at, whole, ro
         fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, whole, room.load_jets)
 
 
-@njit(error_model="numpy", counted=False)
+@njit(cache=True, apart=True, error_model="numpy", counted=False)
 def _correct(layout, loaded, mass_damping, prescribed, gains, local, at, room, result):
     """Take away what the iteration of steps that end at instants `at` (LANES,) left.
 

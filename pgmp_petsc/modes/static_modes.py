@@ -5,9 +5,8 @@ rod's motion is a translation, its weight along the motion is its inertia force.
 limit there: what is left of r beside the others vanishes with a power of the distance, odd or even, and the basis
 continues with the direction of ``r(theta + h) - r(theta - h)`` or ``r(theta + h) + r(theta - h)``, the larger one.
 
-What linear springs, and loads that are there already, add to the stiffness of a mechanism at a configuration.
-
-With the springs' blocks in body frames (`effects.springs`) the potential of the rigid mechanism has the stiffness
+Linear springs, and loads that are there already, add to the stiffness of a mechanism at a configuration. With the
+springs' blocks in body frames (`effects.springs`) the potential of the rigid mechanism has the stiffness
 
     d2V/d theta_k d theta_l = sum_j k_j s_j,k s_j,l                            springs without force
                             + sum_j k_j (s_j - rest_j) s_j,kl - f.rho,kl       preload: springs and weights f

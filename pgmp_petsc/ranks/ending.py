@@ -1,25 +1,22 @@
 """The end of a program: its exit status, and what PETSc still holds.
 
-Standard output that a run outlives: where it cannot be written, the run goes on and the failure is reported at its end.
-
+A run may outlive standard output: where that cannot be written, the run goes on and the failure is reported at its end.
 A full disk under ``pgmp ... > log`` must not cost the results of hours, and a reader that has gone (``pgmp info F |
 head``) is no error to report at all.
 
-Child processes that end with this one, however it ends, and at their limits of time.
+Child processes end with this one, however it ends, and at their limits of time. A child is a program under a guard: a
+small Python process that sets the limits before the program begins, and ends it with all of its process group (a
+compiler has children too) when its own parent dies, it is asked to (SIGTERM), or the time is over. The kernel tells it
+of its parent's death (prctl(2), PR_SET_PDEATHSIG), and the program of the guard's. Nothing is done between fork and
+exec in this process, whose threads may hold any lock then.
 
-A child is a program under a guard: a small Python process that sets the limits before the program begins, and ends it
-with all of its process group (a compiler has children too) when its own parent dies, it is asked to (SIGTERM), or the
-time is over. The kernel tells it of its parent's death (prctl(2), PR_SET_PDEATHSIG), and the program
-of the guard's. Nothing is done between fork and exec in this process, whose threads may hold any lock then.
+A scheduler asks for the end of a run by SIGTERM or SIGUSR1. A scheduler ends a job with SIGTERM and kills it seconds
+later; SIGUSR1 is what it is usually told to send before the time is up. Rank 0 then says what is kept and how to go on,
+and every rank ends with 128 and the number of the signal (143 and 138). Finished pieces are whole at any moment
+(:mod:`pgmp_petsc.files.checkpoint_folder`).
 
-The end of a run that a scheduler asks for: SIGTERM or SIGUSR1.
-
-A scheduler ends a job with SIGTERM and kills it seconds later; SIGUSR1 is what it is usually told to send before the
-time is up. Rank 0 then says what is kept and how to go on, and every rank ends with 128 and the number of the signal
-(143 and 138). Finished pieces are whole at any moment (:mod:`pgmp_petsc.files.checkpoint_folder`).
-
-Python runs a handler between two of its own instructions only, and a rank that waits for others in MPI comes to none.
-A thread waits for the signal instead; MPI lets it run.
+Python runs a handler between two of its own instructions only, and a rank that waits for others in MPI comes to none. A
+thread waits for the signal instead; MPI lets it run.
 """
 
 from __future__ import annotations

@@ -77,7 +77,7 @@ class LocalWork(NamedTuple):
     projected: np.ndarray
     leading: np.ndarray
     measured: np.ndarray  # see below, (7)
-    #: of each law that `rubs` asks for what its rate follows from, measure, rate, force, damping and the rate of the
+    #: of each law that bends what its rate follows from, measure, rate, force, damping and the rate of the
     #: action that leads, (n, n_eta + 5)
     rubbing: np.ndarray
     felt: np.ndarray  # by the nodes' frames, (n_nodes, n_frame)
@@ -89,7 +89,7 @@ class LocalWork(NamedTuple):
         d, n_nodes = local.actions.statements.axes.shape[2], local.places.n_nodes
         n_frame, n_dofs = d * (d + 1), d * (d + 1) // 2
         n_rigid = local.places.rigid.polynomials.shape[2] // N_POWERS**r
-        n, n_rubbing = 2 * n_frame, int(np.sum(local.actions.laws.taken_up))
+        n, n_rubbing = 2 * n_frame, int(np.sum(local.actions.laws.bend))
         of_frames = (
             (r,), (n_rigid,), (r * n_rigid,), (n_nodes, n_dofs), (n_dofs, n_eta), (3, 3), (3,), (n_nodes, n_frame),
             (n_nodes, n_frame, n_eta),
@@ -161,7 +161,7 @@ def act(
         _find_force(
             local, action, r, amplitudes, q, v, samples, lanes, with_tangent and single, limiting, work, known, depths
         )
-        if limiting and actions.laws.taken_up[action]:
+        if limiting and actions.laws.bend[action]:
             _keep(work.leading if role == LED else work.projected, work.measured, n_rubbing, work.rubbing)
             n_rubbing += 1
         if role == LEADS or (action + 1 < actions.roles.size and actions.roles[action + 1] == BY_LOAD):
@@ -214,11 +214,11 @@ def _keep(along, measured, number, rubbing):
 
 @njit(cache=True, apart=types.int64, error_model="numpy", counted=False)
 def bent_lanes(local, amplitudes, v, samples, lanes, work, depths):
-    """Return those of some lanes in which a law that `rubs` asks for is not linear from where it was evaluated last to
+    """Return those of some lanes in which a law that bends is not linear from where it was evaluated last to
     the rates v (n_eta, LANES): how the iteration contracted before says nothing there; see `act`."""
     laws, n, number, found = local.actions.laws, v.shape[0], 0, 0
     for action in range(laws.addresses.size):
-        if not laws.taken_up[action]:
+        if not laws.bend[action]:
             continue
         rate, kept = spread(0.0), work.rubbing[number]
         for i in range(n):

@@ -3,9 +3,7 @@
 `reduced.lagrangian` has the equations and what the tables are. Printed are the exact derivatives of the residual, the
 energies, and residual and iteration matrix in C. The residual and the matrix of LANES samples at once are written by
 hand in `reduced.lagrangian`: printed from these rows they are as fast alone, but the compiled steps, which take them
-up, took 1.3 times as long.
-
-Kinetic and strain energy of the reduced model, from the same interpolated tables as its equations of motion.
+up, took 1.3 times as long. Kinetic and strain energy come from the same tables.
 """
 
 from __future__ import annotations

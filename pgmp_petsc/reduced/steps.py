@@ -4,9 +4,8 @@ A block of LANES samples goes through many steps before the next one begins, so 
 cache; every lane has a clock, a Newton iteration and a fate of its own. A lane that crosses the edge of a law within a
 step takes it in parts, up to the edge and on (`edge_search`).
 
-Where the lanes of a block are in their steps, how long their next one is and what acts at its end, compiled.
-
-Lanes go from step to step by themselves: one that searches the edge of a law takes parts of a step while others go on.
+`Clocks` say where the lanes of a block are in their steps, how long their next one is and what acts at its end. Lanes
+go from step to step by themselves: one that searches the edge of a law takes parts of a step while others go on.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.effects.law import rubs
+from pgmp_petsc.effects.law import any_bend
 from pgmp_petsc.effects.time_function import evaluate
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import aligned
@@ -402,7 +401,7 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
     carries, going = equations.carried.actions.size > 0, lanes
     if carries:
         begin_carried(equations, room, state[6], memory.samples[block], lanes)
-    first, rubbing = load(expected, 0), rubs(equations.local.actions.laws)
+    first, rubbing = load(expected, 0), any_bend(equations.local.actions.laws)
     for iteration in range(MAX_ITERATIONS):
         fresh, unsettled = attempt > 0 or iteration % REFRESH_EVERY == 0, 0
         if carries:

@@ -1,9 +1,8 @@
-"""Where the configurations of a mechanism are sampled: a tensor grid, one axis for each rigid coordinate;
-and the points of the parameter space at which a basis takes further modes.
+"""Where the configurations of a mechanism are sampled: a tensor grid, one axis for each rigid coordinate; and the
+points of the parameter space at which a basis takes further modes.
 
-Chebyshev points of lengths, and polynomials through what is known there.
-
-A quantity f of lengths l_1, l_2, ... is known at the points of a tensor grid, n along each, and is
+Lengths are sampled at Chebyshev points. A quantity f of lengths l_1, l_2, ... is known at the points of a tensor grid,
+n along each, and is
 
     f(l) = sum_p L_p(l) f_p = sum_k c_k prod_i x_i^k_i,    x_i = (l_i - middle_i) / half_i,
 

@@ -23,7 +23,7 @@ from matplotlib.tri import Triangulation
 
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.declare.records import number_name
-from pgmp_petsc.figures.mechanism import AT_REST, FLAT, ends, shown_positions
+from pgmp_petsc.figures.mechanism import AT_REST, FLAT, ends, is_followed, shown_positions
 from pgmp_petsc.figures.motion import VALUES, WORDS, coarsened, in_space, outlines, skin_of, uncoloured
 from pgmp_petsc.figures.solids import COLOURS, EDGE, PLAIN, RIGID, view_of
 from pgmp_petsc.figures.style import PALETTE, QUIET, axis_unit, new_figure, round_below, scene_of
@@ -409,10 +409,11 @@ def _pair(place: np.ndarray) -> str:
 
 
 def _paths(run: Trajectory, joints: dict[str, np.ndarray], picture: _Picture, moving: bool) -> list[np.ndarray]:
-    """Return the paths (n_f, 3) of the ends of bodies that move, or of those that do not."""
+    """Return the paths (n_f, 3) of the ends of bodies that move, as far as frames follow them, or of those at rest."""
     extent = max(np.ptp(np.concatenate([at.reshape(-1, 3) for at in joints.values()]), axis=0)[:2])
     every = (joints[body][:, node] for body, cells in run.frames.cells.items() for node in ends(cells))
-    return [path for path in every if len(path) > 1 and (np.ptp(path, axis=0).max() >= AT_REST * extent) == moving]
+    moved = [path for path in every if len(path) > 1 and (np.ptp(path, axis=0).max() >= AT_REST * extent) == moving]
+    return [path for path in moved if not moving or is_followed(path)]
 
 
 def _notes(run: Trajectory, bodies: list[FilmBody], enlarged: bool) -> list[str]:

@@ -1,8 +1,6 @@
 """Many runs with random parameters: values, outputs at the end time and their statistics; why there are so many, better
-models on the same draws, and shards, which ``pgmp merge`` joins.
-
-Samples that failed have NaN in all that follows from a run.
-"""
+models on the same draws, and shards, which ``pgmp merge`` joins. Samples that failed have NaN in all that follows from
+a run."""
 
 from __future__ import annotations
 

@@ -1,9 +1,6 @@
-"""Field types that the tables of a scene share: numbers, pairs, names, points.
-
-Numbers are in the scene's units, or texts with a unit of their own where the entry says its `Unit`.
-
-Functions of time that a scene gives: tables, harmonics, and the motions of a driven coordinate.
-"""
+"""Field types that the tables of a scene share: numbers, pairs, names, points, and functions of time (tables,
+harmonics, and the motions of a driven coordinate). Numbers are in the scene's units, or texts with a unit of their own
+where the entry says its `Unit`."""
 
 from __future__ import annotations
 

@@ -8,21 +8,18 @@ the number of eigenvalues below tau.
 The options prefix is the caller's, for every problem its own (e.g. ``-pgmp_modes_eps_ncv 60``); the factorisation that
 counts has ``count_`` after it.
 
-What every eigensolver's pairs have to pass: residuals, and that none is missing below the highest.
+Pairs of every eigensolver have to pass checks of their residuals, and that none is missing below the highest.
 
-``A - sigma B``, factorised by MUMPS, in memory or in files: for answers, or to count eigenvalues.
+``A - sigma B`` is factorised by MUMPS, in memory or in files: for answers, or to count eigenvalues. What a factor takes
+is known to MUMPS after its analysis. Where that is more than it may have, it ends there, and the factor is made once
+more and kept in files ("out of core"): the same to round-off, and every solve has to read it. A factor that only counts
+the eigenvalues below sigma (Sylvester's law of inertia: as many as there are negative pivots) is not kept at all; MUMPS
+drops what no later pivot needs, and takes a fraction of the memory. Block low-rank factors are no alternative here: see
+docs/solids.md.
 
-What a factor takes is known to MUMPS after its analysis. Where that is more than it may have, it ends there, and the
-factor is made once more and kept in files ("out of core"): the same to round-off, and every solve has to read it. A
-factor that only counts the eigenvalues below sigma (Sylvester's law of inertia: as many as there are negative pivots)
-is not kept at all; MUMPS drops what no later pivot needs, and takes a fraction of the memory.
-
-Block low-rank factors are no alternative here: see docs/solids.md.
-
-A folder for factors that do not fit into memory, one a rank; MUMPS writes and reads them there.
-
-It is made where MUMPS' own variable ``MUMPS_OOC_TMPDIR`` says, else where temporary files go (``TMPDIR``), and is gone
-when the factor is, also after a failure and after the signals that end a run.
+Factors that do not fit into memory have a folder, one a rank; MUMPS writes and reads them there. It is made where
+MUMPS' own variable ``MUMPS_OOC_TMPDIR`` says, else where temporary files go (``TMPDIR``), and is gone when the factor
+is, also after a failure and after the signals that end a run.
 """
 
 from __future__ import annotations

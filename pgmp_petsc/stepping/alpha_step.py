@@ -128,7 +128,7 @@ class AlphaStep:
     def take(self, moment: Moment, ends: np.ndarray, step: float, samples: np.ndarray) -> StepsTaken:
         """Take equal steps of some samples, a mask, up to one in which an iteration fails."""
         ends, scheme = ends[:1] if self._projects else ends, self.scheme(step)
-        probed = (np.rint(ends / step) % PROBED_EVERY == 0) | self._system.rubs
+        probed = (np.rint(ends / step) % PROBED_EVERY == 0) | self._system.bends
         asked = StepsAsked(moment, ends, step, probed, scheme, samples)
         taken = None if self._system.beside is not None else self._system.take_steps(asked)
         if taken is None:

@@ -290,7 +290,7 @@ class SecondOrderSystem:
     built_in: tuple[np.ndarray, np.ndarray] | np.ndarray | None = None
     n_events: int = 0  # edges of laws whose crossing is to be found in time
     steps_at_once: int = 1  # steps that the samples are to take at most until they meet
-    rubs: bool = False  # whether nothing is to be concluded from how an iteration contracted in the step before
+    bends: bool = False  # whether nothing is to be concluded from how an iteration contracted in the step before
     has_range: bool = False  # whether samples may leave the model's range of validity (`outside`)
     moving_constraints: bool = False  # whether constraints turn or follow motions; see `AlphaStep`
     beside: Beside | None = None  # states beside the mechanics; None where there are none

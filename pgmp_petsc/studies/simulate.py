@@ -263,29 +263,9 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
     indicator = ErrorIndicator(model) if is_estimated(model.scene) else None
 
-    def once(attempt: Attempt) -> _Part:
-        simulation = attempt.simulation
-        system = model.batch(values, 1)
-        require_settled(system)
-        watched = None if indicator is None else indicator.stepped(simulation).watch(values, np.array([0]))
-        validity = Validity(model, system, values, simulation)
-        with timings.phase("integration"), _progress("reduced", attempt, comm) as bar:
-            record = StateRecord(bar.update)
-            watches = [validity] if watched is None else [validity, watched]
-            done = integrate(system, simulation, observer=Together([*watches, record]))
-        times, history = record.states()
-        with timings.phase("projection"), np.errstate(all="ignore"):
-            if model.outputs.takes_beside:
-                history.forces = system.forces_beside(times)[:, 0]
-            outputs = model.observed_of(times, history, model.scene.values)
-            energies = system.energies_of_run(times, history)
-        part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
-        start = State(history.q[:1], history.v[:1], history.a[:1], history.multipliers)
-        started = start_remarks(model.scene, system)
-        looked = {"watched": watched, "validity": validity, "system": system, "started": started}
-        return replace(part, recorded={**part.recorded, **looked, "start": start})
-
-    part, steps = _furthest(once, model.scene.simulation)
+    part, steps = _furthest(
+        lambda attempt: _reduced_part(model, values, attempt, indicator, timings, comm), model.scene.simulation
+    )
     eta, n_theta = part.recorded["eta"], model.kinematics.n_coordinates
     watched, validity, status = part.recorded["watched"], part.recorded["validity"], part.run.status
     with timings.phase("projection"):
@@ -327,6 +307,37 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
         validity=found,
         **described,
     )
+
+
+def _reduced_part(
+    model: ReducedModel,
+    values: Mapping[str, np.ndarray],
+    attempt: Attempt,
+    indicator: ErrorIndicator | None,
+    timings: Timings,
+    comm: Comm,
+) -> _Part:
+    """Run a reduced model with the steps of an attempt; an indicator watches for errors."""
+    simulation = attempt.simulation
+    system = model.batch(values, 1)
+    require_settled(system)
+    watched = None if indicator is None else indicator.stepped(simulation).watch(values, np.array([0]))
+    validity = Validity(model, system, values, simulation)
+    with timings.phase("integration"), _progress("reduced", attempt, comm) as bar:
+        record = StateRecord(bar.update)
+        watches = [validity] if watched is None else [validity, watched]
+        done = integrate(system, simulation, observer=Together([*watches, record]))
+    times, history = record.states()
+    with timings.phase("projection"), np.errstate(all="ignore"):
+        if model.outputs.takes_beside:
+            history.forces = system.forces_beside(times)[:, 0]
+        outputs = model.observed_of(times, history, model.scene.values)
+        energies = system.energies_of_run(times, history)
+    part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
+    start = State(history.q[:1], history.v[:1], history.a[:1], history.multipliers)
+    started = start_remarks(model.scene, system)
+    looked = {"watched": watched, "validity": validity, "system": system, "started": started}
+    return replace(part, recorded={**part.recorded, **looked, "start": start})
 
 
 def _progress(name: str, attempt: Attempt, comm: Comm) -> Progress:

@@ -16,7 +16,7 @@ from pgmp_petsc.figures.captions import same_case, short_names, tell_apart
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.ensembles import densities
 from pgmp_petsc.figures.frequencies import coordinate_path, frequencies
-from pgmp_petsc.figures.mechanism import mechanism
+from pgmp_petsc.figures.mechanism import is_followed, mechanism
 from pgmp_petsc.figures.style import distinct_colours
 from pgmp_petsc.figures.trajectories import Comparison, energies, paired, trajectories
 from pgmp_petsc.files.hdf5 import RunRecord
@@ -142,6 +142,13 @@ def test_every_picture_of_a_run_of_one_instant_is_drawn_and_paths_end_with_their
     plane = np.column_stack([whole.time, whole.time])
     figure = coordinate_path(replace(whole, coordinates=plane, coordinate_units={"a": "rad", "b": "rad"}))
     assert max(line.get_xdata()[0] for line in visible(figure)[0].lines) == whole.time[-1]
+
+
+def test_paths_of_what_turns_between_two_frames_are_not_drawn() -> None:
+    """Twenty frames of a turn are followed, three of one are a tangle; of a few there is no telling."""
+    for n_turns, n, followed in ((3, 60, True), (7, 20, False), (3, 4, True)):
+        angle = np.linspace(0.0, 2.0 * np.pi * n_turns, n)
+        assert is_followed(np.column_stack([np.cos(angle), np.sin(angle)])) == followed
 
 
 def test_warnings_of_results_are_in_their_pictures() -> None:

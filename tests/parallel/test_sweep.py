@@ -13,6 +13,7 @@ DRAWN = ("slider_crank_effects", "rssr_beams", "platform_3rrr")
 CASES = [(scene, 1) for scene in SCENES] + [(scene, 2) for scene in SCENES if scene.stem in ON_TWO_RANKS]
 
 
+@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize(("scene", "ranks"), CASES, ids=[f"{scene.stem}-{ranks}" for scene, ranks in CASES])
 def test_every_command_ends_as_it_should(scene: Path, ranks: int, tmp_path: Path, monkeypatch) -> None:
     if scene.stem not in DRAWN:

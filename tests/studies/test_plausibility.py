@@ -106,6 +106,9 @@ WARNED = {
     "rides freely": (CRANE, [FREELY, BEGUN], "joints.rear.type", "the slope of the bent beam drives it"),
     "motion beyond the range": (DRIVEN, ["coordinates.theta.range=[0.0, 6.0]", "coordinates.theta.periodic=false"],
                                 "effects.motor", "beyond coordinates.theta.range = [0, 6], where reduced runs end"),
+    "dwell between rows": (DRIVEN, ['effects.motor={type="prescribed_motion", coordinate="theta", '
+                                    'table=[[0.0, 0.0], [1.0, 1.0], [2.0, 1.0], [3.0, 0.0]]}'],
+                           "effects.motor.table", "from 1 to 2 s the spline moves by "),
     "E = 210": (SCENE, ["materials.steel.E=210"], "materials.steel.E", "waves run through steel"),
     "E = 210e12": (SCENE, ["materials.steel.E=210e12"], "materials.steel.E", "waves run"),
     "E of a parameter": (SCENE, ['materials.steel.E="q"', "parameters.q={nominal=210.0}"], "parameters.q.nominal",

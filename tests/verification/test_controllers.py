@@ -224,7 +224,7 @@ SEEN = (
     'outputs.fast={type="rate",of="seen"}',
     'outputs.seen={type="formula",formula="atan2(tip_y, tip_x - x)"}',
     'controllers.seer={type="formula",joint="pivot",measures={a="seen",b="fast",c="x"},constants={k=-30.0,T=0.02},'
-    'states={z="(a - z) / T"},output="min(max(k * (z + 0.02 * b) - c, -99.0), 99.0)"}',
+    'states={z="(a - z) / T"},output="min(max(k * (z + 0.02 * b) - c, -99.0), 99.0) - max(cos(a), 0) * atan2(a, 2.0)"}',
 )
 STOPPED = 'effects.stop={type="end_stop",joint="rail",upper=0.02,stiffness=5e4,damping=1.0}'
 

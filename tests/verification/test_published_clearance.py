@@ -86,40 +86,49 @@ def force(q, v):
 
 @njit
 def moreau(step, duration, restitution, friction, every):
-    """Return angles of crank, rod and slider, (n, 3), and their speeds, after every so many steps of the midpoint rule.
+    """Return angles of crank, rod and slider and their speeds, (n, 6), after every so many steps of the midpoint rule.
 
     In the middle of a step corners are closed or not; impulses of those that are closed follow by Gauss and Seidel's
     iteration of the inclusions."""
-    q, v, found = np.zeros(3), np.array([150.0, -75.0, 0.0]), []
-    for number in range(int(round(duration / step))):
+    n = int(round(duration / step))
+    q, v, found = np.zeros(3), np.array([150.0, -75.0, 0.0]), np.empty(((n - 1) // every + 1, 6))
+    w, answers, delassus = np.zeros((8, 3)), np.zeros((8, 3)), np.zeros((8, 8))
+    for number in range(n):
         if number % every == 0:
-            found.append(np.concatenate((q, v)))
+            found[number // every, :3], found[number // every, 3:] = q, v
         middle = q + step / 2 * v
-        mass, free = inertia(middle), v.copy()
+        (first, both, _), (_, second, _), _ = inertia(middle)
+        inverse = np.array([[second, -both, 0.0], [-both, first, 0.0], [0.0, 0.0, (first * second - both**2) / J3]])
+        inverse /= first * second - both**2
+        free = v.copy()
         for _ in range(4):  # forces at the mean of both velocities
-            free = v + step * np.linalg.solve(mass, force(middle, (v + free) / 2))
-        y, rows, m = L1 * np.sin(middle[0]) + L2 * np.sin(middle[1]), np.zeros((2, 4, 3)), 0
+            free = v + step * (inverse @ force(middle, (v + free) / 2))
+        y, m = L1 * np.sin(middle[0]) + L2 * np.sin(middle[1]), 0
         s, c = np.sin(middle[2]), np.cos(middle[2])
         for x, side in ((-LENGTH, 1.0), (LENGTH, 1.0), (-LENGTH, -1.0), (LENGTH, -1.0)):
             up = side * HEIGHT
             if ROOM + HEIGHT - side * (y + x * s + up * c) <= 0.0:
-                rows[0, m] = -side * np.array([L1 * np.cos(middle[0]), L2 * np.cos(middle[1]), x * c - up * s])
-                rows[1, m] = np.array([-L1 * np.sin(middle[0]), -L2 * np.sin(middle[1]), -x * s - up * c])
+                w[2 * m] = -side * np.array([L1 * np.cos(middle[0]), L2 * np.cos(middle[1]), x * c - up * s])
+                w[2 * m + 1] = np.array([-L1 * np.sin(middle[0]), -L2 * np.sin(middle[1]), -x * s - up * c])
                 m += 1
-        w = np.concatenate((rows[0, :m], rows[1, :m]))
-        answers = np.linalg.solve(mass, w.T.copy())
-        delassus, before, without, impulses = w @ answers, w @ v, w @ free, np.zeros(2 * m)
+        closed, impulses = w[: 2 * m], np.zeros(2 * m)
+        before, without = closed @ v, closed @ free
+        for i in range(2 * m):
+            answers[i] = inverse @ w[i]
+            delassus[i, : 2 * m] = closed @ answers[i]
         for _ in range(1000):
             last = impulses.copy()
-            for i in range(m):
-                approach = delassus[i] @ impulses + without[i] + restitution * before[i]
+            for i in range(0, 2 * m, 2):
+                approach = delassus[i, : 2 * m] @ impulses + without[i] + restitution * before[i]
                 impulses[i] = max(0.0, impulses[i] - approach / delassus[i, i])
-                j, most = m + i, friction * impulses[i]
-                stuck = impulses[j] - (delassus[j] @ impulses + without[j]) / delassus[j, j]
+                j, most = i + 1, friction * impulses[i]
+                stuck = impulses[j] - (delassus[j, : 2 * m] @ impulses + without[j]) / delassus[j, j]
                 impulses[j] = min(max(stuck, -most), most)
             if np.abs(impulses - last).sum() <= 1e-12 * np.abs(impulses).sum():
                 break
-        v = free + answers @ impulses
+        v = free
+        for i in range(2 * m):
+            v = v + impulses[i] * answers[i]
         q = middle + step / 2 * v
     return found
 
@@ -127,7 +136,7 @@ def moreau(step, duration, restitution, friction, every):
 @cache
 def moreaus_history(restitution: float) -> np.ndarray:
     """Return angles and their speeds, (6, n), every 0.1 ms."""
-    return np.array(moreau(2e-6, 0.12, restitution, 0.01, 50)).T
+    return moreau(2e-6, 0.12, restitution, 0.01, 50).T
 
 
 def height(q: np.ndarray) -> np.ndarray:

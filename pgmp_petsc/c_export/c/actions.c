@@ -121,7 +121,7 @@ void add_actions(const struct pgmp_model *m, const double strengths[], const dou
         action->law(action->controlled ? given[number] : m->laws[number], amplitude, place, own,
                     kept && fresh ? kept[number].about : NAN, found);
         if (kept) kept[number].about = found[LAW_ABOUT];
-        if (kept && fresh && action->rubs) {
+        if (kept && fresh && action->bends) {
             struct iterate *at = kept + number;
             memcpy(at->along, action->role == LED ? leading : projected, sizeof projected);
             at->s = place, at->rate = own, at->amplitude = amplitude;
@@ -142,12 +142,12 @@ void add_actions(const struct pgmp_model *m, const double strengths[], const dou
     if (fresh) add_tangent(tangent, matrix);
 }
 
-/* Whether the law of a friction is not linear from where it was evaluated last to the rates v. */
+/* Whether a law is not linear from where it was evaluated last to the rates v. */
 int bends(const struct pgmp_model *m, const struct iterate kept[], const double v[N]) {
     for (int number = 0; number < N_ACTIONS; number++) {
         const struct iterate *at = kept + number;
         double rate = 0.0, found[LAW_END + MOST_EDGES];
-        if (!actions[number].rubs) continue;
+        if (!actions[number].bends) continue;
         for (int i = 0; i < N; i++) rate += at->along[i] * v[i];
         actions[number].law(m->laws[number], at->amplitude, at->s, rate, NAN, found);
         double off = fabs(found[LAW_FORCE] - at->force + at->damping * (rate - at->rate));

@@ -27,12 +27,11 @@ enum { LAW_FORCE, LAW_STIFFNESS, LAW_DAMPING, LAW_ABOUT, LAW_END };
 typedef void law_function(const double p[], double amplitude, double s, double rate, double about, double found[]);
 /* A local effect: number of the first part of its measure, which is the sum of them, and of the last one; of its strength,
    and of its first edge among those of all; how many edges its law has; whose measure the law is of, and
-   whether it rubs. One that leads
-   does nothing but measure, for the law of the one behind it. */
+   whether its law bends over the rate. One that leads does nothing but measure, for the law of the one behind it. */
 enum { ALONE, LEADS, LED, BY_LOAD };
-struct action { int first, last, strength, edge, n_edges, role, controlled, rubs; law_function *law; };
-/* Where the law of an effect was evaluated last in an iteration: about as above, and of one that `rubs`, whose iterates are
-   taken up from zero, what its rate follows from, its measure, rate and amplitude, and its force and damping there. */
+struct action { int first, last, strength, edge, n_edges, role, controlled, bends; law_function *law; };
+/* Where the law of an effect was evaluated last in an iteration: about as above, and of one that bends what its rate
+   follows from, its measure, rate and amplitude, and its force and damping there. */
 struct iterate { double about, along[N], s, rate, amplitude, force, damping; };
 /* A law of a controller, of its parameters, of time, reference and its rate, motions and their rates, and of its states:
    the force, its slopes by motions, rates and states, and the same of the rate of each state; and its first states. */
