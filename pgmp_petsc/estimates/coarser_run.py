@@ -22,7 +22,8 @@ jumps over time, or a formula does, the order is one, and nearly at random what 
 The coarser run has a fifth of the steps, or as few as let each sampling of a controller be at the end of one
 (`times_of`), and no other record than the outputs. A step whose iteration fails is tried once more, and then taken in
 parts, the steps of the run itself. The run is given up where its work would be more than a share of the other's
-(`most_of`). The estimate ends there, or where most steps begin to be taken in parts.
+(`most_of`). The estimate ends there, or a tenth before it fails or most steps begin to be taken in parts, in which
+it runs away.
 """
 
 from __future__ import annotations
@@ -59,6 +60,7 @@ RUBS = 0.015  # of it, from which on they move what has friction or stops
 BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
 ROUGH = 7.0  # the mean, on a logarithmic scale, of 24 and 2
 SOME = 0.1  # of the steps, taken in parts, from which on an estimate is unsure
+RELIED_ON = 0.9  # of a run that fails: before it does, it runs away
 CROWDED = 0.5  # of `APART` of them, from which on it ends: changes of step set off what is seen then
 
 
@@ -178,7 +180,7 @@ def step_errors(
     """Return the errors of a run, times and outputs of shape (n_t,), at the instants of the coarser one, of which it is
     the sample of that number; None where that did not go far enough."""
     known = np.all([np.isfinite(values[:, sample]) for values in other.outputs.values()], axis=0)
-    n = known.size if known.all() else int(np.argmin(known))
+    n = known.size if known.all() else int(RELIED_ON * np.argmin(known))
     if n <= FEWEST or not all(np.isfinite(values).all() for values in outputs.values()):
         return None
     from scipy.interpolate import CubicSpline  # a noticeable time, and reduced runs have no coarser one

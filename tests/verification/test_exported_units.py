@@ -53,7 +53,7 @@ def quickly_compiled() -> Iterator[None]:
 def slider_crank() -> ReducedModel:
     """Return a model with terms of second order, and the force in a pin among its outputs."""
     pin = 'outputs.pin={type="joint_force", joint="elbow", component="y"}'
-    return reduced_model(scene_of("slider_crank", "reduction.parameter_modes=0", pin))
+    return reduced_model(scene_of("slider_crank", "reduction.parameter_modes=0", "reduction.modes=15", pin))
 
 
 @pytest.fixture(scope="module")

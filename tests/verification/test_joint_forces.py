@@ -602,7 +602,7 @@ scene = slider_crank(
 )
 model = full_model(scene)
 with model.distributed(scene.values, MPI.COMM_WORLD) as system:
-    record = FullRecord(model, system, model.fields(), ())
+    record = FullRecord(model, system, model.fields(), (), lambda n_steps: None)
     integrate(system, scene.simulation, observer=record)
     found = model.outputs.evaluate(record.outputs())
 if MPI.COMM_WORLD.rank == 0:

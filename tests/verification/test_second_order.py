@@ -187,8 +187,9 @@ def sampled(scene: Scene, theta: float) -> OnManifold:
     matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
     effects = effects_of(scene, kinematics.mechanism)
     loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
-    with ModalProblem(kinematics, scene.nominal, 3, MPI.COMM_SELF) as problem:
-        static_loads = StaticLoads.of(problem, patterns, scene.reduction)
+    reduction = scene.reduction.model_copy(update={"modes": 3})
+    with ModalProblem(kinematics, scene.nominal, reduction.modes, MPI.COMM_SELF) as problem:
+        static_loads = StaticLoads.of(problem, patterns, reduction)
         sample = Sampler(problem, loads, static_loads).sample(theta, lambda modes: modes)
         own = np.eye(sample.n_kept)
         return OnManifold(sample, *Manifold(problem, loads, static_loads).at(theta, sample, own))
