@@ -49,11 +49,14 @@ def quickly_compiled() -> Iterator[None]:
         yield
 
 
+OF_THE_FILE = "reduction.parameter_modes=0", "reduction.modes=3"
+
+
 @pytest.fixture(scope="module")
 def slider_crank() -> ReducedModel:
     """Return a model with terms of second order, and the force in a pin among its outputs."""
     pin = 'outputs.pin={type="joint_force", joint="elbow", component="y"}'
-    return reduced_model(scene_of("slider_crank", "reduction.parameter_modes=0", "reduction.modes=15", pin))
+    return reduced_model(scene_of("slider_crank", *OF_THE_FILE, pin))
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +132,7 @@ def test_model_exchange(exchanged, slider_crank) -> None:
     found, errors = exchanged.get("Real", OUTPUTS), []
     for step in (1e-4, 5e-5):
         over = f"simulation.duration={duration}", f"simulation.step={step}"
-        scene = scene_of("slider_crank", "reduction.parameter_modes=0", *over)
+        scene = scene_of("slider_crank", *OF_THE_FILE, *over)
         errors.append(abs(motion(with_scene(slider_crank, scene)).outputs["crank_angle"][-1] - found))
     assert done.success
     assert errors[1] < min(0.3 * errors[0], 1e-5 * found)
