@@ -20,7 +20,8 @@ Z' and the force.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -142,8 +143,6 @@ class Controls:
         Whether forces jump between two steps.
     keeps
         Whether all is kept that is seen of several samples.
-    taken
-        Which part `forces` returns of those that jump, where it is not said; None for the mean.
     """
 
     def __init__(
@@ -167,7 +166,7 @@ class Controls:
         self._rows = rows[n_carried:]
         self._acting = np.zeros((rows[-1].stop, n_samples, 3))
         self.iterates = self.jumps = self.keeps = False
-        self.taken: int | None = None
+        self._side: int | None = None  # which part `forces` returns where it is not said; None for the mean
         self._n_samples = n_samples
         #: forces at the last instant that was reached, (n_samples, 2, n_names), before and after they jump there,
         #: and at those that are seen, which increase
@@ -295,7 +294,7 @@ class Controls:
         Where they jump it is what they are before or after, or else the mean of both, with which the trapezoidal rule
         of works is right.
         """
-        found, part = np.zeros((times.size, self._n_samples, len(self.names))), self.taken if part is None else part
+        found, part = np.zeros((times.size, self._n_samples, len(self.names))), self._side if part is None else part
         for row, time in zip(found, times.tolist()):
             at = bisect_left(self._times, time)
             known = self._seen[at] if at < len(self._times) and self._times[at] == time else self.now
@@ -304,6 +303,15 @@ class Controls:
             else:
                 row[:] = 0.5 * (known[:, BEFORE] + known[:, AFTER])
         return found
+
+    @contextmanager
+    def on_side(self, part: int) -> Iterator[None]:
+        """Let `forces` return one part of those that jump, `BEFORE` or `AFTER`."""
+        self._side = part
+        try:
+            yield
+        finally:
+            self._side = None
 
     def take(self, state) -> None:
         """Take note of the forces of a state in which samples are after steps of a system's own."""

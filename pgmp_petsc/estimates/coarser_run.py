@@ -31,7 +31,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import chain, repeat
 from math import gcd
 
 import numpy as np
@@ -203,8 +202,9 @@ def step_errors(
     shares = off.max(axis=0) / np.maximum(np.abs(fine).max(axis=0), np.finfo(float).tiny)
     loudest, lost_hz = float(shares.max()), float(turns[shares.argmax()] / (2.0 * np.pi * step))
     edged = any(effect.edged for effect in scene.effects.values())
-    acting = chain(*(zip(repeat(kind), getattr(scene, kind).items()) for kind in ("effects", "controllers")))
-    at_once = [f"{kind}.{name}" for kind, (name, one) in acting if one.jumps_within(other.step)]
+    acting = {f"effects.{name}": one for name, one in scene.effects.items()}
+    acting |= {f"controllers.{name}": one for name, one in scene.controllers.items()}
+    at_once = [name for name, one in acting.items() if one.jumps_within(other.step)]
     unsure, order = "", ratio**2 - 1.0
     if other.divided[sample] > SOME:
         unsure = f"{share_text(float(other.divided[sample]))} of the coarser steps failed and were taken as the run's"

@@ -99,7 +99,7 @@ def _take_steps_of_block(
     about = reference[0].shape[0] > 0
     q, v, a, multipliers = before[0][block], before[1][block], before[2][block], before[3][block]
     turns, auxiliary, contraction = before[4][block], before[5][block], before[6][block]
-    rates, rubbing = borrowed(problem.actions.about)[block], any_bend(problem.actions.laws)
+    rates, bending = borrowed(problem.actions.about)[block], any_bend(problem.actions.laws)
     for k in range(n_steps):
         ahead = after[0][k, block], after[1][k, block], after[2][k, block]
         forces, counted = after[3][k, block], after[4][k, block]
@@ -109,7 +109,7 @@ def _take_steps_of_block(
         _copy(width, multipliers, forces)
         _copy(width, turns, counted)
         for lane in range(samples.size):
-            expected[lane] = FIRST_CONTRACTION if probed[k] or rubbing else contraction[lane]
+            expected[lane] = FIRST_CONTRACTION if probed[k] or bending else contraction[lane]
             active[lane] = samples[lane]
         if about:
             _add(width, 1.0, reference[0][k, block], ahead[0])

@@ -9,6 +9,7 @@ ranks, and statics, are in `full.distributed`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from copy import copy
 from functools import cached_property
 from typing import Self
@@ -113,18 +114,14 @@ class FullSystem(SecondOrderSystem):
         against the constraints is damped (Arnold, Bruls and Cardona 2015); these are of second order, as the motion is.
         Accelerations are those before forces of controllers jump, and so are these.
         """
-        if self.beside is not None:
-            self.beside.taken = BEFORE
-        drift = self._drift(times, self._columns(states.q), self._columns(states.v))
-        drift, everyone = drift.reshape(len(drift), len(times), self.n_samples), np.ones(self.n_samples, dtype=bool)
-        found = [
-            self._accelerated(time, states.at(k), self._against(drift[:, k]), everyone, True)
-            for k, time in enumerate(times)
-        ]
-        multipliers = self.multipliers_of_joints(times, State.along(found))
-        if self.beside is not None:
-            self.beside.taken = None
-        return multipliers
+        with nullcontext() if self.beside is None else self.beside.on_side(BEFORE):
+            drift = self._drift(times, self._columns(states.q), self._columns(states.v))
+            drift, everyone = drift.reshape(len(drift), len(times), self.n_samples), np.ones(self.n_samples, dtype=bool)
+            found = [
+                self._accelerated(time, states.at(k), self._against(drift[:, k]), everyone, True)
+                for k, time in enumerate(times)
+            ]
+            return self.multipliers_of_joints(times, State.along(found))
 
     def unknowns(self, state: State) -> list[np.ndarray]:
         """Return unknowns, velocities and accelerations, (n, n_samples) each, on every rank."""

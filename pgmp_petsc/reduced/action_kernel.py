@@ -79,7 +79,7 @@ class LocalWork(NamedTuple):
     measured: np.ndarray  # see below, (7)
     #: of each law that bends what its rate follows from, measure, rate, force, damping and the rate of the
     #: action that leads, (n, n_eta + 5)
-    rubbing: np.ndarray
+    bending: np.ndarray
     felt: np.ndarray  # by the nodes' frames, (n_nodes, n_frame)
 
     @classmethod
@@ -89,14 +89,14 @@ class LocalWork(NamedTuple):
         d, n_nodes = local.actions.statements.axes.shape[2], local.places.n_nodes
         n_frame, n_dofs = d * (d + 1), d * (d + 1) // 2
         n_rigid = local.places.rigid.polynomials.shape[2] // N_POWERS**r
-        n, n_rubbing = 2 * n_frame, int(np.sum(local.actions.laws.bend))
+        n, n_bending = 2 * n_frame, int(np.sum(local.actions.laws.bend))
         of_frames = (
             (r,), (n_rigid,), (r * n_rigid,), (n_nodes, n_dofs), (n_dofs, n_eta), (3, 3), (3,), (n_nodes, n_frame),
             (n_nodes, n_frame, n_eta),
         )  # fmt: skip
         own = (
             (n,), (n,), (n,), (n, n), (n, n_eta), (3,), (n_eta,), (n_eta,), (n_eta,), (LEADING + 1,),
-            (n_rubbing, n_eta + 5), (n_nodes, n_frame),
+            (n_bending, n_eta + 5), (n_nodes, n_frame),
         )  # fmt: skip
         frames = Frames(*(aligned((*shape, LANES)) for shape in of_frames))
         return cls(frames, *(aligned((*shape, LANES)) for shape in own))
@@ -153,7 +153,7 @@ def act(
         for j in range(n if with_tangent else 0):
             store(acting.tangent, i * n + j, 0.0)
     place_nodes(places, chosen.nodes, grid, actions.statements.axes.shape[2], q, v, kept, work.frames)
-    n_rubbing = 0
+    n_bending = 0
     for number in range(chosen.actions.size):
         action = chosen.actions[number]
         first, last, role = actions.firsts[action], actions.firsts[action + 1], actions.roles[action]
@@ -162,8 +162,8 @@ def act(
             local, action, r, amplitudes, q, v, samples, lanes, with_tangent and single, limiting, work, known, depths
         )
         if limiting and actions.laws.bend[action]:
-            _keep(work.leading if role == LED else work.projected, work.measured, n_rubbing, work.rubbing)
-            n_rubbing += 1
+            _keep(work.leading if role == LED else work.projected, work.measured, n_bending, work.bending)
+            n_bending += 1
         if role == LEADS or (action + 1 < actions.roles.size and actions.roles[action + 1] == BY_LOAD):
             for i in range(n):
                 store(work.leading, i, load(work.projected, i))
@@ -199,17 +199,17 @@ def _find_force(local, action, r, amplitudes, q, v, samples, lanes, second, limi
 
 
 @njit(error_model="numpy", counted=False)
-def _keep(along, measured, number, rubbing):
+def _keep(along, measured, number, bending):
     """Keep what a law was evaluated at."""
     n = along.shape[0]
     first = number * (n + 5)
     for i in range(n):
-        store(rubbing, first + i, load(along, i))
-    store(rubbing, first + n, load(measured, MEASURE))
-    store(rubbing, first + n + 1, load(measured, RATE))
-    store(rubbing, first + n + 2, load(measured, STRENGTH))
-    store(rubbing, first + n + 3, load(measured, DAMPING))
-    store(rubbing, first + n + 4, load(measured, LEADING))
+        store(bending, first + i, load(along, i))
+    store(bending, first + n, load(measured, MEASURE))
+    store(bending, first + n + 1, load(measured, RATE))
+    store(bending, first + n + 2, load(measured, STRENGTH))
+    store(bending, first + n + 3, load(measured, DAMPING))
+    store(bending, first + n + 4, load(measured, LEADING))
 
 
 @njit(cache=True, apart=types.int64, error_model="numpy", counted=False)
@@ -220,9 +220,9 @@ def bent_lanes(local, amplitudes, v, samples, lanes, work, depths):
     for action in range(laws.addresses.size):
         if not laws.bend[action]:
             continue
-        rate, kept = spread(0.0), work.rubbing[number]
+        rate, kept = spread(0.0), work.bending[number]
         for i in range(n):
-            rate += load(work.rubbing, number * (n + 5) + i) * load(v, i)
+            rate += load(work.bending, number * (n + 5) + i) * load(v, i)
         store(work.measured, ALONG, rate)
         number += 1
         for lane in range(LANES):

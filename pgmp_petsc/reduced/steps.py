@@ -401,7 +401,7 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
     carries, going = equations.carried.actions.size > 0, lanes
     if carries:
         begin_carried(equations, room, state[6], memory.samples[block], lanes)
-    first, rubbing = load(expected, 0), any_bend(equations.local.actions.laws)
+    first, bending = load(expected, 0), any_bend(equations.local.actions.laws)
     for iteration in range(MAX_ITERATIONS):
         fresh, unsettled = attempt > 0 or iteration % REFRESH_EVERY == 0, 0
         if carries:
@@ -426,7 +426,7 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
         correct_block(equations, memory, room, block, strengths.loads, (gain_v, gain_a), fresh)
         size = follow_correction(equations, (gain_v, gain_a), going, work)
         progress.n_corrections[0] += count_lanes(going)
-        if rubbing and iteration == 0:
+        if bending and iteration == 0:
             bent = bent_lanes(
                 equations.local, strengths.actions, work.rate, memory.samples[block], going, local, memory.depths
             )
