@@ -128,8 +128,9 @@ def test_estimates_are_within_the_factor(case: str, tmp_path: Path) -> None:
     assert absence_of_estimates(scene) == ()
     model, values = ReducedModel(scene, kept_rom(made, tmp_path)), samples(scene, 2)
     exact_of = (components_model if components else full_model)(finer(made, parts), meshes)
-    watched = ErrorIndicator(model).watch(values, np.arange(2))
-    run = integrate(model.batch(values, 2), scene.simulation, observer=watched)
+    system = model.batch(values, 2)
+    watched = ErrorIndicator(model).watch(system, np.arange(2))
+    run = integrate(system, scene.simulation, observer=watched)
     estimate, found = watched.estimate(run.status).largest, history(model, values, 2)[1]
     exact, factor = history(exact_of, samples(scene, 1), 1, parts)[1], SURER.get(case, FACTOR)
     for name, one in found.items():
