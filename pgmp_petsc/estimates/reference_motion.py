@@ -44,7 +44,7 @@ from pgmp_petsc.scene.numerics import Simulation, count_steps
 
 # us of one core: an unknown of a beam with its neighbours, a pair of unknowns of a condensed body
 OF_BEAM, OF_PAIR = 0.8, 0.02
-OF_BESIDE = 800.0  # of what is found between corrections, each of which is a call then
+OF_BESIDE = 800.0  # of each entry whose force is found between corrections
 DEAR = 4e6  # us that the evaluations of a sample may take
 FINER = 4  # steps of the run that is followed in one of the run itself
 MOST, LEAST = 8000, 100  # evaluations
@@ -120,7 +120,7 @@ def differences(
 
 def price_of_evaluation(mechanism: Mechanism) -> float:
     """Return about how long an evaluation of the full-order equations takes, corrections included, us of one core."""
-    price = OF_BESIDE if mechanism.scene.beside else 0.0
+    price = OF_BESIDE * len(mechanism.scene.beside)
     for body in mechanism.bodies:
         n = mechanism.space.n_pose * body.n_nodes + body.n_internal
         price += OF_PAIR * n**2 if body.dense or body.blocks("floating") else OF_BEAM * n
