@@ -82,7 +82,8 @@ class ErrorIndicator:
         self.step = simulation.duration / self.n_steps
         self.finer = simulation.model_copy(update={"step": self.step / reference_motion.FINER})
         self.schedules = reference_motion.schedules_of(self.checking.full.kinematics.mechanism, simulation)
-        self.kept = reference_motion.kept_steps([schedule.steps for schedule in self.schedules])
+        ends = np.array([0, reference_motion.FINER * self.n_steps])
+        self.kept = reference_motion.kept_steps([ends, *(schedule.steps for schedule in self.schedules)])
 
     def stepped(self, simulation: Simulation) -> ErrorIndicator:
         """Return the indicator of runs of the same model with other steps."""
@@ -142,7 +143,8 @@ class WatchedRun(Observer):
         """Return the estimate once the run has ended, with the status of the whole batch, shape (n_batch,)."""
         indicator, n = self._indicator, self._samples.size
         if not indicator.schedules:
-            return _nothing(list(indicator.model.outputs.functions), TOO_OFTEN)
+            ends = np.array([0.0, indicator.simulation.duration])
+            return _nothing(list(indicator.model.outputs.functions), TOO_OFTEN, ends)
         fine = status[self._samples] == Status.FINE
         states, followed = self._followed(fine)
         about = followed & self._placeable(states)
@@ -397,8 +399,8 @@ class WatchedSamples(Observer):
         return [run for run in self._runs if run is not None]
 
 
-def _nothing(outputs: list[str], why: str = "") -> Estimate:
-    """Return the estimate of a sample that has none, and why it has none; empty where it failed."""
+def _nothing(outputs: list[str], why: str = "", times: np.ndarray = np.zeros(0)) -> Estimate:
+    """Return the estimate of a sample that has none at some times (s), and why; empty where it failed."""
     unknown = {name: np.full(1, np.nan) for name in outputs}
-    histories = ((np.zeros(0), {name: np.zeros(0) for name in outputs}),)
+    histories = ((times, {name: np.full(times.size, np.nan) for name in outputs}),)
     return Estimate(unknown, dict(unknown), histories, dict.fromkeys(outputs, (why,)))

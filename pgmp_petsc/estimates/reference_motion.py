@@ -85,7 +85,7 @@ def schedules(n_steps: int, duration: float, most: int = MOST, every: int = 0) -
         whole = [each for each in whole if FINER * every % each == 0 and FINER * n_steps <= most * each]
         strides = whole[2::-1] if len(whole) > 1 else []
     steps = [np.concatenate([[0], np.arange(FINER * n_steps, 0, -each)[::-1]]) for each in strides]
-    kept, radius = kept_steps(steps), DAMPED if strides and strides[-1] <= FINER else 0.0
+    kept, radius = kept_steps([np.array([0]), *steps]), DAMPED if strides and strides[-1] <= FINER else 0.0
     return [
         Schedule(some, np.searchsorted(kept, some), some % FINER == 0, each * duration / (FINER * n_steps), radius)
         for some, each in zip(steps, strides)
@@ -94,7 +94,7 @@ def schedules(n_steps: int, duration: float, most: int = MOST, every: int = 0) -
 
 def kept_steps(steps: list[np.ndarray]) -> np.ndarray:
     """Return the numbers of the steps that any of some sets of them has, increasing."""
-    return np.unique(np.concatenate([[0], *steps]))
+    return np.unique(np.concatenate(steps))
 
 
 def places_of(kept: np.ndarray) -> np.ndarray:
