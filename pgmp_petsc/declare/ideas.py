@@ -27,6 +27,7 @@ from types import ModuleType
 from typing import Any, get_args
 
 from pydantic import BaseModel, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
+from pydantic.errors import PydanticUndefinedAnnotation
 from pydantic_core import CoreSchema, core_schema
 
 from pgmp_petsc.base.errors import InputError, shortened
@@ -197,6 +198,10 @@ def take(file: Path) -> None:
         for one in vars(module).values():
             if isinstance(one, Printed) and one.file == path:
                 _check_printed(one)
+        for family in FAMILIES:
+            for cls in family.classes.values():
+                if cls.__module__ == module.__name__:
+                    _complete(cls)
         if len(IN_USE) == n_before:
             declared = ", ".join(f"{family.base} ({family.what})" for family in FAMILIES)
             raise InputError(
@@ -212,6 +217,14 @@ def take(file: Path) -> None:
         raise
     for told in WHEN_GROWN:
         told()
+
+
+def _complete(cls: type[BaseModel]) -> None:
+    """Refuse a class whose entries name types that there are not."""
+    try:
+        cls.model_rebuild()
+    except PydanticUndefinedAnnotation as error:
+        raise refuse(cls, f"an entry has the type {error.name}, which is not defined") from error
 
 
 def _check_printed(one: Printed) -> None:
