@@ -98,12 +98,7 @@ class Family:
     def found(self) -> tuple[type[BaseModel], ...]:
         """Return the ideas in the order of their names."""
         if not self._looked_through:
-            room = import_module(self.room)
-            for module in iter_modules(room.__path__, f"{self.room}."):
-                import_module(module.name)
-            for point in sorted(_installed().select(group=f"pgmp.{self.group}"), key=lambda point: point.name):
-                _load(point, f"pgmp.{self.group}")
-            self._looked_through = True
+            look_through()
         return tuple(self.classes[name] for name in sorted(self.classes))
 
     @property
@@ -119,6 +114,21 @@ JOINTS = Family("joint", "JointEntry", "pgmp_petsc.joints", "joints")
 CONTROLLERS = Family("controller", "ControllerEntry", "pgmp_petsc.controllers", "controllers")
 SECTIONS = Family("section", "SectionEntry", "pgmp_petsc.bodies.sections", "sections", "shape")
 FAMILIES = (EFFECTS, OUTPUTS, JOINTS, CONTROLLERS, SECTIONS)
+
+
+def look_through() -> None:
+    """Import the ideas of the package, and behind them those of installed ones, whichever group names their modules."""
+    waiting = [family for family in FAMILIES if not family._looked_through]
+    for family in waiting:
+        room = import_module(family.room)
+        for module in iter_modules(room.__path__, f"{family.room}."):
+            import_module(module.name)
+    for family in waiting:
+        for point in sorted(_installed().select(group=f"pgmp.{family.group}"), key=lambda point: point.name):
+            _load(point, f"pgmp.{family.group}")
+        family._looked_through = True
+
+
 #: What is done when a family has grown after it was looked through.
 WHEN_GROWN: list[Callable[[], object]] = []
 
@@ -174,8 +184,7 @@ def take(file: Path) -> None:
     Raises `InputError` if it cannot be read, is not Python, fails, has no idea in it, or has one that is not whole or
     whose name is taken; with the file and line.
     """
-    for family in FAMILIES:
-        family.found()  # the package's own come first: their names are taken
+    look_through()  # the package's own come first: their names are taken
     try:
         text = file.read_bytes()
     except OSError as error:

@@ -432,22 +432,30 @@ def test_installed_packages_have_ideas_behind_entry_points(tmp_path: Path, monke
     (tmp_path / "mine_of_test.py").write_text(LISTING)
     monkeypatch.syspath_prepend(tmp_path)
 
-    def named(name: str) -> None:
-        found = EntryPoint(name, points[name], "pgmp.effects")
+    def named(name: str, group: str) -> None:
+        found = EntryPoint(name, points[name], f"pgmp.{group}")
         monkeypatch.setattr(ideas, "_installed", lambda: EntryPoints([found]))
-        monkeypatch.setattr(ideas.EFFECTS, "_looked_through", False)
+        for family in (ideas.EFFECTS, ideas.OUTPUTS):
+            monkeypatch.setattr(family, "_looked_through", False)
 
-    named("broken")
+    named("broken", "effects")
     told = (
         r"^pgmp\.effects: 'broken' of the installed package not_there_of_test cannot be imported: ModuleNotFoundError"
     )
     with pytest.raises(InputError, match=told):
         ideas.EFFECTS.found()
-    named("spring")
+    named("spring", "outputs")  # whichever group it is, all ideas of its modules are there
     assert "line_spring" in ideas.EFFECTS.names
     assert IN_USE["effects", "line_spring"].name == "mine_of_test"
     sys.modules.pop("mine_of_test")
     (needed,) = ({plugin.name: plugin.sha256} for plugin in IN_USE.values())
     IN_USE.clear()
     with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use; install its package$"):
+        check_plugins(needed, "a.h5")
+    (about := tmp_path / "mine_of_test-1.0.dist-info").mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mine_of_test\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[pgmp.effects]\nspring = mine_of_test\n")
+    check_plugins(needed, "a.h5")  # before any scene is read
+    (tmp_path / "mine_of_test.py").write_text(LISTING + "\n")
+    with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use"):
         check_plugins(needed, "a.h5")
