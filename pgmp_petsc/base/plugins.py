@@ -7,10 +7,11 @@ A file that was made from a scene with such ideas names the plugins and the SHA-
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+import traceback
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.errors import InputError, shortened
 
 SHOWN = 12  # characters of a checksum in messages
 
@@ -26,6 +27,15 @@ class Plugin:
 
 #: Plugins by the table of the scene and the type of each of their ideas.
 IN_USE: dict[tuple[str, str], Plugin] = {}
+
+
+def to_blame(error: BaseException, paths: Collection[str]) -> InputError | None:
+    """Return the message of an error that came up below a line of one of some plugins; None if it did not."""
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename in paths]
+    if not frames:
+        return None
+    reason = f"{type(error).__name__}: {shortened(str(error))}"
+    return InputError(f"plugin '{frames[-1].filename}', line {frames[-1].lineno}: {reason}; repair the file")
 
 
 def in_use() -> dict[str, str]:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy.interpolate import CubicSpline, RBFInterpolator
 
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bench.cases import Setting, Training
@@ -294,6 +293,8 @@ class ResponseSurface:
         # a deformation may be no number at some instants of a run that leaves a limited range
         self._known = np.isfinite(every).all(axis=0)
         data = every[:, self._known]
+        from scipy.interpolate import CubicSpline, RBFInterpolator  # a noticeable time, and few commands have surfaces
+
         self._low, self._width = nodes.min(axis=0), np.ptp(nodes, axis=0)
         scaled = self._scaled(nodes)
         if nodes.shape[1] == 1:

@@ -88,7 +88,6 @@ def check(entry: str, text: object, names: Iterable[str], place: str) -> None:
         raise InputError(f"{place}: {entry}: {text!r} is no expression ({why}); {allowed}") from None
     called = {node.func: node for node in ast.walk(tree) if isinstance(node, ast.Call)}
     for node in ast.walk(tree):
-        found = ast.unparse(node) or type(node).__name__
         if isinstance(node, ast.Call):
             fine = isinstance(node.func, ast.Name) and FUNCTIONS.get(node.func.id) == len(node.args)
             fine = fine and not node.keywords
@@ -101,6 +100,7 @@ def check(entry: str, text: object, names: Iterable[str], place: str) -> None:
         else:
             fine = isinstance(node, _ARITHMETIC)
         if not fine:
+            found = ast.unparse(node) or type(node).__name__
             raise InputError(f"{place}: {entry}: '{text}' has '{found}'; {allowed}")
 
 

@@ -16,7 +16,6 @@ import hashlib
 import inspect
 import linecache
 import sys
-import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cache
@@ -31,7 +30,7 @@ from pydantic import BaseModel, GetCoreSchemaHandler, GetJsonSchemaHandler, Vali
 from pydantic_core import CoreSchema, core_schema
 
 from pgmp_petsc.base.errors import InputError, shortened
-from pgmp_petsc.base.plugins import IN_USE, Plugin
+from pgmp_petsc.base.plugins import IN_USE, Plugin, to_blame
 from pgmp_petsc.declare.expressions import Printed
 
 PACKAGE = "pgmp_petsc."
@@ -238,6 +237,4 @@ def _run(text: bytes, file: Path, module: ModuleType) -> None:
     except InputError:
         raise
     except (Exception, SystemExit) as error:
-        frames = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
-        reason = f"{type(error).__name__}: {shortened(str(error))}"
-        raise InputError(f"plugin '{file}', line {frames[-1]}: {reason}; repair the file") from error
+        raise to_blame(error, [path]) from error

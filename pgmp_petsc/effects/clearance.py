@@ -40,7 +40,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from scipy.optimize import brentq
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import SOURCE, Action
@@ -199,12 +198,15 @@ def restitution_at(restitution: float, ratio: float) -> float:
         return 1.0 - 2.0 * a / 3.0
     if a > FAST:
         return 1.0 / a
+    from scipy.optimize import brentq  # a noticeable time, and few scenes have clearance
+
     return float(brentq(lambda e: (1.0 + e) * a - np.log1p(a) + np.log1p(-e * a), 0.0, min(1.0, (1.0 - 1e-15) / a)))
 
 
 def hysteresis_at(restitution: float, ratio: float) -> float:
     """Return the same of a hysteresis."""
     from scipy.integrate import quad  # a noticeable time, and few scenes have one
+    from scipy.optimize import brentq
 
     square, width = restitution**2, 1.0 / HYSTERESIS
 

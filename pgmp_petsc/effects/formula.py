@@ -290,12 +290,7 @@ class FormulaEffect(OnJoint):
 
 def not_finite(action: Action, s: float, v: float, values: dict[str, float]) -> str:
     """Return why a formula has no finite force or derivative in a state at time zero; empty where it has."""
-    try:
-        found = action.law.evaluate([float(quantity.at(values)) for quantity in action.parameters], s, v)
-    except ZeroDivisionError:
-        return "it divides by zero"
-    except (ArithmeticError, ValueError, TypeError):
-        return "it is not finite"
-    numbers = (found.force, found.stiffness, found.damping)
-    fine = all(isinstance(one, float) and math.isfinite(one) for one in numbers)
-    return "" if fine else "it, or a derivative of it, is not finite"
+    found = action.law.evaluate([float(quantity.at(values)) for quantity in action.parameters], s, v)
+    if all(map(math.isfinite, (found.force, found.stiffness, found.damping))):
+        return ""
+    return "a derivative of it is not finite" if math.isfinite(found.force) else "it is not finite"

@@ -20,10 +20,10 @@ import functools
 import itertools
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -154,7 +154,7 @@ class Law(Printed):
         self, p: Sequence[float], s: float, rate: float = 0.0, amplitude: float = 0.0, about: float = math.nan
     ) -> Found:
         """Evaluate the law in Python; `about` is the rate of the iterate before in the same step, NaN for the first."""
-        return Found(*self.code.evaluate(p, amplitude, s, rate, about, [0.0] * len(self.edges)))
+        return Found(*_called(self.code.evaluate, p, amplitude, s, rate, about, [0.0] * len(self.edges)))
 
     def forces(
         self, p: np.ndarray, s: np.ndarray, rates: np.ndarray | float = 0.0, amplitudes: np.ndarray | float = 0.0
@@ -168,22 +168,19 @@ class Law(Printed):
     def depths(self, p: Sequence[float], s: float) -> list[float]:
         """Return how far each edge is crossed, negative where it is not."""
         found = [0.0] * len(self.edges)
-        self.code.evaluate(p, 0.0, s, 0.0, math.nan, found)
+        _called(self.code.evaluate, p, 0.0, s, 0.0, math.nan, found)
         return found
 
     def edge_slopes(self, number: int, p: Sequence[float], s: float) -> tuple[float, float, np.ndarray]:
         """Return the derivatives of how far an edge is crossed: first and second with s, and with the parameters."""
-        first, second, *others = self.code.edges(p, s)[number]
+        first, second, *others = _called(self.code.edges, p, s)[number]
         return first, second, np.array(others)
 
     def _check_finite(self, code: ModuleType) -> None:
         for s, rate in itertools.product(TRIED, TRIED):
             p, slopes = [1.0] * len(self.parameters), [0.0] * (len(self.parameters) + 1)
-            try:
-                found = [*code.evaluate(p, 1.0, s, rate, math.nan, [0.0] * len(self.edges))[:-1]]
-                code.slopes(p, 1.0, s, rate, slopes)
-            except (ArithmeticError, ValueError):
-                found = [math.nan]
+            found = _called(code.evaluate, p, 1.0, s, rate, math.nan, [0.0] * len(self.edges))[:-1]
+            _called(code.slopes, p, 1.0, s, rate, slopes)
             if not np.isfinite([*found, *slopes]).all():
                 raise InputError(
                     f"{self.place}: law {self.name}: force or a derivative of it is not finite at s = {s:g}, "
@@ -257,6 +254,32 @@ class Law(Printed):
             lines += [f"    if ({printed([limit], in_c=True)[1][0]}) {{", *block(at_zero, "NAN", " " * 8)]
             lines += ["        return;", "    }"]
         return "\n".join([*lines, *block(found, "rate", "    "), "}"])
+
+
+def _everywhere(of_numbers: Callable, of_any: Callable) -> Callable:
+    """Return a function of numbers that has numpy's value where Python's has none, and raises."""
+
+    def function(x: float) -> np.float64:
+        try:
+            return np.float64(of_numbers(x))
+        except (ValueError, OverflowError):
+            return of_any(x)
+
+    return function
+
+
+#: What printed code calls.
+IEEE = {
+    name: _everywhere(getattr(math, name), getattr(np, name.replace("atan", "arctan")))
+    for name in ("atan", "cos", "exp", "log", "sin", "sqrt", "tanh")
+}
+
+
+def _called(function: FunctionType, p: Sequence[float], *arguments: Any) -> Any:
+    """Call a printed function with the arithmetic of compiled ones: a case that is not taken may divide by zero."""
+    numbers = (np.float64(one) if isinstance(one, (int, float)) else one for one in arguments)
+    with np.errstate(all="ignore"):
+        return FunctionType(function.__code__, function.__globals__ | IEEE)(np.asarray(p, dtype=float), *numbers)
 
 
 def _rows(values: Sequence[str], n: int) -> str:

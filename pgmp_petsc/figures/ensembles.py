@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
-from scipy.stats import gaussian_kde
 
 from pgmp_petsc.base.errors import InputError, nearest_name
 from pgmp_petsc.figures import captions, style
@@ -181,6 +180,8 @@ def kernel_density(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     low, high = values.min(), values.max()
     if not high > low:
         return np.zeros(places.shape)
+    from scipy.stats import gaussian_kde  # a tenth of a second, and few figures have densities
+
     of = gaussian_kde(values)
     return np.where((low <= places) & (places <= high), of(places) + of(2 * low - places) + of(2 * high - places), 0.0)
 

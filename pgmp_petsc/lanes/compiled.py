@@ -100,12 +100,18 @@ def njit(
             dispatcher._cache = kind(function)
         if entry:
             return dispatcher
-        linked = numba.njit(no_cfunc_wrapper=True, no_cpython_wrapper=True, _nrt=counted, **options)(function)
-        linked._compilation_chain_init_hook = _no_extensions
-        if cache:
-            linked._cache = kind(function, "-linked")
+
+        @functools.cache  # few functions of those that are loaded are compiled, or typed
+        def linked() -> Any:
+            found = numba.njit(no_cfunc_wrapper=True, no_cpython_wrapper=True, _nrt=counted, **options)(function)
+            found._compilation_chain_init_hook = _no_extensions
+            if cache:
+                found._cache = kind(function, "-linked")
+            return found
+
         dispatcher.linked = linked
-        dispatcher.get_call_template, dispatcher.get_overload = linked.get_call_template, linked.get_overload
+        dispatcher.get_call_template = lambda *args: linked().get_call_template(*args)
+        dispatcher.get_overload = lambda *args: linked().get_overload(*args)
         if apart:
             dispatcher.get_call_template = functools.partial(_call_template, linked, apart)
             dispatcher.get_overload = functools.partial(_call_of, linked, apart)
@@ -120,10 +126,10 @@ class NotCompiledError(RuntimeError):
 
 def _call_template(linked: Any, returns: Any, args: tuple, kws: dict) -> tuple:
     """Return the signature of a call of a function apart, in numba's form; nothing is compiled."""
-    pysig, folded = linked._compiler.fold_argument_types(args, kws)
+    pysig, folded = linked()._compiler.fold_argument_types(args, kws)
     takes = tuple(types.unliteral(one) for one in folded)
     signature = typing.signature(_returned(returns, takes), *takes)
-    name = linked.py_func.__name__
+    name = linked().py_func.__name__
     return typing.make_concrete_template(name, key=name, signatures=[signature]), pysig, folded, {}
 
 
@@ -135,7 +141,7 @@ def _returned(returns: Any, takes: tuple) -> types.Type:
 
 def _call_of(linked: Any, returns: Any, signature: Any) -> Any:
     """Return the key of what numba lowers a call of a function apart by."""
-    arguments = tuple(sigutils.normalize_signature(signature)[0])
+    linked, arguments = linked(), tuple(sigutils.normalize_signature(signature)[0])
     returned = _returned(returns, arguments)
     function = linked.py_func
     text = f"{function.__module__}.{function.__qualname__}{arguments}"
@@ -187,7 +193,7 @@ def _make(address: int) -> int:
     """Compile, or load, the function apart whose word has an address; return 0, or which exception to raise."""
     try:
         word, module, name, arguments = next(one for one in _slots.values() if ctypes.addressof(one[0]) == address)
-        linked = getattr(import_module(module), name).linked
+        linked = getattr(import_module(module), name).linked()
         linked.compile(arguments)
         made = linked.overloads[arguments]
         word.value = made.library.get_pointer_to_function(made.fndesc.llvm_func_name)

@@ -31,7 +31,17 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import AffineSum, Monomial, Quantity
 from pgmp_petsc.bodies.body import Body, LumpedMass, body_of, joined
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.mechanism.joints import Attachment, Connection, Coupling, Release, ridden, share_position, triad, weld
+from pgmp_petsc.mechanism.joints import (
+    Attachment,
+    Connection,
+    Coupling,
+    Release,
+    about,
+    ridden,
+    share_position,
+    triad,
+    weld,
+)
 from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Statement, along, angle, perpendicular
@@ -115,6 +125,9 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
             place, turned = _off(scene, offset)
             moved = replace(moved, point=moved.point + place, arm=moved.arm + (0.0 if moved.on_ground else place))
             held = tuple(holds(turned @ in_a, in_b))
+        if elastic is not None and any(isinstance(part, Combination) for part in statements):
+            words = "this joint has no axes that are the same everywhere along its curve; let a body between be elastic"
+            raise InputError(problem(f"joints.{name}.elastic", words))
         if elastic is not None:
             first, second = (0.0 if s.on_ground else poses[s.body, -1] for s in sides)
             rest = second - first if space is not SPATIAL else 0.0
@@ -123,8 +136,8 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
             straight, _ = held, released = parted(*placed)
             if off is not None:
                 held, released = parted(*placed, off)
-        level = None if offset is None else tuple((part, sides) for part in straight)
-        held = tuple((part, (moved, sides[1])) for part in held)
+        level = None if offset is None else about(straight, *sides)
+        held = about(held, moved, sides[1])
         if riding:
             held = tuple(ridden(in_a, in_b, _run(scene, bodies, name, sides[0], in_a[:, 0]), sides[1]))
         connections.append(Connection(name, statements, *sides, rows, turning, held, released, level))

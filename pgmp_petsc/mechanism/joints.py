@@ -172,9 +172,17 @@ def ridden(
     return found
 
 
-def share_position(statements: Sequence[Statement]) -> bool:
+def about(
+    statements: Sequence[Statement | Combination], *sides: Attachment
+) -> tuple[tuple[Statement | Combination, tuple[Attachment, ...]], ...]:
+    """Return statements about two attachments with these as the sides of each of their terms."""
+    return tuple((part, len(part.terms) * sides) for part in statements)
+
+
+def share_position(statements: Sequence[Statement | Combination]) -> bool:
     """Return whether the points of two frames meet where such statements are zero."""
-    return sum(part.kind == MEET for part in statements) == statements[0].axes.shape[1]
+    meeting = [part for part in statements if isinstance(part, Statement) and part.kind == MEET]
+    return bool(meeting) and len(meeting) == meeting[0].axes.shape[1]
 
 
 def orthonormality() -> tuple[list[Statement], np.ndarray]:
@@ -214,7 +222,7 @@ class Connection:
 
     name: str
     #: what is zero in the configuration; joints whose points share their position begin with that
-    statements: tuple[Statement, ...]
+    statements: tuple[Statement | Combination, ...]
     a: Attachment
     b: Attachment
     rows: slice  # of these, among those of all joints
@@ -239,7 +247,7 @@ class Connection:
 
     def holding(self, moving: bool = False) -> list[tuple[Statement | Combination, tuple[Attachment, ...]]]:
         """Return what is zero in the configuration, or in the motion too, with its sides."""
-        return list(self.held) if moving else [(part, self.sides) for part in self.statements]
+        return list(self.held if moving else about(self.statements, *self.sides))
 
     @property
     def straight(self) -> Connection:

@@ -25,6 +25,13 @@ where L, X and S are constant. In the unknowns ``xi = L^T u_i + X u_o`` and u_o 
 
 This is block Cholesky factorisation (Golub, Van Loan 2013, section 4.2.9), as stable as that of the whole matrix.
 
+Static answers need no shift: with springs against the rigid motions R, through the unknowns o,
+
+    A = K + R_o W R_o^T,    W = (R_o^T R_o)^-1 R^T M R |sigma| (R_o^T R_o)^-1,
+
+is positive definite, once the unknowns that tell these motions belong to o. ``W R_o^T x = 0`` for every balanced load,
+as R does no work: what springs add is round-off. W gives rigid motions the eigenvalue ``|sigma|``.
+
 The pencil (K, M) of a mechanism in the null space N of its constraints, sparse, over ranks, with PETSc and SLEPc.
 
 What a pencil offers is the same in both: `DensePencil` takes the small ones.
@@ -55,14 +62,21 @@ SUBSET = 0.2  # of all eigenvectors: for more of them QR iterations for all are 
 
 
 class DensePencil:
-    """A pencil that one rank has whole, matrices of shape (n_dofs, n_dofs); as `SparsePencil` is used."""
+    """A pencil that one rank has whole, matrices of shape (n_dofs, n_dofs); as `SparsePencil` is used.
 
-    def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix) -> None:
+    `held` are unknowns that no rigid motion leaves at rest, together with those that constraints touch.
+    """
+
+    exact = True
+
+    def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix, held: np.ndarray | tuple[()] = ()) -> None:
         self._mass, self._stiffness = mass.toarray(), stiffness.toarray()
         self.shift = 0.0
-        self._interior: Interior | None = None
-        self._ends: _Ends | None = None
-        self._factor: np.ndarray | None = None
+        self._held, self._outer = np.array(held, dtype=int), np.zeros(0, dtype=int)
+        #: at all configurations, and at one, of ``K - sigma M`` and of K with springs against the rigid motions
+        self._interiors: list[Interior | None] = [None, None]
+        self._masses: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._factors: list[_Factor | None] = [None, None]
         self.move_to(NullSpaces(sp.csr_matrix((0, len(self._mass)))).of(np.zeros(0)))
 
     def close(self) -> None:
@@ -72,14 +86,23 @@ class DensePencil:
         return float(np.linalg.norm(self._stiffness)), float(np.linalg.norm(self._mass))
 
     def set_stiffness(self, stiffness: sp.csr_matrix) -> None:
-        self._stiffness, self._interior = stiffness.toarray(), None
+        self._stiffness = stiffness.toarray()
+        self._forget()
 
     def shift_to(self, shift: float, prefix: str) -> None:  # noqa: ARG002  (no options reach LAPACK)
-        self.shift, self._interior, self._factor = shift, None, None
+        self.shift = shift
+        self._forget()
+
+    def _forget(self) -> None:
+        self._interiors, self._factors, self._masses = [None, None], [None, None], None
 
     def move_to(self, null: NullSpace) -> None:
         """Take the null space of a configuration."""
-        self._null, self._factor = null, None
+        outer = np.union1d(null.touched, self._held)
+        if not np.array_equal(outer, self._outer):
+            self._outer = outer
+            self._forget()
+        self._null, self._factors = null, [None, None]
 
     def solve(self, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
         """Compute the lowest eigenpairs and check their residuals; vectors are ``N psi``.
@@ -87,8 +110,8 @@ class DensePencil:
         Raises `RunError` if a factorisation fails, or a residual is too large.
         """
         what = f"eigenproblem at {where}"
-        self.factor(what)
-        inverse, n_pairs = self._inverse(), n_rigid + n_flexible
+        factor = self._shifted(what)
+        inverse, n_pairs = self._inverse(factor), n_rigid + n_flexible
         n = len(inverse)
         mu, vectors = _largest(inverse, n_pairs) if n_pairs < SUBSET * n else _all(inverse)
         mu, vectors = mu[: -n_pairs - 1 : -1], vectors[:, : -n_pairs - 1 : -1]
@@ -100,7 +123,7 @@ class DensePencil:
             )
         values = self.shift + 1.0 / mu
         # a step of inverse iteration takes the round-off out of the stiffest directions, where it costs most energy
-        vectors = self.shifted_answers(self._mass @ self._unfactored(vectors)) / mu
+        vectors = self.shifted_answers(self._mass @ factor.unfactored(vectors)) / mu
         inertia = self._mass @ vectors
         size = cholesky(vectors.T @ inertia, f"{what}: inertia of the modes")
         vectors, inertia = (forward(size, part.T).T for part in (vectors, inertia))
@@ -109,26 +132,40 @@ class DensePencil:
         refuse_residuals(values, residuals, np.max(np.abs(values[: n_rigid + 1])), what)
         return EigenPairs(values, vectors, np.zeros(0))
 
-    def _inverse(self) -> np.ndarray:
+    def _inverse(self, factor: _Factor) -> np.ndarray:
         """Return the lower triangle of ``L^-1 N^T M N L^-T`` at the configuration, untouched unknowns first."""
-        interior, ends = self._interior, self._ends
+        interior, ends = factor.interior, factor.ends
+        if self._masses is None:
+            self._masses = interior.masses(self._mass)
+        inner_mass, mixed_mass, outer_mass = self._masses
         n_inner, n_outer = interior.inner.size, ends.stays.size
         matrix = np.empty((n_inner + n_outer, n_inner + n_outer), order="F")
-        matrix[:n_inner, :n_inner] = interior.mass
-        matrix[n_inner:, :n_inner] = forward(self._factor, ends.felt(interior.mixed_mass.T))
-        matrix[n_inner:, n_inner:] = congruent(ends.felt(ends.felt(interior.outer_mass).T), self._factor)
+        matrix[:n_inner, :n_inner] = inner_mass
+        matrix[n_inner:, :n_inner] = forward(factor.outer, ends.felt(mixed_mass.T))
+        matrix[n_inner:, n_inner:] = congruent(ends.felt(ends.felt(outer_mass).T), factor.outer)
         return matrix
 
-    def factor(self, what: str = "factorisation") -> None:
-        """Factor ``K - sigma M`` for `shifted_answers`, without solving for eigenpairs.
+    def _shifted(self, what: str) -> _Factor:
+        """Return the factor of ``K - sigma M``. Raises `RunError` if it is not positive definite."""
+        if self._factors[0] is None:
+            what = f"{what} with the shift {self.shift:.6g}"
+            if self._interiors[0] is None:
+                self._interiors[0] = Interior.of(self._stiffness - self.shift * self._mass, self._outer, what)
+            self._factors[0] = _Factor.of(self._null, self._interiors[0], what)
+        return self._factors[0]
 
-        Raises `RunError` if it is not positive definite.
-        """
-        what, outer = f"{what} with the shift {self.shift:.6g}", self._null.touched
-        if self._interior is None or not np.array_equal(outer, self._interior.outer):
-            self._interior = Interior.of(self._mass, self._stiffness - self.shift * self._mass, outer, what)
-        self._ends = ends = _Ends.of(self._null, self._interior)
-        self._factor = cholesky(ends.felt(ends.felt(self._interior.remainder).T), what)
+    def _supported(self, motions: np.ndarray) -> _Factor:
+        """Return the factor of K with springs against rigid motions (n_dofs, k). Raises as `_shifted`."""
+        if self._factors[1] is None:
+            what = "factorisation with springs against rigid motions"
+            if self._interiors[1] is None:
+                self._interiors[1] = Interior.of(self._stiffness, self._outer, what)
+            springs = motions[self._outer]
+            if springs.shape[1]:
+                inertia = cholesky(abs(self.shift) * (motions.T @ self._mass @ motions), what)
+                springs = springs @ np.linalg.solve(springs.T @ springs, inertia)
+            self._factors[1] = _Factor.of(self._null, self._interiors[1], what, springs)
+        return self._factors[1]
 
     def count_below(self, tau: float) -> int:
         basis = self._expanded(np.eye(self._null.independent.size))
@@ -136,20 +173,13 @@ class DensePencil:
         return int(np.sum(eigh(stiffness, mass, eigvals_only=True, check_finite=False) < tau))
 
     def shifted_answers(self, loads: np.ndarray) -> np.ndarray:
-        """Return ``N (N^T (K - sigma M) N)^-1 N^T`` times loads (n_dofs, k), with the factor of the last solve."""
-        interior = self._interior
-        inner = forward(interior.factor, loads[interior.inner])
-        outer = self._ends.felt(loads[interior.outer] - interior.coupling.T @ inner)
-        return self._unfactored(np.concatenate([inner, forward(self._factor, outer)]))
+        """Return ``N (N^T (K - sigma M) N)^-1 N^T`` times loads (n_dofs, k)."""
+        return self._shifted("linear system").answers(loads)
 
-    def _unfactored(self, vectors: np.ndarray) -> np.ndarray:
-        """Return ``N L^-T`` times columns (n_independent, k), untouched unknowns first, shape (n_dofs, k)."""
-        interior, n_inner = self._interior, self._interior.inner.size
-        found = np.empty((self._null.n_dofs, vectors.shape[1]))
-        outer = self._ends.expanded(backward(self._factor, vectors[n_inner:]))
-        found[interior.outer] = outer
-        found[interior.inner] = backward(interior.factor, vectors[:n_inner] - interior.coupling @ outer)
-        return found
+    def static_steps(self, loads: np.ndarray, motions: np.ndarray) -> np.ndarray:
+        """Return, but for rigid motions (n_dofs, n), ``N (N^T K N)^-1 N^T`` times loads (n_dofs, k) that do no work on
+        these."""
+        return self._supported(motions).answers(loads)
 
     def felt(self, loads: np.ndarray) -> np.ndarray:
         return loads[self._null.independent] + self._null.weights.T @ loads[self._null.dependent]
@@ -197,6 +227,42 @@ class _Ends(NamedTuple):
         return found
 
 
+@dataclass(frozen=True, eq=False)
+class _Factor:
+    """A factor in the null space N of a configuration."""
+
+    interior: Interior
+    ends: _Ends
+    outer: np.ndarray  # lower, of the outer unknowns that stay, shape (n_stays, n_stays)
+
+    @classmethod
+    def of(cls, null: NullSpace, interior: Interior, what: str, springs: np.ndarray | None = None) -> _Factor:
+        """Finish a factorisation, with springs E that add ``E E^T`` in the outer unknowns, shape (n_o, n_springs).
+
+        Raises `RunError` if the matrix is not positive definite; `what` says of what.
+        """
+        ends, remainder = _Ends.of(null, interior), interior.remainder
+        if springs is not None:
+            remainder = remainder + springs @ springs.T
+        return cls(interior, ends, cholesky(ends.felt(ends.felt(remainder).T), what))
+
+    def answers(self, loads: np.ndarray) -> np.ndarray:
+        """Return ``N (N^T A N)^-1 N^T`` times loads (n_dofs, k)."""
+        interior = self.interior
+        inner = forward(interior.factor, loads[interior.inner])
+        outer = self.ends.felt(loads[interior.outer] - interior.coupling.T @ inner)
+        return self.unfactored(np.concatenate([inner, forward(self.outer, outer)]))
+
+    def unfactored(self, vectors: np.ndarray) -> np.ndarray:
+        """Return ``N L^-T`` times columns (n_independent, k), untouched unknowns first, shape (n_dofs, k)."""
+        interior, n_inner = self.interior, self.interior.inner.size
+        found = np.empty((n_inner + interior.outer.size, vectors.shape[1]))
+        outer = self.ends.expanded(backward(self.outer, vectors[n_inner:]))
+        found[interior.outer] = outer
+        found[interior.inner] = backward(interior.factor, vectors[:n_inner] - interior.coupling @ outer)
+        return found
+
+
 def _lengths(columns: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("dk,dk->k", columns, columns))
 
@@ -231,26 +297,24 @@ class Interior:
     factor: np.ndarray  # l, lower, shape (n_i, n_i)
     coupling: np.ndarray  # x, shape (n_i, n_o)
     remainder: np.ndarray  # s, shape (n_o, n_o)
-    #: mass, mixed_mass, outer_mass: c, of which the upper triangle is not set, Y and Z, shapes (n_i, n_i), (n_i, n_o)
-    #: and (n_o, n_o)
-    mass: np.ndarray
-    mixed_mass: np.ndarray
-    outer_mass: np.ndarray
 
     @classmethod
-    def of(cls, mass: np.ndarray, shifted: np.ndarray, outer: np.ndarray, what: str) -> Interior:
-        """Eliminate all unknowns but the outer ones from M and ``K - sigma M``, shapes (n_dofs, n_dofs).
+    def of(cls, matrix: np.ndarray, outer: np.ndarray, what: str) -> Interior:
+        """Eliminate all unknowns but the outer ones from A, shape (n_dofs, n_dofs).
 
-        Raises `RunError` if ``K - sigma M`` is not positive definite; `what` says of what.
+        Raises `RunError` if A is not positive definite in them; `what` says of what.
         """
-        inner = np.setdiff1d(np.arange(len(mass)), outer)
-        ii, io, oo = np.ix_(inner, inner), np.ix_(inner, outer), np.ix_(outer, outer)
-        factor = cholesky(shifted[ii], what)
-        x, q = forward(factor, shifted[io]), forward(factor, mass[io])
-        c = congruent(mass[ii], factor)
-        cx = np.tril(c) @ x + np.tril(c, -1).T @ x
-        xq = x.T @ q
-        return cls(inner, outer, factor, x, shifted[oo] - x.T @ x, c, q - cx, mass[oo] - xq - xq.T + x.T @ cx)
+        inner = np.setdiff1d(np.arange(len(matrix)), outer)
+        factor = cholesky(matrix[np.ix_(inner, inner)], what)
+        x = forward(factor, matrix[np.ix_(inner, outer)])
+        return cls(inner, outer, factor, x, matrix[np.ix_(outer, outer)] - x.T @ x)
+
+    def masses(self, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return C, of which the upper triangle is not set, Y and Z of M, shapes (n_i, n_i), (n_i, n_o), (n_o, n_o)."""
+        x, q = self.coupling, forward(self.factor, mass[np.ix_(self.inner, self.outer)])
+        c = congruent(mass[np.ix_(self.inner, self.inner)], self.factor)
+        cx, xq = np.tril(c) @ x + np.tril(c, -1).T @ x, x.T @ q
+        return c, q - cx, mass[np.ix_(self.outer, self.outer)] - xq - xq.T + x.T @ cx
 
 
 def cholesky(matrix: np.ndarray, what: str) -> np.ndarray:
@@ -281,8 +345,10 @@ def congruent(matrix: np.ndarray, factor: np.ndarray) -> np.ndarray:
 class SparsePencil:
     """A pencil that ranks share; each has its rows of the matrices, shape (n_local, n_dofs). Collective on `comm`.
 
-    `shift` is sigma, below all eigenvalues; see `shift_to`.
+    `shift` is sigma, below all eigenvalues; see `shift_to`. `exact` is whether `static_steps` are, but for round-off.
     """
+
+    exact = False
 
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix, comm: Comm) -> None:
         self._comm, self._first = comm, comm.scan(mass.shape[0]) - mass.shape[0]
@@ -290,7 +356,7 @@ class SparsePencil:
         self.shift = 0.0
         self._null: PETSc.Mat | None = None
         self._reduced: tuple[PETSc.Mat, PETSc.Mat] | None = None
-        self._signature = b""
+        self._signature, self._factored = b"", False
         self._solver: ShiftInvertSolver | None = None
 
     def close(self) -> None:
@@ -318,6 +384,7 @@ class SparsePencil:
 
     def move_to(self, null: NullSpace) -> None:
         """Refill N, ``N^T K N`` and ``N^T M N``; symbolic work is repeated only where N's pattern changes."""
+        self._factored = False
         n_local = self._mass.getLocalSize()[0]
         rows = slice(self._first, self._first + n_local)
         lo, hi = np.searchsorted(null.independent, (rows.start, rows.stop))
@@ -347,19 +414,18 @@ class SparsePencil:
 
     def solve(self, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
         """Compute the lowest eigenpairs, as `ShiftInvertSolver.solve`; vectors are ``N psi``, local rows."""
-        pairs = self._solver.solve(*self._reduced, n_rigid, n_flexible, where)
+        pairs, self._factored = self._solver.solve(*self._reduced, n_rigid, n_flexible, where), True
         return EigenPairs(pairs.values, times(self._null, pairs.vectors), pairs.spare)
-
-    def factor(self) -> None:
-        """Factor ``K - sigma M`` for `shifted_answers`, without solving for eigenpairs."""
-        self._solver.factor(*self._reduced)
 
     def count_below(self, tau: float) -> int:
         """Return the number of eigenvalues below tau."""
         return self._solver.count_below(*self._reduced, tau)
 
-    def shifted_answers(self, loads: np.ndarray) -> np.ndarray:
-        """Return ``N (N^T (K - sigma M) N)^-1 N^T`` times loads (n_local, k), with the factor of the last solve."""
+    def static_steps(self, loads: np.ndarray, motions: np.ndarray) -> np.ndarray:  # noqa: ARG002  (the shift's factor)
+        """Return ``N (N^T (K - sigma M) N)^-1 N^T`` times loads (n_local, k) that do no work on rigid motions."""
+        if not self._factored:
+            self._solver.factor(*self._reduced)
+            self._factored = True
         return times(self._null, self._solver.apply_inverse(self.felt(loads)))
 
     def felt(self, loads: np.ndarray) -> np.ndarray:

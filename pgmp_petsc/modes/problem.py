@@ -75,7 +75,7 @@ PREFIX = "pgmp_modes_"
 SCALE_PREFIX = "pgmp_scale_"  # of the first solve, with a guessed shift
 MAX_REFINEMENTS = 60
 REFINEMENT_FLOOR = 1e-6
-SETTLED = 2  # number of the first step whose contraction holds for the next ones
+SETTLED = 2  # number of the first step whose contraction holds for the next ones, where steps are not exact
 ROUND_OFF = 1e-15
 TAKEN_UP = 1e-11  # of a load: what round-off leaves of one that the constraints take up
 DEPENDENT_TOLERANCE = 1e-8  # of a vector's own size: what is left of it beside the others
@@ -129,6 +129,11 @@ class ModalProblem:
         self.n_unstrained = self.free.size + self.n_released
         self._constraints = ConstraintJacobian(self.mechanism, self.clamped)
         self._null_spaces = NullSpaces(self._constraints.pattern)
+        loose = [c for c in self.mechanism.connections if c.released] + [
+            c for c in self.mechanism.couplings if c.elastic
+        ]
+        sides = [side for one in (*self.mechanism.coordinates, *loose) for side in one.sides if not side.on_ground]
+        self._loose = np.unique([side.dofs for side in sides])
         self.comm = comm
         self.n_modes = n_modes
         self.values = dict(values)
@@ -147,7 +152,9 @@ class ModalProblem:
 
     def _open(self) -> None:
         """Make the pencil at the parameter values, and find its shift."""
-        self._pencil = _pencil(self._sum(self.matrices.mass), self._sum(self.matrices.stiffness), self.comm)
+        self._pencil = _pencil(
+            self._sum(self.matrices.mass), self._sum(self.matrices.stiffness), self._loose, self.comm
+        )
         self._known: ModeSet | None = None
         try:
             self._find_shift()
@@ -184,7 +191,6 @@ class ModalProblem:
     def resume(self, theta: np.ndarray, eigenvalues: np.ndarray, flexible: np.ndarray) -> ModeSet:
         """Return to a configuration (n_theta,), rad, whose modes were found so: `static_answers` holds there again."""
         rigid, curvature = self._move_to(theta)
-        self._pencil.factor()
         released = self.released_motion(theta, rigid)
         self._known = ModeSet(theta, eigenvalues, rigid, curvature, flexible, self.free, released)
         return self._known
@@ -263,21 +269,21 @@ class ModalProblem:
         constraints and M-orthogonal to `kept`, by iterative refinement.
 
         `kept` are eigenvectors at the configuration that the problem is at, local rows, shape (n_local, n_kept), and
-        deflated from f. The refinement takes the shift-invert factor at hand, ``x <- x + (K - sigma M)^-1 (f - K x)``,
-        which contracts by ``|sigma| / (lambda + |sigma|)`` along an eigenvector. Along those that are known, the
-        slowest ones, the step is made exact: what is left contracts as the first unknown one does. Raises `RunError` if
-        the refinement does not converge, with what is being computed.
+        deflated from f. Steps of a dense pencil are exact but for round-off. A sparse one takes the shift-invert factor
+        at hand, ``x <- x + (K - sigma M)^-1 (f - K x)``, which contracts by ``|sigma| / (lambda + |sigma|)`` along an
+        eigenvector. Along those that are known, the slowest ones, the step is made exact: what is left contracts as the
+        first unknown one does. Raises `RunError` if the refinement does not converge, with what is being computed.
         """
         m_kept = self.times_mass(kept)
         inverse = np.linalg.inv(self.inner(kept, m_kept))
         balanced = loads - m_kept @ (inverse @ self.inner(kept, loads))
+        rigid, inertia = kept[:, : self.n_unstrained], m_kept[:, : self.n_unstrained]
         # of what is deflated too: an answer that vanishes beside it is round-off and never settles
-        undeflated = self.norms(self._pencil.shifted_answers(loads))
+        undeflated = self.norms(self._pencil.static_steps(loads, rigid))
         answers, m_answers = np.zeros((2, *loads.shape))
-        last = np.full(loads.shape[1], np.inf)
+        last, settled = np.full(loads.shape[1], np.inf), 1 if self._pencil.exact else SETTLED
         # those that the constraints and the inertia of rigid motions do not take up altogether, as that of a rigid body
         # takes up a couple in its joint with the ground
-        rigid, inertia = kept[:, : self.n_unstrained], m_kept[:, : self.n_unstrained]
         bending = loads - inertia @ np.linalg.solve(self.inner(rigid, inertia), self.inner(rigid, loads))
         squares = [np.sum(part**2, axis=0) for part in (self._pencil.felt(bending), loads)]
         felt, whole = np.sqrt(self._summed(np.array(squares)))
@@ -285,7 +291,7 @@ class ModalProblem:
         if not active.size:
             return answers
         for number in range(MAX_REFINEMENTS):
-            step = self._steps(balanced[:, active] - self.times_stiffness(answers[:, active]))
+            step = self._steps(balanced[:, active] - self.times_stiffness(answers[:, active]), rigid)
             m_step = self.times_mass(step)
             known = inverse @ self.inner(kept, m_step)
             step -= kept @ known
@@ -296,7 +302,7 @@ class ModalProblem:
             squares.append(np.einsum("dk,dk->k", answers[:, active], m_answers[:, active]))
             size, whole = np.sqrt(np.maximum(self._summed(np.array(squares)), 0.0))
             # the first steps are exact along what is known: only then is the contraction that of what is left
-            ahead = size * size / last[active] if number >= SETTLED else size
+            ahead = size * size / last[active] if number >= settled else size
             # round-off of stiff directions may hold the steps up before that, but never far above
             stalled = (size > 0.5 * last[active]) & (size <= REFINEMENT_FLOOR * whole)
             last[active] = size
@@ -310,10 +316,11 @@ class ModalProblem:
             "be too fine for double precision"
         )
 
-    def _steps(self, residual: np.ndarray) -> np.ndarray:
-        """Return ``(K - sigma M)^-1`` times residuals (n_local, k), and ``K^-1`` of their part along known modes."""
-        step = self._pencil.shifted_answers(residual)
-        if self._known is not None:
+    def _steps(self, residual: np.ndarray, rigid: np.ndarray) -> np.ndarray:
+        """Return the pencil's static steps from residuals (n_local, k), with ``K^-1`` of their part along known
+        modes."""
+        step = self._pencil.static_steps(residual, rigid)
+        if self._known is not None and not self._pencil.exact:
             flexible, values = self._known.flexible, self._known.eigenvalues
             missed = 1.0 / values - 1.0 / (values - self._pencil.shift)
             step += flexible @ (missed[:, None] * self.inner(flexible, residual))
@@ -420,9 +427,10 @@ class ModalProblem:
             )
 
 
-def _pencil(mass: sp.csr_matrix, stiffness: sp.csr_matrix, comm: Comm) -> SparsePencil | DensePencil:
-    """Return a pencil; PETSc's and SLEPc's where ranks share it, it is large, or the user has options for them."""
+def _pencil(mass: sp.csr_matrix, stiffness: sp.csr_matrix, loose: np.ndarray, comm: Comm) -> SparsePencil | DensePencil:
+    """Return a pencil, given unknowns that tell its rigid motions; PETSc's and SLEPc's where ranks share it, it is
+    large, or the user has options for them."""
     small = comm.size == 1 and mass.shape[0] <= MOST_UNKNOWNS
     if small and not any(has_options(prefix) for prefix in (PREFIX, SCALE_PREFIX)):
-        return DensePencil(mass, stiffness)
+        return DensePencil(mass, stiffness, loose)
     return SparsePencil(mass, stiffness, comm)

@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError, missing_extra, plain_reason
+from pgmp_petsc.base.plugins import IN_USE, to_blame
 from pgmp_petsc.base.surroundings import Comm
 
 Result = TypeVar("Result")
@@ -45,8 +46,10 @@ def agreed(comm: Comm, activity: str) -> Iterator[None]:
     ------
     PgmpError
         That of the lowest failing rank, with its type and message. The failing rank keeps its own traceback.
+    InputError
+        Where that rank failed with any other exception below a line of a plugin.
     RunError
-        Where that rank failed with any other exception; its traceback is printed to stderr there.
+        Where it did elsewhere; its traceback is printed to stderr there.
     """
     failure: PgmpError | None = None
     try:
@@ -55,6 +58,7 @@ def agreed(comm: Comm, activity: str) -> Iterator[None]:
         failure = error
     except Exception as error:
         failure = missing_extra(error) if isinstance(error, ModuleNotFoundError) else None
+        failure = failure or to_blame(error, {plugin.path for plugin in IN_USE.values()})
         failure = failure or _unexpected(error, activity, comm.rank)
     lowest = _lowest_failing_rank(comm, failure is not None)
     if lowest is None:

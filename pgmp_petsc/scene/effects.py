@@ -7,12 +7,11 @@ evaluated.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
 from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
-from pydantic import Field, TypeAdapter, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from pgmp_petsc.base.errors import InputError, shortened
 from pgmp_petsc.base.units import UNITS, UnknownUnit, take_unit
@@ -31,6 +30,7 @@ from pgmp_petsc.scene.fields import (
     named_numbers,
     quantities_of,
     refusal,
+    tried,
 )
 from pgmp_petsc.scene.uses import Use, motion_over
 
@@ -190,10 +190,6 @@ class LawMismatch(InputError):
     """A law is given other parameters than it has."""
 
 
-#: Values of entries, of which each is given the first that it takes.
-TRIED = (1.0, 1, "ground:origin", (1.0, 0.0), (1.0, 0.0, 0.0), ("ground:origin", "body:point"), ((1.0, 0.0),))
-
-
 def _try_forces(cls: type[EffectEntry]) -> None:
     """Let an effect make its forces in a mechanism that agrees to all; raises `LawMismatch`.
 
@@ -201,14 +197,8 @@ def _try_forces(cls: type[EffectEntry]) -> None:
     """
     from unittest.mock import MagicMock  # takes a noticeable time, and few commands have plugins
 
-    values = {}
-    for key, entry in cls.model_fields.items():
-        kind = TypeAdapter(Annotated[entry.annotation, entry])
-        for value in TRIED if entry.is_required() else ():
-            with suppress(ValidationError):
-                values.setdefault(key, kind.validate_python(value))
     try:
-        cls.model_construct(**values).forces(get_args(cls.model_fields["type"].annotation)[0], MagicMock())
+        tried(cls).forces(get_args(cls.model_fields["type"].annotation)[0], MagicMock())
     except LawMismatch:
         raise
     except Exception:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -20,6 +21,8 @@ from pydantic import (
     Field,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
+    TypeAdapter,
+    ValidationError,
     ValidationInfo,
     WithJsonSchema,
 )
@@ -140,6 +143,21 @@ def quantities_of(table: type[Table]) -> dict[str, tuple[Sign, Unit]]:
         if signs:
             found[name] = signs[0].sign, units[0]
     return found
+
+
+#: Values of entries, of which each is given the first that it takes.
+TRIED = (1.0, 1, "ground:origin", (1.0, 0.0), (1.0, 0.0, 0.0), ("ground:origin", "body:point"), ((1.0, 0.0),))
+
+
+def tried(table: type[Table]) -> Any:
+    """Return a table with some value in each entry that it needs, as far as one is found: its methods can be tried."""
+    values = {}
+    for key, entry in table.model_fields.items():
+        kind = TypeAdapter(Annotated[entry.annotation, entry])
+        for value in TRIED if entry.is_required() else ():
+            with suppress(ValidationError):
+                values.setdefault(key, kind.validate_python(value))
+    return table.model_construct(**values)
 
 
 def named_numbers(table: Table, slides: bool = False) -> Iterator[tuple[str, float | str, Sign, tuple[str, ...]]]:

@@ -33,6 +33,7 @@ from pgmp_petsc.scene.fields import (
     exactly_one,
     quantities_of,
     refusal,
+    tried,
 )
 from pgmp_petsc.scene.messages import problem
 
@@ -361,8 +362,8 @@ class JointEntry(JointTable):
             raise refuse(cls, "a joint has the method statements(self, in_a, in_b), which returns what it holds")
         for d in dimensions:
             try:
-                held = cls.model_construct().statements(np.eye(d), np.eye(d))
-                if not held or any(part.axes.shape != (3, d) for part in held):
+                held = tried(cls).statements(np.eye(d), np.eye(d))
+                if not held or any(own.axes.shape != (3, d) for part in held for own, _ in part.terms):
                     raise TypeError(f"a list of mechanism.statements in {d} dimensions is needed")
             except Exception as error:
                 if not isinstance(getattr(error, "obj", None), cls) or error.name not in cls.model_fields:

@@ -66,7 +66,7 @@ class OutputEntry(Table):
             raise refuse(cls, words)
         if of_frames and not getattr(cls, "unit", ""):
             raise refuse(cls, 'an output of frames says its unit: unit = "m"')
-        if of_frames and bool(cls.joints) != ("joint" in cls.model_fields):
+        if bool(cls.joints) != ("joint" in cls.model_fields) and (of_frames or cls.joints):
             raise refuse(cls, 'an output with the entry joint says what of it is free: joints = ("turning",)')
 
     @property

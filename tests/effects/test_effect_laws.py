@@ -228,6 +228,14 @@ def test_a_law_has_to_be_finite_with_its_derivatives(force: str) -> None:
         Law("odd", ("k",), force).code  # noqa: B018
 
 
+def test_a_case_that_is_not_taken_may_divide_by_zero() -> None:
+    """Quotients and logarithms that a force and its derivatives share are evaluated before the cases are told apart."""
+    law = Law("own_gas", ("k", "n"), "k * (1 / s)**n if s > 0.1 else k * 10**n")
+    assert law.evaluate([2.0, 1.3], 0.0).force == law.evaluate([2.0, 1.3], -1.0).force == 2.0 * 10.0**1.3
+    assert law.evaluate([2.0, 1.3], 0.5).force == pytest.approx(2.0 * 2.0**1.3, rel=1e-15)
+    assert law.forces(np.array([[2.0, 1.3]] * 2), np.array([0.0, -1.0])).tolist() == [2.0 * 10.0**1.3] * 2
+
+
 def test_an_action_gives_its_law_all_parameters() -> None:
     ground = Attachment.on_ground_at(np.zeros(2))
     with pytest.raises(InputError, match=r"effects\.rope: law stop .*k, c, place, side, and is given 1"):

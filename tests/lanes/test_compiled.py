@@ -104,8 +104,8 @@ from apart import added, halved, wrong
 from caller import quartered
 from pgmp_petsc.lanes.compiled import NotCompiledError, cache_problem
 print(quartered((2.0, 1), np.ones(3)), quartered((1.0, 1), np.ones(3)), cache_problem())
-hits = [sum(found.stats.cache_hits.values()) for found in (halved.linked, added.linked, quartered)]
-print(hits, len(wrong.linked.overloads))
+hits = [sum(found.stats.cache_hits.values()) for found in (halved.linked(), added.linked(), quartered)]
+print(hits, len(wrong.linked().overloads))
 code = quartered.overloads[quartered.signatures[0]].library.get_llvm_str()
 print("define" in code and "mul" in code)
 try:

@@ -17,7 +17,7 @@ from effect_scenes import BASE
 from exported import COMPILER, OPTIONS, assert_equal, outputs_of
 from handbook_blocks import blocks_of
 from mpi4py import MPI
-from runs import in_turn
+from runs import in_turn, refused
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.base.errors import InputError
@@ -171,6 +171,58 @@ def test_a_bar_that_slides_and_turns_in_a_plane(tmp_path: Path, kind: str) -> No
     assert_equal(outputs_of(tmp_path / "model" / "run"), runs["reduced"].outputs)
 
 
+PARABOLA = """
+from typing import Literal
+import numpy as np
+from pgmp_petsc.mechanism.statements import IDENTITY, Combination, Function, along
+from pgmp_petsc.scene.joints import JointEntry
+
+class Parabola(JointEntry):
+    '''A slot y = a x^2.'''
+
+    type: Literal["parabola"]
+    dimensions = (2,)
+    a: float
+
+    def statements(self, in_a, in_b):
+        square = Function(-self.a, np.zeros(2), np.array([[0.0, 0.0, 1.0, 0.0]]))
+        return [Combination(((along(in_a[:, 1]), IDENTITY), (along(in_a[:, 0]), square)))]
+"""
+
+
+def test_a_point_stays_on_a_curve_in_every_model_and_in_c(tmp_path: Path) -> None:
+    """Newton's iteration closes the constraint to round-off in full-order and component runs; a reduced one is off by
+    what is of third order in its deformation."""
+    (path := tmp_path / "parabola.py").write_text(PARABOLA)
+    pgmp.use(path)
+    slot = 'joints.slider={type="parabola", connect=["ground:origin", "rod:tip"], a=0.3}'
+    across = 'outputs.across={type="position", point="rod:tip", axis="y"}'
+    scene = pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=[slot, across, "simulation.duration=0.5"])
+    rom = pgmp.build(scene)
+    runs = {model: pgmp.simulate(scene, model=model) for model in ("full", "components")}
+    runs["reduced"] = pgmp.simulate(rom)
+    for model, run in runs.items():
+        off = run.outputs["across"] - 0.3 * run.outputs["slider_position"] ** 2
+        assert np.abs(off).max() < (1e-7 if model == "reduced" else 1e-12), model
+        angle = runs["full"].outputs["crank_angle"]
+        np.testing.assert_allclose(run.outputs["crank_angle"], angle, rtol=0, atol=2e-4 * angle[-1], err_msg=model)
+    pgmp.export_model(rom, str(tmp_path / "model"))
+    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *compiled_of("reduced"), "-lm"]
+    subprocess.run(command, cwd=tmp_path / "model", check=True)
+    assert_equal(outputs_of(tmp_path / "model" / "run"), runs["reduced"].outputs)
+    with pytest.raises(InputError, match=r"^joints\.slider\.elastic: this joint has no axes that are the same"):
+        springs = "joints.slider.elastic={reference=[[1.0, 0.0]], stiffness=[0.0, 1e5]}"
+        pgmp.check(pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=[slot, springs]))
+
+
+def test_what_fails_in_a_scene_ends_with_the_line_of_the_plugin(tmp_path: Path) -> None:
+    (scene := tmp_path / "base.toml").write_text(BASE)
+    (path := tmp_path / "mine.py").write_text(LISTING.replace("statement = along", "statement = nothing; along"))
+    command = ["check", scene, "--override", f"effects.e={TABLE}", "--plugin", path]
+    (message,) = refused(3, [command])
+    assert re.search(r"^plugin '.*mine\.py', line 3\d: NameError: name 'nothing' .*; repair the file$", message)
+
+
 def test_what_it_declares_is_on_the_page_of_entries_and_in_messages(line_spring: Path) -> None:
     pgmp.use(line_spring)
     assert '`[effects.NAME]` with `type = "line_spring"`' in reference_page()
@@ -204,6 +256,11 @@ BROKEN = {
     "an output without a maker": (("*", OUTPUT.replace("def reading", "def read")), r"an output has the method read"),
     "an output without a unit": (("*", OUTPUT.replace('"m"', '""')), r'an output of frames says its unit: unit = "m"$'),
     "an output that reads nothing": (("*", OUTPUT.replace('"frames"', '"none"')), r"an output says what it reads: "),
+    "an output of no joint": (
+        ("*", OUTPUT.replace("reads,", 'joints = ("turning",); reads,')),
+        r'joints = \("turning",\)$',
+    ),
+    "a joint that holds numbers": (("*", PARABOLA.replace("Combination(((", "(((")), r"line \d+: .*: statements: "),
     "an output of a joint": (("*", OUTPUT.replace("point: Point", "joint: str")), r'joints = \("turning",\)$'),
     "a law that names what it has not": (("@", LAW.format("own", "-k * z")), r"mine\.py:2: law own: force: .*'z'"),
     "a law without bounds": (("@", LAW.format("own", "-k / s")), r"mine\.py:2: law own: .* not finite at s = 0"),
