@@ -236,4 +236,3 @@ def test_runs_on_two_meshes_are_told_apart_by_their_nodes():
     runs = synthetic.trajectory("full", n_frames=3), synthetic.trajectory("reduced", n_frames=3)
     finer = replace(runs[0], frames=synthetic.frames(runs[0].frames.time, n_elements=10))
     assert labels_of(paired([*runs, finer])) == ["12 nodes", "full order, 22 nodes"]
-    assert labels_of(paired([*runs, runs[0]])) == ["", "full order"]
