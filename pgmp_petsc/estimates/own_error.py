@@ -47,7 +47,7 @@ LARGE = 0.05  # estimated error as a share of an output's largest value, from wh
 def is_estimated(scene: Scene, of_step: bool = False) -> bool:
     """Return whether the errors of a scene's runs are estimated: those of a reduced model, or, `of_step`, of the time
     step of another one."""
-    known = times_of(scene, scene.simulation) > 1 if of_step else not scene.beside
+    known = not of_step or times_of(scene, scene.simulation) > 1
     return scene.simulation.error_indicator and bool(scene.outputs) and known
 
 
@@ -60,10 +60,8 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False, of_step: bool = F
     cure = cure or comparing(scene)
     if not scene.outputs:
         return (note(f"{what} were not estimated: the scene has no [outputs], whose errors these would be"),)
-    words = f"the estimate does not know {scene.beside[0]}" if scene.beside and not of_step else ""
     if of_step and times_of(scene, scene.simulation) == 1:
         words = "the estimate takes a coarser step, which would miss samplings of controllers"
-    if words:
         return (note(f"{what} were not estimated: {words}; {cure}"),)
     if not scene.simulation.error_indicator:
         switch = "simulation.error_indicator = false"
@@ -309,9 +307,10 @@ class OwnErrors:
         if model.name == ComponentModel.name or not is_estimated(model.scene):
             return None
         values = {name: np.array([point[name] for point in points]) for name in points[0]}
-        watched = indicator_of(model).watch(values, np.arange(len(points)))
+        system = model.batch(values, len(points))
+        watched = indicator_of(model).watch(system, np.arange(len(points)))
         with np.errstate(all="ignore"):  # a run that fails has no estimate
-            done = integrate(model.batch(values, len(points)), model.scene.simulation, observer=watched)
+            done = integrate(system, model.scene.simulation, observer=watched)
             found = watched.estimate(done.status)
         return cls(found.at_end, found.histories)
 

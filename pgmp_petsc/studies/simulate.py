@@ -322,7 +322,7 @@ def _reduced_part(
     simulation = attempt.simulation
     system = model.batch(values, 1)
     require_settled(system)
-    watched = None if indicator is None else indicator.stepped(simulation).watch(values, np.array([0]))
+    watched = None if indicator is None else indicator.stepped(simulation).watch(system, np.array([0]))
     validity = Validity(model, system, values, simulation)
     with timings.phase("integration"), _progress("reduced", attempt, comm) as bar:
         record = StateRecord(bar.update)
