@@ -241,7 +241,7 @@ def test_a_path_that_grazes_a_stop_is_refused_with_its_name_and_instant(bouncing
     with pytest.raises(InputError, match=r"effects\.stop: at 0\.0499997 s the run grazes this stop"):
         run_of(of(velocity, farthest - 1e-12))
     with pytest.raises(InputError, match="or as deep in it as what rests on it"):
-        run_of(of(0.0, 0.0, 4.0))
+        run_of(of(0.0, 1e-14, 4.0))
     beyond = 1e-6
     run = run_of(of(velocity, farthest - beyond))
     assert [contact.met for contact in run.contacts] == [True, False]
