@@ -332,9 +332,9 @@ class Controls:
 
     def _find_carried(self, time: float, state) -> None:
         if self._carried.size:
-            found = self._find(time, state, self._carried)
-            self._changes[:] = np.abs(found - self._carried)
             with np.errstate(all="ignore"):  # samples that fail
+                found = self._find(time, state, self._carried)
+                self._changes[:] = np.abs(found - self._carried)
                 for into, *one in zip(self._carried.T, found.T, self._followed):
                     follow_carried(self._number, *one, into)
             self._number += 1

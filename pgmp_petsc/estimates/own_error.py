@@ -23,7 +23,7 @@ from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
 from pgmp_petsc.results.estimates import EstimatedErrors
-from pgmp_petsc.results.numbers import number_text, share_text, with_unit
+from pgmp_petsc.results.numbers import felt, number_text, share_text, sizes_of, with_unit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.stepping.generalised_alpha import integrate
@@ -40,6 +40,7 @@ SMALLER_ERRORS = {
 }
 SMALLER_ERRORS["components"] = SMALLER_ERRORS["full"]
 SMALL = 0.01  # estimated error as a share of an output's largest value, up to which it is no harm that it is unsure
+NEGLIGIBLE = 1e-6  # of the largest output of its unit: an error as small of an output that vanishes is none
 LARGE = 0.05  # estimated error as a share of an output's largest value, from which on a run warns of it
 
 
@@ -111,21 +112,21 @@ def large_errors(
     """Return a warning of outputs whose estimated errors are large, in any of some runs of a model.
 
     Largest errors, and largest sizes, of every output have shape (n_runs,); NaN where they are not known. Sizes are
-    said in units of the system.
+    said in units of the system; of an output that vanishes, the error itself.
     """
-    found = []
+    found, beside, sizes = [], sizes_of(sizes, units), felt(sizes, units)
     for name, values in errors.items():
-        runs = np.flatnonzero(np.isfinite(values) & (sizes[name] > 0.0))
-        shares = values[runs] / sizes[name][runs]
+        size, least = sizes[name], NEGLIGIBLE * beside[name]
+        runs = np.flatnonzero(np.isfinite(values) & ((size > 0.0) | ((size == 0.0) & (values > least) & (least > 0.0))))
+        shares = np.divide(values[runs], size[runs], where=size[runs] > 0.0, out=np.full(runs.size, np.inf))
         n_large = int(np.sum(shares > LARGE))
         if n_large:
             worst = int(np.argmax(shares))
-            share, size = float(shares[worst]), float(sizes[name][runs[worst]])
-            text = (
-                share_text(share)
-                if share <= 1.0
-                else f"more than all of it ({with_unit(*system.named(size, units[name]), 2)})"
-            )
+            share, whole = float(shares[worst]), system.named(float(size[runs[worst]]), units[name])
+            text = share_text(share) if share <= 1.0 else f"more than all of it ({with_unit(*whole, 2)})"
+            if np.isinf(share):
+                lack = system.named(float(values[runs[worst]]), units[name])
+                text = f"all of it ({with_unit(*lack, 2)}, where the run has none)"
             many = f" at most, beyond {share_text(LARGE)} in {n_large} of {runs.size}"
             found.append(f"{name} {text}{many if values.size > 1 else ''}")
     if not found:
