@@ -275,6 +275,16 @@ class Controls:
         self._put([*np.zeros((*self._carried.shape, 1)), *np.zeros_like(self._acting)])
         self.iterates = False
 
+    def acting(self, state) -> np.ndarray:
+        """Return what controllers give to each action, as of `put`, (n_actions, n_samples, 3): of the iterate of a step
+        as it goes on, of a state elsewhere."""
+        found = self._acting
+        if not self.iterates:
+            found = np.zeros_like(found)
+            for one, rows in zip(self.each, self._rows):
+                found[rows.start, :, 0] = one.parts(state.beside)[3][:, 0]
+        return found
+
     def sample(self, time: float, state, samples: np.ndarray) -> bool:
         """Let the sampled controllers whose time it is find new forces for some samples; return whether any did, which
         is that they jump until `jumps` is put back."""

@@ -244,13 +244,6 @@ FEATURES = (
         cure="give friction a limit, or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "friction by the force carried beside controllers",
-        _with(_carried, _controllers),
-        OF_REDUCED_MODELS,
-        why_not="forces in joints of reduced models do not know those of controllers",
-        cure="give friction a limit, or take pgmp simulate SCENE --full",
-    ),
-    Feature(
         "choice of effects with forces beside",
         _with(_automatic, _beside),
         OF_THE_REDUCTION,

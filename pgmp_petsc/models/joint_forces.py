@@ -7,7 +7,7 @@ controllers are known with the states; where they jump, accelerations are those 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Self
@@ -129,16 +129,19 @@ class ReducedMultipliers:
                     break
         return found
 
-    def in_steps(self, values: Mapping[str, np.ndarray], n_samples: int) -> MultipliersOf:
-        """Return what finds the multipliers of samples as an iteration goes on; a sample that does not move keeps what
-        it had, so that what is beside it changes no more than round-off."""
+    def in_steps(
+        self, values: Mapping[str, np.ndarray], n_samples: int, acting: Callable[[State], np.ndarray]
+    ) -> MultipliersOf:
+        """Return what finds the multipliers of samples as an iteration goes on, under what controllers give then
+        (`Controls.acting`); a sample that does not move keeps what it had, so that what is beside it changes no more
+        than round-off."""
         every = {name: np.broadcast_to(one, n_samples) for name, one in values.items()}
         system, n_own = self._system(n_samples, every), self._terms.layout.n_eta
         kept: list[np.ndarray | None] = [np.full((n_samples, n_own), np.nan), None]
 
         def multipliers(time: float, state: State, loads: np.ndarray) -> np.ndarray:
             times = np.full(n_samples, time)
-            found = self._with(system, loads, times, state, every)
+            found = self._with(system, loads, times, state, every, [acting(state)])
             same = (kept[0] == state.a).all(axis=1)
             if same.any():
                 found[:, same] = kept[1][:, same]

@@ -285,5 +285,7 @@ def _controls(
         parts = [np.where(fine, part, 0.0) for part in (state.q, state.v)]
         return reconstruction.jets(parts, measures.order)
 
-    multipliers = model.multipliers.in_steps(values, n_samples) if carries else None
+    multipliers = None
+    if carries:
+        multipliers = model.multipliers.in_steps(values, n_samples, lambda state: system.beside.acting(state))
     return measures.controls(frames, values, n_samples, put, multipliers, system.measured), None

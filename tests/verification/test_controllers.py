@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -288,6 +289,25 @@ def test_small_errors_of_large_angles(entries: tuple[str, ...]) -> None:
     assert_close(full, reduced, components, x=2e-4, torque=5e-3)
 
 
+RUBBED = 'effects.rub={type="joint_friction",joint="rail",coefficient=0.3,speed=0.2}'
+
+
+@CONTINUOUS_OR_SAMPLED
+def test_friction_by_the_force_carried_under_control(entries: tuple[str, ...]) -> None:
+    """Of a guide, which moves the pole by a tenth; also where the friction is found in Python, as on bent lines."""
+    scene = cart(*entries, *NEAR, RUBBED, 'outputs.guide={type="joint_force",joint="rail"}', "simulation.duration=0.1")
+    full, components, reduced = (run(scene, model)[1] for model in MODELS)
+    assert_close(full, components, reduced, x=1e-5, swing=1e-4, guide=1e-3)
+    model = reduced_model(scene)
+    model.actions = replace(model.actions, carried=None)
+    assert_close(
+        reduced, {name: one[:, 0] for name, one in history(model, samples(scene, 1), 1)[1].items()}, x=1e-9, guide=1e-9
+    )
+    found = differentiate(reduced_model(scene), scene.values, ("lead",)).derivatives["swing"]["lead"]
+    before, after = (history(model, {"lead": np.array([30.0 + h])}, 1)[1]["swing"][:, 0] for h in (-0.01, 0.01))
+    np.testing.assert_allclose(found, (after - before) / 0.02, rtol=0, atol=1e-5 * np.abs(found).max())
+
+
 #: A reference with corners within steps.
 CORNERED = "controllers.place.reference={table=[[0.0,0.0],[0.0503,0.08],[0.1,0.02]]}"
 
@@ -295,8 +315,11 @@ CORNERED = "controllers.place.reference={table=[[0.0,0.0],[0.0503,0.08],[0.1,0.0
 @needs_compiler
 @pytest.mark.parametrize(
     "entries",
-    [(*ARM, CORNERED, STOPPED), (*ARM, *SAMPLED, STOPPED), HANGING, (*SEEN, "controllers.seer.sample_time=2e-3")],
-    ids=["continuous", "sampled", "hanging", "several measures"],
+    [
+        (*ARM, CORNERED, STOPPED), (*ARM, *SAMPLED, STOPPED), HANGING, (*SEEN, "controllers.seer.sample_time=2e-3"),
+        (*ARM, *SAMPLED, RUBBED),
+    ],
+    ids=["continuous", "sampled", "hanging", "several measures", "rubbing"],
 )  # fmt: skip
 @pytest.mark.usefixtures("coarse")
 def test_models_in_c(entries: tuple[str, ...], tmp_path: Path) -> None:
