@@ -211,8 +211,9 @@ def kept(folder: Path | None, task: object, run: Callable[[], Histories]) -> His
 def watched(model: ReducedModel, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Integrate samples and return the largest estimated error of every output, shape (n,)."""
     n = len(next(iter(values.values())))
-    run_of_all = ErrorIndicator(model).watch(values, np.arange(n))
-    run = integrate(model.batch(values, n), model.scene.simulation, observer=run_of_all)
+    system = model.batch(values, n)
+    run_of_all = ErrorIndicator(model).watch(system, np.arange(n))
+    run = integrate(system, model.scene.simulation, observer=run_of_all)
     return run_of_all.estimate(run.status).largest
 
 

@@ -272,7 +272,7 @@ class _Job:
         else:
             with agreed(self.comm, "preparing the other mesh"):
                 model = FullModel(self.scene, meshes)
-        price = Price(step_seconds(model.kinematics.mechanism), self.n_steps)
+        price = Price(step_seconds(model.kinematics.mechanism, True), self.n_steps)
         if price.seconds > (budget := self.scene.reference.budget):
             self._say("mesh", f"left out: it is predicted to take {price}, and reference.budget = {budget:g} s")
             return None
@@ -296,7 +296,8 @@ class _Job:
     def _better(self) -> Reference | None:
         """Return the model to compare with; None, after saying why, where the mesh is too costly for component runs."""
         comm, demand = self.comm, Demand(
-            "compare", self.n_steps, "all runs", "or shorten simulation.duration", self.scene.reduction.modes
+            "compare", self.n_steps, "all runs", "or shorten simulation.duration", self.scene.reduction.modes,
+            by_itself=True,
         )  # fmt: skip
         if self.model == "reduced":
             return choose_reference(self.scene, self.meshes, self.kinematics, demand, comm)
@@ -306,7 +307,7 @@ class _Job:
         budget = self.scene.reference.budget
         with agreed(comm, "preparing the full-order model"):
             mesh = FullModel(self.scene, self.meshes, self.kinematics)
-            price = Price(step_seconds(mesh.kinematics.mechanism), self.n_steps)
+            price = Price(step_seconds(mesh.kinematics.mechanism, True), self.n_steps)
         text = f"the mesh: its run is predicted to take {price} of processor time"
         if price.seconds > budget:
             self._say("compare", f"left out: {text}, and reference.budget = {budget:g} s")

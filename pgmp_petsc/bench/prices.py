@@ -54,6 +54,7 @@ BESIDE, APART = 8e-4, 4.0
 # and in the lanes of a reduced model
 FORCES, FORCES_IN_LANES = {2: 2e-6, 3: 2.5e-5}, {2: 1e-7, 3: 1.5e-6}
 FORCES_APART = {2: 1.2e-4, 3: 1.2e-4}  # s, more, where samples are taken one by one: 70, 80 and 185 us were measured
+BY_ITSELF = {2: 1.5e-4, 3: 4.5e-4}  # s, more, of a run of one sample: 70 to 250 us were measured in the plane
 SETTING_UP = {2: 0.04, 3: 0.4}  # s, of a sample of lengths of its own, by the dimension of space
 # s, of a step of a sample of a reduced model: by itself, an entry of its matrices over one coordinate, a local effect
 REDUCED_SAMPLE, REDUCED_ENTRY, REDUCED_EFFECT = 1.0e-7, 2.0e-9, 3.0e-7
@@ -83,9 +84,11 @@ class Price:
         return duration_text(self.seconds)
 
 
-def step_seconds(mechanism: Mechanism) -> float:
-    """Return the predicted processor time of a step of one sample of a full-order or component model, s."""
+def step_seconds(mechanism: Mechanism, by_itself: bool = False) -> float:
+    """Return the predicted processor time of a step of one sample of a full-order or component model, s: in a batch, or
+    of a run by itself."""
     beside = BESIDE * len(mechanism.scene.beside) + _forces(mechanism.scene, FORCES)
+    beside += BY_ITSELF[mechanism.space.dimension] if by_itself else 0.0
     floating = {body.name: body.n_internal for body in mechanism.bodies if body.blocks("floating")}
     if floating:
         return beside + component_step(mechanism, floating)

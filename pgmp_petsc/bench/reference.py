@@ -157,6 +157,7 @@ class Demand:
     cases: str  # what they are of, in words
     cure: str  # what makes it cheaper
     n_modes: int  # modes that the component model's bodies serve
+    by_itself: bool = False  # whether one run takes all the steps
 
 
 def choose_reference(
@@ -172,7 +173,7 @@ def choose_reference(
     if not missing:
         with agreed(comm, "preparing the full-order model"):
             mesh = FullModel(scene, meshes, kinematics)
-            of_mesh = Price(step_seconds(mesh.kinematics.mechanism), demand.steps)
+            of_mesh = Price(step_seconds(mesh.kinematics.mechanism, demand.by_itself), demand.steps)
         if wanted == "mesh" or wanted == "auto" and of_mesh.seconds <= budget:
             named = "as reference.model says" if wanted == "mesh" else f"within reference.budget = {budget:g} s"
             why = f"reference: the mesh; its runs are predicted to take {of_mesh} of processor time, {named}"
@@ -190,7 +191,7 @@ def choose_reference(
         if wanted == "components":
             raise InputError(f'reference.model = "components": {error}') from error
         raise InputError(f"{refused}; there is no component model in its place: {error}") from error
-    price = Price(step_seconds(components.kinematics.mechanism), demand.steps)
+    price = Price(step_seconds(components.kinematics.mechanism, demand.by_itself), demand.steps)
     if wanted == "auto" and price.seconds > budget:
         named = 'name reference.model ("mesh" or "components") to take it at its price'
         raise InputError(f"{refused}, of the component model {price}; raise reference.budget, {named}, {demand.cure}")

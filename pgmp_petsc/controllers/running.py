@@ -143,6 +143,8 @@ class Controls:
         Whether forces jump between two steps.
     keeps
         Whether all is kept that is seen of several samples.
+    clock
+        Gives the time (s) of references, formulas and samplings, where a run has another one.
     """
 
     def __init__(
@@ -166,6 +168,7 @@ class Controls:
         self._rows = rows[n_carried:]
         self._acting = np.zeros((rows[-1].stop, n_samples, 3))
         self.iterates = self.jumps = self.keeps = False
+        self.clock: Callable[[float], float] = float
         self._side: int | None = None  # which part `forces` returns where it is not said; None for the mean
         self._n_samples = n_samples
         #: forces at the last instant that was reached, (n_samples, 2, n_names), before and after they jump there,
@@ -275,7 +278,7 @@ class Controls:
     def sample(self, time: float, state, samples: np.ndarray) -> bool:
         """Let the sampled controllers whose time it is find new forces for some samples; return whether any did, which
         is that they jump until `jumps` is put back."""
-        due = [one for one in self.each if one.is_due(time)]
+        due = [one for one in self.each if one.is_due(self.clock(time))]
         if not due:
             return False
         self._look(time, state)
@@ -329,9 +332,9 @@ class Controls:
 
     def _find_carried(self, time: float, state) -> None:
         if self._carried.size:
-            found = self._find(time, state, self._carried)
-            self._changes[:] = np.abs(found - self._carried)
             with np.errstate(all="ignore"):  # samples that fail
+                found = self._find(time, state, self._carried)
+                self._changes[:] = np.abs(found - self._carried)
                 for into, *one in zip(self._carried.T, found.T, self._followed):
                     follow_carried(self._number, *one, into)
             self._number += 1
@@ -339,9 +342,9 @@ class Controls:
     def _look(self, time: float, state) -> None:
         if not self.each:
             return
-        motions, rates = self._measure(time, state)
+        (motions, rates), now = self._measure(time, state), self.clock(time)
         for one in self.each:
-            one.look(time, motions, rates)
+            one.look(now, motions, rates)
 
     def _keep(self, time: float, state, samples: np.ndarray, parts: tuple[int, ...] = (BEFORE, AFTER)) -> None:
         """Keep the forces of some samples from a time on, until they are others."""

@@ -24,7 +24,7 @@ import numpy as np
 
 from pgmp_petsc.ensemble.sample_file import SampleFile
 from pgmp_petsc.estimates.own_error import is_estimated
-from pgmp_petsc.estimates.reference_motion import FINER, most_evaluations, price_of_evaluation, schedules
+from pgmp_petsc.estimates.reference_motion import FINER, price_of_evaluation, schedules_of
 from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.models import REDUCED, LengthLanes, Model, ReducedModel
 from pgmp_petsc.scene import Scene
@@ -130,7 +130,7 @@ def price_of(model: ReducedModel | LengthLanes) -> float:
     """Return about how many runs of a sample cost as much as an estimate of its errors."""
     mechanism, simulation, tables = model.kinematics.mechanism, model.scene.simulation, model.terms.tables
     n_steps = count_steps(simulation.duration, simulation.step)
-    sets = schedules(n_steps, simulation.duration, most_evaluations(mechanism))[:2]  # by these most samples are settled
+    sets = schedules_of(mechanism, simulation)[:2]  # by these most samples are settled
     evaluations = sum(one.steps.size for one in sets)
     estimate = evaluations * price_of_evaluation(mechanism)
     if isinstance(model, LengthLanes):
@@ -142,10 +142,10 @@ def block_of(scene: Scene, model: str) -> int:
     """Return in what numbers the samples of a model are checked where they are more than one.
 
     Two samples side by side cost nearly as much as a block of lanes, which also tells of deviations. A share that the
-    scene gives is kept; other models, and those of any lengths, check one after the other.
+    scene gives is kept; other models, those of any lengths and with controllers check one after the other.
     """
     is_given = scene.ensemble.checked_share is not None
-    return 1 if is_given or model != ReducedModel.name or length_names(scene) else LANES
+    return 1 if is_given or model != ReducedModel.name or length_names(scene) or scene.beside else LANES
 
 
 def checked(share: float, n_samples: int, block: int = 1) -> list[tuple[int, int]]:

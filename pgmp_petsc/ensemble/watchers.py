@@ -80,7 +80,7 @@ class ErrorWatcher(Watcher):
 
     def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run with steps of its own."""
-        run = self._indicator.stepped(begun.simulation).watch(begun.values, begun.samples)
+        run = self._indicator.stepped(begun.simulation).watch(begun.system, begun.samples)
 
         def found(status: np.ndarray) -> Found:
             estimate = run.estimate(status)

@@ -46,7 +46,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, ReducedModel
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State, StepsAsked, StepsTaken
+from pgmp_petsc.stepping.second_order_system import Beside, Scheme, SecondOrderSystem, State, StepsAsked, StepsTaken
 
 
 class CheckingModel:
@@ -80,11 +80,18 @@ class CheckingModel:
         return FullBatch(self.full.kinematics, self._effects, values, start, n, self._motions)
 
     def scheduled(self, batch: FullBatch, schedule: Schedule, step: float) -> FullBatch:
-        """Return a batch under what acts at the instants of a schedule of a run with a step (s)."""
+        """Return a batch under the loads at the instants of a schedule of a run with a step (s)."""
         instants = schedule.steps, step, schedule.interval
         effects = sampled_effects(self._effects, *instants)
         motions = {number: SampledMotion(motion, *instants) for number, motion in self._motions.items()}
         return batch.under(effects, motions)
+
+    def control(self, system: ErrorSystem, schedule: Schedule, step: float) -> None:
+        """Let controllers, and what joints carry, act on a system of one sample over a schedule, as of `scheduled`."""
+        self.full.controlled(system.full, system.full.values, system.whole)
+        if system.beside is not None:
+            times = step * schedule.steps
+            system.beside.clock = lambda time: float(times[round(time / schedule.interval)])
 
     def starts(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return what samples of a mask, shape (n,), start with: static equilibria, or what joints that are off build
@@ -123,6 +130,8 @@ class ErrorSystem(SecondOrderSystem):
     those that are never advanced; None where runs start undeformed.
     """
 
+    about_motion = True
+
     def __init__(
         self,
         full: FullBatch,
@@ -132,7 +141,7 @@ class ErrorSystem(SecondOrderSystem):
         begin: tuple[np.ndarray, np.ndarray] | None,
     ) -> None:
         self.comm, self.n_samples, self.steps_at_once = full.comm, full.n_samples, full.edgeless_at_once
-        self._full, self._motion, self._interval, self._begin = full, motion, interval, begin
+        self.full, self._motion, self._interval, self._begin = full, motion, interval, begin
         self._turns, self._number = full.pack(full.turns(theta)), -1
 
     def start(self) -> State:
@@ -141,21 +150,33 @@ class ErrorSystem(SecondOrderSystem):
         The motion starts as the full-order model does, so there is no acceleration to speak of.
         """
         first = self._motion.at(0)
-        rest = np.zeros_like(self._full.pack(first.q))
+        rest = np.zeros_like(self.full.pack(first.q))
         error = rest.copy(), rest.copy()
         if self._begin is not None:
             error = tuple(
-                self._full.pack(np.nan_to_num(own - other)) for own, other in zip(self._begin, (first.q, first.v))
+                self.full.pack(np.nan_to_num(own - other)) for own, other in zip(self._begin, (first.q, first.v))
             )
-        multipliers = self._full.pack(np.zeros((self._full.n_constraints, self.n_samples)))
-        return State(*error, rest, multipliers, self._turns.copy())
+        multipliers = self.full.pack(np.zeros((self.full.n_constraints, self.n_samples)))
+        found = State(*error, rest, multipliers, self._turns.copy())
+        if self.beside is not None:
+            self.beside.start(found)
+        return found
+
+    @property
+    def beside(self) -> Beside | None:
+        """See `SecondOrderSystem`."""
+        return self.full.beside
+
+    def whole(self, time: float, state: State) -> State:
+        """Return the state of the full-order equations at a time, s, from that of the error."""
+        q, v, a = self._reference(time)
+        return replace(state, q=q + state.q, v=v + state.v, a=a + state.a)
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction of the error; see `SecondOrderSystem.correct`."""
-        q, v, a = self._reference(time)
-        moved = State(q + state.q, v + state.v, a + state.a, state.multipliers, state.turns)
+        moved = self.whole(time, state)
         before = moved.q.copy(), moved.v.copy(), moved.a.copy()
-        size = self._full.correct(time, moved, scheme, active, fresh)
+        size = self.full.correct(time, moved, scheme, active, fresh)
         # by its change, so that a sample which is not active stays what it is to the last digit
         state.q += moved.q - before[0]
         state.v += moved.v - before[1]
@@ -163,39 +184,39 @@ class ErrorSystem(SecondOrderSystem):
         return size
 
     def begin_iteration(self) -> None:
-        self._full.begin_iteration()
+        self.full.begin_iteration()
 
     def limited(self) -> np.ndarray:
-        return self._full.limited()
+        return self.full.limited()
 
     def steps_between_looks(self, every: int | None) -> int:
-        return self._full.steps_between_looks(every)
+        return self.full.steps_between_looks(every)
 
     def take_steps(self, asked: StepsAsked) -> StepsTaken:
         """Take steps of the error; see `FullBatch.take_steps`."""
-        return self._full.take_steps(asked, self._motion.over(round(asked.ends[0] / self._interval), asked.ends.size))
+        return self.full.take_steps(asked, self._motion.over(round(asked.ends[0] / self._interval), asked.ends.size))
 
     def count_turns(self, state: State) -> None:
         """Take note of the angles at the instant that was corrected last; see `FullBatch.count_turns`."""
-        self._full.count_turns(State(self._parts[0] + state.q, state.v, state.a, state.multipliers, state.turns))
+        self.full.count_turns(State(self._parts[0] + state.q, state.v, state.a, state.multipliers, state.turns))
 
     def _reference(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         number = round(time / self._interval)
         if number != self._number:
             instant = self._motion.at(number)
-            self._number, self._parts = number, tuple(self._full.pack(p) for p in (instant.q, instant.v, instant.a))
+            self._number, self._parts = number, tuple(self.full.pack(p) for p in (instant.q, instant.v, instant.a))
         return self._parts
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
-        self._full.restore(state, previous, samples)
+        self.full.restore(state, previous, samples)
 
     restore_all = restore
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
-        return self._full.reasons(time, state, samples)
+        return self.full.reasons(time, state, samples)
 
     def unpack(self, array: np.ndarray) -> np.ndarray:
-        return self._full.unpack(array)
+        return self.full.unpack(array)
 
 
 def _in_floating_frames(rom: ReducedOrderModel, reduced: Mechanism, full: Mechanism) -> ReducedOrderModel:

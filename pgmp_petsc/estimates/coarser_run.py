@@ -31,10 +31,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from math import gcd
 
 import numpy as np
 
+from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.models import Model, OutputRecord
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene
@@ -150,10 +150,9 @@ def _taken_in_parts(stepper: GeneralisedAlpha) -> tuple[np.ndarray, np.ndarray]:
 
 def times_of(scene: Scene, simulation: Simulation) -> int:
     """Return how many steps of a run make one of the coarser run; 1 where controllers are sampled too often for one."""
-    sampled = [round(one.sample_time / simulation.step) for one in scene.controllers.values() if one.sample_time]
-    if not sampled:
+    if not any(one.sample_time for one in scene.controllers.values()):
         return TIMES
-    every = gcd(count_steps(simulation.duration, simulation.step), *sampled)
+    every = steps_between_samplings(scene, simulation)
     return max(times for times in range(1, TIMES + 1) if every % times == 0)
 
 

@@ -21,17 +21,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.controllers.running import AFTER
 from pgmp_petsc.estimates import reference_motion
 from pgmp_petsc.estimates.checking_model import CheckingModel, ErrorSystem
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 from pgmp_petsc.models.model import floors_of
 from pgmp_petsc.outputs.rainflow import counted_after
+from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.drivers import ERROR_PREFIX
@@ -45,6 +48,7 @@ if TYPE_CHECKING:
 TOGETHER = 2**21  # unknowns of instants whose outputs are evaluated together
 
 UNSOLVED = "the full-order equations could not be solved about this motion"
+TOO_OFTEN = "controllers, or what joints carry, are found in so many steps that the estimate would take too long"
 STOPPED = f"the reduced run with 1/{reference_motion.FINER} of the step, which the estimate is made from, stopped"
 
 
@@ -70,7 +74,6 @@ class ErrorIndicator:
         self.model, self.told = model, told or model
         self.checking = CheckingModel(model)
         self.floors = dict(zip(model.outputs.functions, floors_of(model)))
-        self._most = reference_motion.most_evaluations(self.checking.full.kinematics.mechanism)
         self._take_steps_of(model.scene.simulation)
 
     def _take_steps_of(self, simulation: Simulation) -> None:
@@ -78,8 +81,9 @@ class ErrorIndicator:
         self.n_steps = count_steps(simulation.duration, simulation.step)
         self.step = simulation.duration / self.n_steps
         self.finer = simulation.model_copy(update={"step": self.step / reference_motion.FINER})
-        self.schedules = reference_motion.schedules(self.n_steps, simulation.duration, self._most)
-        self.kept = reference_motion.kept_steps([schedule.steps for schedule in self.schedules])
+        self.schedules = reference_motion.schedules_of(self.checking.full.kinematics.mechanism, simulation)
+        ends = np.array([0, reference_motion.FINER * self.n_steps])
+        self.kept = reference_motion.kept_steps([ends, *(schedule.steps for schedule in self.schedules)])
 
     def stepped(self, simulation: Simulation) -> ErrorIndicator:
         """Return the indicator of runs of the same model with other steps."""
@@ -89,10 +93,9 @@ class ErrorIndicator:
         other._take_steps_of(simulation)
         return other
 
-    def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> WatchedRun:
-        """Begin to watch a run of a batch, with parameter values of shape (n_batch,) each; the errors of samples with
-        these numbers within the batch are wanted."""
-        return WatchedRun(self, {name: value[samples] for name, value in values.items()}, np.asarray(samples))
+    def watch(self, system: ReducedSystem, samples: np.ndarray) -> WatchedRun:
+        """Begin to watch a run of a batch; the errors of samples with these numbers within it are wanted."""
+        return WatchedRun(self, system, np.asarray(samples))
 
 
 class _FinerRun(Observer):
@@ -114,12 +117,16 @@ class _FinerRun(Observer):
 class WatchedRun(Observer):
     """The run of one batch: its observer while it runs, its estimate afterwards."""
 
-    def __init__(self, indicator: ErrorIndicator, values: Mapping[str, np.ndarray], samples: np.ndarray) -> None:
-        self._indicator, self._values, self._samples = indicator, values, samples
+    def __init__(self, indicator: ErrorIndicator, system: ReducedSystem, samples: np.ndarray) -> None:
+        self._indicator, self._system, self._samples = indicator, system, samples
+        self._values = {name: value[samples] for name, value in system.values.items()}
         told = indicator.kept[indicator.kept % reference_motion.FINER == 0] // reference_motion.FINER
         self._place = reference_motion.places_of(told)
         n_eta = indicator.model.kinematics.n_coordinates + indicator.model.terms.tables.n_modes
         self._plain = np.empty((told.size, 3, samples.size, n_eta))  # coordinates, rates, accelerations
+        # what is beside them, before and after it jumps
+        n_beside = len(system.beside.names) if indicator.told.outputs.takes_beside else 0
+        self._beside = np.empty((told.size, samples.size, 2, n_beside))
         self._batch: tuple[np.ndarray, FullBatch] | None = None
 
     def __call__(self, number: int, time: float, state: State) -> None:
@@ -129,10 +136,15 @@ class WatchedRun(Observer):
         places = self._place[numbers]
         kept = places >= 0
         self._plain[places[kept]] = trail[kept][:, :, self._samples]
+        if self._beside.size:
+            self._beside[places[kept]] = self._system.forces_beside(times[kept])[:, self._samples]
 
     def estimate(self, status: np.ndarray) -> Estimate:
         """Return the estimate once the run has ended, with the status of the whole batch, shape (n_batch,)."""
         indicator, n = self._indicator, self._samples.size
+        if not indicator.schedules:
+            ends = np.array([0.0, indicator.simulation.duration])
+            return _nothing(list(indicator.model.outputs.functions), TOO_OFTEN, ends)
         fine = status[self._samples] == Status.FINE
         states, followed = self._followed(fine)
         about = followed & self._placeable(states)
@@ -206,20 +218,23 @@ class WatchedRun(Observer):
         """
         indicator, r = self._indicator, self._indicator.model.kinematics.n_coordinates
         checking, states = indicator.checking, states[schedule.places][:, :, chosen]
+        step = indicator.step / reference_motion.FINER
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
-        full = checking.scheduled(self._batch_of(chosen, values), schedule, indicator.step / reference_motion.FINER)
+        full = checking.scheduled(self._batch_of(chosen, values), schedule, step)
         unknowns, longest, turns = checking.unknowns_of, indicator.simulation.duration, indicator.model.terms.scale[:r]
         motion = reference_motion.ReferenceMotion(unknowns, full.n_dofs, states, r, longest, checking.rotations, turns)
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
-        time = schedule.steps * (indicator.step / reference_motion.FINER)
+        checking.control(system, schedule, step)
+        time = schedule.steps * step
         observed = _Observed(checking.full, full, values, motion, schedule, time)
         steps = {"step": schedule.interval, "duration": (len(states) - 1) * schedule.interval}
         simulation = indicator.simulation.model_copy(update={**steps, "spectral_radius": schedule.spectral_radius})
         run = integrate(system, simulation, alive=about, observer=observed, prefix=ERROR_PREFIX)
         # samples that failed stay at the start: they may be where nothing can be placed
-        plain = self._plain[self._place[schedule.steps[schedule.told] // reference_motion.FINER]][:, :, chosen]
+        places = self._place[schedule.steps[schedule.told] // reference_motion.FINER]
+        plain, beside = self._plain[places][:, :, chosen], self._beside[places][:, chosen]
         plain = np.where(about[:, None], plain, plain[:1])
-        errors = self._errors(time[schedule.told], plain, observed.outputs(), values)
+        errors = self._errors(time[schedule.told], plain, beside, observed.outputs(), values)
         # where one output cannot be evaluated, the corrected motion ran away, and the others mean nothing either
         known = np.all([run.status == Status.FINE, *(np.isfinite(e).all(axis=0) for e in errors.values())], axis=0)
         return {name: np.where(known, error, np.nan) for name, error in errors.items()}
@@ -231,12 +246,14 @@ class WatchedRun(Observer):
         return self._batch[1]
 
     def _errors(
-        self, time: np.ndarray, plain: np.ndarray, there: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]
-    ) -> dict[str, np.ndarray]:
+        self, time: np.ndarray, plain: np.ndarray, beside: np.ndarray, there: Mapping[str, np.ndarray],
+        values: Mapping[str, np.ndarray],
+    ) -> dict[str, np.ndarray]:  # fmt: skip
         """Return reduced less corrected outputs, shape (n_e, n), at times (n_e,), s, from reduced coordinates, rates
-        and accelerations, (n_e, 3, n, n_eta)."""
+        and accelerations, (n_e, 3, n, n_eta), and what is beside, (n_e, n, 2, n_names)."""
         model, shape = self._indicator.told, (plain.shape[0], plain.shape[2])
         states = State(*np.moveaxis(plain, 1, 0).reshape(3, -1, plain.shape[3]), np.zeros(0))
+        states.forces = beside.reshape(len(states.q), *beside.shape[2:])
         every_time = {name: np.tile(value, shape[0]) for name, value in values.items()}
         here = model.outputs.evaluate(model.observed_of(np.repeat(time, shape[1]), states, every_time))
         here, there = (
@@ -267,37 +284,40 @@ class _Observed(Observer):
         time: np.ndarray,
     ) -> None:
         self._model, self._batch, self._values, self._motion = model, batch, values, motion
-        self._told, self._interval, self._time = schedule.told, schedule.interval, time
+        self._told, self._time = schedule.told, time
         self._waiting: list[tuple[np.ndarray, ...]] = []
+        self._n_waiting = 0  # unknowns of these
         self._found: list[dict[str, np.ndarray]] = []
 
     def __call__(self, number: int, time: float, error: State) -> None:
-        self._take(number, State(*(part[None] for part in error.parts())))
+        self._take(number, np.array([time]), State(*(part[None] for part in error.parts())))
 
     def over_states(self, numbers: np.ndarray, times: np.ndarray, errors: State) -> None:
-        self._take(int(numbers[0]), errors)
+        self._take(int(numbers[0]), times, errors)
 
-    def _take(self, number: int, errors: State) -> None:
-        """Take in errors from an instant on."""
+    def _take(self, number: int, times: np.ndarray, errors: State) -> None:
+        """Take in errors from an instant on, at times of the integration."""
         instants = slice(number, number + len(errors.q))
         told = self._told[instants]
         motion, error = self._motion.over(number, told.size)[:, told], errors.at(told)
         with np.errstate(invalid="ignore"):  # a motion that runs away is found by its outputs
             parts = [self._batch.pack_over(one) + e for one, e in zip(motion, (error.q, error.v, error.a))]
-        clock = self._interval * (number + np.flatnonzero(told))
-        self._waiting.append((self._time[instants][told], clock, *parts, error.multipliers, error.turns))
-        if sum(part[2].size for part in self._waiting) > TOGETHER:
+        self._waiting.append((self._time[instants][told], times[told], *parts, error.multipliers, error.turns))
+        self._n_waiting += parts[0].size
+        if self._n_waiting > TOGETHER:
             self._evaluate()
 
     def _evaluate(self) -> None:
         time, clock, *parts = (np.concatenate(parts) for parts in zip(*self._waiting))
         batch, states = self._batch, State(*parts)
         forces = batch.joint_multipliers(clock, states) if self._model.outputs.forces else None
+        beside = batch.beside.forces(clock, AFTER)[:, 0].T if self._model.outputs.beside else None
         values = {name: np.tile(value, time.size) for name, value in self._values.items()}
         time, frames = np.repeat(time, batch.n_samples), batch.frames_over(states)
-        observed = self._model.observed_of(time, frames, values, *batch.unknowns_over(states), forces)
+        observed = self._model.observed_of(time, frames, values, *batch.unknowns_over(states), forces, beside)
         self._found.append(self._model.outputs.evaluate(observed))
         self._waiting.clear()
+        self._n_waiting = 0
 
     def outputs(self) -> dict[str, np.ndarray]:
         """Return every output, shape (n_e n,)."""
@@ -309,13 +329,14 @@ class _Observed(Observer):
 def indicator_of(model: ReducedModel | LengthLanes) -> ErrorIndicator | MemberIndicator:
     """Return what estimates the errors of a model's samples."""
     apart = model.lengths if isinstance(model, LengthLanes) else offset_names(model.scene)
-    return MemberIndicator(model, apart) if apart else ErrorIndicator(model)
+    return MemberIndicator(model, apart) if apart or model.scene.beside else ErrorIndicator(model)
 
 
 class MemberIndicator:
     """Estimates the errors of runs of samples with mechanisms of their own; see `ErrorIndicator`.
 
     Every value of a parameter that is `apart` makes a mechanism of its own: lengths, or by how much joints are off.
+    Controllers, and what joints carry, are of one sample of the full-order equations.
     """
 
     def __init__(self, model: ReducedModel | LengthLanes, apart: Iterable[str]) -> None:
@@ -328,18 +349,25 @@ class MemberIndicator:
         other._simulation = simulation
         return other
 
-    def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> WatchedSamples:
+    def watch(self, system: ReducedSystem, samples: np.ndarray) -> WatchedSamples:
         """Begin to watch a run of a batch; see `ErrorIndicator.watch`."""
-        return WatchedSamples([self._of(values, int(sample)) for sample in samples], list(self.model.outputs.functions))
+        return WatchedSamples([self._of(system, int(sample)) for sample in samples], list(self.model.outputs.functions))
 
-    def _of(self, values: Mapping[str, np.ndarray], sample: int) -> WatchedRun | None:
+    def _of(self, system: ReducedSystem, sample: int) -> WatchedRun | None:
         """Begin to watch a sample; None where its mechanism cannot be closed."""
-        given = {name: float(values[name][sample]) for name in self._apart}
+        if not self._apart:
+            return self._of_all.stepped(self._simulation).watch(system, np.array([sample]))
+        given = {name: float(system.values[name][sample]) for name in self._apart}
         try:
             own = self.model.at_lengths(self.model.scene.with_values(given))
         except InputError:
             return None
-        return ErrorIndicator(own, self.model).stepped(self._simulation).watch(values, np.array([sample]))
+        return ErrorIndicator(own, self.model).stepped(self._simulation).watch(system, np.array([sample]))
+
+    @cached_property
+    def _of_all(self) -> ErrorIndicator:
+        """The indicator of samples that have the model's own mechanism."""
+        return ErrorIndicator(self.model)
 
 
 class WatchedSamples(Observer):
@@ -371,7 +399,8 @@ class WatchedSamples(Observer):
         return [run for run in self._runs if run is not None]
 
 
-def _nothing(outputs: list[str]) -> Estimate:
+def _nothing(outputs: list[str], why: str = "", times: np.ndarray = np.zeros(0)) -> Estimate:
+    """Return the estimate of a sample that has none at some times (s), and why; empty where it failed."""
     unknown = {name: np.full(1, np.nan) for name in outputs}
-    histories = ((np.zeros(0), {name: np.zeros(0) for name in outputs}),)
-    return Estimate(unknown, dict(unknown), histories, dict.fromkeys(outputs, ("",)))
+    histories = ((times, {name: np.full(times.size, np.nan) for name in outputs}),)
+    return Estimate(unknown, dict(unknown), histories, dict.fromkeys(outputs, (why,)))

@@ -23,7 +23,7 @@ from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
 from pgmp_petsc.results.estimates import EstimatedErrors
-from pgmp_petsc.results.numbers import number_text, share_text, with_unit
+from pgmp_petsc.results.numbers import felt, number_text, share_text, sizes_of, with_unit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.stepping.generalised_alpha import integrate
@@ -40,13 +40,14 @@ SMALLER_ERRORS = {
 }
 SMALLER_ERRORS["components"] = SMALLER_ERRORS["full"]
 SMALL = 0.01  # estimated error as a share of an output's largest value, up to which it is no harm that it is unsure
+NEGLIGIBLE = 1e-6  # of the largest output of its unit: an error as small of an output that vanishes is none
 LARGE = 0.05  # estimated error as a share of an output's largest value, from which on a run warns of it
 
 
 def is_estimated(scene: Scene, of_step: bool = False) -> bool:
     """Return whether the errors of a scene's runs are estimated: those of a reduced model, or, `of_step`, of the time
     step of another one."""
-    known = times_of(scene, scene.simulation) > 1 if of_step else not scene.beside
+    known = not of_step or times_of(scene, scene.simulation) > 1
     return scene.simulation.error_indicator and bool(scene.outputs) and known
 
 
@@ -59,10 +60,8 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False, of_step: bool = F
     cure = cure or comparing(scene)
     if not scene.outputs:
         return (note(f"{what} were not estimated: the scene has no [outputs], whose errors these would be"),)
-    words = f"the estimate does not know {scene.beside[0]}" if scene.beside and not of_step else ""
     if of_step and times_of(scene, scene.simulation) == 1:
         words = "the estimate takes a coarser step, which would miss samplings of controllers"
-    if words:
         return (note(f"{what} were not estimated: {words}; {cure}"),)
     if not scene.simulation.error_indicator:
         switch = "simulation.error_indicator = false"
@@ -113,21 +112,21 @@ def large_errors(
     """Return a warning of outputs whose estimated errors are large, in any of some runs of a model.
 
     Largest errors, and largest sizes, of every output have shape (n_runs,); NaN where they are not known. Sizes are
-    said in units of the system.
+    said in units of the system; of an output that vanishes, the error itself.
     """
-    found = []
+    found, beside, sizes = [], sizes_of(sizes, units), felt(sizes, units)
     for name, values in errors.items():
-        runs = np.flatnonzero(np.isfinite(values) & (sizes[name] > 0.0))
-        shares = values[runs] / sizes[name][runs]
+        size, least = sizes[name], NEGLIGIBLE * beside[name]
+        runs = np.flatnonzero(np.isfinite(values) & ((size > 0.0) | ((size == 0.0) & (values > least) & (least > 0.0))))
+        shares = np.divide(values[runs], size[runs], where=size[runs] > 0.0, out=np.full(runs.size, np.inf))
         n_large = int(np.sum(shares > LARGE))
         if n_large:
             worst = int(np.argmax(shares))
-            share, size = float(shares[worst]), float(sizes[name][runs[worst]])
-            text = (
-                share_text(share)
-                if share <= 1.0
-                else f"more than all of it ({with_unit(*system.named(size, units[name]), 2)})"
-            )
+            share, whole = float(shares[worst]), system.named(float(size[runs[worst]]), units[name])
+            text = share_text(share) if share <= 1.0 else f"more than all of it ({with_unit(*whole, 2)})"
+            if np.isinf(share):
+                lack = system.named(float(values[runs[worst]]), units[name])
+                text = f"all of it ({with_unit(*lack, 2)}, where the run has none)"
             many = f" at most, beyond {share_text(LARGE)} in {n_large} of {runs.size}"
             found.append(f"{name} {text}{many if values.size > 1 else ''}")
     if not found:
@@ -308,9 +307,10 @@ class OwnErrors:
         if model.name == ComponentModel.name or not is_estimated(model.scene):
             return None
         values = {name: np.array([point[name] for point in points]) for name in points[0]}
-        watched = indicator_of(model).watch(values, np.arange(len(points)))
+        system = model.batch(values, len(points))
+        watched = indicator_of(model).watch(system, np.arange(len(points)))
         with np.errstate(all="ignore"):  # a run that fails has no estimate
-            done = integrate(model.batch(values, len(points)), model.scene.simulation, observer=watched)
+            done = integrate(system, model.scene.simulation, observer=watched)
             found = watched.estimate(done.status)
         return cls(found.at_end, found.histories)
 

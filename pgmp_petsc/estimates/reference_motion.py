@@ -23,6 +23,9 @@ drives the mechanism for a long time (aliasing). The strides s and 2 s - 1 have 
 one takes for constant is not constant for the other. Every interval is a whole number of steps, the same throughout;
 one that is not would move the motion by up to half a step in time from one evaluation to the next.
 
+Where controllers, or what joints carry, are found between corrections, all intervals are equal and samplings are at
+evaluations: the strides are the shortest that the price allows, and there may be too few of them for an estimate.
+
 Each sample goes by its own motion, so that none has a part in another's estimate.
 """
 
@@ -30,14 +33,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import gcd
 
 import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.numerics import Simulation, count_steps
 
 # us of one core: an unknown of a beam with its neighbours, a pair of unknowns of a condensed body
 OF_BEAM, OF_PAIR = 0.8, 0.02
+OF_BESIDE = 800.0  # of each entry whose force is found between corrections
 DEAR = 4e6  # us that the evaluations of a sample may take
 FINER = 4  # steps of the run that is followed in one of the run itself
 MOST, LEAST = 8000, 100  # evaluations
@@ -61,17 +68,24 @@ class Schedule:
     spectral_radius: float
 
 
-def schedules(n_steps: int, duration: float, most: int = MOST) -> list[Schedule]:
+def schedules(n_steps: int, duration: float, most: int = MOST, every: int = 0) -> list[Schedule]:
     """Return the schedules of a run from the coarsest, which is there to be compared with, to the densest with no more
-    than `most` evaluations."""
+    than `most` evaluations; none where that leaves less than two.
+
+    Where it is given, the ends of every so many steps are evaluated.
+    """
     most = min(max(most, LEAST), MOST)
     stride = -(-n_steps // most)
     strides = [FINER * max(2, 2 * stride - 1), FINER * stride]
     while stride == 1 and strides[-1] > 1 and 2 * FINER * n_steps <= most * strides[-1]:
         strides.append(strides[-1] // 2)
     strides = strides[1:] if len(strides) > 2 else strides
+    if every:
+        whole = [each for each in range(1, FINER * every + 1) if FINER % each == 0 or each % FINER == 0]
+        whole = [each for each in whole if FINER * every % each == 0 and FINER * n_steps <= most * each]
+        strides = whole[2::-1] if len(whole) > 1 else []
     steps = [np.concatenate([[0], np.arange(FINER * n_steps, 0, -each)[::-1]]) for each in strides]
-    kept, radius = kept_steps(steps), DAMPED if stride == 1 else 0.0
+    kept, radius = kept_steps([np.array([0]), *steps]), DAMPED if strides and strides[-1] <= FINER else 0.0
     return [
         Schedule(some, np.searchsorted(kept, some), some % FINER == 0, each * duration / (FINER * n_steps), radius)
         for some, each in zip(steps, strides)
@@ -106,16 +120,24 @@ def differences(
 
 def price_of_evaluation(mechanism: Mechanism) -> float:
     """Return about how long an evaluation of the full-order equations takes, corrections included, us of one core."""
-    price = 0.0
+    price = OF_BESIDE * len(mechanism.scene.beside)
     for body in mechanism.bodies:
         n = mechanism.space.n_pose * body.n_nodes + body.n_internal
         price += OF_PAIR * n**2 if body.dense or body.blocks("floating") else OF_BEAM * n
     return price
 
 
-def most_evaluations(mechanism: Mechanism) -> int:
-    """Return how many evaluations a run's estimate may have."""
-    return int(DEAR / price_of_evaluation(mechanism))
+def schedules_of(mechanism: Mechanism, simulation: Simulation) -> list[Schedule]:
+    """Return the schedules of a mechanism's run; see `schedules`."""
+    n_steps, scene = count_steps(simulation.duration, simulation.step), mechanism.scene
+    every = steps_between_samplings(scene, simulation) if scene.beside else 0
+    return schedules(n_steps, simulation.duration, int(DEAR / price_of_evaluation(mechanism)), every)
+
+
+def steps_between_samplings(scene: Scene, simulation: Simulation) -> int:
+    """Return the largest number of steps that divides a run, and the time between samplings of every controller."""
+    sampled = [round(one.sample_time / simulation.step) for one in scene.controllers.values() if one.sample_time]
+    return gcd(count_steps(simulation.duration, simulation.step), *sampled)
 
 
 #: From points (n_points, k, n_eta) of paths of reduced coordinates to unknowns (n_dofs, n_points, k).

@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import captions, style
+from pgmp_petsc.figures.mechanism import ground_place, node_of
 from pgmp_petsc.lanes.rainflow import cycles
 from pgmp_petsc.results import Trajectory
 
@@ -103,16 +104,10 @@ def _place(run: Trajectory, scene: Mapping[str, Any], connect: Sequence[str]) ->
 def _points(run: Trajectory, scene: Mapping[str, Any], body: str, point: str) -> np.ndarray:
     """Return where a point may be at the frames, shape (n_f, n, 3): one place where it is known, else all nodes."""
     if body == "ground":
-        at = np.array([scene.get("ground", {}).get("points", {}).get(point, [0.0, 0.0])], dtype=float)
-        shown = np.repeat(at[None], len(run.frames.time), axis=0)
+        at = ground_place(run.record, point, next(iter(run.frames.nodes.values())).shape[1])
+        shown = np.repeat(at[None, None], len(run.frames.time), axis=0)
     else:
-        nodes, shown, entry = run.frames.nodes[body], run.frames.positions[body], scene["bodies"][body]
-        places = {"centre": (entry.get("rigid") or {}).get("centre")} | (entry.get("rigid") or {}).get("points", {})
-        known = None
-        if entry.get("line") is not None:
-            known = {"hinge": 0, "tip": int(np.argmax(nodes[:, 0]))}.get(point)
-        elif all(isinstance(value, (int, float)) for value in places.get(point) or [""]):
-            known = int(np.argmin(np.linalg.norm(nodes - places[point], axis=1)))
+        known, shown = node_of(run.frames, scene, f"{body}:{point}"), run.frames.positions[body]
         shown = shown if known is None else shown[:, [known]]
     found = np.zeros((*shown.shape[:2], 3))
     found[..., : shown.shape[2]] = shown

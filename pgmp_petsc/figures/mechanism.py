@@ -1,11 +1,11 @@
 """Pictures of a mechanism: its shape at several instants, as a fan of positions coloured by time, and assembled, with
 the names of its bodies, joints and points (`pgmp check --plot`). Beams are lines, rigid bodies hollow bars, point
-masses squares; a triangle marks the ends of bodies that the ground holds."""
+masses squares, what acts between two points is dotted; a triangle marks pins and ends that the ground holds."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
@@ -23,12 +23,14 @@ from matplotlib.transforms import Bbox
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import captions, style
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results import Frames, Trajectory
-from pgmp_petsc.results.selection import Assembly
+from pgmp_petsc.results.selection import Assembly, spans_in
 
 PATH_COLOUR = "#D8D8D8"
 BAR, HOLLOW = 1.6, 0.5  # width of a rigid body's bar over that of a beam, and of the line inside it over the bar's
 KEY_WIDTH = 3.0  # points
+DOTTED = (0, (1.0, 1.2))
 AT_REST = 1e-6  # a pin that moves by less than this share of the mechanism's extent is held by the ground
 # of the size of a path, the distance of most pairs of frames: nine in a turn; frames that are no turn
 COARSE, MOST, FEW = 0.35, 0.9, 9
@@ -73,14 +75,38 @@ class Shapes:
     positions: dict[str, np.ndarray]  # of each body's nodes, shape (n_f, n_nodes, 2), in the unit of the picture
     #: what projects places onto the picture, (d, 2): along z, or obliquely where the motion leaves the plane
     view: np.ndarray
+    #: of what acts between two points both at the frames, (2, n_f, 2), in the unit of the picture
+    spans: list[np.ndarray] = field(default_factory=list)
+    pins: dict[str, np.ndarray] = field(default_factory=dict)  # nodes of each body that are ends, or in a joint
 
     @classmethod
-    def of(cls, frames: Frames, exaggeration: float = 1.0, factor: float = 1.0) -> Shapes:
-        """Return the shapes with their deformation enlarged, in the unit of which a metre has `factor`."""
+    def of(
+        cls, frames: Frames, exaggeration: float = 1.0, factor: float = 1.0, record: RunRecord | None = None
+    ) -> Shapes:
+        """Return the shapes with their deformation enlarged, in the unit of which a metre has `factor`; joints and what
+        acts between two points are those of the scene of a record."""
+        scene = {} if record is None else style.scene_of(record)
         shown = {body: shown_positions(frames, body, exaggeration) for body in frames.nodes}
         view = _view(shown.values())
         projected = {body: factor * positions @ view for body, positions in shown.items()}
-        return cls(frames, projected, view)
+        pins = {body: set(map(int, ends(cells))) for body, cells in frames.cells.items()}
+        for address in (one for joint in scene.get("joints", {}).values() for one in joint.get("connect", ())):
+            node = node_of(frames, scene, address)
+            if node is not None:
+                pins[address.partition(":")[0]].add(node)
+        made = cls(frames, projected, view, pins={body: np.array(sorted(own), int) for body, own in pins.items()})
+        pairs = ([made._path(record, address, factor) for address in pair] for pair in spans_in(scene).values())
+        made.spans.extend(np.array(pair) for pair in pairs if pair[0] is not None and pair[1] is not None)
+        return made
+
+    def _path(self, record: RunRecord, address: str, factor: float) -> np.ndarray | None:
+        """Return where a named point is at the frames, (n_f, 2); None where the run does not say."""
+        owner, _, point = address.partition(":")
+        if owner != "ground":
+            node = node_of(self.frames, style.scene_of(record), address)
+            return None if node is None else self.positions[owner][:, node]
+        at = factor * ground_place(record, point, len(self.view)) @ self.view
+        return np.repeat(at[None], len(self.frames.time), axis=0)
 
     @property
     def axis_names(self) -> tuple[str, str]:
@@ -101,7 +127,7 @@ class Shapes:
     @property
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper limits of a picture of all frames, with a margin, shape (2,) each."""
-        points = np.concatenate([positions.reshape(-1, 2) for positions in self.positions.values()])
+        points = np.concatenate([part.reshape(-1, 2) for part in (*self.positions.values(), *self.spans)])
         low, high = points.min(axis=0), points.max(axis=0)
         margin = 0.05 * max(high - low)
         return low - margin, high + margin
@@ -119,20 +145,25 @@ class Shapes:
         axes.set_ylabel(style.axis_label(self.axis_names[1], unit))
 
     def draw_ground(self, axes: Axes, size: float = 24.0) -> None:
-        """Draw a triangle below every end of a body that stays where it is."""
+        """Draw a triangle below every pin or end of a body, and what acts between points, that stays where it is."""
         low, high = self.limits
-        for body, cells in self.frames.cells.items():
-            for node in ends(cells):
-                path = self.positions[body][:, node]
-                if len(path) > 1 and np.ptp(path, axis=0).max() < AT_REST * max(high - low):
-                    axes.plot(*path[0], marker=_GROUND, color=style.QUIET, markersize=size, zorder=1.5, clip_on=False)
+        paths = [self.positions[body][:, node] for body, nodes in self.pins.items() for node in nodes]
+        for path in (*paths, *(path for span in self.spans for path in span)):
+            if len(path) > 1 and np.ptp(path, axis=0).max() < AT_REST * max(high - low):
+                axes.plot(*path[0], marker=_GROUND, color=style.QUIET, markersize=size, zorder=1.5, clip_on=False)
 
     def draw(self, axes: Axes, number: int, colour: Sequence[float], width: float, pin: float, zorder: float) -> None:
-        """Draw all bodies at the frame of that number, with lines and markers of their ends so many points wide."""
+        """Draw all bodies at the frame of that number, with lines and markers of pins so many points wide."""
         for body, cells in self.frames.cells.items():
             points = self.draw_body(axes, body, number, colour, width, 1.6 * pin, zorder)
             if len(cells):
-                axes.plot(*points[ends(cells)].T, "o", color=colour, markersize=pin, zorder=zorder + 1)
+                axes.plot(*points[self.pins[body]].T, "o", color=colour, markersize=pin, zorder=zorder + 1)
+        self.draw_spans(axes, number, colour, 0.6 * width, zorder)
+
+    def draw_spans(self, axes: Axes, number: int, colour: Any, width: float, zorder: float) -> None:
+        """Draw what acts between two points at one frame."""
+        for span in self.spans:
+            axes.plot(*span[:, number].T, color=colour, linewidth=width, linestyle=DOTTED, zorder=zorder)
 
     def draw_body(
         self, axes: Axes, body: str, number: int, colour: Any, width: float, square: float, zorder: float
@@ -151,16 +182,42 @@ class Shapes:
         return points
 
     def keys(self) -> list[Line2D]:
-        """Return what tells rigid bodies from flexible ones, where there are both."""
+        """Return what tells rigid bodies from flexible ones, where there are both, and what acts between points."""
         kinds = {body in self.frames.rigid for body, cells in self.frames.cells.items() if len(cells)}
+        spans = Line2D([], [], color=style.QUIET, linewidth=1.6, linestyle=DOTTED, label="acts between two points")
         if len(kinds) < 2:
-            return []
+            return [spans] if self.spans else []
         bar = BAR * KEY_WIDTH
         hollow = [Stroke(linewidth=bar, foreground=style.QUIET), Stroke(linewidth=HOLLOW * bar, foreground="white")]
         return [
             Line2D([], [], color=style.QUIET, linewidth=KEY_WIDTH, label="flexible"),
             Line2D([], [], path_effects=hollow, label="rigid"),
+            *([spans] if self.spans else []),
         ]
+
+
+def ground_place(record: RunRecord, point: str, dimension: int) -> np.ndarray:
+    """Return where a point of the ground is, shape (d,), at the run's parameters, in the unit of its places."""
+    at = style.scene_of(record).get("ground", {}).get("points", {}).get(point, [0.0] * dimension)
+    return np.array([record.parameters[value] if isinstance(value, str) else value for value in at], dtype=float)
+
+
+def node_of(frames: Frames, scene: Mapping[str, Any], address: str) -> int | None:
+    """Return which of its body's nodes a point ``"body:point"`` is; None of the ground's, and where a run does not say
+    it: of meshes it keeps no names."""
+    body, _, point = address.partition(":")
+    entry = scene.get("bodies", {}).get(body) or {}
+    if body not in frames.nodes or not (entry.get("line") or entry.get("rigid")):
+        return None
+    nodes = frames.nodes[body]
+    if entry.get("line"):
+        along = np.argsort(nodes[:, 0], kind="stable")
+        return int(along[int({"hinge": 0, "tip": -1, "middle": len(nodes) // 2}.get(point, point))])
+    centre = entry["rigid"].get("centre") or [0.0] * nodes.shape[1]
+    place = {"centre": centre, **entry["rigid"].get("points", {})}[point]
+    if not all(isinstance(value, (int, float)) for value in place):  # a parameter's name
+        return None
+    return int(np.argmin(np.linalg.norm(nodes - place, axis=1)))
 
 
 def shown_positions(frames: Frames, body: str, exaggeration: float) -> np.ndarray:
@@ -239,7 +296,7 @@ def mechanism(
     if frames is None or not len(frames.time):
         raise InputError("the trajectory has no frames to draw; use --override simulation.frames=100")
     factor, unit = style.axis_unit(trajectory.record.system.unit("m"), *frames.positions.values())
-    shapes = Shapes.of(frames, exaggeration, factor)
+    shapes = Shapes.of(frames, exaggeration, factor, trajectory.record)
     chosen = np.unique(np.linspace(0, len(frames.time) - 1, n_instants).round().astype(int))
 
     low, high = shapes.limits
@@ -323,6 +380,7 @@ def assembly(shown: Assembly) -> Figure:
     frames = shown.frames
     factor, unit = style.axis_unit(shown.metre, *frames.positions.values())
     shapes = Shapes.of(frames, 1.0, factor)
+    shapes.spans.extend(factor * span[:, None] @ shapes.view for span in shown.spans.values())
     low, high = shapes.limits
     labels, left_out = _labels(shown, lambda place: factor * place @ shapes.view, float(max(high - low)))
     every = np.array([label.place for label in labels] or [low])
@@ -333,6 +391,8 @@ def assembly(shown: Assembly) -> Figure:
     figure = style.new_figure(ASSEMBLY_WIDTH, height + 0.9)
     axes = figure.subplots()
     names = _draw_bodies(axes, shapes)
+    shapes.draw_spans(axes, 0, style.QUIET, 1.6, 3.5)
+    names += [(name, span[:, 0].mean(axis=0), style.QUIET) for name, span in zip(shown.spans, shapes.spans)]
     for label in labels:
         look = {"color": "#333333", "markeredgecolor": "white", "markersize": 5}
         if label.joints:
@@ -441,9 +501,9 @@ def _leader(note: Annotation, offset: tuple[float, float]) -> np.ndarray:
 
 
 def _pixels(axes: Axes, shapes: Shapes) -> np.ndarray:
-    """Return points along all bodies, (n, 2), pixels."""
+    """Return points along all bodies, and what acts between points, (n, 2), pixels."""
     shares = np.linspace(0.0, 1.0, 13)[:, None]
-    found = [np.zeros((0, 2))]
+    found = [np.zeros((0, 2)), *((1.0 - shares) * a + shares * b for a, b in (span[:, 0] for span in shapes.spans))]
     for body, cells in shapes.frames.cells.items():
         points = shapes.positions[body][0]
         found += [(1.0 - shares) * points[a] + shares * points[b] for a, b in cells]

@@ -165,6 +165,9 @@ def labels_of(comparisons: Sequence[Comparison], files: Mapping[int, Path] | Non
     """Return what tells comparisons apart; the files of runs are given by their `id`."""
     last = [comparison.runs[-1] for comparison in comparisons]
     kinds = [comparison.kind if len(comparison.runs) == 1 else "" for comparison in comparisons]
+    nodes = [None if run.frames is None else sum(map(len, run.frames.nodes.values())) for run in last]
+    if len({*nodes} - {None}) > 1:  # pgmp run cuts lines, which scenes do not say
+        kinds = [", ".join(filter(None, (kind, f"{n} nodes" if n else ""))) for kind, n in zip(kinds, nodes)]
     names = [(files or {}).get(id(run)) for run in last]
     return tell_apart([run.record for run in last], kinds, names)
 
@@ -217,8 +220,7 @@ def _draw_errors(axes: Axes, comparisons: Sequence[Comparison], output: str) -> 
             f"at most {plain(max(largest))} % of the full-order maximum", fontsize=8.5, color=style.QUIET, pad=4.0
         )
     else:
-        unknown = "not known: no full-order values, all are zero, or a run did no step"
-        axes.set_title(unknown, fontsize=8.5, color=style.QUIET, pad=4.0)
+        axes.set_title("not known: zero, or nothing to compare with", fontsize=8.5, color=style.QUIET, pad=4.0)
 
 
 def _keys(comparisons: Sequence[Comparison], labels: Sequence[str]) -> list[Artist]:

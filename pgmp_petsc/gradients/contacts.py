@@ -128,11 +128,13 @@ class Contacts:
         rate = float(edge.gradient @ with_length)
         turning = min(abs(rate), abs(edge.rate)) / max(abs(edge.acceleration), TINY)
         if not turning > GRAZING * self._step:
+            cure = "end the run before (simulation.duration), move the stop, or change a parameter (--set)"
+            if part.end < self._times[1]:
+                cure = "start away from the stop, or as deep in it as what rests on it is (simulation.initial)"
             raise InputError(
                 f"effects.{edge.effect}: at {part.end:.6g} s the run grazes this stop: its path turns back within "
                 f"{turning:.2g} s, less than {GRAZING:g} of a step, so that the least change of a parameter decides "
-                "whether they meet, and the instant has no derivative; end the run before (simulation.duration), move "
-                "the stop, or change a parameter (--set)"
+                f"whether they meet, and the instant has no derivative; {cure}"
             )
         self.found.append(Contact(edge.effect, edge.rate > 0.0, part.end, turning, np.zeros(len(along))))
         return -(along @ edge.gradient + edge.by_parameters) / rate

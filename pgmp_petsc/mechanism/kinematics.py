@@ -391,10 +391,13 @@ class RigidKinematics:
             names = ", ".join(coordinate.name for coordinate in self.coordinates)
             free = f"{n_poses - rank} degree{'' if n_poses - rank == 1 else 's'} of freedom"
             named = "1 coordinate was" if self.n_coordinates == 1 else f"{self.n_coordinates} coordinates were"
+            more = self._left_loose(poses) if n_poses - rank > self.n_coordinates else ""
+            if n_poses == rank:
+                more = ". What bends alone, as a stage on leaf springs, takes a rigid body beside it, on a joint whose "
+                more += "motion is the coordinate and prescribed"
             raise InputError(
                 f"joints: they leave the rigid mechanism {free} ({n_poses} of its {n_bodies} bodies less "
-                f"{rank} independent constraints), but {named} named: {names}. Both numbers must be equal"
-                f"{self._left_loose(poses) if n_poses - rank > self.n_coordinates else ''}"
+                f"{rank} independent constraints), but {named} named: {names}. Both numbers must be equal{more}"
             )
         return self.mechanism.n_constraints - rank
 

@@ -123,18 +123,23 @@ class FullModel:
             sized.kinematics, sized._effects, values, start, n_samples, sized._motions, settled, built_in,
             self.in_joints,
         )  # fmt: skip
-        return sized._controlled(JointBatch(system) if self.in_joints else system, values)
+        return sized.controlled(JointBatch(system) if self.in_joints else system, values)
 
-    def _controlled(self, system: SomeSystem, values: Mapping[str, np.ndarray]) -> SomeSystem:
-        """Return a system of one sample with its controllers."""
+    def controlled(
+        self, system: SomeSystem, values: Mapping[str, np.ndarray],
+        whole: Callable[[float, State], State] = lambda time, state: state,
+    ) -> SomeSystem:  # fmt: skip
+        """Return a system of one sample with its controllers; `whole` makes states of the model of its own at a time
+        (s)."""
         if self.measures is not None:
             nodes, unknowns = list(self.measures.nodes), Unknowns(self.kinematics.mechanism)
 
-            def frames(state: State) -> list[np.ndarray]:
+            def frames(time: float, state: State) -> list[np.ndarray]:
+                state = whole(time, state)
                 return [system.frames(state)[nodes], unknowns.frames(system.unknowns(state)[1])[nodes]]
 
             def multipliers(time: float, state: State, before: np.ndarray) -> np.ndarray:
-                return system.multipliers_of_joints([time], State.along([state]))
+                return system.multipliers_of_joints([time], State.along([whole(time, state)]))
 
             system.control(self.measures.controls(frames, values, 1, system.put_forces, multipliers))
         return system
@@ -186,7 +191,7 @@ class FullModel:
         built_in = sized._built_in(values, start[1], comm) if settled is None and sized.is_off else None
         equations = sized._equations(sized.kinematics, values, start, comm)
         system = FullDistributed(equations, comm, sized._motions, settled, built_in)
-        return sized._controlled(system, {name: np.array([value]) for name, value in values.items()})
+        return sized.controlled(system, {name: np.array([value]) for name, value in values.items()})
 
     def _equations(
         self,

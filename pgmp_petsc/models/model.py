@@ -97,8 +97,8 @@ def search_of(scene: Scene, mechanism: Mechanism) -> Search:
     )
 
 
-#: Frames of nodes and, of order 1, their rates, each (n_nodes, n_frame, n_samples), for a state.
-FramesOf = Callable[[State], list[np.ndarray]]
+#: Frames of nodes and, of order 1, their rates, each (n_nodes, n_frame, n_samples), at a time (s), for a state.
+FramesOf = Callable[[float, State], list[np.ndarray]]
 #: Multipliers of joints, (n_held + n_driven, n_samples), at a time (s), for a state, and forces (n_carried, n_samples)
 #: that joints were taken to carry.
 MultipliersOf = Callable[[float, State, np.ndarray], np.ndarray]
@@ -154,14 +154,14 @@ class Measures:
             return found[:, :, 0] - self.origins[self.rows, None], found[:, :, 1]
 
         def measure(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
-            seen = [part[self._own] for part in frames(state)]
+            seen = [part[self._own] for part in frames(time, state)]
             found = self._set.observed(seen, np.empty((0, n_samples)), time, {**self._scene.values, **values})
             with np.errstate(all="ignore"):  # samples that fail
                 jets = self._set.jets(found, self._read)
             return tuple(np.array([jet[k] for jet in jets]).reshape(-1, n_samples) for k in range(2))
 
         def carry(time: float, state: State, before: np.ndarray) -> np.ndarray:
-            at, moving, *_ = *(dict(zip(self.nodes, part)) for part in frames(state)), {}
+            at, moving, *_ = *(dict(zip(self.nodes, part)) for part in frames(time, state)), {}
             found, every = multipliers(time, state, before), {**self._scene.values, **values}
             return np.array([one.value(at, moving, found, every) for one in self.carried])
 

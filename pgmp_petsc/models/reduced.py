@@ -279,7 +279,7 @@ def _controls(
         return controls, measures.origins
     reconstruction = Reconstruction(model.kinematics, model.rom, model.scene.interpolation, measures.nodes)
 
-    def frames(state: State) -> list[np.ndarray]:
+    def frames(time: float, state: State) -> list[np.ndarray]:
         # an iterate that is no number is lost with its correction, and closes no mechanism
         fine = np.isfinite(state.q).all(axis=1)[:, None]
         parts = [np.where(fine, part, 0.0) for part in (state.q, state.v)]

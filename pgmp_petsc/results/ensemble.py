@@ -397,12 +397,14 @@ class Ensemble(Result):
             if chance.is_decided(error):
                 return f"P({chance.event}) = {number_text(100 * chance.estimate, ends, 6)} % {interval_text(ends)}"
             return f"P({chance.event}) is {chance.doubt(error, stops)}"
-        for name in reversed([name for name in self.outputs if name in self.statistics]):
+        described = [name for name in self.outputs if name in self.statistics]
+        # the last output that varies; sorted is stable
+        for name in sorted(reversed(described), key=lambda name: self.statistics[name].constant):
             s, unit = self.statistics[name], self.units.get(name, "1")
             factor, shown = axis_unit(unit, np.array([s.mean]))
             mean, ends = factor * s.mean, factor * s.mean_interval
-            words = f"{mean:.7g}, constant" if s.constant else f"{number_text(mean, ends, 7)} {interval_text(ends)}"
-            words += "" if unit == "1" else f" {shown}"
+            words = f"{mean:.7g}" if s.constant else f"{number_text(mean, ends, 7)} {interval_text(ends)}"
+            words += ("" if unit == "1" else f" {shown}") + (", constant" if s.constant else "")
             return f"mean {name} {words if np.isfinite(s.mean) else 'is not known'}"
         return "no output is described"
 

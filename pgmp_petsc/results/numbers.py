@@ -15,6 +15,7 @@ import numpy as np
 from pgmp_petsc.base.units import LENGTHS
 
 ROUND_OFF = 1e-12  # of a quantity's size: what varies by less is the same throughout
+VANISHING = 1e-9  # of the largest output of its unit: an output that small is what round-off leaves of none
 DIGITS = 2  # of an interval's width that are shown
 PLAIN = (1e-4, 1e7)  # sizes that are written without a power of ten
 MOST = 100.0  # a share beyond it is of something that is hardly there
@@ -32,6 +33,16 @@ def sizes_of(outputs: Mapping[str, np.ndarray], units: Mapping[str, str], length
         unit, sizes = units.get(name, "1"), np.abs(values)
         of_units[unit] = max(of_units.get(unit, 0.0), float(np.max(sizes[np.isfinite(sizes)], initial=0.0)))
     return {name: of_units[units.get(name, "1")] for name in outputs}
+
+
+def felt(sizes: Mapping[str, np.ndarray], units: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """Return largest sizes of outputs, each of one shape, with zero where an output vanishes beside others of its unit,
+    as what a symmetric machine leaves of a motion does. Pure numbers are not beside others: damages may be tiny."""
+    beside = sizes_of(sizes, units)
+    return {
+        name: np.where((size <= VANISHING * beside[name]) & (units.get(name, "1") != "1"), 0.0, size)
+        for name, size in sizes.items()
+    }
 
 
 def plain(value: float, digits: int = 2, sign: str = "") -> str:

@@ -81,7 +81,16 @@ class Assembly:
     #: joints, points: places of joints and of named points (``crank:tip``, ``ground:origin``), m
     joints: dict[str, np.ndarray]
     points: dict[str, np.ndarray]
+    spans: dict[str, np.ndarray]  # of what acts between two points both, (2, d), m
     metre: str = "m"  # unit of places
+
+
+def spans_in(tables: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
+    """Return the two points of each spring, rope, cylinder and other effect that acts between two, and of distances
+    that are coordinates, by their names in the tables of a scene."""
+    entries = {**tables.get("coordinates", {}), **tables.get("effects", {})}
+    pulls = {name: (one["point"], one["towards"]) for name, one in entries.items() if one.get("towards")}
+    return pulls | {name: tuple(one["points"]) for name, one in entries.items() if one.get("points")}
 
 
 GROUP = "selection"

@@ -236,7 +236,7 @@ class GeneralisedAlpha:
         system, state, time = self.system, self.state, float(self.instants[number])
         if number == self.instants.size - 1 or not samples.any() or not system.beside.sample(time, state, samples):
             return
-        jump = resolved_jump(system, state, self._step, samples, time)
+        jump = 0.0 if system.about_motion else resolved_jump(system, state, self._step, samples, time)
         system.beside.jumps = False
         after = standing(replace(state, a=state.a + jump), self._moment.auxiliary + jump, system.n_samples)
         put(system, self._moment, after, samples)

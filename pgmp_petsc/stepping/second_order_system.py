@@ -295,6 +295,7 @@ class SecondOrderSystem:
     moving_constraints: bool = False  # whether constraints turn or follow motions; see `AlphaStep`
     beside: Beside | None = None  # states beside the mechanics; None where there are none
     carries: bool = False  # whether steps of its own (`advance`) take what is beside along
+    about_motion: bool = False  # whether states are about a motion, whose accelerations jump with those of the system
 
     def start(self) -> State:
         """Return the consistent state at time 0."""

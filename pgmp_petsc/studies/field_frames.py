@@ -20,6 +20,7 @@ as eq. (4) of Naets et al. 2015 does to first order.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -40,10 +41,11 @@ from pgmp_petsc.models.body_fields import FieldPoints, Fields, FieldSet, Reduced
 from pgmp_petsc.outputs.readings import RigidReference
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import smoother
-from pgmp_petsc.results.selection import Assembly
+from pgmp_petsc.results.selection import Assembly, spans_in
 from pgmp_petsc.results.trajectory import BodyField, Frames, ModeShape, Trajectory
 from pgmp_petsc.scene import GROUND, Scene
 from pgmp_petsc.scene.fields import MOST_RADIANS
+from pgmp_petsc.scene.loading import scene_to_toml
 
 
 def field_frames(
@@ -194,11 +196,19 @@ def assembly_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> Ass
         for connection in mechanism.connections
         if connection.name in scene.joints
     }
+
+    def at(address: str) -> np.ndarray:
+        return mechanism.attachment(address, address).frame_of_pose(poses).ravel()[:d]
+
+    points |= {side: at(side) for side in sorted(used - points.keys())}
+    spans = {
+        name: np.array(list(map(at, pair))) for name, pair in spans_in(tomllib.loads(scene_to_toml(scene))).items()
+    }
     where = words_of(mechanism.coordinates, theta, 4)
     system = scene.system
     frames = frames.converted(system.shown)
-    joints, points = ({name: system.shown(place, "m") for name, place in one.items()} for one in (joints, points))
-    return Assembly(scene.name, where, frames, joints, points, system.unit("m"))
+    shown = ({name: system.shown(place, "m") for name, place in one.items()} for one in (joints, points, spans))
+    return Assembly(scene.name, where, frames, *shown, system.unit("m"))
 
 
 def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> ModeShape:

@@ -48,6 +48,7 @@ from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, first_ranks
 from pgmp_petsc.reduced.lagrangian_terms import least_stiffness, load_powers
 from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.estimates import OF_STEP, Balance, EstimatedErrors
+from pgmp_petsc.results.numbers import felt
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.border import own_values
@@ -253,7 +254,7 @@ def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None,
     found = step_errors(model.scene, part.time, part.outputs, other)
     if found is None:
         return None, list(step_remarks(model, part.time, part.outputs, other, found))
-    errors = EstimatedErrors(found.time, found.outputs, _largest(part.outputs), OF_STEP)
+    errors = EstimatedErrors(found.time, found.outputs, _largest(part.outputs, model.outputs.units), OF_STEP)
     large = large_errors(*errors.of_one_run(), model.outputs.units, model.name, model.scene.system)
     return errors, [*large, *step_remarks(model, part.time, part.outputs, other, found)]
 
@@ -280,7 +281,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
     elif watched is not None:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
-        errors = _errors(estimate, part.outputs)
+        errors = _errors(estimate, part.outputs, model.outputs.units)
         remarks += [*steps, *large_errors(*errors.of_one_run(), model.outputs.units, system=model.scene.system)]
         remarks += [*not_estimated(errors, model.scene), *few_steps(part.time.size - 1), *left_out_of_estimates(model)]
     else:
@@ -321,7 +322,7 @@ def _reduced_part(
     simulation = attempt.simulation
     system = model.batch(values, 1)
     require_settled(system)
-    watched = None if indicator is None else indicator.stepped(simulation).watch(values, np.array([0]))
+    watched = None if indicator is None else indicator.stepped(simulation).watch(system, np.array([0]))
     validity = Validity(model, system, values, simulation)
     with timings.phase("integration"), _progress("reduced", attempt, comm) as bar:
         record = StateRecord(bar.update)
@@ -379,15 +380,16 @@ def _described(
     }
 
 
-def _errors(estimate: Estimate, outputs: dict[str, np.ndarray]) -> EstimatedErrors:
+def _errors(estimate: Estimate, outputs: Mapping[str, np.ndarray], units: Mapping[str, str]) -> EstimatedErrors:
     """Return the estimate of the only sample."""
     time, errors = estimate.histories[0]
     absent = {name: why for name, (why,) in estimate.absent.items() if why}
-    return EstimatedErrors(time, errors, _largest(outputs), absent=absent)
+    return EstimatedErrors(time, errors, _largest(outputs, units), absent=absent)
 
 
-def _largest(outputs: Mapping[str, np.ndarray]) -> dict[str, float]:
-    return {name: float(np.max(np.abs(values))) for name, values in outputs.items()}
+def _largest(outputs: Mapping[str, np.ndarray], units: Mapping[str, str]) -> dict[str, float]:
+    sizes = {name: np.max(np.abs(values)) for name, values in outputs.items()}
+    return {name: float(size) for name, size in felt(sizes, units).items()}
 
 
 LOOK_BACK = 400  # steps before a failure in which its cause is looked for

@@ -100,7 +100,7 @@ build SCENE -o OUT & outputs.x={type="position", point="rod:nowhere", axis="x"} 
     outputs.x.point = "nowhere" | no point of this name
 * build SCENE -o OUT & SHORT_ROD -> cannot close at theta = | joints.
 check SCENE & ground.points.pin=[0.3, 0.0] & joints.pin={type="revolute", connect=["ground:pin", "crank:tip"]} -> \
-    joints: they leave the rigid mechanism 0 degrees of freedom
+    joints: they leave the rigid mechanism 0 degrees of freedom | What bends alone | a rigid body beside it
 check SCENE & NO_SLIDER -> joints: they leave the rigid mechanism 2 degrees of freedom
 * check SCENE & coordinates.second={joint="elbow", range=[-1.0, 1.0]} -> \
     they leave the rigid mechanism 1 degree of freedom | theta, second

@@ -94,3 +94,19 @@ def test_gravity_does_not_change() -> None:
     weight = effects_of(scene, kinematics_of(slider_crank()).mechanism)[1]
     load = SampledLoad(weight, np.arange(0, 101, 10), 0.01, 0.1)
     np.testing.assert_allclose(load.amplitude(np.linspace(0.0, 1.0, 11)), 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("n_steps", "every", "most", "strides"),
+    [
+        (1000, 1000, MOST, [4, 2, 1]), (1003, 1003, MOST, [4, 2, 1]), (1000, 5, 2000, [20, 4, 2]),
+        (1000, 2, 999, []), (9000, 3, MOST, []), (9000, 6, MOST, [24, 12, 8]), (1000, 1, 1000, []),
+    ],
+)  # fmt: skip
+def test_samplings_are_at_evaluations(n_steps: int, every: int, most: int, strides: list[int]) -> None:
+    """Samplings after every so many steps; where two strides are not left, nothing is estimated."""
+    found = schedules(n_steps, 1.0, most, every)
+    assert [round(one.interval * FINER * n_steps) for one in found] == strides
+    for one in found:
+        assert not np.ptp(np.diff(one.steps)) and one.steps.size <= most + 1
+        assert np.isin(np.arange(0, FINER * n_steps, FINER * every), one.steps).all()

@@ -13,6 +13,7 @@ from pgmp_petsc.estimates import starts
 from pgmp_petsc.estimates.own_error import OwnErrors, large_errors, not_estimated, not_known, of_figures, of_statistics
 from pgmp_petsc.estimates.starts import growth_of, spread_remarks
 from pgmp_petsc.results import EstimatedErrors, Trajectory
+from pgmp_petsc.results.numbers import felt
 from pgmp_petsc.texts.models import of_trajectory
 from scenes import slider_crank
 
@@ -143,6 +144,16 @@ def test_an_ensemble_tells_the_worst_of_its_samples_and_how_many_are_so() -> Non
     assert remark.kind == "warning" and "errors of the samples that are checked, as shares" in remark.text
     assert "over the run: tip 20 % at most, beyond 5 % in 2 of 3; a smaller simulation.step" in remark.text
     assert not large_errors({"tip": np.full(4, np.nan)}, sizes, {})
+
+
+@pytest.mark.parametrize("error, warned", [(1e-10, ""), (7.6e-7, "sway all of it (0.76 ")])
+def test_what_vanishes_beside_others_of_its_unit_has_no_share(error: float, warned: str) -> None:
+    """Round-off of a symmetric shaker's sway, which was wrong by more than 10,000 %; what a model does not have."""
+    sizes = {"lift": np.array([2e-2]), "sway": np.array([1.4e-13])}
+    remarks = large_errors({"lift": np.array([1e-5]), "sway": np.array([error])}, sizes, dict.fromkeys(sizes, "m"))
+    assert bool(remarks) == bool(warned) and all(warned in remark.text for remark in remarks)
+    assert not any("has not converged" in remark.text for remark in remarks)
+    assert felt(sizes, dict.fromkeys(sizes, "m"))["sway"] == 0.0 < felt(sizes, dict.fromkeys(sizes, "1"))["sway"]
 
 
 def test_an_output_without_an_estimate_says_why(tmp_path: Path) -> None:

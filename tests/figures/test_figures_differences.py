@@ -18,7 +18,7 @@ from pgmp_petsc.figures.ensembles import densities
 from pgmp_petsc.figures.frequencies import coordinate_path, frequencies
 from pgmp_petsc.figures.mechanism import is_followed, mechanism
 from pgmp_petsc.figures.style import distinct_colours
-from pgmp_petsc.figures.trajectories import Comparison, energies, paired, trajectories
+from pgmp_petsc.figures.trajectories import Comparison, energies, labels_of, paired, trajectories
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results import Balance, Frames, Trajectory
 from scenes import tables
@@ -229,3 +229,10 @@ def test_a_full_disk_leaves_the_older_picture(tmp_path: Path) -> None:
     with full_disk(4096), pytest.raises(RunError, match=r"frequencies.png' could not be written: File too large"):
         draw(paths, out)
     assert (out / "frequencies.png").read_bytes() == before and len(list(out.iterdir())) == 1
+
+
+def test_runs_on_two_meshes_are_told_apart_by_their_nodes():
+    """A run whose lines `pgmp run` has cut has the scene of the others."""
+    runs = synthetic.trajectory("full", n_frames=3), synthetic.trajectory("reduced", n_frames=3)
+    finer = replace(runs[0], frames=synthetic.frames(runs[0].frames.time, n_elements=10))
+    assert labels_of(paired([*runs, finer])) == ["12 nodes", "full order, 22 nodes"]

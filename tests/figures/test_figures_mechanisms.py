@@ -157,6 +157,31 @@ def test_a_point_mass_is_a_square_and_pins_at_rest_stand_on_the_ground():
     assert sum(not isinstance(marker, str) for marker in markers) == 1  # the crank's hinge alone
 
 
+SPANS = tables("""
+scene: name = "pulled"
+ground.points: wall = ["r1", 0.5]
+bodies.crank: line = {length = 0.3, elements = 5}
+bodies.rod: line = {length = 0.7, elements = 5}
+joints.pin: connect = ["ground:origin", "rod:2"]
+effects.rope: point = "rod:tip"; towards = "ground:wall"
+effects.gas: points = ["crank:1", "rod:hinge"]
+""")
+
+
+def test_pins_within_a_body_are_marked_and_what_acts_between_points_is_dotted():
+    """Points of lines by their numbers; of the ground at a parameter's value."""
+    run = synthetic.trajectory(n_frames=5)
+    run = replace(run, record=replace(run.record, scene_toml=SPANS))
+    shapes, rod = Shapes.of(run.frames, record=run.record), run.frames.positions["rod"]
+    assert shapes.pins["rod"].tolist() == [0, 2, 5] and shapes.pins["crank"].tolist() == [0, 5]
+    rope, gas = shapes.spans
+    np.testing.assert_array_equal(rope, [rod[:, 5], [[run.record.parameters["r1"], 0.5]] * 5])
+    np.testing.assert_array_equal(gas, [run.frames.positions["crank"][:, 1], rod[:, 0]])
+    figure = mechanism(run, n_instants=4)
+    assert legend_texts(figure) == ["acts between two points"]
+    assert sum(line.is_dashed() for line in visible(figure)[0].lines) == 4 * 2
+
+
 def test_the_first_run_that_has_them_gives_the_pictures(tmp_path, undrawn):
     results = [planar_table(), planar_table(), synthetic.trajectory(n_frames=0), planar_run(), balanced()]
     paths = written(tmp_path, *results)

@@ -7,7 +7,7 @@ import pytest
 from conftest import ROOT
 from matplotlib.text import Annotation
 from mpi4py import MPI
-from pictures import assert_inside, texts
+from pictures import assert_inside, legend_texts, texts
 from runs import one_message, pgmp
 
 from pgmp_petsc.figures.mechanism import assembly
@@ -60,6 +60,19 @@ def test_bodies_stand_where_their_joints_hold_them() -> None:
     np.testing.assert_allclose(shown.joints["slider"], slider, atol=1e-9)  # of what slides the point that moves
     np.testing.assert_allclose(shown.points["rod:tip"], slider, atol=1e-9)
     assert texts(assembly(shown))[0] == "slider_crank: assembled at theta = 0.5 rad"
+
+
+def test_what_acts_between_points_is_drawn_with_its_name() -> None:
+    """A spring to the ground and a point that only it names; a rope, which a force pulls."""
+    spring = 'effects.stay={type="spring_damper",points=["ground:origin","rod:3"],stiffness=10.0,rest=0.5}'
+    rope = 'effects.rope={type="force",point="rod:tip",towards="ground:origin",table=[[0.0,0.0],[1.0,1.0]]}'
+    shown = assembled("slider_crank", spring, rope)
+    assert {*shown.spans} == {"stay", "rope"}
+    np.testing.assert_allclose(shown.spans["stay"][1], shown.frames.positions["rod"][0, 3], atol=1e-12)
+    np.testing.assert_allclose(shown.spans["rope"], [shown.points["rod:tip"], [0.0, 0.0]], atol=1e-12)
+    figure = assembly(shown)
+    assert {"stay", "rope"} <= {note.get_text() for note in figure.axes[0].texts}
+    assert "acts between two points" in legend_texts(figure)
 
 
 def test_too_many_points_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -221,10 +221,11 @@ def test_a_stop_that_moves_has_the_derivatives_of_its_closed_form() -> None:
 
 
 def test_a_path_that_grazes_a_stop_is_refused_with_its_name_and_instant(bouncing: ReducedModel) -> None:
-    """The bar is thrown against a constant torque, so fast that it is farthest at the end of a step."""
-    torque = 'effects.motor={type="torque",joint="hinge",table=[[0.0,-4.0],[1.0,-4.0]]}'
+    """The bar is thrown against a constant torque, so fast that it is farthest at the end of a step; or it starts at
+    rest on the stop, which the torque presses it on."""
 
-    def of(velocity: float, place: float) -> ReducedModel:
+    def of(velocity: float, place: float, load: float = -4.0) -> ReducedModel:
+        torque = f'effects.motor={{type="torque",joint="hinge",table=[[0.0,{load}],[1.0,{load}]]}}'
         more = f"effects.stop.upper={place!r}", f"simulation.initial.phi.velocity={velocity!r}"
         return reduced_model(scene_from_toml(BAR, ".", (STIFF, torque, "simulation.duration=0.06", *more)))
 
@@ -239,6 +240,8 @@ def test_a_path_that_grazes_a_stop_is_refused_with_its_name_and_instant(bouncing
     farthest = float(angle[50])
     with pytest.raises(InputError, match=r"effects\.stop: at 0\.0499997 s the run grazes this stop"):
         run_of(of(velocity, farthest - 1e-12))
+    with pytest.raises(InputError, match="or as deep in it as what rests on it"):
+        run_of(of(0.0, 1e-14, 4.0))
     beyond = 1e-6
     run = run_of(of(velocity, farthest - beyond))
     assert [contact.met for contact in run.contacts] == [True, False]

@@ -27,11 +27,12 @@ from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
 from pgmp_petsc.design.design_figures import Question
 from pgmp_petsc.design.goals import read_constraint, read_goal
 from pgmp_petsc.design.optimization import optimize
+from pgmp_petsc.estimates.error_indicator import TOO_OFTEN
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, foretold
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.status import Status
-from pgmp_petsc.studies.simulate import simulate_full
+from pgmp_petsc.studies.simulate import simulate, simulate_full
 from scenes import HEADER, slider_crank, tables
 
 SERVO_ARM = ROOT / "pgmp_petsc" / "scene" / "templates" / "servo.toml"
@@ -331,6 +332,17 @@ def test_errors_of_the_step_under_control(every: int, known: bool) -> None:
         for name in ("tip_y", "torque") if every else ("tip_y",):
             off = np.abs(found.outputs[name] - exact[name][::4]).max()  # a sixteenth of it is the finer run's
             assert off / 3.0 < np.abs(found.errors.outputs[name]).max() < 30.0 * off, name
+
+
+def test_too_many_samplings_have_no_estimated_errors() -> None:
+    """Of a reduced run whose evaluations would have to be at each of them."""
+    scene = load_scene(
+        SERVO_ARM, ("simulation.step=1e-5", "controllers.servo.sample_time=1e-5", "simulation.duration=0.06")
+    )
+    model = reduced_model(scene)
+    found = simulate(model, MPI.COMM_SELF)
+    assert set(found.errors.absent.values()) == {TOO_OFTEN} and set(found.errors.absent) == set(found.outputs)
+    assert sum(TOO_OFTEN in remark.text for remark in found.record.remarks) == 1
 
 
 @CONTINUOUS_OR_SAMPLED

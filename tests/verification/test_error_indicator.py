@@ -39,8 +39,9 @@ SEEN = (
 
 def estimated(model: ReducedModel, values: Mapping[str, np.ndarray], n: int) -> Estimate:
     """Run all samples and estimate their errors."""
-    watched = ErrorIndicator(model).watch(values, np.arange(n))
-    run = integrate(model.batch(values, n), model.scene.simulation, observer=watched)
+    system = model.batch(values, n)
+    watched = ErrorIndicator(model).watch(system, np.arange(n))
+    run = integrate(system, model.scene.simulation, observer=watched)
     return watched.estimate(run.status)
 
 
@@ -267,8 +268,9 @@ def test_a_sample_that_failed_has_no_estimate(model: ReducedModel, monkeypatch: 
     """Neither has one whose run with smaller steps stops, or whose motion cannot be placed; both say why."""
     values = draw(runs.paper_scene(), SEED, 0, 4)
     expected = estimated(model, values, 4)
-    watched, followed = ErrorIndicator(model).watch(values, np.arange(4)), WatchedRun._followed  # noqa: SLF001
-    integrate(model.batch(values, 4), model.scene.simulation, observer=watched)
+    system, followed = model.batch(values, 4), WatchedRun._followed  # noqa: SLF001
+    watched = ErrorIndicator(model).watch(system, np.arange(4))
+    integrate(system, model.scene.simulation, observer=watched)
 
     def damaged(self: WatchedRun, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         states, ended = followed(self, fine)

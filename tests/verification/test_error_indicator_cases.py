@@ -45,8 +45,9 @@ def test_estimates_see_friction_stops_and_the_step(case: str) -> None:
     smaller = (FEWER, *overrides, f"simulation.step={step / refinement!r}")
     exact = history(FullModel(*read_scene(path, smaller, (), MPI.COMM_SELF, Purpose.FULL)), values, 1, refinement)[1]
     found = history(model, values, 1)[1]
-    watched = ErrorIndicator(model).watch(values, np.arange(1))
-    run = integrate(model.batch(values, 1), model.scene.simulation, observer=watched)
+    system = model.batch(values, 1)
+    watched = ErrorIndicator(model).watch(system, np.arange(1))
+    run = integrate(system, model.scene.simulation, observer=watched)
     estimate = watched.estimate(run.status)
     assert found.keys() == errors.keys() and not any("".join(why) for why in estimate.absent.values())
     for name, one in found.items():

@@ -140,8 +140,8 @@ def test_springs_act_on_what_is_built_in() -> None:
 def test_every_sample_has_its_own_offsets_and_its_own_error() -> None:
     scene = spatial_four_bar(*DRAWN, "effects={}", "simulation.initial.theta.velocity=20.0", "simulation.step=1e-4")
     model, values = reduced_model(scene), {"tilt": np.array([0.0, TILT]), "bore": np.array([1e-4, 0.0])}
-    watched = indicator_of(model).watch(values, np.arange(2))
     system = model.batch(values, 2)
+    watched = indicator_of(model).watch(system, np.arange(2))
     estimate = watched.estimate(integrate(system, scene.simulation, observer=watched).status)
     energies = system.energies(0.0, system.start()).strain
     for k in range(2):
