@@ -94,19 +94,8 @@ class Shapes:
             node = node_of(frames, scene, address)
             if node is not None:
                 pins[address.partition(":")[0]].add(node)
-        made = cls(frames, projected, view, pins={body: np.array(sorted(own), int) for body, own in pins.items()})
-        pairs = ([made._path(record, address, factor) for address in pair] for pair in spans_in(scene).values())
-        made.spans.extend(np.array(pair) for pair in pairs if pair[0] is not None and pair[1] is not None)
-        return made
-
-    def _path(self, record: RunRecord, address: str, factor: float) -> np.ndarray | None:
-        """Return where a named point is at the frames, (n_f, 2); None where the run does not say."""
-        owner, _, point = address.partition(":")
-        if owner != "ground":
-            node = node_of(self.frames, style.scene_of(record), address)
-            return None if node is None else self.positions[owner][:, node]
-        at = factor * ground_place(record, point, len(self.view)) @ self.view
-        return np.repeat(at[None], len(self.frames.time), axis=0)
+        spans = [factor * np.moveaxis(span, 1, 0) @ view for span in spans_of(frames, record, shown).values()]
+        return cls(frames, projected, view, spans, {body: np.array(sorted(own), int) for body, own in pins.items()})
 
     @property
     def axis_names(self) -> tuple[str, str]:
@@ -194,6 +183,21 @@ class Shapes:
             Line2D([], [], path_effects=hollow, label="rigid"),
             *([spans] if self.spans else []),
         ]
+
+
+def spans_of(frames: Frames, record: RunRecord | None, shown: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return both points of what acts between two, (n_f, 2, d), m, of bodies whose nodes are shown in places (n_f,
+    n_nodes, d); without what a run does not say: of meshes it keeps no names."""
+    found, scene = {}, {} if record is None else style.scene_of(record)
+    for name, pair in spans_in(scene).items():
+        owners, nodes = [one.partition(":") for one in pair], [node_of(frames, scene, one) for one in pair]
+        if all(node is not None or owner == "ground" for node, (owner, *_) in zip(nodes, owners)):
+            d = next(iter(shown.values())).shape[2]
+            at = np.empty((len(frames.time), 2, d))
+            for k, (node, (owner, _, point)) in enumerate(zip(nodes, owners)):
+                at[:, k] = ground_place(record, point, d) if node is None else shown[owner][:, node]
+            found[name] = at
+    return found
 
 
 def ground_place(record: RunRecord, point: str, dimension: int) -> np.ndarray:

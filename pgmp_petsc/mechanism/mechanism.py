@@ -151,12 +151,12 @@ class Mechanism:
         """The mechanism with no joint off."""
         return replace(self, connections=tuple(connection.straight for connection in self.connections))
 
-    @property
+    @cached_property
     def mass_weights(self) -> tuple[Monomial, ...]:
         """Weights of the affine mass terms, sorted."""
         return tuple(sorted({m for body in self.bodies for m in body.mass_weights}))
 
-    @property
+    @cached_property
     def stiffness_weights(self) -> tuple[Monomial, ...]:
         """Weights of the affine stiffness terms, sorted."""
         return tuple(sorted({m for body in self.bodies for m in body.stiffness_weights}))

@@ -72,7 +72,7 @@ class DensePencil:
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix, held: np.ndarray | tuple[()] = ()) -> None:
         self._mass, self._stiffness = mass.toarray(), stiffness.toarray()
         self.shift = 0.0
-        self._held, self._outer = np.array(held, dtype=int), np.zeros(0, dtype=int)
+        self._held, self._touched = np.array(held, dtype=int), None
         #: at all configurations, and at one, of ``K - sigma M`` and of K with springs against the rigid motions
         self._interiors: list[Interior | None] = [None, None]
         self._masses: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
@@ -98,11 +98,10 @@ class DensePencil:
 
     def move_to(self, null: NullSpace) -> None:
         """Take the null space of a configuration."""
-        outer = np.union1d(null.touched, self._held)
-        if not np.array_equal(outer, self._outer):
-            self._outer = outer
+        if self._touched is None or not np.array_equal(null.touched, self._touched):
+            self._touched, self._outer = null.touched, np.union1d(null.touched, self._held)
             self._forget()
-        self._null, self._factors = null, [None, None]
+        self._null, self._ends, self._factors = null, _Ends.of(null, self._outer), [None, None]
 
     def solve(self, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
         """Compute the lowest eigenpairs and check their residuals; vectors are ``N psi``.
@@ -151,7 +150,7 @@ class DensePencil:
             what = f"{what} with the shift {self.shift:.6g}"
             if self._interiors[0] is None:
                 self._interiors[0] = Interior.of(self._stiffness - self.shift * self._mass, self._outer, what)
-            self._factors[0] = _Factor.of(self._null, self._interiors[0], what)
+            self._factors[0] = _Factor.of(self._interiors[0], self._ends, what)
         return self._factors[0]
 
     def _supported(self, motions: np.ndarray) -> _Factor:
@@ -164,7 +163,7 @@ class DensePencil:
             if springs.shape[1]:
                 inertia = cholesky(abs(self.shift) * (motions.T @ self._mass @ motions), what)
                 springs = springs @ np.linalg.solve(springs.T @ springs, inertia)
-            self._factors[1] = _Factor.of(self._null, self._interiors[1], what, springs)
+            self._factors[1] = _Factor.of(self._interiors[1], self._ends, what, springs)
         return self._factors[1]
 
     def count_below(self, tau: float) -> int:
@@ -208,13 +207,13 @@ class _Ends(NamedTuple):
     weights: np.ndarray  # of the unknowns that stay in those that go, shape (n_goes, n_stays)
 
     @classmethod
-    def of(cls, null: NullSpace, interior: Interior) -> _Ends:
-        """Take the rows of a null space whose constraints touch the outer unknowns."""
-        goes = np.searchsorted(interior.outer, null.dependent)
-        stay = np.ones(interior.outer.size, dtype=bool)
+    def of(cls, null: NullSpace, outer: np.ndarray) -> _Ends:
+        """Take the rows of a null space whose constraints touch no unknowns but outer ones."""
+        goes = np.searchsorted(outer, null.dependent)
+        stay = np.ones(outer.size, dtype=bool)
         stay[goes] = False
         stays = np.flatnonzero(stay)
-        return cls(stays, goes, null.weights[:, np.searchsorted(null.independent, interior.outer[stays])])
+        return cls(stays, goes, null.weights[:, np.searchsorted(null.independent, outer[stays])])
 
     def felt(self, loads: np.ndarray) -> np.ndarray:
         """Return ``N^T`` times columns (n_touched, k), shape (n_stays, k)."""
@@ -236,14 +235,12 @@ class _Factor:
     outer: np.ndarray  # lower, of the outer unknowns that stay, shape (n_stays, n_stays)
 
     @classmethod
-    def of(cls, null: NullSpace, interior: Interior, what: str, springs: np.ndarray | None = None) -> _Factor:
+    def of(cls, interior: Interior, ends: _Ends, what: str, springs: np.ndarray | None = None) -> _Factor:
         """Finish a factorisation, with springs E that add ``E E^T`` in the outer unknowns, shape (n_o, n_springs).
 
         Raises `RunError` if the matrix is not positive definite; `what` says of what.
         """
-        ends, remainder = _Ends.of(null, interior), interior.remainder
-        if springs is not None:
-            remainder = remainder + springs @ springs.T
+        remainder = interior.remainder if springs is None else interior.remainder + springs @ springs.T
         return cls(interior, ends, cholesky(ends.felt(ends.felt(remainder).T), what))
 
     def answers(self, loads: np.ndarray) -> np.ndarray:

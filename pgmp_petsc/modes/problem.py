@@ -28,7 +28,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
 from pgmp_petsc.mechanism.body_frames import ConstraintJacobian, linear_motion
 from pgmp_petsc.mechanism.constraint_set import NullSpace, NullSpaces
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.kinematics import RigidKinematics, RigidMotion
 from pgmp_petsc.modes.pencils import MOST_UNKNOWNS, DensePencil, SparsePencil, cholesky, forward
 from pgmp_petsc.ranks.petsc import has_options
 from pgmp_petsc.scene.numerics import Reduction
@@ -129,6 +129,7 @@ class ModalProblem:
         self.n_unstrained = self.free.size + self.n_released
         self._constraints = ConstraintJacobian(self.mechanism, self.clamped)
         self._null_spaces = NullSpaces(self._constraints.pattern)
+        self._last: dict[RigidMotion, NullSpace] = {}  # problems at other parameter values come to the same places
         loose = [c for c in self.mechanism.connections if c.released] + [
             c for c in self.mechanism.couplings if c.elastic
         ]
@@ -200,7 +201,11 @@ class ModalProblem:
         return self._constraints.at(poses)
 
     def _null_space(self, theta: np.ndarray) -> NullSpace:
-        return self._null_spaces.of(self._constraints.values(self.kinematics.motion(theta).poses))
+        motion = self.kinematics.motion(theta)
+        if motion not in self._last:
+            self._last.clear()
+            self._last[motion] = self._null_spaces.of(self._constraints.values(motion.poses))
+        return self._last[motion]
 
     def _move_to(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Refill the matrices for a configuration; return its rigid velocity and curvature, local rows."""

@@ -98,17 +98,17 @@ def _extended(
     Sizes (n_loads,) are those of which round-off leaves a share of `DEPENDENT_TOLERANCE`.
     """
     basis, m_basis, dependent = kept, problem.times_mass(kept), np.zeros(len(sizes), dtype=bool)
-    inverse = np.linalg.inv(problem.inner(kept, m_basis))
+    inverse, own = np.linalg.inv(problem.inner(kept, m_basis)), slice(kept.shape[1])
     for number, (rest, size) in enumerate(zip(answers.T[..., None], sizes)):
         for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
-            rest = rest - basis @ (inverse @ problem.inner(m_basis, rest))
+            shares = problem.inner(m_basis, rest)
+            shares[own] = inverse @ shares[own]
+            rest = rest - basis @ shares
         m_rest = problem.times_mass(rest)
         left = np.sqrt(problem.inner(rest, m_rest)[0, 0])
         dependent[number] = not left > DEPENDENT_TOLERANCE * size
         if not dependent[number]:
             basis, m_basis = np.hstack([basis, rest / left]), np.hstack([m_basis, m_rest / left])
-            inverse = np.pad(inverse, (0, 1))
-            inverse[-1, -1] = 1.0
     return basis, dependent
 
 

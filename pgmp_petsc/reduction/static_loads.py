@@ -109,9 +109,9 @@ class StaticLoads:
 
     def _lost(self, problem: ModalProblem, modes: ModeSet) -> dict[Monomial, np.ndarray]:
         """Return `ModalProblem.lost_inertia` of the accelerations, by weight, each of shape (n_local, n_inertia)."""
-        k, j = np.tril_indices(modes.rigid.shape[1])
         found = {}
         for weight, forces in problem.lost_inertia(modes.theta).items():
+            k, j = np.tril_indices(modes.rigid.shape[1])
             found[weight] = np.zeros((len(forces), self.accelerations.size))
             curved = self.accelerations < k.size  # the others are velocities of prescribed coordinates
             found[weight][:, curved] = forces[:, k, j][:, self.accelerations[curved]]
