@@ -10,6 +10,11 @@ import tomllib
 import traceback
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from hashlib import sha256
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from itertools import chain
+from pathlib import Path
 
 from pgmp_petsc.base.errors import InputError, shortened
 
@@ -59,15 +64,25 @@ def plugins_of(scene_toml: str) -> dict[str, str]:
     return {plugin.name: plugin.sha256 for plugin in needed if plugin is not None}
 
 
+def _checksum_installed(name: str) -> str | None:
+    """Return the SHA-256 of a module of an installed package that has ideas: it is imported with the first scene."""
+    points = entry_points()
+    found = (points.select(group=group) for group in points.groups if group.startswith("pgmp."))
+    owners = {point.module.partition(".")[0] for point in chain.from_iterable(found)}
+    spec = find_spec(name) if name.partition(".")[0] in owners else None
+    origin = Path(spec.origin) if spec is not None and spec.origin else None
+    return sha256(origin.read_bytes()).hexdigest() if origin is not None and origin.is_file() else None
+
+
 def check_plugins(needed: Mapping[str, str], file: object) -> None:
     """Refuse a file that was made with plugins that are not in use, or were others.
 
     Raises `InputError`, naming the plugin, with the cure.
     """
-    for name, sha256 in needed.items():
-        if any(plugin.sha256 == sha256 for plugin in IN_USE.values()):
+    for name, checksum in needed.items():
+        if any(plugin.sha256 == checksum for plugin in IN_USE.values()) or _checksum_installed(name) == checksum:
             continue
-        made = f"'{file}' was made with the plugin {name} (SHA-256 {sha256[:SHOWN]}...)"
+        made = f"'{file}' was made with the plugin {name} (SHA-256 {checksum[:SHOWN]}...)"
         other = next((plugin for plugin in IN_USE.values() if plugin.name == name), None)
         if other is not None:
             why = f"{made}, and {other.path} is another one (SHA-256 {other.sha256[:SHOWN]}...)"

@@ -27,6 +27,7 @@ from types import ModuleType
 from typing import Any, get_args
 
 from pydantic import BaseModel, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
+from pydantic.errors import PydanticUndefinedAnnotation
 from pydantic_core import CoreSchema, core_schema
 
 from pgmp_petsc.base.errors import InputError, shortened
@@ -97,12 +98,7 @@ class Family:
     def found(self) -> tuple[type[BaseModel], ...]:
         """Return the ideas in the order of their names."""
         if not self._looked_through:
-            room = import_module(self.room)
-            for module in iter_modules(room.__path__, f"{self.room}."):
-                import_module(module.name)
-            for point in sorted(_installed().select(group=f"pgmp.{self.group}"), key=lambda point: point.name):
-                _load(point, f"pgmp.{self.group}")
-            self._looked_through = True
+            look_through()
         return tuple(self.classes[name] for name in sorted(self.classes))
 
     @property
@@ -118,6 +114,21 @@ JOINTS = Family("joint", "JointEntry", "pgmp_petsc.joints", "joints")
 CONTROLLERS = Family("controller", "ControllerEntry", "pgmp_petsc.controllers", "controllers")
 SECTIONS = Family("section", "SectionEntry", "pgmp_petsc.bodies.sections", "sections", "shape")
 FAMILIES = (EFFECTS, OUTPUTS, JOINTS, CONTROLLERS, SECTIONS)
+
+
+def look_through() -> None:
+    """Import the ideas of the package, and behind them those of installed ones, whichever group names their modules."""
+    waiting = [family for family in FAMILIES if not family._looked_through]
+    for family in waiting:
+        room = import_module(family.room)
+        for module in iter_modules(room.__path__, f"{family.room}."):
+            import_module(module.name)
+    for family in waiting:
+        for point in sorted(_installed().select(group=f"pgmp.{family.group}"), key=lambda point: point.name):
+            _load(point, f"pgmp.{family.group}")
+        family._looked_through = True
+
+
 #: What is done when a family has grown after it was looked through.
 WHEN_GROWN: list[Callable[[], object]] = []
 
@@ -173,8 +184,7 @@ def take(file: Path) -> None:
     Raises `InputError` if it cannot be read, is not Python, fails, has no idea in it, or has one that is not whole or
     whose name is taken; with the file and line.
     """
-    for family in FAMILIES:
-        family.found()  # the package's own come first: their names are taken
+    look_through()  # the package's own come first: their names are taken
     try:
         text = file.read_bytes()
     except OSError as error:
@@ -197,6 +207,10 @@ def take(file: Path) -> None:
         for one in vars(module).values():
             if isinstance(one, Printed) and one.file == path:
                 _check_printed(one)
+        for family in FAMILIES:
+            for cls in family.classes.values():
+                if cls.__module__ == module.__name__:
+                    _complete(cls)
         if len(IN_USE) == n_before:
             declared = ", ".join(f"{family.base} ({family.what})" for family in FAMILIES)
             raise InputError(
@@ -212,6 +226,14 @@ def take(file: Path) -> None:
         raise
     for told in WHEN_GROWN:
         told()
+
+
+def _complete(cls: type[BaseModel]) -> None:
+    """Refuse a class whose entries name types that there are not."""
+    try:
+        cls.model_rebuild()
+    except PydanticUndefinedAnnotation as error:
+        raise refuse(cls, f"an entry has the type {error.name}, which is not defined") from error
 
 
 def _check_printed(one: Printed) -> None:

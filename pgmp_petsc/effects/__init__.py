@@ -8,6 +8,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.matrices import AffineMatrices, MassesOnDemand
+from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.clearance import loose_coupling, loose_joint
 from pgmp_petsc.effects.effect import Effect, Load, Patterns
@@ -27,7 +28,13 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
 
     Raises `InputError` if an effect names a point that its body's mesh does not have.
     """
-    named = [entry.forces(name, mechanism) for name, entry in scene.plain_effects.items() if entry.acts == "forces"]
+    named = []
+    for name, entry in scene.plain_effects.items():
+        if entry.acts == "forces":
+            named.append(entry.forces(name, mechanism))
+            if not isinstance(named[-1], Effect):
+                found = type(named[-1]).__name__
+                raise refuse(type(entry), f"forces returns an Effect, such as an ActionEffect, and not a {found}")
     named += [entry.forces(name, mechanism) for name, entry in scene.controllers.items()]
     named += springs_of_joints(scene, mechanism)
     held = scene.initial.equilibrium and scene.initial.coordinates == "held"

@@ -30,7 +30,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.node_statements import NodeStatements
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Statement
-from pgmp_petsc.scene.effects import LawMismatch
+from pgmp_petsc.scene.effects import ActionMismatch
 
 # The laws of the program; that of a plugin is another such object. Friction is regularised: its force is smooth.
 # A stop never pulls, and its damping is that of Hunt and Crossley (1975): the force begins at zero, so that it is
@@ -79,7 +79,8 @@ NOTHING = Law("nothing", (), force="0")  # of an action that leads
 class Action:
     """A force law on a statement about two attachments.
 
-    Raises `LawMismatch` if the law has other parameters; with the file and line of who makes the action.
+    Raises `ActionMismatch` if it is about other frames than are given, or the law has other parameters; with the file
+    and line of who makes the action.
     """
 
     effect: str  # name of the effect that it belongs to
@@ -95,13 +96,22 @@ class Action:
     by_load: bool = False  # whether its law is of the measure and the rate of the action before it, and of its own rate
 
     def __post_init__(self) -> None:
-        if len(self.parameters) != len(self.law.parameters):
-            maker = sys._getframe(2)
-            raise LawMismatch(
-                f"{maker.f_code.co_filename}:{maker.f_lineno}: effects.{self.effect}: law "
-                f"{self.law.name} ({self.law.place}) has the parameters "
-                f"{', '.join(self.law.parameters)}, and is given {len(self.parameters)}; give one for each"
-            )
+        law, given = self.law, self.parameters
+        what, dimensions = f"law {law.name} ({law.place})", set()
+        if isinstance(self.a, Attachment):
+            dimensions = {side.point.size for side in self.sides} | {s.axes.shape[1] for s, _ in self.statement.terms}
+        if len(given) != len(law.parameters):
+            why = f"{what} has the parameters {', '.join(law.parameters)}, and is given {len(given)}; give one for each"
+        elif odd := [one for one in given if not isinstance(one, (Quantity, AffineSum))]:
+            why = f"{what} is given {odd[0]!r}; a parameter is a Quantity, such as Quantity.of(self.stiffness)"
+        elif len(dimensions) > 1:
+            why = "directions have 2 numbers in the plane, 3 in space; mechanism.space.dimension says where it is"
+        elif dimensions and len(self.sides) != 2 * len(self.statement.terms):
+            why = f"{len(self.statement.terms)} terms are about {len(self.sides)} points; give two for each (further)"
+        else:
+            return
+        maker = sys._getframe(2)
+        raise ActionMismatch(f"{maker.f_code.co_filename}:{maker.f_lineno}: effects.{self.effect}: {why}")
 
     @property
     def sides(self) -> tuple[Attachment, ...]:

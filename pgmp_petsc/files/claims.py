@@ -2,7 +2,8 @@
 
 The lock is the kernel's, on ``.<output>.lock``: it ends with the process that holds it, however that dies, and whoever
 asks first has it then, so that nothing is ever left to be cleaned up and no two successors can both have it. What the
-file says of its owner is for people only. The file is removed with the lock; one that a killed job left is no lock.
+file says of its owner is for people only. The file is removed with the lock, and by the signals that end a run; one
+that a killed job left is no lock.
 
 It holds between hosts where their shared file system hands locks on: NFS, GPFS, BeeGFS with global locks and Lustre
 mounted with ``flock``. Where locks stay on a host (Lustre mounted with ``localflock``) it keeps apart the jobs of one
@@ -35,6 +36,7 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.files.seal import MAGIC, SIGNATURE, BrokenSeal, seal_of
 from pgmp_petsc.ranks.agreement import on_root
+from pgmp_petsc.ranks.ending import keep_no_longer, remove_at_end
 
 PATIENCE = 5.0  # s; the ranks of a job that was just killed need a moment to end
 _JOB_VARIABLES = ("SLURM_JOB_ID", "PBS_JOBID")
@@ -58,12 +60,14 @@ def locked(output: Path, named: str = "") -> Iterator[None]:
             time.sleep(0.05)
     except OSError as error:
         raise InputError(f"{named} cannot be locked: {_reason(error)}") from error
+    remove_at_end(path)
     try:
         yield
     finally:
         # The name goes before the lock: another job that opened it meanwhile sees that it is nobody's name any more.
         with suppress(OSError):
             path.unlink()
+        keep_no_longer(path)
         os.close(descriptor)
 
 
@@ -369,6 +373,7 @@ def replacing(path: str | os.PathLike[str], what: str = "output file", pushed: b
     """
     path = Path(path)
     partial = partial_path(path, os.getpid())
+    remove_at_end(partial)
     try:
         yield partial
         if pushed:
@@ -381,3 +386,4 @@ def replacing(path: str | os.PathLike[str], what: str = "output file", pushed: b
     finally:
         with suppress(OSError):
             partial.unlink(missing_ok=True)
+        keep_no_longer(partial)

@@ -62,7 +62,7 @@ from pgmp_petsc.files.seal import MAGIC, SIGNATURE, SIZE, BrokenSeal, check_seal
 class GuardedStream:
     """A new file under an `h5py.File` (driver ``fileobj``) whose failures come out in :meth:`finish` alone.
 
-    Used in a ``with`` block, which closes it.
+    Used in a ``with`` block, which closes it. What HDF5 then makes of what it reads back, and raises, is the failure's.
     """
 
     def __init__(self, path: Path) -> None:
@@ -112,7 +112,7 @@ class GuardedStream:
     def __enter__(self) -> GuardedStream:
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: object) -> None:
         # Closing flushes what a failure has left in the buffer and fails again.
         self._guarded(self._stream.close, instead=0)
         if not self._stream.closed:
@@ -120,6 +120,8 @@ class GuardedStream:
                 self._stream.close()
             except OSError:
                 self._stream.raw.close()
+        if isinstance(error, Exception) and self._failure not in (None, error):
+            raise self._failure from error
 
 
 FORMAT_VERSION = 2

@@ -93,12 +93,6 @@ def _lengths(scene: Scene) -> Iterator[str]:
             yield f'{use.entry} = "{use.parameter}"'
 
 
-def _by_tolerance(scene: Scene) -> Iterator[str]:
-    yield from _given("simulation.tolerance", scene.simulation.tolerance)
-    yield from _given("reduction.tolerance", scene.reduction.tolerance)
-    yield from _automatic(scene)
-
-
 def _elastic(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.{joint.gives_way}" for name, joint in scene.joints.items() if joint.gives_way)
 
@@ -141,6 +135,10 @@ def _forces(scene: Scene) -> Iterator[str]:
 
 def _controllers(scene: Scene) -> Iterator[str]:
     return (f"controllers.{name} ({one.type})" for name, one in scene.controllers.items())
+
+
+def _sampled(scene: Scene) -> Iterator[str]:
+    return (f"controllers.{name}.sample_time" for name, one in scene.controllers.items() if one.sample_time)
 
 
 def _beside(scene: Scene) -> Iterator[str]:
@@ -253,11 +251,11 @@ FEATURES = (
         cure="give friction a limit, or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "forces beside with a choice by a tolerance",
-        _with(_by_tolerance, _beside),
-        EVERYWHERE - {Purpose.MODES},
-        why_not="what is chosen hangs on errors that are not known with controllers or friction by the force carried",
-        cure="give the numbers themselves",
+        "choice of effects with forces beside",
+        _with(_automatic, _beside),
+        OF_THE_REDUCTION,
+        why_not="effects are chosen by sizes without control, and without forces that joints carry",
+        cure="name them in [effects]",
     ),
     Feature(
         "sizes of effects with forces beside",
@@ -267,10 +265,10 @@ FEATURES = (
         cure="take pgmp check without --effects",
     ),
     Feature(
-        "trade-off with controllers",
-        _controllers,
+        "trade-off with sampled controllers",
+        _sampled,
         frozenset({Purpose.TRADEOFF}),
-        why_not="runs are compared without control",
+        why_not="steps that are compared would miss samplings",
         cure="compare pgmp simulate SCENE --full with reduced runs",
     ),
     Feature(

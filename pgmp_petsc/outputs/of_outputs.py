@@ -221,6 +221,11 @@ class Combined:
     constants: Mapping[str, str]
     reads_time: bool = False
 
+    def __post_init__(self) -> None:
+        one = SeriesAlgebra(0).number(1.0)
+        with np.errstate(all="ignore"):
+            evaluated(self.text, dict.fromkeys((*self.parts, *self.constants, TIME), one), SeriesAlgebra(0))
+
     @property
     def needs(self) -> Needs:
         """Those of its parts, and its own."""

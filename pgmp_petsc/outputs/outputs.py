@@ -17,8 +17,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.units import UnknownUnit, measure
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.effects import start_of
 from pgmp_petsc.effects.motion import bases_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -179,6 +181,13 @@ class OutputSet:
                 functions[name] = entry.combined(f"outputs.{name}", parts, scene)
             else:
                 functions[name] = entry.reading(f"outputs.{name}", start, kinematics)
+            if not hasattr(functions[name], "jet"):
+                found = type(functions[name]).__name__
+                raise refuse(type(entry), f"an output is made of outputs.readings, and this is a {found}")
+            try:
+                measure(entry.unit_in(scene))
+            except UnknownUnit as error:
+                raise refuse(type(entry), f"unit_in: '{entry.unit_in(scene)}': {error}") from error
             needs |= functions[name].needs
             try:
                 order = max(order, functions[name].depth(0))

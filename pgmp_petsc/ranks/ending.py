@@ -31,7 +31,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, NoReturn, TextIO
 
@@ -53,16 +53,16 @@ def keep(folder: Path) -> None:
         _kept.append(folder)
 
 
-def remove_at_end(folder: Path) -> None:
-    """From now on a signal that ends the run removes a folder with all that is in it."""
-    _passing.append(folder)
+def remove_at_end(path: Path) -> None:
+    """From now on a signal that ends the run removes a file, or a folder with all that is in it."""
+    _passing.append(path)
 
 
-def keep_no_longer(folder: Path) -> None:
-    """The folder is gone."""
-    for folders in (_kept, _passing):
-        if folder in folders:
-            folders.remove(folder)
+def keep_no_longer(path: Path) -> None:
+    """The file or folder is gone."""
+    for paths in (_kept, _passing):
+        if path in paths:
+            paths.remove(path)
 
 
 def what_is_kept() -> str:
@@ -121,8 +121,10 @@ def _end(number: signal.Signals, rank: int) -> NoReturn:
         os.write(2, f"{start}pgmp: stopped by {number.name}: {what_is_kept()}\n".encode())
     flush = threading.Thread(target=sys.stdout.flush, daemon=True)
     flush.start()
-    for folder in tuple(_passing):
-        shutil.rmtree(folder, ignore_errors=True)
+    for path in tuple(_passing):
+        shutil.rmtree(path, ignore_errors=True)
+        with suppress(OSError):  # a folder that is gone
+            path.unlink()
     flush.join(FLUSH_SECONDS)
     os._exit(128 + number)
 

@@ -186,12 +186,12 @@ def _check(cls: type[EffectEntry]) -> None:
         _try_forces(cls)
 
 
-class LawMismatch(InputError):
-    """A law is given other parameters than it has."""
+class ActionMismatch(InputError):
+    """What acts does not fit its law, or what it is about."""
 
 
 def _try_forces(cls: type[EffectEntry]) -> None:
-    """Let an effect make its forces in a mechanism that agrees to all; raises `LawMismatch`.
+    """Let an effect make its forces in a mechanism that agrees to all; raises `ActionMismatch`.
 
     What else goes wrong in it says nothing of the effect in a scene.
     """
@@ -199,7 +199,7 @@ def _try_forces(cls: type[EffectEntry]) -> None:
 
     try:
         tried(cls).forces(get_args(cls.model_fields["type"].annotation)[0], MagicMock())
-    except LawMismatch:
+    except ActionMismatch:
         raise
     except Exception:
         return

@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
+from pgmp_petsc.base.units import UnknownUnit, take_unit
 from pgmp_petsc.declare.ideas import OUTPUTS, Found, refuse
 from pgmp_petsc.scene.fields import AnyScene, Table, named_numbers
 from pgmp_petsc.scene.messages import Finding
@@ -66,6 +67,11 @@ class OutputEntry(Table):
             raise refuse(cls, words)
         if of_frames and not getattr(cls, "unit", ""):
             raise refuse(cls, 'an output of frames says its unit: unit = "m"')
+        if of_frames:
+            try:
+                take_unit(cls.unit)
+            except UnknownUnit as error:
+                raise refuse(cls, f"unit = '{cls.unit}' is no SI unit: {error}") from None
         if bool(cls.joints) != ("joint" in cls.model_fields) and (of_frames or cls.joints):
             raise refuse(cls, 'an output with the entry joint says what of it is free: joints = ("turning",)')
 

@@ -83,6 +83,27 @@ def test_an_interrupted_run_says_what_is_kept(tmp_path: Path) -> None:
     assert (status, lines) == (130, [f"pgmp: interrupted: {KEPT.format(tmp_path / 'many.h5.partial')}"])
 
 
+WRITING = """
+import os, signal, sys, time
+from pathlib import Path
+from pgmp_petsc.files.claims import locked, replacing
+from pgmp_petsc.ranks.ending import ending_on_signals
+
+with ending_on_signals(0), locked(Path(sys.argv[1])), replacing(sys.argv[1]) as partial:
+    partial.write_text("half")
+    assert len(os.listdir()) == 2
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(60.0)
+"""
+
+
+def test_a_signal_leaves_no_lock_and_no_half_written_file(tmp_path: Path) -> None:
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", WRITING, tmp_path / "run.h5"]
+    assert subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True).returncode == 143
+    assert os.listdir(tmp_path) == []
+
+
 def test_handlers_are_put_back() -> None:
     before = [signal.getsignal(number) for number in ENDING]
     threads = threading.active_count()

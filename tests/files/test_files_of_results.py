@@ -94,6 +94,14 @@ def test_a_full_disk_is_a_run_error_and_keeps_the_old_file(good):
     assert os.listdir(good.parent) == [good.name]
 
 
+def test_what_is_raised_of_what_could_not_be_written_is_a_full_disk():
+    """HDF5 reads back what it wrote, and calls it damaged."""
+    with pytest.raises(OSError, match="No space left"), hdf5.GuardedStream(Path("/dev/full")) as stream:
+        stream.write(b"data")
+        stream.flush()
+        raise RuntimeError("incorrect metadata checksum after all read attempts")
+
+
 def test_an_unknown_kind_is_a_mistake_of_the_caller(tmp_path):
     with pytest.raises(ValueError, match="allowed: rom"), write_file(tmp_path / "f.h5", "picture"):
         pass

@@ -215,12 +215,46 @@ def test_a_point_stays_on_a_curve_in_every_model_and_in_c(tmp_path: Path) -> Non
         pgmp.check(pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=[slot, springs]))
 
 
-def test_what_fails_in_a_scene_ends_with_the_line_of_the_plugin(tmp_path: Path) -> None:
+#: A change of a file, and what is said of it where a scene names what it declares.
+LATER = {
+    "what fails": (
+        LISTING,
+        ("statement = along", "statement = nothing; along"),
+        r"plugin '.*', line 3\d: NameError: name",
+    ),
+    "no forces": (
+        LISTING,
+        ("return ActionEffect", "ActionEffect"),
+        r".*: forces returns an Effect, .* not a NoneType$",
+    ),
+    "a direction in space": (LISTING, ("np.array(self.direction)", "np.eye(3)[0]"), r".*py:3\d: .* directions have 2"),
+    "no reading": (
+        OUTPUT,
+        ("return Reading", "Reading"),
+        r".*: an output is made of outputs\.readings, .* a NoneType$",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LATER)
+def test_what_fails_in_a_scene_is_refused_with_its_line(tmp_path: Path, name: str) -> None:
+    text, (before, after), words = LATER[name]
+    assert before in text
+    (path := tmp_path / "mine.py").write_text(text.replace(before, after, 1))
+    pgmp.use(path)
+    along = 'outputs.e={type="along", point="rod:tip", direction=[1.0, 0.0]}'
+    overrides = [along if text is OUTPUT else f"effects.e={TABLE}"]
+    with pytest.raises(InputError, match=words) as caught:
+        pgmp.simulate(pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=overrides), model="full")
+    assert "mine.py" in str(caught.value)
+
+
+def test_what_fails_in_a_scene_ends_a_command_on_ranks(tmp_path: Path) -> None:
     (scene := tmp_path / "base.toml").write_text(BASE)
-    (path := tmp_path / "mine.py").write_text(LISTING.replace("statement = along", "statement = nothing; along"))
-    command = ["check", scene, "--override", f"effects.e={TABLE}", "--plugin", path]
-    (message,) = refused(3, [command])
-    assert re.search(r"^plugin '.*mine\.py', line 3\d: NameError: name 'nothing' .*; repair the file$", message)
+    text, (before, after), words = LATER["what fails"]
+    (path := tmp_path / "mine.py").write_text(text.replace(before, after, 1))
+    (message,) = refused(3, [["check", scene, "--override", f"effects.e={TABLE}", "--plugin", path]])
+    assert re.search(words, message)
 
 
 def test_what_it_declares_is_on_the_page_of_entries_and_in_messages(line_spring: Path) -> None:
@@ -255,6 +289,9 @@ BROKEN = {
     "no motion of the joint": (("    local", "    joint: str\n    local"), r"joints = \(\"turning\", \"sliding\"\)"),
     "an output without a maker": (("*", OUTPUT.replace("def reading", "def read")), r"an output has the method read"),
     "an output without a unit": (("*", OUTPUT.replace('"m"', '""')), r'an output of frames says its unit: unit = "m"$'),
+    "an output in another unit": (("*", OUTPUT.replace('"m"', '"lbf"')), r"unit = 'lbf' is no SI unit: it is 4\.4"),
+    "a type that is nowhere": ((": Point =", ": Pnt ="), r"line \d+: .*: an entry has the type Pnt, which is not def"),
+    "a law of plain numbers": (("Quantity(0.0)", "0.0"), r"mine\.py:3\d: .* is given 0\.0; a parameter is a Quantity"),
     "an output that reads nothing": (("*", OUTPUT.replace('"frames"', '"none"')), r"an output says what it reads: "),
     "an output of no joint": (
         ("*", OUTPUT.replace("reads,", 'joints = ("turning",); reads,')),
@@ -395,22 +432,30 @@ def test_installed_packages_have_ideas_behind_entry_points(tmp_path: Path, monke
     (tmp_path / "mine_of_test.py").write_text(LISTING)
     monkeypatch.syspath_prepend(tmp_path)
 
-    def named(name: str) -> None:
-        found = EntryPoint(name, points[name], "pgmp.effects")
+    def named(name: str, group: str) -> None:
+        found = EntryPoint(name, points[name], f"pgmp.{group}")
         monkeypatch.setattr(ideas, "_installed", lambda: EntryPoints([found]))
-        monkeypatch.setattr(ideas.EFFECTS, "_looked_through", False)
+        for family in (ideas.EFFECTS, ideas.OUTPUTS):
+            monkeypatch.setattr(family, "_looked_through", False)
 
-    named("broken")
+    named("broken", "effects")
     told = (
         r"^pgmp\.effects: 'broken' of the installed package not_there_of_test cannot be imported: ModuleNotFoundError"
     )
     with pytest.raises(InputError, match=told):
         ideas.EFFECTS.found()
-    named("spring")
+    named("spring", "outputs")  # whichever group it is, all ideas of its modules are there
     assert "line_spring" in ideas.EFFECTS.names
     assert IN_USE["effects", "line_spring"].name == "mine_of_test"
     sys.modules.pop("mine_of_test")
     (needed,) = ({plugin.name: plugin.sha256} for plugin in IN_USE.values())
     IN_USE.clear()
     with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use; install its package$"):
+        check_plugins(needed, "a.h5")
+    (about := tmp_path / "mine_of_test-1.0.dist-info").mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mine_of_test\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[pgmp.effects]\nspring = mine_of_test\n")
+    check_plugins(needed, "a.h5")  # before any scene is read
+    (tmp_path / "mine_of_test.py").write_text(LISTING + "\n")
+    with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use"):
         check_plugins(needed, "a.h5")
