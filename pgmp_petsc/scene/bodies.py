@@ -71,6 +71,9 @@ class SectionEntry(Table):
             raise refuse(cls, "a section has the method coefficients(self, dimension, material, nominal, spans)")
         if bool(cls.sizes) != (cls.reach is not SectionEntry.reach):
             raise refuse(cls, "outermost fibres are declared by the property reach and the entries sizes, both or none")
+        named = {*cls.sizes, *cls.proportional, *(key for pair in cls.ordered for key in pair[:2])}
+        if strange := sorted(named - set(cls.model_fields)):
+            raise refuse(cls, f"there is no entry {strange[0]}; its entries: {', '.join(cls.model_fields)}")
         if not set(cls.elements) <= set(BEAMS):
             raise refuse(cls, f"its elements are among {', '.join(BEAMS)}")
 
