@@ -120,8 +120,8 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, values
     """Integrate a system and evaluate the outputs at the kept instants."""
     every, kept, times, forces, of_joints, n_samples = spacing(n_steps), [], [], [], [], system.n_samples
     reduced, kinematics = isinstance(model, ReducedModel), model.kinematics
-    # what measures coordinates with a limited range; a reduced model watches its own itself
-    limited = () if reduced else [c for c in kinematics.coordinates if not c.periodic]
+    # what measures free coordinates with a limited range; a reduced model watches its own itself
+    limited = () if reduced else [c for c in kinematics.coordinates if not (c.periodic or c.prescribed)]
     measures = [(c, Reading.of_coordinate(c, kinematics)) for c in limited]
     nodes = sorted(set().union(*(angle.nodes for _, angle in measures)))
 

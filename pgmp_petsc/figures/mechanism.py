@@ -94,19 +94,8 @@ class Shapes:
             node = node_of(frames, scene, address)
             if node is not None:
                 pins[address.partition(":")[0]].add(node)
-        made = cls(frames, projected, view, pins={body: np.array(sorted(own), int) for body, own in pins.items()})
-        pairs = ([made._path(record, address, factor) for address in pair] for pair in spans_in(scene).values())
-        made.spans.extend(np.array(pair) for pair in pairs if pair[0] is not None and pair[1] is not None)
-        return made
-
-    def _path(self, record: RunRecord, address: str, factor: float) -> np.ndarray | None:
-        """Return where a named point is at the frames, (n_f, 2); None where the run does not say."""
-        owner, _, point = address.partition(":")
-        if owner != "ground":
-            node = node_of(self.frames, style.scene_of(record), address)
-            return None if node is None else self.positions[owner][:, node]
-        at = factor * ground_place(record, point, len(self.view)) @ self.view
-        return np.repeat(at[None], len(self.frames.time), axis=0)
+        spans = [factor * np.moveaxis(span, 1, 0) @ view for span in spans_of(frames, record, shown).values()]
+        return cls(frames, projected, view, spans, {body: np.array(sorted(own), int) for body, own in pins.items()})
 
     @property
     def axis_names(self) -> tuple[str, str]:
@@ -196,10 +185,25 @@ class Shapes:
         ]
 
 
-def ground_place(record: RunRecord, point: str, dimension: int) -> np.ndarray:
-    """Return where a point of the ground is, shape (d,), at the run's parameters, in the unit of its places."""
-    at = style.scene_of(record).get("ground", {}).get("points", {}).get(point, [0.0] * dimension)
-    return np.array([record.parameters[value] if isinstance(value, str) else value for value in at], dtype=float)
+def spans_of(frames: Frames, record: RunRecord | None, shown: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return both points of what acts between two, (n_f, 2, d), m, of bodies whose nodes are shown in places (n_f,
+    n_nodes, d); without those whose place a run does not say."""
+    pairs = spans_in({} if record is None else style.scene_of(record))
+    paths = {name: [paths_of(frames, record, one, shown) for one in pair] for name, pair in pairs.items()}
+    return {name: np.concatenate(own, axis=1) for name, own in paths.items() if own[0].shape[1] == own[1].shape[1] == 1}
+
+
+def paths_of(frames: Frames, record: RunRecord, address: str, shown: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return where a named point may be at the frames, (n_f, n, d): one place where it is known, else all nodes of its
+    body, as of meshes a run keeps no names. Points of the ground are those at the run's parameters."""
+    (owner, _, point), scene = address.partition(":"), style.scene_of(record)
+    if owner == "ground":
+        d = next(iter(shown.values())).shape[2]
+        at = scene.get("ground", {}).get("points", {}).get(point, [0.0] * d)
+        place = np.array([record.parameters.get(value, value) for value in at], dtype=float)
+        return np.tile(place, (len(frames.time), 1, 1))
+    node = node_of(frames, scene, address)
+    return shown[owner] if node is None else shown[owner][:, [node]]
 
 
 def node_of(frames: Frames, scene: Mapping[str, Any], address: str) -> int | None:

@@ -16,6 +16,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures.captions import of_runs
 from pgmp_petsc.figures.loads import Arrow, arrows_of
+from pgmp_petsc.figures.mechanism import spans_of
 from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading, round_below
 from pgmp_petsc.mesh import solid_mesh as reference
 from pgmp_petsc.results import Trajectory
@@ -209,6 +210,9 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
         none = np.zeros((0, 3), dtype=int)
         skins.append(Skin(name, in_space(positions), none, frames.cells[name], 0.0, None, name in frames.rigid))
     bare = [skin.name for skin in skins if len(skin.edges) and not skin.rigid and skin.name not in run.fields]
+    d, line = next(iter(frames.nodes.values())).shape[1], np.array([[0, 1]])
+    for name, at in spans_of(frames, run.record, {skin.name: skin.points[..., :d] for skin in skins}).items():
+        skins.append(Skin(name, in_space(at), np.zeros((0, 3), dtype=int), line, 0.0, None, False))
     if bare:
         notes.append(f"{', '.join(bare)}: drawn as lines between joints, their fields are not stored (see pgmp info)")
     notes += uncoloured(run.fields, colour)

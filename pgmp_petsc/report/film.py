@@ -23,7 +23,7 @@ from matplotlib.tri import Triangulation
 
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.declare.records import number_name
-from pgmp_petsc.figures.mechanism import AT_REST, FLAT, ends, is_followed, shown_positions
+from pgmp_petsc.figures.mechanism import AT_REST, FLAT, ends, is_followed, shown_positions, spans_of
 from pgmp_petsc.figures.motion import VALUES, WORDS, coarsened, in_space, outlines, skin_of, uncoloured
 from pgmp_petsc.figures.solids import COLOURS, EDGE, PLAIN, RIGID, view_of
 from pgmp_petsc.figures.style import PALETTE, QUIET, axis_unit, new_figure, round_below, scene_of
@@ -63,10 +63,22 @@ def bodies_of(run: Trajectory) -> list[FilmBody]:
     """Return the bodies of a run with frames, those with fields as these are."""
     meshed = [own for own in run.fields.values() if own.kind != "line"]
     most = max(1, MOST_NODES // max(1, len(meshed)))
-    return [
+    bodies = [
         _with_field(name, run.fields[name], most) if name in run.fields else _of_frames(run, name)
         for name in run.frames.nodes
     ]
+    d = next(iter(run.frames.nodes.values())).shape[1]
+    at, moved = (
+        spans_of(run.frames, run.record, {b.name: (b.points + factor * b.deformation)[..., :d] for b in bodies})
+        for factor in (0.0, 1.0)
+    )
+    return bodies + [_of_span(name, at[name], moved[name] - at[name]) for name in at]
+
+
+def _of_span(name: str, at: np.ndarray, moved: np.ndarray) -> FilmBody:
+    """Return what acts between two points, at (n_f, 2, d), m, as a line whose ends are moved with the bodies."""
+    line, none, known = np.array([[0, 1]]), np.zeros((0, 3), dtype=int), np.ones(len(at), dtype=bool)
+    return FilmBody(name, "flexible", at[0], in_space(at), in_space(moved), known, line, none, none[:, :2], None)
 
 
 def _with_field(name: str, own: BodyField, most: int) -> FilmBody:

@@ -120,6 +120,16 @@ def test_a_sample_that_fails_is_named() -> None:
     assert not full.inside.any() and full.require_fine(limited, values) is full, "the full-order model goes on"
 
 
+def test_a_given_motion_that_begins_at_the_end_of_a_range_stays_in_it() -> None:
+    """No load takes it out of it; a free one within 2 % of the end, beyond its start, counts as gone."""
+    slow = "{type='prescribed_motion',coordinate='theta',constant_speed={speed=0.1}}"
+    limited = "coordinates.theta.range=[0.0,2.0]", "coordinates.theta.periodic=false"
+    given = scene(*limited, f"effects={{drive={slow}}}")
+    free = scene(*limited, "effects={}", "simulation.initial.theta.velocity=0.1")
+    inside = [run_history(full_model(one), samples(one, 1), 1, 20).inside for one in (given, free)]
+    assert inside[0].all() and not inside[1].any()
+
+
 def test_the_largest_error_is_none_where_numbers_are_missing() -> None:
     nan = np.nan
     exact = history(np.array([[1.0], [2.0], [nan]]))

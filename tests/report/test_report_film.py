@@ -17,10 +17,10 @@ from fielded import block_run, field_of, flat_run, run_of
 from PIL import Image
 from solids import box_mesh
 
-from pgmp_petsc.figures.motion import coarsened, outer_faces, triangles
+from pgmp_petsc.figures.motion import coarsened, motion_of, outer_faces, triangles
 from pgmp_petsc.figures.style import scene_of
 from pgmp_petsc.report import film as module_of_films
-from pgmp_petsc.report.film import SHADES, SIZE, Film, film_of
+from pgmp_petsc.report.film import SHADES, SIZE, Film, bodies_of, film_of
 from pgmp_petsc.report.page import film_words, write_report
 from pgmp_petsc.report.sources import Source
 from pgmp_petsc.results import Trajectory
@@ -86,6 +86,28 @@ def test_lines_have_the_shapes_of_the_run() -> None:
         assert np.linalg.norm(across, axis=-1).max() == pytest.approx(bend * unit[0], rel=0.02)
     assert film.data["factors"][0] == 1 and len(film.data["factors"]) > 1
     assert film_of(synthetic.trajectory("full", n_frames=0)) is None
+
+
+SPRING = tables("""
+scene: name = "sprung"
+ground.points: wall = [0.1, 0.5]
+bodies.rod: line = {length = 0.7, elements = 5}
+effects.spring: points = ["ground:wall", "rod:2"]
+""")
+
+
+def test_what_acts_between_points_goes_from_the_ground_to_where_a_body_is_moved_to() -> None:
+    run = synthetic.trajectory("full", n_frames=20)
+    run = replace(run, record=replace(run.record, scene_toml=SPRING))
+    film, (_, rod, spring) = film_of(run), bodies_of(run)
+    assert [body["name"] for body in film.lines] == ["crank", "rod", "spring"]
+    np.testing.assert_array_equal(spring.points[:, 0], [[0.1, 0.5, 0.0]] * 20)
+    np.testing.assert_array_equal(spring.points[:, 1], rod.points[:, 2])
+    np.testing.assert_allclose(spring.deformation[:, 1], rod.deformation[:, 2], atol=1e-15)  # round-off of metres
+    assert not spring.deformation[:, 0].any()
+    skin = motion_of(run, "none").skins[-1]
+    assert skin.name == "spring"
+    np.testing.assert_array_equal(skin.points, spring.points)
 
 
 @pytest.mark.parametrize("run", [flat_run(), block_run()], ids=["plane", "space"])
