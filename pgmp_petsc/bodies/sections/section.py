@@ -17,7 +17,6 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from pgmp_petsc.bodies.affine import AffineSum, Monomial, Quantity
-from pgmp_petsc.declare.ideas import blaming
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import SectionEntry, Spans
 from pgmp_petsc.scene.fields import NotNegativeOrParameter, PositiveOrParameter, Unit
@@ -39,7 +38,7 @@ class BeamSection:
         entry = scene.bodies[body]
         material = None if entry.material is None else scene.materials[entry.material]
         spans = partial(outermost_values, scene, RARE)
-        with blaming(type(entry.section)):
+        with entry.section.blamed():
             found = entry.section.coefficients(entry.dimension, material, scene.nominal, spans)
             parts = (*found.stiffness, *found.mass)
             if not all(isinstance(part, AffineSum) for part in parts):
