@@ -343,7 +343,7 @@ def overridden(*entries: str) -> list[str]:
     return [word for entry in entries for word in ("--override", entry)]
 
 
-@njit(entry=True)
+@njit(cache=True, entry=True)
 def place_in(cells: Cells, cell: int) -> int:
     """Return where among the polynomials of a table those of a cell are."""
     return place_of(cells, cell)

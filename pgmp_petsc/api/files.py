@@ -27,7 +27,7 @@ from pgmp_petsc.files.claims import named
 from pgmp_petsc.files.hdf5 import KINDS, RunRecord, open_file, shapes_of
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results import EffectSizes, Selection
-from pgmp_petsc.results.numbers import axis_unit, share_text
+from pgmp_petsc.results.numbers import axis_unit, felt, share_text
 from pgmp_petsc.results.summary import origin_of, plain, summary_of
 
 
@@ -253,7 +253,8 @@ class Difference:
     #: largest, unit: its value, unit
     largest: float
     unit: str
-    #: of the output's largest magnitude in the first result; infinite where that is zero and the second's is not
+    #: of the output's largest magnitude in the first result; infinite where that is zero and the second's is not, and
+    #: 0 where it vanishes beside others of its unit in both
     share: float
     place: float  # instant (s) of a run, number of the sample of an ensemble
 
@@ -285,7 +286,8 @@ def _report_of_differences(found: Differences, name: Path, said: object) -> str:
     lines = [f"{found.compared} {'instants' if found.kind == 'trajectory' else 'samples that are fine in both'}"]
     for output, one in found.outputs.items():
         factor, unit = axis_unit(one.unit, np.array([one.largest]))
-        share = "" if np.isinf(one.share) else f" ({share_text(one.share)} of its largest value)"
+        told = np.isfinite(one.share) and (one.share or not one.largest)
+        share = "" if not told else f" ({share_text(one.share)} of its largest value)"
         lines.append(f"  {output:24s}{factor * one.largest:+14.6g} {unit} at {one.place:g} {where}{share}")
     return "\n".join([*lines, *(f"  {text}" for text in found.lacking)])
 
@@ -328,7 +330,9 @@ def diff(
         places, of_a, of_b, lacking = _runs(a, b, common) if a.kind == "trajectory" else _samples(a, b, common)
         if not places.size:
             raise InputError(f"{_called(first)} and {_called(second)} have no instant, or no fine sample, in common")
-        found = {name: _largest(of_a[name], of_b[name], a.units[name], places) for name in common}
+        sizes = {name: np.max(np.abs([of_a[name], of_b[name]])) for name in common}
+        there = {name: float(size) for name, size in felt(sizes, a.units).items()}
+        found = {name: _largest(of_a[name], of_b[name], a.units[name], places, there[name]) for name in common}
         lacking += [f"output {name} is in one of the two" for name in sorted({*a.outputs} ^ {*b.outputs})]
         return Differences(a.kind, len(places), found, tuple(lacking), tolerance)
 
@@ -363,8 +367,9 @@ def _samples(a: Result, b: Result, names: list[str]) -> tuple[np.ndarray, Column
     return fine, of_a, of_b, [f"{counted(n, 'sample')} failed in one of the two"] if n else []
 
 
-def _largest(a: np.ndarray, b: np.ndarray, unit: str, places: np.ndarray) -> Difference:
+def _largest(a: np.ndarray, b: np.ndarray, unit: str, places: np.ndarray, size: float) -> Difference:
+    """Return the difference of an output whose size is 0 where it vanishes beside others of its unit in both."""
     away = b - a
     k, scale = int(np.argmax(np.abs(away))), float(np.max(np.abs(a)))
-    share = abs(away[k]) / scale if scale > 0.0 else (np.inf if away[k] else 0.0)
+    share = (abs(away[k]) / scale if scale > 0.0 else np.inf) if away[k] and size else 0.0
     return Difference(float(away[k]), unit, float(share), float(places[k]))

@@ -16,7 +16,8 @@ import hashlib
 import inspect
 import linecache
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
@@ -51,6 +52,21 @@ def refuse(cls: type, why: str) -> InputError:
     """Return the error of a class that is no idea, with its file and line."""
     file, line = place_of(cls)
     return InputError(f"{file}, line {line}: class {cls.__name__}: {why}")
+
+
+@contextmanager
+def blaming(cls: type) -> Iterator[None]:
+    """Name a class of a plugin where what it hands out cannot be worked with; what fails in its own lines names these.
+
+    Raises `InputError`, with its file and line.
+    """
+    try:
+        yield
+    except (ArithmeticError, AttributeError, LookupError, NotImplementedError, TypeError, ValueError) as error:
+        if cls.__module__.startswith(PACKAGE):
+            raise
+        blamed = to_blame(error, [str(place_of(cls)[0])])
+        raise blamed or refuse(cls, f"{type(error).__name__}: {error}") from error
 
 
 def _plugin(cls: type) -> Plugin:

@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import captions, style
-from pgmp_petsc.figures.mechanism import ground_place, node_of
+from pgmp_petsc.figures.mechanism import paths_of
 from pgmp_petsc.lanes.rainflow import cycles
 from pgmp_petsc.results import Trajectory
 
@@ -79,7 +79,7 @@ def arrows_of(run: Trajectory) -> tuple[list[Arrow], list[str]]:
             without.append(f"{joint}: no arrow of its force, which takes outputs {', '.join(axes)} of joint_force")
             continue
         connect = scene["joints"][joint].get("connect")
-        place = None if connect is None else _place(run, scene, connect)
+        place = None if connect is None else _place(run, connect)
         if place is None:
             without.append(f"{joint}: no arrow of its force, as the run does not say where it is")
             continue
@@ -90,28 +90,16 @@ def arrows_of(run: Trajectory) -> tuple[list[Arrow], list[str]]:
     return found, without
 
 
-def _place(run: Trajectory, scene: Mapping[str, Any], connect: Sequence[str]) -> np.ndarray | None:
+def _place(run: Trajectory, connect: Sequence[str]) -> np.ndarray | None:
     """Return where a joint's second point is at the frames, shape (n_f, 3); None where the run does not say."""
-    first, second = (_points(run, scene, *name.split(":")) for name in connect)
+    paths = [paths_of(run.frames, run.record, name, run.frames.positions) for name in connect]
+    first, second = (np.pad(path, ((0, 0), (0, 0), (0, 3 - path.shape[2]))) for path in paths)
     if second.shape[1] == 1:
         return second[:, 0]
     # a point of a mesh has a number that the run does not keep: where both bodies always are is the joint
     apart = np.linalg.norm(first[:, :, None] - second[:, None], axis=3).max(axis=0)
     k = np.unravel_index(np.argmin(apart), apart.shape)[1]
     return second[:, k] if apart.min() < TOGETHER * np.ptp(second, axis=(0, 1)).max() else None
-
-
-def _points(run: Trajectory, scene: Mapping[str, Any], body: str, point: str) -> np.ndarray:
-    """Return where a point may be at the frames, shape (n_f, n, 3): one place where it is known, else all nodes."""
-    if body == "ground":
-        at = ground_place(run.record, point, next(iter(run.frames.nodes.values())).shape[1])
-        shown = np.repeat(at[None, None], len(run.frames.time), axis=0)
-    else:
-        known, shown = node_of(run.frames, scene, f"{body}:{point}"), run.frames.positions[body]
-        shown = shown if known is None else shown[:, [known]]
-    found = np.zeros((*shown.shape[:2], 3))
-    found[..., : shown.shape[2]] = shown
-    return found
 
 
 def draw_force(axes: Axes, run: Trajectory, load: Load) -> str:

@@ -187,23 +187,23 @@ class Shapes:
 
 def spans_of(frames: Frames, record: RunRecord | None, shown: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return both points of what acts between two, (n_f, 2, d), m, of bodies whose nodes are shown in places (n_f,
-    n_nodes, d); without what a run does not say: of meshes it keeps no names."""
-    found, scene = {}, {} if record is None else style.scene_of(record)
-    for name, pair in spans_in(scene).items():
-        owners, nodes = [one.partition(":") for one in pair], [node_of(frames, scene, one) for one in pair]
-        if all(node is not None or owner == "ground" for node, (owner, *_) in zip(nodes, owners)):
-            d = next(iter(shown.values())).shape[2]
-            at = np.empty((len(frames.time), 2, d))
-            for k, (node, (owner, _, point)) in enumerate(zip(nodes, owners)):
-                at[:, k] = ground_place(record, point, d) if node is None else shown[owner][:, node]
-            found[name] = at
-    return found
+    n_nodes, d); without those whose place a run does not say."""
+    pairs = spans_in({} if record is None else style.scene_of(record))
+    paths = {name: [paths_of(frames, record, one, shown) for one in pair] for name, pair in pairs.items()}
+    return {name: np.concatenate(own, axis=1) for name, own in paths.items() if own[0].shape[1] == own[1].shape[1] == 1}
 
 
-def ground_place(record: RunRecord, point: str, dimension: int) -> np.ndarray:
-    """Return where a point of the ground is, shape (d,), at the run's parameters, in the unit of its places."""
-    at = style.scene_of(record).get("ground", {}).get("points", {}).get(point, [0.0] * dimension)
-    return np.array([record.parameters[value] if isinstance(value, str) else value for value in at], dtype=float)
+def paths_of(frames: Frames, record: RunRecord, address: str, shown: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return where a named point may be at the frames, (n_f, n, d): one place where it is known, else all nodes of its
+    body, as of meshes a run keeps no names. Points of the ground are those at the run's parameters."""
+    (owner, _, point), scene = address.partition(":"), style.scene_of(record)
+    if owner == "ground":
+        d = next(iter(shown.values())).shape[2]
+        at = scene.get("ground", {}).get("points", {}).get(point, [0.0] * d)
+        place = np.array([record.parameters.get(value, value) for value in at], dtype=float)
+        return np.tile(place, (len(frames.time), 1, 1))
+    node = node_of(frames, scene, address)
+    return shown[owner] if node is None else shown[owner][:, [node]]
 
 
 def node_of(frames: Frames, scene: Mapping[str, Any], address: str) -> int | None:

@@ -4,13 +4,14 @@ element program assembled, or rigid, of mass properties."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from pgmp_petsc.base.units import UnitSystem, UnknownUnit, measure
-from pgmp_petsc.declare.ideas import SECTIONS, Found, refuse
+from pgmp_petsc.declare.ideas import SECTIONS, Found, blaming, refuse
 from pgmp_petsc.scene.fields import (
     NAMED,
     Along,
@@ -71,8 +72,15 @@ class SectionEntry(Table):
             raise refuse(cls, "a section has the method coefficients(self, dimension, material, nominal, spans)")
         if bool(cls.sizes) != (cls.reach is not SectionEntry.reach):
             raise refuse(cls, "outermost fibres are declared by the property reach and the entries sizes, both or none")
+        named = {*cls.sizes, *cls.proportional, *(key for pair in cls.ordered for key in pair[:2])}
+        if strange := sorted(named - set(cls.model_fields)):
+            raise refuse(cls, f"there is no entry {strange[0]}; its entries: {', '.join(cls.model_fields)}")
         if not set(cls.elements) <= set(BEAMS):
             raise refuse(cls, f"its elements are among {', '.join(BEAMS)}")
+
+    def blamed(self) -> AbstractContextManager[None]:
+        """Name the section where its coefficients cannot be worked with, if it is a plugin's."""
+        return blaming(type(self))
 
     def coefficients(
         self, dimension: int, material: Material | None, nominal: Mapping[str, float], spans: Spans

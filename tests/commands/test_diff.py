@@ -48,6 +48,16 @@ def test_the_largest_difference_of_a_run_is_found_where_it_is(tmp_path: Path) ->
     assert status == 0 and json.loads(text)["outputs"][name]["place"] == run.time[middle]
 
 
+@pytest.mark.parametrize("size, share", [(1e-13, 0.0), (1e-4, 1.0)])
+def test_what_vanishes_in_both_runs_does_not_differ(size: float, share: float) -> None:
+    """Round-off beside an output of the same unit of 1 m: a symmetric machine's sway."""
+    runs = [synthetic.trajectory("reduced", n_frames=0) for _ in range(2)]
+    outputs = (run.outputs | {"slider_deformation": np.full(len(run.time), k * size)} for k, run in enumerate(runs, 1))
+    found = pgmp.diff(*(held(replace(run, outputs=own)) for run, own in zip(runs, outputs)), tolerance=1e-2)
+    one = found.outputs["slider_deformation"]
+    assert one.largest == pytest.approx(size) and one.share == pytest.approx(share) and found.is_within == (not share)
+
+
 def test_runs_of_other_steps_are_compared_where_both_are() -> None:
     runs = [synthetic.trajectory("reduced", n_frames=4, n_times=n) for n in (1001, 335)]
     lines = (replace(run, outputs={one: 1.0 + run.time for one in run.outputs}) for run in runs)

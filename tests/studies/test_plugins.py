@@ -215,8 +215,37 @@ def test_a_point_stays_on_a_curve_in_every_model_and_in_c(tmp_path: Path) -> Non
         pgmp.check(pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=[slot, springs]))
 
 
+SECTION = """
+from typing import Annotated, Literal
+from pgmp_petsc.bodies.affine import AffineSum
+from pgmp_petsc.bodies.sections.section import ShapedSection
+from pgmp_petsc.scene.fields import PositiveOrParameter, Unit
+
+class Square(ShapedSection):
+    '''A square.'''
+
+    shape: Literal["square"]
+    side: Annotated[PositiveOrParameter, Unit("m")]
+
+    def area(self):
+        return AffineSum.of(self.side) ** 2
+
+    def inertia(self):
+        return (1 / 12 * AffineSum.of(self.side) ** 4,) * 2
+
+    def sheared(self, nu, nominal, spans):
+        return (5 / 6 * self.area(),) * 2
+"""
 #: A change of a file, and what is said of it where a scene names what it declares.
 LATER = {
+    "an area of a number": (SECTION, ("return AffineSum.of(self.side) ** 2", "return 3.0"), r".*: TypeError: its area"),
+    "an area below zero": (
+        SECTION,
+        ("return AffineSum.of(self.side)", "return -1 * AffineSum.of(self.side)"),
+        r".* neg",
+    ),
+    "no inertia": (SECTION, ("def inertia", "def inertias"), r".*mine\.py, line 7: class Square: NotImplementedError"),
+    "a section that fails": (SECTION, ("(5 / 6", "(5 / 0"), r"plugin '.*', line 20: ZeroDivisionError: .*; repair the"),
     "what fails": (
         LISTING,
         ("statement = along", "statement = nothing; along"),
@@ -243,7 +272,8 @@ def test_what_fails_in_a_scene_is_refused_with_its_line(tmp_path: Path, name: st
     (path := tmp_path / "mine.py").write_text(text.replace(before, after, 1))
     pgmp.use(path)
     along = 'outputs.e={type="along", point="rod:tip", direction=[1.0, 0.0]}'
-    overrides = [along if text is OUTPUT else f"effects.e={TABLE}"]
+    square = 'bodies.crank.section={shape="square", side=0.01}'
+    overrides = {OUTPUT: [along], LISTING: [f"effects.e={TABLE}"], SECTION: [square]}[text]
     with pytest.raises(InputError, match=words) as caught:
         pgmp.simulate(pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=overrides), model="full")
     assert "mine.py" in str(caught.value)

@@ -144,7 +144,7 @@ def test_frames_are_mean_axes(make) -> None:
 
 
 # Python's own calls, and those with another type of a problem than the kernels have, would be compiled: half a minute
-@njit(entry=True)
+@njit(cache=True, entry=True)
 def add_forces(reference, *of):
     problem = loaded(reference)
     add_floating(problem.floating, problem.width, problem.rayleigh, *of)

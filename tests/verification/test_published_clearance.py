@@ -70,21 +70,21 @@ L1, L2, M1, M2, M3, J1, J2, J3, G = 0.153, 0.306, 0.038, 0.038, 0.076, 7.4e-5, 5
 COUPLED, LENGTH, HEIGHT = (M2 / 2 + M3) * L1 * L2, 0.05, 0.025
 
 
-@njit
+@njit(cache=True)
 def inertia(q):
     both = COUPLED * np.cos(q[1] - q[0])
     first, second = J1 + (M1 / 4 + M2 + M3) * L1**2, J2 + (M2 / 4 + M3) * L2**2
     return np.array([[first, both, 0.0], [both, second, 0.0], [0.0, 0.0, J3]])
 
 
-@njit
+@njit(cache=True)
 def force(q, v):
     skew = COUPLED * np.sin(q[0] - q[1])
     first = -skew * v[1] ** 2 - (M1 / 2 + M2 + M3) * G * L1 * np.cos(q[0])
     return np.array([first, skew * v[0] ** 2 - (M2 / 2 + M3) * G * L2 * np.cos(q[1]), 0.0])
 
 
-@njit
+@njit(cache=True)
 def moreau(step, duration, restitution, friction, every):
     """Return angles of crank, rod and slider and their speeds, (n, 6), after every so many steps of the midpoint rule.
 

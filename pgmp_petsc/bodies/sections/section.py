@@ -38,7 +38,14 @@ class BeamSection:
         entry = scene.bodies[body]
         material = None if entry.material is None else scene.materials[entry.material]
         spans = partial(outermost_values, scene, RARE)
-        return entry.section.coefficients(entry.dimension, material, scene.nominal, spans)
+        with entry.section.blamed():
+            found = entry.section.coefficients(entry.dimension, material, scene.nominal, spans)
+            parts = (*found.stiffness, *found.mass)
+            if not all(isinstance(part, AffineSum) for part in parts):
+                raise TypeError("its area, inertia and the others are AffineSum, such as AffineSum.of(self.radius)")
+            if min(float(part.at(scene.nominal)) for part in parts) < 0.0:
+                raise ValueError("its area, inertia, or another of its coefficients is negative")
+            return found
 
     @property
     def axial(self) -> AffineSum:
