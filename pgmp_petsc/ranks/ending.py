@@ -38,7 +38,6 @@ from typing import IO, NoReturn, TextIO
 from pgmp_petsc.base.errors import PgmpError
 from pgmp_petsc.base.progress import clear_beat
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.ranks.petsc import start_mpi
 
 ENDING = (signal.SIGTERM, signal.SIGUSR1)
 FLUSH_SECONDS = 0.5  # mpirun kills a second after SIGTERM
@@ -157,6 +156,8 @@ def guarded(work: Callable[[], None]) -> int:
 
 def end(status: int) -> NoReturn:
     """Exit from a script of one's own; collective on COMM_WORLD."""
+    from pgmp_petsc.ranks.petsc import start_mpi  # reading a scene needs none of it
+
     release_petsc(start_mpi())
     sys.exit(status)
 

@@ -320,4 +320,4 @@ class Scene(Table):
         return self
 
 
-WHEN_GROWN.append(lambda: Scene.model_rebuild(force=True))
+WHEN_GROWN.append(lambda: [table.model_rebuild(force=True) for table in (Body, Scene)])  # sections are of bodies

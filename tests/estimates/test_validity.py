@@ -50,7 +50,7 @@ def test_the_fibre_of_a_section_without_height() -> None:
     """That of a circle: E A = E pi r^2 and E I = E pi r^4 / 4 give r back; the axial entry may be a parameter."""
     r, young = 7e-3, 210e9
     area, inertia = young * np.pi * r**2, young * np.pi * r**4 / 4
-    scene = slider_crank()
+    scene = slider_crank(f"parameters.EA={{nominal={area}}}")
     section = Coefficients(
         shape="coefficients", axial="EA", shear=1e6, bending=inertia, line_density=1.0, rotary_density=1e-5
     )

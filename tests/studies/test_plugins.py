@@ -31,6 +31,7 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.scene.bodies import Body
 from pgmp_petsc.scene.reference_page import reference_page
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 from scenes import tables
@@ -270,7 +271,13 @@ def test_what_fails_in_a_scene_is_refused_with_its_line(tmp_path: Path, name: st
     text, (before, after), words = LATER[name]
     assert before in text
     (path := tmp_path / "mine.py").write_text(text.replace(before, after, 1))
-    pgmp.use(path)
+    Body(
+        element="beam2d",
+        line={"length": 1.0, "elements": 2},
+        material="steel",
+        section={"shape": "circle", "radius": 1},
+    )
+    pgmp.use(path)  # after a body was made: a table by itself does not know of later sections
     along = 'outputs.e={type="along", point="rod:tip", direction=[1.0, 0.0]}'
     square = 'bodies.crank.section={shape="square", side=0.01}'
     overrides = {OUTPUT: [along], LISTING: [f"effects.e={TABLE}"], SECTION: [square]}[text]

@@ -130,16 +130,16 @@ def test_no_number_depends_on_neighbours_or_on_the_steps_of_a_call(name: str, mo
         np.testing.assert_array_equal(alone[:, 0], together[:, sample])
 
 
-# nominal or nearly, stiffer than steps resolve, and so stiff that Newton's iteration fails for good
-TOO_STIFF = 1e16
-STIFFER = {"loads": (2e4, 3e6, 1.7e4, TOO_STIFF), "drive": (3e3, 10**10.5, 2.5e3, TOO_STIFF)}
+# nominal or nearly, stiffer than steps resolve, and so stiff that Newton's iteration fails for good, behind the edge:
+# round-off decides on which side of it
+STIFFER = {"loads": (2e4, 3e6, 1.7e4, 5e16), "drive": (3e3, 10**10.5, 2.5e3, 1e16)}
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_what_a_lane_cannot_do_by_itself_is_done_with_care(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where Newton's iteration fails within parts of a step it is tried again outside: nobody else's business."""
     model, stiffness, outcomes = model_of(name), np.array(STIFFER[name]), set()
-    n, fine = stiffness.size, stiffness < TOO_STIFF
+    n, fine = stiffness.size, stiffness < stiffness.max()
     advance = ReducedSystem.advance
 
     def recorded(system: ReducedSystem, *arguments: object) -> object:
