@@ -33,6 +33,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.estimates.reference_motion import OF_BESIDE
 from pgmp_petsc.full.joint_tree import count_of
 from pgmp_petsc.mechanism.capabilities import SECONDS, SECONDS_PER_UNKNOWN, Purpose, why_refused
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -49,7 +50,7 @@ LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
 PAIR, BODY, CUBE = 1.1e-8, 1.2e-6, 3.3e-11
 # s, of a step of a full-order or component sample: a controller, or friction by the force that a joint carries, which
 # are found between corrections; and where lengths are drawn, which part samples: how often what it takes in a batch
-BESIDE, APART = 8e-4, 4.0
+BESIDE, APART = OF_BESIDE / 1e6, 4.0
 # s, of a step of a sample whose outputs are forces in joints, by the dimension of space: of the mesh and of components,
 # and in the lanes of a reduced model
 FORCES, FORCES_IN_LANES = {2: 2e-6, 3: 2.5e-5}, {2: 1e-7, 3: 1.5e-6}

@@ -44,7 +44,7 @@ from pgmp_petsc.scene.numerics import Simulation, count_steps
 
 # us of one core: an unknown of a beam with its neighbours, a pair of unknowns of a condensed body
 OF_BEAM, OF_PAIR = 0.8, 0.02
-OF_BESIDE = 800.0  # of each entry whose force is found between corrections
+OF_BESIDE = 800.0  # a controller, or friction by the force carried, found between corrections; of runs as of estimates
 DEAR = 4e6  # us that the evaluations of a sample may take
 FINER = 4  # steps of the run that is followed in one of the run itself
 MOST, LEAST = 8000, 100  # evaluations
