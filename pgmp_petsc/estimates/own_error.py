@@ -289,7 +289,7 @@ def condensed_alone(model: ComponentModel) -> Iterator[Remark]:
 
 COMPARABLE = 0.05  # of a figure
 FEWEST = 5  # checked samples that tell of a deviation
-CURE = "a smaller simulation.step or a better basis makes it smaller"
+CURE = "a smaller simulation.step or reduction.tolerance makes it smaller"
 
 
 @dataclass(frozen=True, eq=False)
