@@ -77,13 +77,7 @@ def why_of_one_mesh(scene: Scene, drawn: Iterable[str]) -> str:
 
 
 class SeparateLengths:
-    """Full-order or component samples one by one, each with a model of its own lengths; see `Model`.
-
-    Attributes
-    ----------
-    model
-        That with the lengths of the scene's run.
-    """
+    """Full-order or component samples one by one, each with a `model` of its own lengths; see `Model`."""
 
     largest_batch = 1
 
@@ -150,14 +144,8 @@ class LengthLanes:
     """Reduced samples side by side: terms are affine in monomials of the lengths, as in other parameters; see `Model`.
 
     Outputs, displacements and angles of joints are interpolated as the tables are (`reduction.sample_grid`): they are
-    evaluated in the model of each point of the grid.
-
-    Attributes
-    ----------
-    effects, start, motions, actions, terms, stiffness_changes, meshes
-        As of `ReducedModel`; rigid motions and shapes of the scene's own lengths have no part in them.
-    members
-        The models at the points of the grid.
+    evaluated in the model of each point of the grid, its `members`. Effects, start and so on are as of `ReducedModel`;
+    rigid motions and shapes of the scene's own lengths have no part in them.
     """
 
     name, title = ReducedModel.name, ReducedModel.title
