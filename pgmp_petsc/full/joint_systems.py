@@ -20,7 +20,7 @@ from pgmp_petsc.full.batched_ldl import Pattern
 from pgmp_petsc.full.joint_kernel import Joints, carry_in_joints, correct_in_joints, count_turns_in_joints, unknowns_of
 from pgmp_petsc.full.joint_map import N_TURNED, Room
 from pgmp_petsc.full.joint_matrix import N_SPARE, column_size
-from pgmp_petsc.full.joint_tree import BALL, BY_AXES, FREE, coordinates_of, held_by, motions_of, tree_of
+from pgmp_petsc.full.joint_tree import BALL, FREE, coordinates_of, held_by, motions_of, tree_of
 from pgmp_petsc.full.kernel import Factors
 from pgmp_petsc.full.node_constraints import ConstraintParts
 from pgmp_petsc.full.part_reference import Reference
@@ -256,12 +256,6 @@ class JointEquations:
         """Return what is of the constraints that are left, (n_left, n), of rows of all (n_constraints, n) and of what
         driven coordinates have (n_driven, n)."""
         return np.concatenate([rows[self.chosen], driven_rows])
-
-    @property
-    def directors(self) -> np.ndarray:
-        """The coordinates that are places and directors, shape (n_directors,)."""
-        chosen = np.flatnonzero(self._tree.kinds != BY_AXES)
-        return np.concatenate([np.arange(*self._tree.firsts[k, 2:4]) for k in chosen] + [np.zeros(0, dtype=int)])
 
 
 class JointBatch(FullBatch):

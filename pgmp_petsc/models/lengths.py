@@ -84,7 +84,7 @@ class SeparateLengths:
     def __init__(self, model: FullModel) -> None:
         self.model = model
         self.name, self.title, self.identity = model.name, model.title, model.identity
-        self.scene, self.kinematics = model.scene, model.kinematics
+        self.scene, self.kinematics, self.limited = model.scene, model.kinematics, model.limited
         self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts)
         self.lengths = length_names(model.scene)
         self._models: WeakKeyDictionary[SecondOrderSystem, FullModel] = WeakKeyDictionary()
@@ -103,11 +103,6 @@ class SeparateLengths:
         system = own.single(values, comm)
         self._models[system] = own
         return system
-
-    @property
-    def limited(self) -> bool:
-        """See `FullModel`."""
-        return self.model.limited
 
     def left_range(self, system: SecondOrderSystem, state: State) -> np.ndarray:
         """See `FullModel`. Collective on the system's communicator."""
@@ -152,7 +147,7 @@ class LengthLanes:
 
     def __init__(self, model: ReducedModel) -> None:
         self._model, self.scene, self.kinematics = model, model.scene, model.kinematics
-        self.identity, self.meshes = model.identity, model.meshes
+        self.identity, self.meshes, self.largest_batch = model.identity, model.meshes, model.largest_batch
         self.effects, self.start, self.motions = model.effects, model.start, model.motions
         self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts)
         self.lengths = length_names(model.scene)
@@ -180,11 +175,6 @@ class LengthLanes:
         except InputError as error:
             at = values_text(scene, self.grid.points[number])
             raise InputError(f"at {at}, where the models of all lengths begin: {error}") from error
-
-    @property
-    def largest_batch(self) -> int:
-        """Most samples that a batch has."""
-        return self._model.largest_batch
 
     @property
     def n_places(self) -> int:
