@@ -709,7 +709,6 @@ def test_a_reduction_is_chosen_under_control(entries: tuple[str, ...]) -> None:
 PURPOSES = {
     Purpose.SIZES: (), Purpose.TRADEOFF: ("controllers.place.sample_time=1e-2",),
     Purpose.BUILD: ('reduction.effects="auto"',),
-    Purpose.REDUCED: ("parameters.long={nominal=0.5,bounds=[0.4,0.6]}", 'bodies.pole.line.length="long"'),
 }  # fmt: skip
 
 
