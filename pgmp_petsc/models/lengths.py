@@ -75,20 +75,14 @@ def why_of_one_mesh(scene: Scene, drawn: Iterable[str]) -> str:
 
 
 class SeparateLengths:
-    """Full-order or component samples one by one, each with a model of its own lengths; see `Model`.
-
-    Attributes
-    ----------
-    model
-        That with the lengths of the scene's run.
-    """
+    """Full-order or component samples one by one, each with a `model` of its own lengths; see `Model`."""
 
     largest_batch = 1
 
     def __init__(self, model: FullModel) -> None:
         self.model = model
         self.name, self.title, self.identity = model.name, model.title, model.identity
-        self.scene, self.kinematics = model.scene, model.kinematics
+        self.scene, self.kinematics, self.limited = model.scene, model.kinematics, model.limited
         self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts)
         self.lengths = length_names(model.scene)
         self._models: WeakKeyDictionary[SecondOrderSystem, FullModel] = WeakKeyDictionary()
@@ -107,11 +101,6 @@ class SeparateLengths:
         system = own.single(values, comm)
         self._models[system] = own
         return system
-
-    @property
-    def limited(self) -> bool:
-        """See `FullModel`."""
-        return self.model.limited
 
     def left_range(self, system: SecondOrderSystem, state: State) -> np.ndarray:
         """See `FullModel`. Collective on the system's communicator."""
@@ -148,21 +137,15 @@ class LengthLanes(Observing):
     """Reduced samples side by side: terms are affine in monomials of the lengths, as in other parameters; see `Model`.
 
     Outputs, displacements and angles of joints are interpolated as the tables are (`reduction.sample_grid`): they are
-    evaluated in the model of each point of the grid.
-
-    Attributes
-    ----------
-    effects, start, motions, actions, terms, stiffness_changes, meshes
-        As of `ReducedModel`; rigid motions and shapes of the scene's own lengths have no part in them.
-    members
-        The models at the points of the grid.
+    evaluated in the model of each point of the grid, its `members`. Effects, start and so on are as of `ReducedModel`;
+    rigid motions and shapes of the scene's own lengths have no part in them.
     """
 
     name, title = ReducedModel.name, ReducedModel.title
 
     def __init__(self, model: ReducedModel) -> None:
         self._model, self.scene, self.kinematics = model, model.scene, model.kinematics
-        self.identity, self.meshes = model.identity, model.meshes
+        self.identity, self.meshes, self.largest_batch = model.identity, model.meshes, model.largest_batch
         self.effects, self.start, self.motions = model.effects, model.start, model.motions
         self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts, model.outputs.takes_beside)
         self.lengths = length_names(model.scene)
@@ -210,11 +193,6 @@ class LengthLanes(Observing):
                 f"{', '.join(self.lengths)} change; reduced samples that differ in these have no such force; give "
                 "numbers (--override) or values (--set), make the body flexible, or take --full"
             )
-
-    @property
-    def largest_batch(self) -> int:
-        """Most samples that a batch has."""
-        return self._model.largest_batch
 
     @property
     def n_places(self) -> int:
