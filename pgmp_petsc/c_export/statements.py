@@ -199,15 +199,8 @@ class OutputsInC:
 
 
 class Combiner:
-    """Writes what makes outputs of readings: arrays of a value, its rate and its acceleration.
-
-    Parameters
-    ----------
-    bases
-        Motions of the base.
-    values
-        Of the parameters: numbers, or what they are in C.
-    """
+    """Writes what makes outputs of readings: arrays of a value, its rate and its acceleration; for motions of the base,
+    and values of the parameters that are numbers, or what they are in C."""
 
     def __init__(
         self, bases: Sequence[Base], values: Mapping[str, str | float], forces: Sequence[ForceOutput]

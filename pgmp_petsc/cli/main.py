@@ -158,7 +158,8 @@ def _run(arguments: list[str], session: Session) -> tuple[int, str | None]:
             status = pgmp.main(args=arguments, prog_name="pgmp", standalone_mode=False, obj=session)
         # a reader of the output that has gone (`pgmp ... | head`) wants no more of it; the files are written
         if output is not None and output.failure is not None and not isinstance(output.failure, BrokenPipeError):
-            return 1, _output_message(output.failure)
+            done = "what was printed is incomplete, files that were written are complete"
+            return 1, f"standard output: {output.failure.strerror}; {done}"
         return status if isinstance(status, int) else 0, None
     except PgmpError as error:
         return error.exit_status, str(error)
@@ -198,10 +199,6 @@ def _standard_output(comm: Comm) -> Iterator[LastingOutput | None]:
         output = LastingOutput(descriptor, painter(at_terminal()))
         with output.text(sys.stdout.encoding) as stream, redirect_stdout(stream):
             yield output
-
-
-def _output_message(failure: OSError) -> str:
-    return f"standard output: {failure.strerror}; what was printed is incomplete, files that were written are complete"
 
 
 def _warn(session: Session, status: int) -> None:

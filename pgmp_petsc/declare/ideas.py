@@ -21,7 +21,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
@@ -149,10 +149,8 @@ def look_through() -> None:
 WHEN_GROWN: list[Callable[[], object]] = []
 
 
-@cache
-def _installed() -> EntryPoints:
-    """Return the entry points of all installed packages, which are many: they are looked through once."""
-    return entry_points()
+#: Entry points of all installed packages, which are many: they are looked through once.
+_installed = cache(entry_points)
 
 
 def _load(point: EntryPoint, group: str) -> None:

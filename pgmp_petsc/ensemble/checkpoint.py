@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Protocol, Self
+from typing import Self
 from weakref import finalize
 
 import numpy as np
@@ -301,18 +301,6 @@ class _Part(Mapping[str, np.ndarray]):
         return sum(1 for _ in self)
 
 
-class Kept(Protocol):
-    """Samples that are finished: a `Checkpoint`, or what the files of shards have of one."""
-
-    remarks: tuple[Remark, ...]
-
-    def columns(self) -> Columns:
-        """See `Checkpoint.columns`."""
-
-    def bands(self, n: int) -> Mapping[str, np.ndarray]:
-        """See `Checkpoint.bands`; of those samples that are known."""
-
-
 CHECKSUM = 64  # characters
 OUTPUTS = "outputs."  # before the names of columns that are outputs
 
@@ -364,6 +352,9 @@ class Shards:
     def bands(self, n: int) -> Mapping[str, np.ndarray]:
         """Return the outputs of the first n samples at the instants of the bands, each (n, n_t)."""
         return joined(shard.bands for shard in self.all if shard.place.first < n)
+
+
+Kept = Checkpoint | Shards  # samples that are finished
 
 
 def _check(paths: Sequence[Path], places: Sequence[Place]) -> None:

@@ -162,7 +162,6 @@ class _Runs:
         return g, found
 
     def _differentiated(self, values: dict[str, float]) -> tuple[float, np.ndarray]:
-        """Return the output that the event is of, and its derivatives with the parameters that are drawn."""
         try:
             run = differentiate(self._model, values, self.names)
         except PgmpError:
