@@ -360,7 +360,6 @@ def _run(
 
 
 def _failures(status: np.ndarray) -> tuple[Remark, ...]:
-    """Return how many failed, and of what; nothing where none did."""
     counts = Counter(int(one) for one in status if one != Status.FINE)
     if not counts:
         return ()

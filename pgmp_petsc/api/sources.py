@@ -348,14 +348,8 @@ def keeping(
     inputs: Iterable[str | PathLike[str] | None] = (),
     plot: str | PathLike[str] | None = None,
 ) -> Iterator[Keeper]:
-    """Claim the file of a result, and yield what keeps it. Collective on `comm`.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written, may not be replaced, or is one of the `inputs`; or the folder for the picture
-        cannot be made.
-    """
+    """Claim the file of a result, and yield what keeps it. Collective on `comm`; raises `InputError` if it cannot be
+    written, may not be replaced, or is one of the `inputs`; or the folder for the picture cannot be made."""
     own, folder = (None if path is None else Path(path) for path in (output, plot))
     if folder is not None:
         on_root(comm, check_folder, folder, own)

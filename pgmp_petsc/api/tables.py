@@ -138,7 +138,6 @@ def _is_frame(value: object) -> bool:
 
 
 def _is_one(value: object) -> bool:
-    """Return whether a value is one number, or the text of one."""
     if isinstance(value, (tuple, list)):
         return False
     return getattr(value, "ndim", 0) == 0 and not isinstance(value, (Sequence, Mapping)) or isinstance(value, str)
@@ -152,7 +151,6 @@ def _names(names: Any) -> list[str]:
 
 
 def _array(xarray: Any, name: str, value: Any) -> Any:
-    """Return the values of one parameter with their dimensions."""
     if hasattr(value, "dims"):
         return value.copy(data=numbers("parameters", name, value.values))
     dims: tuple[Any, ...] = ()

@@ -509,7 +509,6 @@ class Bench:
         return self._models[setting.build]
 
     def _prepared(self, setting: Setting) -> tuple[tuple[AnyModel | ResponseSurface, int, float], np.ndarray]:
-        """Do what comes before the first sample, and take its time."""
         start = _now()
         made = self._model(setting)
         shared = self._timed.get(setting.family, 0.0) if setting.refinement == 1 else 0.0
@@ -577,7 +576,6 @@ def step_price(model: AnyModel) -> float:
 
 
 def _now() -> np.ndarray:
-    """Return the clocks: wall and processor, s."""
     return np.array([perf_counter(), process_time()])
 
 

@@ -217,7 +217,6 @@ def _prepared(
 
 
 def _prices(subject: Subject, reference: Reference, sweep: Sweep) -> Prices:
-    """Return what steps of the families are predicted to take."""
     full = FullModel(subject.scene, subject.meshes, subject.kinematics)
     mechanism = full.kinematics.mechanism
     components = reference.price.step
@@ -647,7 +646,6 @@ def _steps(n: int, finer: int, coarser: int) -> list[int]:
 
 
 def _once(settings: Iterable[Setting]) -> list[Setting]:
-    """Leave out repetitions; the order stays."""
     return list(dict.fromkeys(settings))
 
 

@@ -57,14 +57,8 @@ class FormulaError(ValueError):
 def declared(text: str, names: Mapping[str, str], words: str) -> tuple[str, set[str]]:
     """Return a formula in the language of declarations, and which names it has.
 
-    Raises `FormulaError` where it has what is not allowed.
-
-    Parameters
-    ----------
-    names
-        What it may name, and what they are in a declaration.
-    words
-        These in words, for messages.
+    Given are the names that it may have with what they are in a declaration, and these in words, for messages. Raises
+    `FormulaError` where it has what is not allowed.
     """
     allowed = f"a formula has numbers, {words}, {ALLOWED}"
     if len(text) > LONGEST:
@@ -170,14 +164,8 @@ def _literal(node: ast.expr) -> float | None:
 
 
 def evaluated(text: str, names: Mapping[str, Any], algebra: Any) -> Any:
-    """Return a formula in the language of declarations for values of its names.
-
-    Parameters
-    ----------
-    algebra
-        What numbers, comparisons, conditions, cases and functions are: `SeriesAlgebra`, `Dimensions`, or one of
-        :mod:`~pgmp_petsc.declare.own_units`.
-    """
+    """Return a formula in the language of declarations for values of its names, in an algebra of numbers, comparisons,
+    conditions, cases and functions: `SeriesAlgebra`, `Dimensions`, or one of :mod:`~pgmp_petsc.declare.own_units`."""
     operations = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
                   ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos}  # fmt: skip
     ordering = {ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge}

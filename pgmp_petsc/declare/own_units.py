@@ -186,15 +186,9 @@ def in_si(
 ) -> InSi:
     """Write formulas in the language of declarations anew for SI units; those of which no number changes stay.
 
-    Parameters
-    ----------
-    texts
-        Formulas by keys. All names that are not `known` are numbers of any unit, the same in all of them.
-    known
-        By which power of ten what has a name is larger in the units of the formulas; None of a value that is of any
-        unit as well, and stays in these.
-    wanted
-        The same of the formulas, by their keys, or the name of what they are to be as; without an entry it follows.
+    Known is by which power of ten what has a name is larger in the units of the formulas; None of a value that is of
+    any unit as well, and stays in these. All other names are numbers of any unit, the same in all formulas. Wanted is
+    the same of the formulas, or the name of what they are to be as; without an entry it follows.
     """
     if not any(known.values()) and not any(power for power in wanted.values() if not isinstance(power, str)):
         return InSi(dict(texts), {}, dict.fromkeys(texts, Fraction(0)))

@@ -469,7 +469,6 @@ def _put_attribute(group: h5py.Group, leaf: Leaf) -> None:
 
 
 def _put_rows(group: h5py.Group, leaf: Leaf) -> None:
-    """Write rows as columns."""
     rows, sizes = leaf.value, check_sizes(leaf.context.own)
     for place, holdings in _columns(leaf.one.value).items():
         entry = holdings[0].entry
@@ -591,7 +590,6 @@ class _Reader(NamedTuple):
         return None
 
     def _rows(self, one: Holding, place: str) -> tuple[Record, ...]:
-        """Read rows from columns."""
         columns: dict[str, Iterable[Any]] = {}
         for where, holdings in _columns(one.value).items():
             first, (path, _, key) = holdings[0], joined(place, where).partition("@")
@@ -614,7 +612,6 @@ class _Reader(NamedTuple):
 
 
 def _decoded(one: Holding, value: Any) -> Any:
-    """Return an attribute, or an entry of a column, as the field has it."""
     if one.entry.code is not None:
         return one.entry.code[1](value)
     if isinstance(value, h5py.Empty):

@@ -110,7 +110,6 @@ class Expression:
     parts: Mapping[str, Callable[[Outcome], Dual]]  # what it names: figures and parameters
 
     def __call__(self, outcome: Outcome) -> Dual:
-        """Return its value and derivatives."""
         parts = {name: part(outcome) for name, part in self.parts.items()}
         return evaluated(self.text, parts, Duals(len(outcome.names)))
 
@@ -175,13 +174,7 @@ Powers = Mapping[str, int]
 def read_goal(
     text: str, outputs: Collection[str], parameters: Collection[str], powers: Powers = MappingProxyType({})
 ) -> Goal:
-    """Read a goal.
-
-    Raises
-    ------
-    InputError
-        With the position marked.
-    """
+    """Read a goal; raises `InputError` with the position marked."""
     parser = _Parser("goal", text, outputs, parameters, powers)
     word = parser.token
     if word not in SENSES:
@@ -212,13 +205,8 @@ def read_constraint(
 
 
 class _Parser:
-    """Reads one text, token by token, and writes its sums in the language of declarations.
-
-    Attributes
-    ----------
-    powers
-        By which power of ten what these name is larger in the units of the scene.
-    """
+    """Reads one text, token by token, and writes its sums in the language of declarations; `powers` are those of ten by
+    which what these name is larger in the units of the scene."""
 
     def __init__(
         self, entry: str, text: str, outputs: Collection[str], parameters: Collection[str], powers: Powers
@@ -288,7 +276,6 @@ class _Parser:
         self._written.append(f"** ({sign * self._value()!r})")
 
     def _value(self) -> float:
-        """Read a number."""
         value = float(self.token)
         if not np.isfinite(value):
             self.refuse(f"{self.token} is no finite number")

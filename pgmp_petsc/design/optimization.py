@@ -58,12 +58,8 @@ def designed_parameters(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
 def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     """Find a design. Collective on `comm`; the same on all ranks.
 
-    Raises
-    ------
-    InputError
-        If robust figures are asked for and nothing varies, or too much for the limits.
-    RunError
-        If a run stops before its end where the search begins; it turns back from others.
+    Raises `InputError` if robust figures are asked for and nothing varies, or too much for the limits; `RunError` if a
+    run stops before its end where the search begins. It turns back from others.
     """
     timings = Timings()
     with agreed(comm, "samples"):
@@ -219,7 +215,9 @@ def _of_robust(question: Question, figures: DesignFigures, ends: np.ndarray, con
     if question.deviations is None:
         return
     met = [(constraint, constraint.size * own) for constraint, own in zip(question.constraints, ends[1:])]
-    open_ones = [f"'{constraint.text}' (missed by {interval_text(of)})" for constraint, of in met if of[0] <= 0.0 < of[1]]
+    open_ones = [
+        f"'{constraint.text}' (missed by {interval_text(of)})" for constraint, of in met if of[0] <= 0.0 < of[1]
+    ]
     if open_ones:
         what = f"{figures.n_samples} samples leave open whether the design meets {', '.join(open_ones)}"
         cure = "take a larger --samples, or ask for more room"

@@ -84,7 +84,6 @@ def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Deriv
 
 
 def _instants(contacts: Sequence[Contact]) -> Instants | None:
-    """Return contacts as a file keeps them."""
     if not contacts:
         return None
     met, time, turning = (np.array([getattr(c, name) for c in contacts]) for name in ("met", "time", "turning"))

@@ -91,7 +91,6 @@ def arrows_of(run: Trajectory) -> tuple[list[Arrow], list[str]]:
 
 
 def _place(run: Trajectory, connect: Sequence[str]) -> np.ndarray | None:
-    """Return where a joint's second point is at the frames, shape (n_f, 3); None where the run does not say."""
     paths = [paths_of(run.frames, run.record, name, run.frames.positions) for name in connect]
     first, second = (np.pad(path, ((0, 0), (0, 0), (0, 3 - path.shape[2]))) for path in paths)
     if second.shape[1] == 1:

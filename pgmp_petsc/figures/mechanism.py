@@ -264,7 +264,6 @@ def _view(positions: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def _term(name: str, share: float) -> str:
-    """Return a term of an axis' name: ``x``, `` − 0.45 z``."""
     sign = "+" if share > 0.0 else "\N{MINUS SIGN}"
     return name if share == 1.0 else f" {sign} {abs(share):g} {name}"
 
@@ -438,7 +437,6 @@ def _labels(shown: Assembly, placed, size: float) -> tuple[list[_Label], int]:
 
 
 def _draw_bodies(axes: Axes, shapes: Shapes) -> list[tuple[str, np.ndarray, str]]:
-    """Draw the bodies; return name, middle and colour of each."""
     found = []
     for number, (body, cells) in enumerate(shapes.frames.cells.items()):
         colour = style.PALETTE[number % len(style.PALETTE)]
@@ -483,7 +481,6 @@ def _write(axes: Axes, place: np.ndarray, text: str, look: dict, hidden: _Hidden
 
 
 def _extent(note: Annotation) -> tuple[float, float]:
-    """Return width and height of a text, points."""
     figure = note.figure
     box = super(Annotation, note).get_window_extent(figure.canvas.get_renderer())
     return 72.0 * box.width / figure.dpi, 72.0 * box.height / figure.dpi

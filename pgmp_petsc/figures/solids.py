@@ -240,7 +240,6 @@ class _Drawn:
         return tube
 
     def _rgb(self, number: int, nodes: np.ndarray) -> np.ndarray:
-        """Return colours of nodes as bytes, shape (n, 3); grey where the value is not known."""
         values = self._skin.values[number][nodes]
         found = matplotlib.colormaps[COLOURS](values / max(self._largest, 1e-300))[:, :3]
         found[~np.isfinite(values)] = to_rgb(QUIET)
@@ -248,7 +247,6 @@ class _Drawn:
 
 
 def _counted(cells: np.ndarray) -> np.ndarray:
-    """Return cells (n, k) as VTK has them, each behind its number of nodes."""
     return np.column_stack([np.full(len(cells), cells.shape[1]), cells]).ravel()
 
 

@@ -169,7 +169,6 @@ def top_legend(figure: Figure, handles: Sequence[Artist], title: str | None, not
 
 
 def _wrapped(text: str, width: float, look: Mapping[str, Any]) -> list[str]:
-    """Return the lines of a text over a picture of the given width (inches)."""
     return textwrap.wrap(text, int((width - 0.24) * look["characters_per_inch"]))
 
 
@@ -191,7 +190,6 @@ class PlainNumbers(Formatter):
             self.digits = int(np.clip(np.floor(np.log10(largest)) - np.floor(np.log10(apart)) + 1, 6, 15))
 
     def __call__(self, value: float, pos: int | None = None) -> str:
-        """Return the number at a tick."""
         return f"{value:.{self.digits}g}"
 
 

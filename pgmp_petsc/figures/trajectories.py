@@ -205,7 +205,6 @@ def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: s
 
 
 def _draw_errors(axes: Axes, comparisons: Sequence[Comparison], output: str) -> None:
-    """Draw the errors of one output and write their largest value above them."""
     largest = []
     for comparison, colour in zip(comparisons, style.distinct_colours(len(comparisons))):
         error = comparison.error_percent(output)

@@ -83,13 +83,9 @@ class CheckpointFolder:
     def open(self, resume: bool) -> tuple[Remark, ...]:
         """Start anew, or take up what is there if that is asked for. By one process.
 
-        Raises `InputError` if what is there belongs to another run (and is to be taken up), or is no folder of this
-        program's; `RunError` if the folder cannot be made.
-
-        Returns
-        -------
-        tuple of Remark
-            What of an older run was removed, or that there is nothing to take up.
+        Returns what of an older run was removed, or that there is nothing to take up. Raises `InputError` if what is
+        there belongs to another run (and is to be taken up), or is no folder of this program's; `RunError` if the
+        folder cannot be made.
         """
         remarks: tuple[Remark, ...] = ()
         found = self._label()

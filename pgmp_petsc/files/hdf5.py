@@ -218,20 +218,12 @@ class RunRecord:
 def write_file(
     path: str | os.PathLike[str], kind: str, attributes: Mapping[str, Any] | None = None
 ) -> Iterator[h5py.File]:
-    """Open a new HDF5 file for writing; it appears under ``path`` when the block ends without an error.
+    """Open a new HDF5 file of one of :data:`KINDS` with further root attributes for writing; it appears under ``path``
+    when the block ends without an error.
 
     To be called by one process only. The block calls :meth:`RunRecord.write`. Raises `InputError` if `path` cannot be
     written (see :func:`~pgmp_petsc.files.claims.check_output`); `RunError` if the system fails to write (a full disk,
-    say); an older file under `path` is left as it was.
-
-    Parameters
-    ----------
-    path : path-like
-        Target; an existing file of the same kind is replaced.
-    kind : str
-        One of :data:`KINDS`.
-    attributes : mapping, optional
-        Further root attributes.
+    say); an older file of the same kind is replaced, or left as it was.
     """
     if kind not in KINDS:
         raise ValueError(f"kind of file '{kind}'; allowed: {', '.join(KINDS)}")
@@ -256,15 +248,11 @@ def version_of(kind: str) -> int:
 
 
 def open_file(path: str | os.PathLike[str], kinds: str | Collection[str]) -> h5py.File:
-    """Open a result file for reading, after checking that it is whole and of one of ``kinds``.
+    """Open a result file for reading, after checking that it is whole and of one of ``kinds``; for a ``with`` block,
+    with :func:`shapes_of` around what is read.
 
     Raises `InputError` if the file is missing, not HDF5, damaged, cut off, of another kind or format version, or lacks
     attributes.
-
-    Returns
-    -------
-    h5py.File
-        Use it in a ``with`` block, with :func:`shapes_of` around what is read.
     """
     kinds = (kinds,) if isinstance(kinds, str) else tuple(kinds)
     path = Path(path)
@@ -407,19 +395,12 @@ OTHERS = {";": "semicolons", "\t": "tabs"}
 def csv_table(
     stream: TextIO, where: str, units: Mapping[str, str]
 ) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
-    """Return the names of the columns, and the rows with the numbers of their lines, read one by one.
+    """Return the names of the columns of a stream, opened with ``encoding="utf-8-sig", newline=""``, and the rows with
+    the numbers of their lines, read one by one.
 
-    Raises `InputError` if columns are separated otherwise, a column is in another unit, or a row has more or fewer
-    entries.
-
-    Parameters
-    ----------
-    stream
-        Opened with ``encoding="utf-8-sig", newline=""``.
-    where
-        How messages name the file.
-    units
-        By name, the unit of each column that has a part; empty where only the scene's units are known.
+    Units are by name those of each column that has a part; empty where only the scene's units are known. Raises
+    `InputError`, in which `where` names the file, if columns are separated otherwise, a column is in another unit, or a
+    row has more or fewer entries.
     """
     rows = csv.reader(stream, skipinitialspace=True)
     first = [name.strip() for name in next(rows, [])]

@@ -128,7 +128,6 @@ def _by_library(form: str, kind: str, path: Path) -> MatrixFile:
 
 
 def _from_npz(path: Path, received: str) -> sp.csr_matrix:
-    """Read what ``scipy.sparse.save_npz`` wrote."""
     with np.load(path, allow_pickle=False) as file:
         if "format" not in file:
             names = ", ".join(file.files)
@@ -191,7 +190,6 @@ def _from_abaqus(lines: list[str], received: str) -> MatrixFile:
 
 
 def _whole(entries: sp.coo_matrix) -> sp.csr_matrix:
-    """Return a matrix from its entries, of which one triangle will do."""
     _check_size(entries)
     matrix = entries.tocsr()
     if matrix.shape[0] != matrix.shape[1]:
@@ -244,7 +242,6 @@ def read_harwell_boeing(lines: Sequence[str]) -> sp.coo_matrix:
 
 
 def _fields(lines: Sequence[str], width: int) -> list[str]:
-    """Return fields of one width, which need no blanks between them."""
     return [line[at : at + width] for line in lines for at in range(0, len(line.rstrip()), width)]
 
 
@@ -258,16 +255,12 @@ TURNING = (
 
 
 def read_rows(path: Path, received: str) -> np.ndarray:
-    """Read lines of a row's number from 1, its node and its direction (1, 2, 3 or UX, UY, UZ), such as those of Ansys'
-    ``.mapping``, or of node and direction as ``12.3`` alone, row after row, as CalculiX' ``.dof``; lines that do not
-    begin with a number are passed over.
+    """Return node and direction of every row, shape (n, 2), int.
 
-    Raises `InputError` if there is no such file, a line is none of the kind, or rows are missing or there twice.
-
-    Returns
-    -------
-    ndarray of int, shape (n, 2)
-        Node and direction of every row.
+    Lines have a row's number from 1, its node and its direction (1, 2, 3 or UX, UY, UZ), such as those of Ansys'
+    ``.mapping``, or node and direction as ``12.3`` alone, row after row, as CalculiX' ``.dof``; lines that do not begin
+    with a number are passed over. Raises `InputError` if there is no such file, a line is none of the kind, or rows are
+    missing or there twice.
     """
     check_file(path, received, "a list of rows is needed (row, node, direction)")
     found, lines = {}, path.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -325,7 +318,6 @@ def in_order_of_nodes(
 
 
 def _check(rows: np.ndarray, nodes: NodeFile, d: int, received: str, of_nodes: str) -> None:
-    """Refuse rows that are not of displacements of the nodes."""
     internal, turning, across = rows[:, 0] < 1, rows[:, 1] > 3, rows[:, 1] > d
     if internal.any():
         raise InputError(

@@ -296,7 +296,6 @@ def kind_of(name: str) -> str | None:
 
 
 def _set(sets: dict[str, list[int]], name: str) -> list[int]:
-    """Return the members of a set, made where it is new; capitals do not matter."""
     known = next((own for own in sets if own.upper() == name.upper()), name)
     return sets.setdefault(known, [])
 

@@ -122,15 +122,8 @@ def reference_element(kind: str) -> ReferenceElement:
 
 
 def shape_gradients(kind: str, points: np.ndarray) -> np.ndarray:
-    """Return the gradients of an element's shape functions in reference coordinates, shape (n_points, d, n_nodes).
-
-    Parameters
-    ----------
-    kind : str
-        meshio's name of the cell type.
-    points : ndarray of float, shape (n_points, d)
-        Reference coordinates.
-    """
+    """Return the gradients of the shape functions of an element of meshio's cell type at points (n_points, d) in
+    reference coordinates, shape (n_points, d, n_nodes)."""
     return _tabulated(kind, reference_element(kind).nodes, points)[1]
 
 

@@ -175,7 +175,6 @@ def _listed(counts: dict[str, int]) -> str:
 
 
 def _check_nodes(points: np.ndarray, kind: str, cells: np.ndarray, received: str) -> None:
-    """Refuse cells with nodes that are not there."""
     lost = np.flatnonzero(((cells < 0) | (cells >= len(points))).any(axis=1))
     if lost.size:
         raise InputError(
@@ -382,13 +381,11 @@ def _numbers(mesh: meshio.Mesh, members: list[np.ndarray], kind: str) -> np.ndar
 
 
 def _n_nodes(mesh: meshio.Mesh, members: list[np.ndarray]) -> int:
-    """Return how many nodes a group's cells have."""
     parts = [np.ravel(block.data[numbers]) for block, numbers in zip(mesh.cells, members) if numbers.size]
     return len(np.unique(np.concatenate(parts))) if parts else 0
 
 
 def _check_face_types(mesh: meshio.Mesh, members: list[np.ndarray], kind: str, beginning: str) -> None:
-    """Refuse faces of another type than the cells have."""
     element = reference_element(kind)
     for block, numbers in zip(mesh.cells, members):
         if numbers.size and block.dim == element.dimension - 1 and block.type != element.face_kind:
@@ -399,7 +396,6 @@ def _check_face_types(mesh: meshio.Mesh, members: list[np.ndarray], kind: str, b
 
 
 def _check_found(places: np.ndarray, faces: np.ndarray, kind: str, beginning: str) -> None:
-    """Refuse faces that are in no cell."""
     lost = np.flatnonzero(places < 0)
     if lost.size:
         raise InputError(

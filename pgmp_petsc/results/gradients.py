@@ -213,13 +213,8 @@ class Vertex:
 
 
 def vertex(values: np.ndarray, sign: float) -> Vertex:
-    """Return where a history of equally distant instants, shape (n_t,), has its largest value, or its smallest.
-
-    Parameters
-    ----------
-    sign
-        1 for the largest, -1 for the smallest.
-    """
+    """Return where a history of equally distant instants, shape (n_t,), has its largest value (sign 1), or its smallest
+    (-1)."""
     at = int(np.argmax(sign * values))
     if not 0 < at < len(values) - 1:
         return Vertex(at, 0.0)
@@ -311,7 +306,6 @@ class DesignConstraint(Record):
 
 
 def _goal(number: int) -> float:
-    """Declare the goal at the start (0) or of the design (1)."""
 
     def found(file: h5py.Group, _: dict[str, Any]) -> float:
         values = check_known(file, "goal", take(file, "goal", 1))

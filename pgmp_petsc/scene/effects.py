@@ -246,7 +246,6 @@ class OverTime(EffectEntry):
             yield Use(f"{entry}.{key}", value, "any", (self.unit_of_values,))
 
     def jumps_within(self, step: float) -> bool:
-        """Return whether its table does."""
         return self.is_over_time and jumps_within(self.table or (), step)
 
     def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:

@@ -380,7 +380,6 @@ class JointEntry(JointTable):
         return found
 
     def measured(self, scene: AnyScene, entry: str) -> Iterator[tuple[str, Any, str]]:
-        """As of `JointTable`."""
         if self.clearance is not None:
             yield from self.clearance.of_stiffness(entry, True)
 
@@ -403,7 +402,6 @@ class JointEntry(JointTable):
         raise NotImplementedError
 
     def n_constraints(self, dimension: int) -> int:
-        """Return the number of statements in the plane or in space."""
         return len(self.statements(np.eye(dimension), np.eye(dimension)))
 
     def without_spin(self, axes: np.ndarray) -> str:
@@ -472,7 +470,6 @@ class CouplingEntry(JointTable):
         return ()
 
     def n_constraints(self, dimension: int) -> int:
-        """Return 1, the sum."""
         return 1
 
     def shares(self, motion: Callable[[str, str | None], str | None]) -> list[Share]:
@@ -499,7 +496,6 @@ class CouplingEntry(JointTable):
         return self.shares(motion)
 
     def measured(self, scene: AnyScene, entry: str) -> Iterator[tuple[str, Any, str]]:
-        """As of `JointTable`."""
         if self.clearance is not None:
             yield from self.clearance.of_stiffness(entry, self.shares_in(scene)[0].motion == "sliding")
 

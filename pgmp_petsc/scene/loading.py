@@ -223,7 +223,6 @@ def _cells_of(name: str, entry: str, directory: Path) -> Iterator[tuple[int, lis
 
 
 def _finite(text: str) -> float | None:
-    """Return the finite number that a text is; None where it is none."""
     try:
         number = float(text)
     except ValueError:
@@ -232,18 +231,11 @@ def _finite(text: str) -> float | None:
 
 
 def load_scene(path: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()) -> Scene:
-    """Read and validate a scene file.
+    """Read and validate a scene file; meshes are relative to its directory.
 
-    Raises `InputError` if the file cannot be read, is no TOML, or says what a scene may not say (one line a problem).
-
-    Parameters
-    ----------
-    path : Path or str
-        The TOML file; paths of meshes are relative to its directory.
-    overrides : sequence of str
-        ``dotted.key=VALUE`` with a TOML value: creates or replaces any entry before validation.
-    settings : sequence of str
-        ``NAME=VALUE``: the value of a parameter in a single run; its nominal value stays.
+    Overrides are ``dotted.key=VALUE`` with a TOML value: each creates or replaces any entry before validation. Settings
+    are ``NAME=VALUE``: the value of a parameter in a single run; its nominal value stays. Raises `InputError` if the
+    file cannot be read, is no TOML, or says what a scene may not say (one line a problem).
     """
     path = Path(path)
     return scene_from_tables(parse(read_text(path), str(path)), path.parent, overrides, settings)
@@ -346,7 +338,6 @@ def _parse_override(override: str) -> tuple[list[str], Any]:
 
 
 def _parse_key(text: str) -> list[str]:
-    """Return the keys of a dotted TOML key, empty if it is none."""
     if "\n" in text:
         return []
     try:

@@ -159,7 +159,6 @@ class Distribution(Table):
         return self
 
     def _check_own(self, needed: str, allowed: tuple[str, ...]) -> None:
-        """Refuse keys and numbers that a law of our own does not have."""
         for key in self.arguments:
             raise refusal(f"no key of {self.name}; its keys are {', '.join(allowed)}", key)
         parts = getattr(self, needed)

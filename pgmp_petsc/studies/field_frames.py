@@ -248,7 +248,6 @@ def _left_out(model: ReducedModel, seen: FieldSet) -> tuple[str, ...]:
 
 
 def _configuration(model: ReducedModel, at: Mapping[str, float]) -> np.ndarray:
-    """Return the coordinates of a configuration, shape (n_theta,)."""
     names = [coordinate.name for coordinate in model.kinematics.coordinates]
     unknown = sorted(at.keys() - set(names))
     if unknown:

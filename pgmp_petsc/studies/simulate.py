@@ -471,7 +471,6 @@ class FullRecord(PooledObserver):
         return joined_fields(self._fields)
 
     def see(self, first: int, states: State) -> None:
-        """Evaluate states."""
         times = self.times[first:]
         every = self._system.frames_over(states)
         self._energies.append(self._system.energies_over(times, states))
