@@ -111,9 +111,7 @@ class Correction:
 
 def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> list[Correction]:
     """Return better models than the ensemble's `own`, the best first; `n_samples` is None where it is to be chosen.
-
-    Raises `InputError` if models or numbers are in no order that makes sense. The same on all ranks.
-    """
+    Raises `InputError` if models or numbers are in no order that makes sense. The same on all ranks."""
     if not wanted:
         return []
     from pgmp_petsc.ensemble.joined import FEWEST as fewest  # most ensembles are of one model
@@ -142,10 +140,8 @@ def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> l
 
 
 def better_models(wanted: Sequence[Correction], own: Model, origin: Origin, comm: Comm) -> list[Better]:
-    """Return the models that are asked for beside the ensemble's own one, from its origin. Collective on `comm`.
-
-    Raises `InputError` if meshes are not at hand, or a model cannot have what the scene has.
-    """
+    """Return the models that are asked for beside the ensemble's own one, from its origin. Collective on `comm`. Raises
+    `InputError` if meshes are not at hand, or a model cannot have what the scene has."""
     if not wanted:
         return []
     from pgmp_petsc.ensemble.joined import Better  # as above

@@ -100,10 +100,8 @@ class Contents:
     datasets: dict[str, DataSet]  # by their names, in the file's order
 
     def summary(self) -> dict[str, Any]:
-        """Return its figures as plain data, those of ``pgmp info --json``; reads the result's own.
-
-        Raises `InputError` if it is no whole result of this program.
-        """
+        """Return its figures as plain data, those of ``pgmp info --json``; reads the result's own. Raises `InputError`
+        if it is no whole result of this program."""
         from pgmp_petsc.results import READERS
 
         about = {"file": self.path, "kind": self.kind, "program_version": self.program_version}
@@ -147,10 +145,8 @@ def _all_datasets(file: h5py.File) -> dict[str, DataSet]:
 
 
 def describe(found: Contents, path: Path | None = None, said: object = (), scene: bool = False) -> str:
-    """Return the description of a result file of any kind; by one process.
-
-    Raises `InputError` if what it holds does not fit together.
-    """
+    """Return the description of a result file of any kind; by one process. Raises `InputError` if what it holds does
+    not fit together."""
     if scene:
         return found.record.scene_toml.rstrip()
     record, path = found.record, found.path

@@ -149,10 +149,8 @@ def read_built(path: Path, model: str) -> ReducedOrderModel | ComponentsFile:
 def read_rom(
     path: Path, overrides: Sequence[str], settings: Sequence[str], comm: Comm
 ) -> tuple[Scene, ReducedOrderModel]:
-    """Read a ROM and its scene, changed where a change leaves the tables valid. Collective on `comm`.
-
-    Raises `InputError` if the file is not a whole ROM, or an entry is overridden that the tables were built from.
-    """
+    """Read a ROM and its scene, changed where a change leaves the tables valid. Collective on `comm`. Raises
+    `InputError` if the file is not a whole ROM, or an entry is overridden that the tables were built from."""
 
     def read() -> tuple[Scene, ReducedOrderModel]:
         rom = ReducedOrderModel.read(path)

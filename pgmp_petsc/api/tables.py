@@ -55,10 +55,8 @@ class PointSet:
         return {str(name): size for one in self.arrays.values() for name, size in one.sizes.items()}
 
     def of(self, parameters: Iterable[str]) -> PointSet:
-        """Return the points with those coordinates that are parameters.
-
-        Raises `InputError` if dimensions of the same name differ in length or labels, or there are no points.
-        """
+        """Return the points with those coordinates that are parameters; raises `InputError` if dimensions of the same
+        name differ in length or labels, or there are no points."""
         taken = {name: one for name, one in self.places.items() if name in set(parameters) and one.ndim}
         found = replace(self, arrays={**self.arrays, **{k: v for k, v in taken.items() if k not in self.arrays}})
         try:

@@ -630,10 +630,8 @@ def choose_over_lengths(
     finished: Finished | None = None,
 ) -> Choice:
     """Choose what the tolerances of a scene leave open, with any lengths; see `choose`. Collective on ``group.world``.
-
     Raises `InputError` or `RunError`, as `choose`; with the lengths at which what was chosen does not keep the
-    tolerance.
-    """
+    tolerance."""
     names = length_names(scene)
     if not names:
         return choose(scene, meshes, group, say, finished)

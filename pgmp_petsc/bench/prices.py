@@ -78,7 +78,6 @@ class Price:
 
     @property
     def seconds(self) -> float:
-        """Processor time of all, s."""
         return self.step * self.steps
 
     def __str__(self) -> str:
@@ -145,7 +144,6 @@ class Prospect:
 
     @property
     def text(self) -> str:
-        """The model in words."""
         if self.refused:
             return f"{self.model}: refused, {self.refused}"
         before = f", {duration_text(self.build)} before the first sample" if self.build else ""

@@ -104,7 +104,6 @@ class Along:
 
     @classmethod
     def of(cls, axis: Axis) -> Along:
-        """Return those of an interpolant's axis."""
         return cls(axis.lower, axis.step, axis.n_cells, count_rows(axis), axis.periodic, axis.basis == B_SPLINE)
 
 
@@ -173,11 +172,8 @@ class Constants:
 
 
 def constants_of(model: ReducedModel, what: str) -> Constants:
-    """Collect the constants of a reduced model.
-
-    Raises `InputError` if the model has what a model in C does not have, or tables too large for a source file; it
-    names what is to be written.
-    """
+    """Collect the constants of a reduced model. Raises `InputError` if the model has what a model in C does not have,
+    or tables too large for a source file; it names what is to be written."""
     scene = checked_scene(model.scene, what)
     if scene is not model.scene:
         model = ReducedModel(scene, model.rom, model.kinematics)

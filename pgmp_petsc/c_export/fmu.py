@@ -58,7 +58,6 @@ class Variable:
 
     @property
     def is_state(self) -> bool:
-        """Whether it is a continuous state."""
         return STATES <= self.reference < DERIVATIVES
 
 
@@ -68,7 +67,6 @@ def quoted(name: str) -> str:
 
 
 def variables_of(constants: Constants) -> list[Variable]:
-    """Return the variables of a model, the independent one left out."""
     # values are in the units of the scene; what a parameter was given in is of its numbers only
     found, units = [], "SI units" if constants.system == SI else str(constants.system)
     for k, (name, value) in enumerate(constants.parameters.items()):

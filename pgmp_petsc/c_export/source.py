@@ -46,7 +46,6 @@ def compiled_of(kind: str) -> tuple[str, ...]:
 
 
 def sources_of(constants: Constants) -> dict[str, str]:
-    """Return the text of every file of a model in C by its name."""
     parts = [name for name in compiled_of(constants.kind)[:-1] if name.removesuffix(".c") not in PRINTED]
     return {
         **{name: read_common(name) for name in ("model.h", "tables.h", *parts, "main.c")},
@@ -67,11 +66,9 @@ def read_common(name: str) -> str:
 
 
 def write_sources(constants: Constants, folder: str | Path) -> int:
-    """Write a model in C into a folder, made if there is none, and return the number of bytes; one process.
-
-    Raises `InputError` if the folder cannot be made, or a file in it is not of this program; `RunError` if the system
-    fails to write.
-    """
+    """Write a model in C into a folder, made if there is none, and return the number of bytes; one process. Raises
+    `InputError` if the folder cannot be made, or a file in it is not of this program; `RunError` if the system fails to
+    write."""
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"output folder '{folder}' is a file; give the name of a folder, or of an FMU, NAME.fmu")

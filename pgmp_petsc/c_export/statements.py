@@ -213,7 +213,6 @@ class Combiner:
         self._names: dict[AnyReading, str] = {}
 
     def of(self, reading: AnyReading) -> str:
-        """Return the array of a reading."""
         if isinstance(reading, Rate):
             return f"({self.of(reading.of)} + {reading.order})"
         if reading not in self._names:
@@ -273,7 +272,6 @@ class Combiner:
 
 
 def coordinates_of(kinematics: RigidKinematics, slots: Mapping[int, int]) -> list[StatementInC]:
-    """Return what measures the coordinates."""
     return [StatementInC.of_reading(Reading.of_coordinate(c, kinematics), slots) for c in kinematics.coordinates]
 
 

@@ -239,7 +239,6 @@ class PathName(click.Path):
         super().__init__(path_type=Path)
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path of a word."""
         if not str(value):
             self.fail("it is empty; a name is needed, or . for the current folder", param, ctx)
         return super().convert(value, param, ctx)
@@ -249,7 +248,6 @@ class Whole(click.IntRange):
     """A whole number in a range; whatever else comes, the message says which numbers are allowed."""
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Return the number of a word."""
         return super().convert(_number(int, "whole number", self, value, param, ctx), param, ctx)
 
 
@@ -257,7 +255,6 @@ class Number(click.FloatRange):
     """A finite number in a range: click takes nan for one in every range, as it is neither below nor above an end."""
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the number of a word."""
         return super().convert(_number(float, "number", self, value, param, ctx), param, ctx)
 
 

@@ -60,14 +60,11 @@ class LazyGroup(click.Group):
     """The group of `COMMANDS`."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names in the order of the group's help."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        """Import a command, after starting PETSc if it needs that.
-
-        Raises `click.UsageError` if there is no such command, or it was given options for PETSc and does not use it.
-        """
+        """Import a command, after starting PETSc if it needs that; raises `click.UsageError` if there is no such
+        command, or it was given options for PETSc and does not use it."""
         if cmd_name not in COMMANDS:
             raise click.UsageError(f"no command '{cmd_name}'{nearest_name(cmd_name, COMMANDS)}", ctx)
         command = COMMANDS[cmd_name]
@@ -89,7 +86,6 @@ class LazyGroup(click.Group):
         return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, command.head.help) for name, command in COMMANDS.items()])
 

@@ -46,7 +46,6 @@ class Printed:
 
     @property
     def file(self) -> str:
-        """The file that declares it."""
         return self.place.rpartition(":")[0]
 
     @property

@@ -102,7 +102,6 @@ class Part:
 
 
 def equations(term: Term, bound: Sequence[str]) -> Iterator[Part]:
-    """Yield what an entry adds to the rows of the equations."""
     p = term.factor_of(bound)
     for x in dict.fromkeys(bound):
         if term.kind == "dissipation":
@@ -127,7 +126,6 @@ def tangents(term: Term, bound: Sequence[str]) -> Iterator[Part]:
 
 
 def derivative(p: Polynomial, factor: str) -> Polynomial:
-    """Return the derivative of a polynomial with a factor."""
     result: Polynomial = {}
     for factors, number in p.items():
         if factor in factors:
@@ -138,7 +136,6 @@ def derivative(p: Polynomial, factor: str) -> Polynomial:
 
 
 def in_time(p: Polynomial) -> Polynomial:
-    """Return the derivative of a polynomial with time."""
     result: Polynomial = {}
     for factors, number in p.items():
         for k, one in enumerate(factors):
@@ -337,7 +334,6 @@ class _State:
         return letter, self.bound[-1] if follows else "", may_equal
 
     def bind(self, letter: str) -> _State:
-        """Return the term with its next letter bound."""
         return replace(self, bound=(*self.bound, letter))
 
 
@@ -382,12 +378,10 @@ def _indented(lines: Iterable[str]) -> list[str]:
 
 
 def in_python(lines: Iterable[str]) -> Iterator[str]:
-    """Yield lines in Python."""
     return (re.sub(r"^( *)(let|all) ", r"\1", line) for line in lines)
 
 
 def in_c(lines: Iterable[str]) -> Iterator[str]:
-    """Yield lines in C."""
     open_at: list[int] = []
     for line in [*lines, ""]:
         text = line.strip()

@@ -271,24 +271,19 @@ class SeriesAlgebra:
     order: int
 
     def number(self, value: float) -> Series:
-        """Return a constant."""
         return Series([np.array(value), *(np.zeros(()) for _ in range(self.order))])
 
     def compared(self, ordering: Callable[..., Any], a: Series, b: Series) -> np.ndarray:
-        """Return where a comparison holds."""
         return ordering(a.parts[0], b.parts[0])
 
     def joined(self, word: str, tests: Iterable[np.ndarray]) -> np.ndarray:
-        """Return where conditions hold together."""
         joins = {"and": np.logical_and, "or": np.logical_or}
         return reduce(joins[word], tests) if word in joins else np.logical_not(*tests)
 
     def chosen(self, test: np.ndarray, body: Series, orelse: Series) -> Series:
-        """Return one where a condition holds, and the other elsewhere."""
         return Series([np.where(test, a, b) for a, b in zip(body.parts, orelse.parts)])
 
     def called(self, name: str, *given: Series) -> Series:
-        """Return a function."""
         if name in ("max", "min"):
             a, b = given
             return self.chosen((a.parts[0] > b.parts[0]) == (name == "max"), a, b)
@@ -372,20 +367,16 @@ class Dimensions:
     """Formulas of `Measured`."""
 
     def number(self, value: float) -> Measured:
-        """Return a number."""
         return Measured((0.0, 0.0, 0.0), value=value)
 
     def compared(self, ordering: Callable[..., Any], a: Measured, b: Measured) -> bool:
-        """Return anything, where both may be compared."""
         a.with_(b)
         return True
 
     def joined(self, word: str, tests: Iterable[bool]) -> bool:
-        """Return anything, where each may be a condition."""
         return all(tests)
 
     def chosen(self, test: bool, body: Measured, orelse: Measured) -> Measured:
-        """Return what both are."""
         return body + orelse
 
     def called(self, name: str, *given: Measured) -> Measured:

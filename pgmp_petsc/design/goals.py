@@ -98,7 +98,6 @@ class Duals:
     n_parameters: int
 
     def number(self, value: float) -> Dual:
-        """Return a constant."""
         return Dual(value, np.zeros(self.n_parameters))
 
 
@@ -236,7 +235,6 @@ class _Parser:
         raise InputError(f"{self._entry}: {reason}\n  {self._text}\n  {' ' * self._begin}^")
 
     def end(self) -> None:
-        """Check that all was read."""
         if self.token:
             self.refuse(f"'{self.token}' is too much; an operator or the end is needed")
 
@@ -356,7 +354,6 @@ class TurnedBack:
     first: str = ""  # the first place and the reason, in words
 
     def add(self, error: PgmpError) -> None:
-        """Take in one more."""
         self.count, self.first = self.count + 1, self.first or str(error)
 
     @property

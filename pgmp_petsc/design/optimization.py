@@ -56,11 +56,9 @@ def designed_parameters(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
 
 
 def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
-    """Find a design. Collective on `comm`; the same on all ranks.
-
-    Raises `InputError` if robust figures are asked for and nothing varies, or too much for the limits; `RunError` if a
-    run stops before its end where the search begins. It turns back from others.
-    """
+    """Find a design. Collective on `comm`; the same on all ranks. Raises `InputError` if robust figures are asked for
+    and nothing varies, or too much for the limits; `RunError` if a run stops before its end where the search begins. It
+    turns back from others."""
     timings = Timings()
     with agreed(comm, "samples"):
         figures = DesignFigures(model, question, comm)

@@ -30,10 +30,8 @@ ROUND_OFF = 1e-9  # of an output's largest value
 
 
 def chosen_parameters(scene: Scene, asked: Sequence[str], known: Iterable[str], without: str) -> tuple[str, ...]:
-    """Return the parameters that are asked for, each once, all that are known where none is.
-
-    Raises `InputError` if there is no parameter, with what is to be done `without`, or none of a name.
-    """
+    """Return the parameters that are asked for, each once, all that are known where none is; raises `InputError` if
+    there is no parameter, with what is to be done `without`, or none of a name."""
     for name in asked:
         if name not in scene.parameters:
             raise InputError(f"--parameter {name}: there is no such parameter{nearest_name(name, scene.parameters)}")
@@ -45,10 +43,8 @@ def chosen_parameters(scene: Scene, asked: Sequence[str], known: Iterable[str], 
 
 def sensitivities(model: ReducedModel, asked: Sequence[str], comm: Comm) -> Derivatives | None:
     """Run a sample, and differentiate it with the parameters of these names, all where there are none; one rank does,
-    the others wait, and have None. Collective on `comm`.
-
-    Raises `InputError` and `RunError` as `differentiate` and `chosen_parameters`.
-    """
+    the others wait, and have None. Collective on `comm`. Raises `InputError` and `RunError` as `differentiate` and
+    `chosen_parameters`."""
     with agreed(comm, "sensitivities"):
         names = chosen_parameters(
             model.scene, asked, model.scene.parameters, "the scene has none; give a number a name, such as "

@@ -262,7 +262,6 @@ def see(rules: tuple[Rule, ...], scene: Scene, sampler: Sampler, kept: Kept, n: 
 
 
 def are_met(rules: tuple[Rule, ...], seen: Seen) -> np.ndarray:
-    """Return which rules the figures meet, (n_rules,)."""
     wanted, relative = np.array([rule.wanted for rule in rules]), np.array([rule.relative for rule in rules], bool)
     return reach_of(seen.estimates, seen.intervals, relative) <= wanted
 

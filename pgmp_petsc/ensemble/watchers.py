@@ -234,7 +234,6 @@ class OverTimeWatcher(Watcher):
         return bool(self._outputs) and bool(wanted)
 
     def empty(self, n: int) -> Found:
-        """Return what is known of n samples before their runs: nothing."""
         bands = {name: np.full((n, self._steps.size), np.nan) for name in self._outputs if self._steps.size}
         return super().empty(n) | {"bands": bands}
 
@@ -392,7 +391,6 @@ class _Passage:
         self._before: tuple[float, np.ndarray] | None = None
 
     def take(self, times: np.ndarray, values: np.ndarray) -> None:
-        """Take in values (n_t, n) at some instants (n_t,)."""
         excess = self._sign * (values - self.event.level)
         for time, now in zip(times, excess):
             passed = (now > 0.0) & np.isnan(self.time)

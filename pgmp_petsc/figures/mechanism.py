@@ -61,7 +61,6 @@ class TimeColours:
         return 1.0 - strength * (1.0 - np.array(self.colours(self.scale(instant))[:3]))
 
     def add_bar(self, axes: Axes) -> None:
-        """Draw the bar of the colours beside axes."""
         bar = axes.figure.colorbar(ScalarMappable(self.scale, self.colours), ax=axes, pad=0.01, aspect=32)
         bar.outline.set_visible(False)
         bar.set_label("time (s)")
@@ -99,7 +98,6 @@ class Shapes:
 
     @property
     def axis_names(self) -> tuple[str, str]:
-        """Names of the picture's axes."""
         names = []
         for shares in self.view.T:
             parts = [(name, share) for name, share in zip("xyz", shares) if share]
@@ -122,7 +120,6 @@ class Shapes:
         return low - margin, high + margin
 
     def draw_paths(self, axes: Axes) -> None:
-        """Draw the paths of the bodies' ends."""
         for body, cells in self.frames.cells.items():
             for node in filter(lambda node: is_followed(self.positions[body][:, node]), ends(cells)):
                 axes.plot(*self.positions[body][:, node].T, color=PATH_COLOUR, linewidth=0.8, zorder=1)

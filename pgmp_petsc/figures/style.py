@@ -121,10 +121,8 @@ def panel_grid(
 
 
 def save(figure: Figure, path: str | os.PathLike[str]) -> Path:
-    """Write a figure as PNG (or what the suffix says), whole or not at all, and return the path.
-
-    Raises `RunError` if the system fails to write (a full disk, say); an older picture is left as it was.
-    """
+    """Write a figure as PNG (or what the suffix says), whole or not at all, and return the path. Raises `RunError` if
+    the system fails to write (a full disk, say); an older picture is left as it was."""
     path = Path(path)
     with matplotlib.rc_context(_SETTINGS):
         # tells `check_output` that the picture is ours to replace
@@ -213,7 +211,6 @@ def scene_of(record: RunRecord) -> dict[str, Any]:
 
 
 def scene_name(record: RunRecord) -> str:
-    """Return the scene's name; an empty text if it has none."""
     try:
         return str(scene_of(record)["scene"]["name"])
     except (KeyError, TypeError):

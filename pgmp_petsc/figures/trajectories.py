@@ -37,7 +37,6 @@ class Comparison:
 
     @property
     def runs(self) -> tuple[Trajectory, ...]:
-        """The runs that are there."""
         return tuple(run for run in (self.full, self.reduced) if run is not None)
 
     @property

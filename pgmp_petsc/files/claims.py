@@ -95,7 +95,6 @@ def _taken(path: Path, output: Path, named: str) -> int | None:
 
 
 def lock_path(output: Path) -> Path:
-    """Return the file of the lock on an output."""
     return output.with_name(f".{output.name}.lock")
 
 
@@ -212,11 +211,9 @@ def check_output(
 
 
 def check_folder(folder: str | os.PathLike[str], output: str | os.PathLike[str] | None = None) -> None:
-    """Check that a folder for pictures is there, or can be made with those above it, before a run; make nothing.
-
-    Raises `InputError` if it is the output of the same command or something that is no folder, lies in such, or may not
-    be written in.
-    """
+    """Check that a folder for pictures is there, or can be made with those above it, before a run; make nothing. Raises
+    `InputError` if it is the output of the same command or something that is no folder, lies in such, or may not be
+    written in."""
     if output is not None and os.path.realpath(folder) == os.path.realpath(output):
         raise InputError(f"output directory '{folder}' is the output file too; give another name")
     target = Path(os.path.abspath(folder))

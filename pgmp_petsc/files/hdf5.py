@@ -42,7 +42,7 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
@@ -59,7 +59,14 @@ from pgmp_petsc.files.claims import KINDS, check_output, first_line, named, repl
 from pgmp_petsc.files.seal import MAGIC, SIGNATURE, SIZE, BrokenSeal, check_seal, seal
 
 
-class GuardedStream:
+def _through(name: str, instead: Callable[..., int]) -> Callable[..., int]:
+    def guarded(stream: GuardedStream, *args: Any) -> int:
+        return stream._guarded(getattr(stream._stream, name), *args, instead=instead(*args))
+
+    return guarded
+
+
+class GuardedStream(AbstractContextManager):
     """A new file under an `h5py.File` (driver ``fileobj``) whose failures come out in :meth:`finish` alone.
 
     Used in a ``with`` block, which closes it. What HDF5 then makes of what it reads back, and raises, is the failure's.
@@ -78,29 +85,10 @@ class GuardedStream:
                 self._failure = error
         return instead
 
-    def write(self, data: Any) -> int:
-        """Write at the current position."""
-        return self._guarded(self._stream.write, data, instead=len(data))
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Move the position, which may push earlier data to the disk."""
-        return self._guarded(self._stream.seek, offset, whence, instead=offset)
-
-    def truncate(self, size: int) -> int:
-        """Set the length."""
-        return self._guarded(self._stream.truncate, size, instead=size)
-
-    def flush(self) -> None:
-        """Push data to the system."""
-        self._guarded(self._stream.flush, instead=0)
-
-    def tell(self) -> int:
-        """Return the position."""
-        return self._guarded(self._stream.tell, instead=0)
-
-    def readinto(self, buffer: Any) -> int:
-        """Read into a buffer."""
-        return self._guarded(self._stream.readinto, buffer, instead=len(buffer))
+    write, readinto = _through("write", len), _through("readinto", len)
+    seek = _through("seek", lambda offset, whence=os.SEEK_SET: offset)
+    truncate = _through("truncate", lambda size: size)
+    flush, tell = _through("flush", lambda: 0), _through("tell", lambda: 0)
 
     def finish(self) -> None:
         """Push everything to the disk; raise the first `OSError` of this or any earlier operation."""
@@ -108,9 +96,6 @@ class GuardedStream:
         self._guarded(os.fsync, self._stream.fileno(), instead=0)
         if self._failure is not None:
             raise self._failure
-
-    def __enter__(self) -> GuardedStream:
-        return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: object) -> None:
         # Closing flushes what a failure has left in the buffer and fails again.
@@ -186,10 +171,8 @@ class RunRecord:
 
     @classmethod
     def read(cls, file: h5py.File) -> RunRecord:
-        """Read the record of a file opened with :func:`open_file`.
-
-        Raises `InputError` if it was made with a plugin that is not in use, or with another one of that name.
-        """
+        """Read the record of a file opened with :func:`open_file`; raises `InputError` if it was made with a plugin
+        that is not in use, or with another one of that name."""
         with shapes_of(file):
             needed = json.loads(file.attrs.get("plugins", "{}"))
             needed = {str(name): str(sha256) for name, sha256 in needed.items()}
@@ -243,17 +226,13 @@ def write_file(
 
 
 def version_of(kind: str) -> int:
-    """Return the format version of files of a kind."""
     return VERSIONS.get(kind, FORMAT_VERSION)
 
 
 def open_file(path: str | os.PathLike[str], kinds: str | Collection[str]) -> h5py.File:
     """Open a result file for reading, after checking that it is whole and of one of ``kinds``; for a ``with`` block,
-    with :func:`shapes_of` around what is read.
-
-    Raises `InputError` if the file is missing, not HDF5, damaged, cut off, of another kind or format version, or lacks
-    attributes.
-    """
+    with :func:`shapes_of` around what is read. Raises `InputError` if the file is missing, not HDF5, damaged, cut off,
+    of another kind or format version, or lacks attributes."""
     kinds = (kinds,) if isinstance(kinds, str) else tuple(kinds)
     path = Path(path)
     _check_sealed(path, kinds)
@@ -310,10 +289,8 @@ def _of_datasets(ascii_names: bool) -> tuple[Any, Any, Any, Any]:
 
 
 def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -> np.ndarray:
-    """Read a dataset of numbers, or of texts, and check its number of dimensions.
-
-    Raises `ValueError` if it is missing, has another number of dimensions, or holds something else; see `shapes_of`.
-    """
+    """Read a dataset of numbers, or of texts, and check its number of dimensions. Raises `ValueError` if it is missing,
+    has another number of dimensions, or holds something else; see `shapes_of`."""
     why = None
     if not isinstance(group, h5py.Group):  # a dataset would be searched for the name, number by number
         why = f"is missing: '{group.name}' is no group"

@@ -79,7 +79,6 @@ class Differences:
 
     @property
     def n_runs(self) -> int:
-        """Number of runs."""
         return self.weights.shape[1]
 
     def of_outputs(

@@ -125,10 +125,8 @@ def _clean(place: np.ndarray, round_off: float) -> np.ndarray:
 
 
 def with_groups(mesh: SolidMesh, wanted: dict[str, str | tuple[str, ...]], entry: str) -> SolidMesh:
-    """Return a mesh with further groups of faces, each one or several of its own; `entry` is the scene's.
-
-    Raises `InputError` if a group is missing, or has a name that the mesh has already.
-    """
+    """Return a mesh with further groups of faces, each one or several of its own; `entry` is the scene's. Raises
+    `InputError` if a group is missing, or has a name that the mesh has already."""
     groups = dict(mesh.groups)
     for name, own in wanted.items():
         if name in mesh.groups:

@@ -70,11 +70,8 @@ class MatrixFile:
 
 def read_matrix(path: Path, received: str, kind: str = "stiffness") -> MatrixFile:
     """Read a matrix; messages begin with `received`, the scene's entry and its value. Of a file that holds several it
-    is that of `kind`, ``"stiffness"``, ``"mass"`` or ``"modes"``, which need not be square.
-
-    Raises `InputError` if there is no such file, it is of another format, damaged, not square, or has entries that are
-    not finite.
-    """
+    is that of `kind`, ``"stiffness"``, ``"mass"`` or ``"modes"``, which need not be square. Raises `InputError` if
+    there is no such file, it is of another format, damaged, not square, or has entries that are not finite."""
     check_file(path, received, f"a matrix is needed ({FORMATS}; paths are relative to the scene's directory)")
     try:
         found = _read(path, received, kind)
@@ -213,10 +210,8 @@ def is_harwell_boeing(head: Sequence[str]) -> bool:
 
 
 def read_harwell_boeing(lines: Sequence[str]) -> sp.coo_matrix:
-    """Return the entries that the lines of a file list, of a symmetric matrix often one triangle.
-
-    Raises `NotTaken` if the matrix is complex, a pattern, skew, or not assembled; `ValueError` if the file is damaged.
-    """
+    """Return the entries that the lines of a file list, of a symmetric matrix often one triangle. Raises `NotTaken` if
+    the matrix is complex, a pattern, skew, or not assembled; `ValueError` if the file is damaged."""
     cards = [int(lines[1][start : start + 14] or 0) for start in (14, 28, 42)]  # of pointers, indices and values
     n_right_hand = int(lines[1][56:70].strip() or 0)
     value_type, structure, storage, *counts = TYPE.match(lines[2].upper()).groups()
@@ -378,11 +373,9 @@ class NodeFile:
 
 
 def read_nodes(path: Path, dimension: int, received: str) -> NodeFile:
-    """Read nodes from a mesh, or a file ending in .csv or .npz, in the plane z = 0 (2) or in space (3).
-
-    Raises `InputError` if the file is missing or unreadable, nodes have one number, are not finite, or off the plane;
-    or if its mesh is not sound. Messages begin with `received`.
-    """
+    """Read nodes from a mesh, or a file ending in .csv or .npz, in the plane z = 0 (2) or in space (3). Raises
+    `InputError` if the file is missing or unreadable, nodes have one number, are not finite, or off the plane; or if
+    its mesh is not sound. Messages begin with `received`."""
     suffix = path.suffix.lower()
     if suffix not in (".csv", ".npz"):
         return _of_mesh(path, dimension, received)

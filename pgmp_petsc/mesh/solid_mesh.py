@@ -101,7 +101,6 @@ class ReferenceElement:
 
     @property
     def n_nodes(self) -> int:
-        """Number of nodes of a cell."""
         return len(self.nodes)
 
 
@@ -203,11 +202,8 @@ class SolidMesh(Counted):
         return self.nodes.shape[1]
 
     def faces(self, name: str, entry: str) -> np.ndarray:
-        """Return the faces of the group `name`, shape (n_faces, n_face_nodes).
-
-        Raises `InputError` if the name is unknown or holds no face; `entry` is the dotted name of the scene's entry
-        that asks.
-        """
+        """Return the faces of the group `name`, shape (n_faces, n_face_nodes). Raises `InputError` if the name is
+        unknown or holds no face; `entry` is the dotted name of the scene's entry that asks."""
         return self._named(name, entry, ("group of faces", self.groups), ("region", "cells", self.regions))
 
     def region(self, name: str, entry: str) -> np.ndarray:

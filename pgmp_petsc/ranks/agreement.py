@@ -58,10 +58,8 @@ def agreed(comm: Comm, activity: str) -> Iterator[None]:
 
 
 def on_root(comm: Comm, function: Callable[..., Result], *args: Any) -> Result:
-    """Call ``function(*args)`` on rank 0 and return its result on every rank. Collective on ``comm``.
-
-    Raises `PgmpError`, as :func:`agreed`; a result that cannot be pickled counts as a failure of rank 0.
-    """
+    """Call ``function(*args)`` on rank 0 and return its result on every rank. Collective on ``comm``. Raises
+    `PgmpError`, as :func:`agreed`; a result that cannot be pickled counts as a failure of rank 0."""
     result, packed = None, None
     with agreed(comm, getattr(function, "__name__", "work on rank 0").replace("_", " ").strip()):
         if comm.rank == 0:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,7 @@ UNKNOWNS_PER_RANK = 3000  # of a run that is shared by ranks
 
 
 @dataclass(frozen=True)
-class RankGroup:
+class RankGroup(AbstractContextManager):
     """This rank's place among groups of ranks; in a ``with`` block, which frees the groups' communicators."""
 
     world: Comm  # all ranks
@@ -64,9 +64,6 @@ class RankGroup:
         for comm in (self.roots, self.comm):
             if comm is not None:
                 comm.Free()
-
-    def __enter__(self) -> RankGroup:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

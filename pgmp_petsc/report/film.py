@@ -54,7 +54,6 @@ class FilmBody:
     note: str = ""  # what of the body is left out, empty where nothing is
 
     def at(self, frames: np.ndarray) -> FilmBody:
-        """Return the body at some of the frames."""
         chosen = {name: getattr(self, name)[frames] for name in ("points", "deformation", "known")}
         return replace(self, **chosen, values=None if self.values is None else self.values[frames])
 
@@ -235,7 +234,6 @@ class _Picture:
         return self.unit * (vectors @ self.view.T) * [1.0, -1.0, 1.0]
 
     def places(self, points: np.ndarray) -> np.ndarray:
-        """Return places (..., 3)."""
         return self.directions(points) + self.shift
 
 

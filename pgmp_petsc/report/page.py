@@ -634,7 +634,6 @@ def _largest_of_units(results: Sequence[object]) -> dict[str, float]:
 
 
 def page_of(scenes: Sequence[Sequence], lines: Sequence[str]) -> str:
-    """Return the page's text."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # only this command needs it
 
     environment = Environment(

@@ -169,7 +169,6 @@ class Derivatives(Result):
         return tuple(self.changes)
 
     def unit(self, output: str, parameter: str) -> str:
-        """Return the unit of a derivative."""
         above, below = (self.units.get(name, "1") for name in (output, parameter))
         if below == "1":
             return above
@@ -268,7 +267,6 @@ class Fit(Result):
 
     @property
     def unit(self) -> str:
-        """Units of the parameters."""
         return ", ".join(parameter.unit for parameter in self.parameters)
 
 
@@ -356,5 +354,4 @@ class Design(Result):
 
     @property
     def unit(self) -> str:
-        """Units of the parameters."""
         return ", ".join(parameter.unit for parameter in self.parameters)

@@ -54,7 +54,6 @@ class EffectSizes(Record):
     )  # fmt: skip
 
     def lines(self) -> list[str]:
-        """Return the report, line by line."""
         per = {name: f"{self.units.get(name, 'rad')}/s" for name in self.largest_speed}
         speeds = ", ".join(f"{name} up to {speed:.3g} {per[name]}" for name, speed in self.largest_speed.items())
         lines = [

@@ -219,10 +219,8 @@ Columns = dict[str, tuple[str, np.ndarray]]
 
 
 def columns_of(result: Any) -> Columns:
-    """Return the columns of a trajectory, an ensemble, a table of modes, a trade-off study or sensitivities.
-
-    Raises `TypeError` if it is something else.
-    """
+    """Return the columns of a trajectory, an ensemble, a table of modes, a trade-off study or sensitivities; raises
+    `TypeError` if it is something else."""
     kind = getattr(result, "kind", "")
     if kind not in _COLUMNS:
         raise TypeError(f"{type(result).__name__} has no table")
@@ -240,11 +238,8 @@ def csv_text(columns: Mapping[str, tuple[str, np.ndarray]], rows: int | None = N
 
 def write_result(result: Any, path: str | os.PathLike[str], *parts: Any) -> None:
     """Write a result, and what adds itself to the file: of any kind that `write` is a method of as HDF5, of one with
-    columns as a table where the file's name ends in .csv. By one process only.
-
-    Raises `InputError` if the file cannot be made there, or is there and may not be replaced; `RunError` if the system
-    fails to write.
-    """
+    columns as a table where the file's name ends in .csv. By one process only. Raises `InputError` if the file cannot
+    be made there, or is there and may not be replaced; `RunError` if the system fails to write."""
     if not is_table(path):
         result.write(path, *parts)
         return

@@ -91,10 +91,8 @@ class EffectEntry(Table):
             _check(cls)
 
     def forces(self, name: str, mechanism: Any) -> Any:
-        """Return what acts in the models, an `effects.effect.Effect`, on a `mechanism.mechanism.Mechanism`.
-
-        Raises `InputError` if a body's mesh does not have a point that it is at.
-        """
+        """Return what acts in the models, an `effects.effect.Effect`, on a `mechanism.mechanism.Mechanism`; raises
+        `InputError` if a body's mesh does not have a point that it is at."""
         raise NotImplementedError
 
     def jumps_within(self, step: float) -> bool:

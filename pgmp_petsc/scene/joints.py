@@ -306,6 +306,11 @@ class JointTable(Table):
     #: Whether in the motion it holds to the run of nodes along its first axis, as they bend.
     rides: ClassVar[bool] = False
 
+    @property
+    def gives_way(self) -> str:
+        """The entry by which it releases directions in the motion, empty where it is rigid."""
+        return "elastic" if self.elastic is not None else "clearance" if self.clearance is not None else ""
+
     @classmethod
     def motions_in(cls, dimension: int) -> tuple[str, ...]:
         """Return the motions that it leaves free in the plane or in space, that which effects mean first."""
@@ -384,11 +389,6 @@ class JointEntry(JointTable):
             yield from self.clearance.of_stiffness(entry, True)
 
     @property
-    def gives_way(self) -> str:
-        """The entry by which it releases directions in the motion, empty where it is rigid."""
-        return "elastic" if self.elastic is not None else "clearance" if self.clearance is not None else ""
-
-    @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
         """Directions that say how the joint stands, in the frame of the first point's owner: none, one or two."""
         return ()
@@ -451,6 +451,7 @@ class CouplingEntry(JointTable):
     #: Whether the sum keeps the value that it has as the bodies are placed; it is zero otherwise.
     from_placements: ClassVar[bool] = True
     offset: ClassVar[None] = None
+    connect: ClassVar[tuple[str, ...]] = ()  # the points that it holds
     elastic: ElasticCoupling | None = Field(None, description="how it gives way in the motion")
     clearance: Backlash | None = Field(None, description="backlash, of type gear alone")
 
@@ -458,16 +459,6 @@ class CouplingEntry(JointTable):
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
         if JOINTS.take(cls) and cls.shares is CouplingEntry.shares:
             raise refuse(cls, "a coupling has the method shares(self, motion), which returns what it couples")
-
-    @property
-    def gives_way(self) -> str:
-        """As of `JointEntry`."""
-        return "elastic" if self.elastic is not None else "clearance" if self.clearance is not None else ""
-
-    @property
-    def connect(self) -> tuple[str, ...]:
-        """The points that it holds: none."""
-        return ()
 
     def n_constraints(self, dimension: int) -> int:
         return 1

@@ -38,10 +38,8 @@ SHOWN_KEYS = 4  # of a path that is too deep
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a scene's file.
-
-    Raises `InputError` if there is none, it is a directory, pipe or device, too large, or no text in UTF-8.
-    """
+    """Return the text of a scene's file; raises `InputError` if there is none, it is a directory, pipe or device, too
+    large, or no text in UTF-8."""
     try:
         kind = path.stat()
         if irregular(kind.st_mode):
@@ -75,10 +73,8 @@ def parse(text: str, source: str) -> dict[str, Any]:
 
 
 def check_tables(data: Mapping[str, Any]) -> None:
-    """Refuse tables that are too deep, and texts too long or with characters that are none.
-
-    Raises `InputError`, naming the entry.
-    """
+    """Refuse tables that are too deep, and texts too long or with characters that are none; raises `InputError`, naming
+    the entry."""
     waiting: list[tuple[tuple[str | int, ...], object]] = [((), data)]
     while waiting:
         keys, value = waiting.pop()
@@ -280,10 +276,8 @@ def scene_to_toml(scene: Scene) -> str:
 
 
 def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
-    """Put the value of each ``dotted.key=VALUE`` into `data`, creating tables on the way; later ones win.
-
-    Raises `InputError` if the key or the value is not TOML, or if the key leads through something that is not a table.
-    """
+    """Put the value of each ``dotted.key=VALUE`` into `data`, creating tables on the way; later ones win. Raises
+    `InputError` if the key or the value is not TOML, or if the key leads through something that is not a table."""
     for override in overrides:
         keys, value = _parse_override(override)
         table = data
@@ -297,10 +291,8 @@ def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
 
 
 def apply_settings(data: dict[str, Any], settings: Sequence[str], system: UnitSystem = SI) -> None:
-    """Put the value of each ``NAME=VALUE`` into `data` as that parameter's value of the run; later ones win.
-
-    Raises `InputError` if there is no such parameter or the value is no finite number, which may have its unit.
-    """
+    """Put the value of each ``NAME=VALUE`` into `data` as that parameter's value of the run; later ones win. Raises
+    `InputError` if there is no such parameter or the value is no finite number, which may have its unit."""
     for setting in settings:
         name, equals, text = (part.strip() for part in setting.partition("="))
         if not (name and equals):

@@ -51,7 +51,6 @@ def editor_schema() -> dict[str, Any]:
 
 
 def schema_text() -> str:
-    """Return the schema as the text of a file."""
     return json.dumps(editor_schema(), indent=1, ensure_ascii=False) + "\n"
 
 

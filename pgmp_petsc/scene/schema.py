@@ -96,7 +96,6 @@ class Scene(Table):
 
     @property
     def name(self) -> str:
-        """The scene's name."""
         return self.scene.name
 
     @property

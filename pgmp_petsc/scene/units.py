@@ -91,10 +91,7 @@ def label_of(unit: str, dimension: Dimension, system: UnitSystem) -> str:
 
 def setting_of(text: str, parameter: dict[str, Any], system: UnitSystem) -> float | None:
     """Return a value with its own unit, in those of the scene, for a raw parameter that is converted; None if it has
-    none. A parameter without a unit is given it.
-
-    Raises `UnknownUnit` if it is none, or none of the parameter's.
-    """
+    none. A parameter without a unit is given it. Raises `UnknownUnit` if it is none, or none of the parameter's."""
     value = number_of(text, (), system) if _unit_behind(text) else None
     if value is None:
         return None

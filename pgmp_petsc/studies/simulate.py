@@ -75,11 +75,8 @@ def simulate(model: FullModel | ReducedModel, comm: Comm) -> Trajectory | None:
 
 def simulate_reduced(model: ReducedModel, comm: Comm) -> Trajectory | None:
     """Run the reduced model; one sample needs one rank, which gets the result, others wait for None. Collective on
-    `comm`.
-
-    Raises `RunError` where the computation itself breaks. A run that stops before its end is a trajectory with its
-    status.
-    """
+    `comm`. Raises `RunError` where the computation itself breaks. A run that stops before its end is a trajectory with
+    its status."""
     trajectory = None
     with agreed(comm, "simulation"):
         if comm.rank == 0:

@@ -44,7 +44,6 @@ def report_of_shard(shard: ShardSamples, path: Path, said: Sequence[Remark] = ()
 
 
 def lines_of(ensemble: Ensemble) -> list[str]:
-    """Return the tables of an ensemble."""
     lines = list(_moments(ensemble))
     if ensemble.outputs:
         lines += _quantiles(ensemble)
