@@ -150,7 +150,10 @@ def better_models(wanted: Sequence[Correction], own: Model, origin: Origin, comm
 
 
 def _model(one: Correction, own: Model, origin: Origin, comm: Comm) -> Model:
-    scene = _scene_of(own.scene, one.divisor)
+    simulation = own.scene.simulation.model_copy(update={"step": own.scene.simulation.step / one.divisor})
+    # what is described of the ensemble's own model alone
+    ensemble = own.scene.ensemble.model_copy(update={"checked_share": 0.0, "bands": 0, "balance": False})
+    scene = own.scene.model_copy(update={"simulation": simulation, "ensemble": ensemble})
     if one.model == own.name and one.scene is None:
         with agreed(comm, f"preparing the {own.title} model"):
             return own.in_scene(scene)
@@ -168,13 +171,6 @@ def _model(one: Correction, own: Model, origin: Origin, comm: Comm) -> Model:
         check_capabilities(scene, PURPOSES[one.model], meshes)
         check_stresses(scene, meshes)
     return mesh_model(scene, meshes, one.model, comm)
-
-
-def _scene_of(scene: Scene, divisor: int) -> Scene:
-    """Return the scene with shorter steps, and without what is described of the ensemble's own model alone."""
-    simulation = scene.simulation.model_copy(update={"step": scene.simulation.step / divisor})
-    ensemble = scene.ensemble.model_copy(update={"checked_share": 0.0, "bands": 0, "balance": False})
-    return scene.model_copy(update={"simulation": simulation, "ensemble": ensemble})
 
 
 def _check_same(one: Correction, scene: Scene, own: Scene, source: object) -> None:

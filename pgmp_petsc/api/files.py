@@ -4,6 +4,7 @@ of the same kind are apart: of an output the largest difference, and where it is
 from __future__ import annotations
 
 import os
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -202,10 +203,10 @@ def _datasets(found: Contents) -> str:
         name = full_name.removeprefix("/")
         if name.startswith("timings/"):
             continue
-        series, number, rest = _of_lengths(name)
-        if number:
-            continue
-        name = f"{series}/<models of all lengths>/{rest}" if series else name
+        if of_lengths := re.match(r"lengths/(\d+)(?:/|$)", name):
+            if int(of_lengths[1]):
+                continue
+            name = f"lengths/<models of all lengths>/{name[of_lengths.end() :]}"
         group, _, last = name.rpartition("/")
         description = data.description
         if last.isdigit():
@@ -218,14 +219,6 @@ def _datasets(found: Contents) -> str:
     widths = [max((len(row[column]) for row in rows), default=0) for column in range(3)]
     padded = [[f"{text:<{width}}" for text, width in zip(row, [*widths, 0])] for row in rows]
     return "\n".join("  ".join(row).rstrip() for row in padded)
-
-
-def _of_lengths(name: str) -> tuple[str, int, str]:
-    """Return the group of models of several lengths that a data set is in, the number of its model, and its name there;
-    nothing where it is in none."""
-    group, _, inside = name.partition("/")
-    number, _, rest = inside.partition("/")
-    return (group, int(number), rest) if group == "lengths" and number.isdigit() else ("", 0, "")
 
 
 def _figures(found: Contents, scene: bool) -> Mapping[str, object]:

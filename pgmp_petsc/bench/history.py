@@ -296,10 +296,8 @@ class ResponseSurface:
             self._interpolate = RBFInterpolator(scaled, data, kernel="cubic", degree=_degree(*nodes.shape))
 
     def evaluate(self, points: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the outputs over time, each of shape (n_t, n), at parameter values of shape (n, n_parameters).
-
-        Where a run of the surface has no number, neither has the surface.
-        """
+        """Return the outputs over time, each of shape (n_t, n), at parameter values of shape (n, n_parameters); no
+        number where a run of the surface has none."""
         scaled = self._scaled(points)
         rows = np.full((len(points), self._known.size), np.nan)
         rows[:, self._known] = self._interpolate(scaled[:, 0] if scaled.shape[1] == 1 else scaled)

@@ -190,10 +190,8 @@ class DesignFigures:
         return Dual(mean + times * std, slopes.mean(axis=0) + times * spread)
 
     def intervals(self, confidence: float) -> np.ndarray:
-        """Return the intervals of goal and constraints of the last design over other samples, (n_figures, 2).
-
-        NaN of nominal ones. Samples of every sampler count as independent.
-        """
+        """Return the intervals of goal and constraints of the last design over other samples, independent ones by
+        whichever sampler, (n_figures, 2); NaN of nominal ones."""
         if self._offsets is None:
             return np.full((self.of_samples.shape[1], 2), np.nan)
         times = self._question.deviations

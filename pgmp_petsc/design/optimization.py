@@ -206,10 +206,8 @@ def _of_idle(question: Question, *designs: Sequence[Dual]) -> Iterator[Remark]:
 
 @gathered
 def _of_robust(question: Question, figures: DesignFigures, ends: np.ndarray, confidence: float) -> Iterator[Remark]:
-    """Return what robust figures are of, and which constraints these samples do not show to be met.
-
-    `ends` are the intervals of goal and constraints, (n_figures, 2).
-    """
+    """Return what robust figures are of, and which constraints these samples do not show to be met, by the intervals of
+    goal and constraints, (n_figures, 2)."""
     if question.deviations is None:
         return
     met = [(constraint, constraint.size * own) for constraint, own in zip(question.constraints, ends[1:])]

@@ -63,6 +63,9 @@ def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Deriv
     units = {name: scene.parameters[name].unit or "1" for name in names} | dict(model.outputs.units)
     idle = [name for name in names if not any(found[name].any() for found in run.derivatives.values())]
     without = [note(f"no output depends on {', '.join(idle)} in this run")] if idle else []
+    # zero where one has no distribution
+    matrix = correlation_matrix(scene, names)
+    uncertain = np.array([scene.parameters[name].distribution is not None for name in names], dtype=float)
     return Derivatives(
         RunRecord(
             scene_to_toml(scene), own_values(scene), None, comm.size, timings.as_dict(),
@@ -73,7 +76,7 @@ def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Deriv
         run.derivatives,
         units,
         {name: _change(scene, name) for name in names},
-        _correlation(scene, names),
+        (np.eye(len(names)) if matrix is None else matrix) * np.outer(uncertain, uncertain),
         run.steps_divided,
         _instants(run.contacts),
     )  # fmt: skip
@@ -127,13 +130,6 @@ def _moved(scene: Scene, name: str) -> float:
     value, change = scene.values[name], _change(scene, name)[0] or SHARE
     bounds = scene.parameters[name].bounds
     return value - change if bounds is not None and value + change > bounds[1] else value + change
-
-
-def _correlation(scene: Scene, names: Sequence[str]) -> np.ndarray:
-    """Return the correlation of parameters, zero where one has no distribution."""
-    matrix = correlation_matrix(scene, names)
-    uncertain = np.array([scene.parameters[name].distribution is not None for name in names], dtype=float)
-    return (np.eye(len(names)) if matrix is None else matrix) * np.outer(uncertain, uncertain)
 
 
 def step_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> list[Remark]:

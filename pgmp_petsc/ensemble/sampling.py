@@ -258,10 +258,8 @@ class Sampler:
         self._mixing = mixing_of(scene, self.names) if plan.file is None else None
 
     def draw(self, first: int, last: int) -> dict[str, np.ndarray]:
-        """Return samples first to last - 1: values of all parameters, each (last - first,).
-
-        Parameters that are not drawn keep the value of the run.
-        """
+        """Return samples first to last - 1: values of all parameters, each (last - first,); those that are not drawn
+        keep that of the run."""
         if self._plan.file is not None:
             given = {name: column[first:last] for name, column in self._plan.file.values.items()}
             return {name: np.full(last - first, value) for name, value in self._scene.values.items()} | given

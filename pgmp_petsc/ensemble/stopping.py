@@ -212,10 +212,8 @@ MOST = 10**9
 
 @dataclass(frozen=True)
 class Stop:
-    """The end of an ensemble before its last sample: rules that are met, or a budget of wall time (s) that is spent.
-
-    `start` is the instant (`time.monotonic`) from which the budget counts.
-    """
+    """The end of an ensemble before its last sample: rules that are met, or a budget of wall time (s) since `start`
+    (`time.monotonic`) that is spent."""
 
     rules: tuple[Rule, ...] = ()
     budget: float | None = None

@@ -204,10 +204,8 @@ LARGEST = 1 << 16  # states of reduced samples that are evaluated together
 
 
 def band_steps(simulation: Simulation, most: int) -> np.ndarray:
-    """Return the numbers of the steps at whose ends outputs are described: the start, the end, equally many between.
-
-    At most `most` of them, none for 0.
-    """
+    """Return the numbers of the steps at whose ends outputs are described: the start, the end, equally many between; at
+    most `most`, none for 0."""
     if not most:
         return np.zeros(0, dtype=int)
     n_steps = count_steps(simulation.duration, simulation.step)

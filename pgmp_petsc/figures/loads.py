@@ -103,9 +103,7 @@ def _place(run: Trajectory, connect: Sequence[str]) -> np.ndarray | None:
 
 def draw_force(axes: Axes, run: Trajectory, load: Load) -> str:
     """Draw the force in a joint over the run on polar axes: how large, and where it points; a dot at the largest.
-
-    Returns the diagram's title, as the other diagrams do.
-    """
+    Return the title."""
     x, y = (run.outputs[name] for name in load.names)
     factor, unit = style.axis_unit(run.units.get(load.names[0], "N"), x, y)
     angle, size = np.arctan2(y, x), factor * np.hypot(x, y)

@@ -223,7 +223,8 @@ def read_harwell_boeing(lines: Sequence[str]) -> sp.coo_matrix:
     widths = [int(width) for _, width in FIELD.findall(re.sub(r"\d*P\s*,?", "", lines[3], flags=re.IGNORECASE))]
     first, parts = 5 if n_right_hand else 4, []
     for n_lines, width in zip(cards, widths[:3]):
-        parts.append(_fields(lines[first : first + n_lines], width))
+        of_part = lines[first : first + n_lines]
+        parts.append([line[at : at + width] for line in of_part for at in range(0, len(line.rstrip()), width)])
         first += n_lines
     pointers, rows = (np.array(part, dtype=np.int64) - 1 for part in parts[:2])
     values = np.array([text.upper().replace("D", "E") for text in parts[2]], dtype=float)
@@ -234,10 +235,6 @@ def read_harwell_boeing(lines: Sequence[str]) -> sp.coo_matrix:
         )
     columns = np.repeat(np.arange(n_columns), np.diff(pointers))
     return sp.coo_matrix((values, (rows, columns)), shape=(n_rows, n_columns))
-
-
-def _fields(lines: Sequence[str], width: int) -> list[str]:
-    return [line[at : at + width] for line in lines for at in range(0, len(line.rstrip()), width)]
 
 
 NODE_AND_DIRECTION = re.compile(r"\d+\.[1-6]")  # a line of CalculiX' list of rows

@@ -197,7 +197,7 @@ def renumbered(mesh: SolidMesh) -> SolidMesh:
     node_numbers[order] = np.arange(len(order))
     cells = node_numbers[mesh.cells]
     cell_order = np.argsort(cells.min(axis=1), kind="stable")
-    cell_numbers = _inverse(cell_order)
+    cell_numbers = np.argsort(cell_order)
     groups = {name: _in_order(node_numbers[faces]) for name, faces in mesh.groups.items()}
     regions = {name: np.sort(cell_numbers[region]) for name, region in mesh.regions.items()}
     return SolidMesh(mesh.kind, mesh.nodes[order], cells[cell_order], groups, regions, mesh.small_groups)
@@ -218,12 +218,6 @@ def compact_order(n_nodes: int, cells: np.ndarray) -> np.ndarray:
     graph = undirected_graph(np.hstack([edges, loops, [[end], [start]]]), start + 1)
     order = reverse_cuthill_mckee(graph, symmetric_mode=True)
     return order[order < n_nodes].astype(int)
-
-
-def _inverse(order: np.ndarray) -> np.ndarray:
-    numbers = np.empty_like(order)
-    numbers[order] = np.arange(len(order))
-    return numbers
 
 
 def _in_order(faces: np.ndarray) -> np.ndarray:
@@ -249,10 +243,8 @@ def complete_physical_groups(mesh: meshio.Mesh, path: Path) -> None:
 
 
 def entity_groups(path: Path) -> dict[tuple[int, int], np.ndarray]:
-    """Return the tags of the physical groups, without signs, by dimension and tag of the entity.
-
-    Nothing is returned for files of other formats, or that do not tell entities.
-    """
+    """Return the tags of the physical groups, without signs, by dimension and tag of the entity; nothing for files of
+    other formats, or that do not tell entities."""
     groups: dict[tuple[int, int], np.ndarray] = {}
     with path.open("rb") as file:
         if not _found(file, b"$MeshFormat"):

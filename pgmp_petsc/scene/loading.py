@@ -247,10 +247,8 @@ def scene_from_toml(
 def scene_from_tables(
     data: dict[str, Any], directory: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()
 ) -> Scene:
-    """Validate a scene given as the tables of a TOML text, with paths relative to `directory`; see `load_scene`.
-
-    The tables are changed.
-    """
+    """Validate a scene given as the tables of a TOML text, which are changed, with paths relative to `directory`; see
+    `load_scene`."""
     directory = Path(directory)
     apply_overrides(data, overrides)
     check_tables(data)

@@ -234,13 +234,10 @@ def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> Mod
     }
     where = words_of(mechanism.coordinates, theta, 4)
     fields = {name: field.converted(rom.record.system.converting) for name, field in fields.items()}
-    return ModeShape(rom.record, number, float(frequencies[number - 1]), where, fields, _left_out(model, seen))
-
-
-def _left_out(model: ReducedModel, seen: FieldSet) -> tuple[str, ...]:
     springs = dict.fromkeys(action.effect for action in model.actions.actions if action.stiffness)
     said = [f"{', '.join(springs)}: springs have no part in this mode"] if springs else []
-    return (*said, *(f"{name} is not drawn: {why}" for name, why in seen.left_out.items()))
+    said += [f"{name} is not drawn: {why}" for name, why in seen.left_out.items()]
+    return ModeShape(rom.record, number, float(frequencies[number - 1]), where, fields, tuple(said))
 
 
 def _configuration(model: ReducedModel, at: Mapping[str, float]) -> np.ndarray:
