@@ -190,19 +190,8 @@ class AffineSum:
 
 
 def evaluate_weights(monomials: Iterable[Monomial], values: Mapping[str, np.ndarray | float]) -> np.ndarray:
-    """Stack the weights of several terms.
-
-    Parameters
-    ----------
-    monomials
-        The n_terms weights.
-    values
-        Parameter values, scalars or arrays of shape (n_samples,).
-
-    Returns
-    -------
-    ndarray, shape (n_terms,) or (n_terms, n_samples)
-    """
+    """Return the weights of several terms, shape (n_terms,) or (n_terms, n_samples), at parameter values that are
+    numbers or of shape (n_samples,)."""
     monomials = list(monomials)
     shape = np.broadcast_shapes(*(np.shape(value) for value in values.values())) if values else ()
     weights = np.empty((len(monomials), *shape))

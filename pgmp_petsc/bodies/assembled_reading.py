@@ -111,16 +111,8 @@ def of_all_nodes(
 ) -> sp.coo_matrix:
     """Return the stiffness of all nodes (d n_nodes, d n_nodes) that a reduced one (m, m) has: see the module.
 
-    Parameters
-    ----------
-    stiffness, modes, mass
-        Of amplitudes (m, m); the fields behind these (d n_nodes, m); of all nodes (d n_nodes, d n_nodes).
-    held
-        Nodes that joints and effects hold, shape (n,).
-    d
-        2 in the plane, 3 in space.
-    received
-        The scene's entries and their values.
+    The modes, (d n_nodes, m), are the fields behind its amplitudes; the mass is that of all nodes, of which joints and
+    effects hold some (n,). What was `received` are the scene's entries and their values.
 
     Raises `InputError` if the sizes do not fit, there are more nodes than a full matrix may have, or columns of the
     modes depend on each other.
@@ -173,21 +165,9 @@ def check_places(nodes: np.ndarray, received: str) -> None:
 
 
 def check_diagonal(matrix: sp.coo_matrix, kind: str, labels: np.ndarray, d: int, received: str, unit: float) -> None:
-    """Refuse boundary conditions, and nodes without stiffness or mass.
-
-    Parameters
-    ----------
-    matrix
-        In SI units, of shape (d n_nodes, d n_nodes).
-    kind
-        ``"stiffness"`` or ``"mass"``.
-    labels
-        Numbers of the nodes, shape (n_nodes,).
-    received
-        The scene's entry and its value, with which messages begin.
-    unit
-        That of the file in SI units.
-    """
+    """Refuse boundary conditions, and nodes without stiffness or mass, in a ``"stiffness"`` or ``"mass"`` matrix (d
+    n_nodes, d n_nodes) in SI units, of which the file's unit is given; messages name nodes by `labels` and begin with
+    the scene's entry and its value."""
     diagonal = matrix.diagonal() / unit
     held = np.flatnonzero(np.abs(diagonal) >= PENALTY)
     if held.size:

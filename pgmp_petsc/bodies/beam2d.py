@@ -25,17 +25,7 @@ PACKED_ROWS, PACKED_COLUMNS = np.tril_indices(6)
 
 @njit(error_model="numpy", forceinline=True)
 def strains(u, cos, sin, length):
-    """Return ``eps + 1``, gamma and kappa of an element.
-
-    Parameters
-    ----------
-    u
-        Six element unknowns.
-    cos, sin
-        Of psi.
-    length
-        m.
-    """
+    """Return ``eps + 1``, gamma and kappa of an element with six unknowns u, of cos and sin of psi, and of a length, m."""
     dx, dy, inverse = u[3] - u[0], u[4] - u[1], 1.0 / length
     return (cos * dx + sin * dy) * inverse, (cos * dy - sin * dx) * inverse, (u[5] - u[2]) * inverse
 
@@ -140,25 +130,15 @@ def rest_strains(lengths: np.ndarray, alphas: np.ndarray) -> np.ndarray:
 def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.ndarray:
     """Contract the third derivative of the strain energy at rest with pairs of vectors, of a unit of length.
 
-    At rest the strains e vanish, and the third derivative is the sum of ``S (e''[a, b] e'[c] + e''[b, c] e'[a] +
-    e''[c, a] e'[b])`` over them, times the length. With u, w and psi of `rest_strains`::
+    At rest the strains e vanish, and the third derivative is the sum of ``S (e''[a, b] e'[c] + e''[b, c] e'[a] + e''[c,
+    a] e'[b])`` over them, times the length. With u, w and psi of `rest_strains`::
 
         eps'   = u              eps''[a, b]   = psi_a w_b + w_a psi_b - psi_a psi_b
         gamma' = w - psi        gamma''[a, b] = -(psi_a u_b + u_a psi_b)
 
-    The curvature kappa is linear, so bending takes no part.
-
-    Parameters
-    ----------
-    a, b
-        Strains of both vectors of every pair, shape (n_elements, 3, n_pairs).
-    section
-        ``(EA, k_s GA, EI)``, shape (3,), or of every element (3, n_elements).
-
-    Returns
-    -------
-    ndarray, shape (n_elements, 3, n_pairs)
-        Coefficients of the strains of c.
+    The curvature kappa is linear, so bending takes no part. Of strains a and b of both vectors, and results, the
+    coefficients of the strains of c, the shape is (n_elements, 3, n_pairs); sections ``(EA, k_s GA, EI)`` have (3,), or
+    (3, n_elements).
     """
     (u_a, w_a, psi_a), (u_b, w_b, psi_b) = np.moveaxis(a, 1, 0), np.moveaxis(b, 1, 0)
     gamma_a, gamma_b = w_a - psi_a, w_b - psi_b

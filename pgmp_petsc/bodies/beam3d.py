@@ -56,20 +56,12 @@ SERIES = tuple(np.cumprod([1.0, *(2.0 * (n + 1.0) / (2.0 * n + 3.0) for n in ran
 
 
 def section_axes(edges: np.ndarray, orientation: np.ndarray | None) -> np.ndarray:
-    """Return the axes T of elements.
+    """Return the axes T of elements, one a column, shape (n, 3, 3); NaN where an element is parallel to the
+    orientation.
 
-    Parameters
-    ----------
-    edges
-        From the first node to the second in the body's frame, shape (n, 3), m.
-    orientation
-        The section's second axis, or what it comes closest to at a right angle to the element, shape (3,); where None
-        the axis of the body's frame that is furthest from the element.
-
-    Returns
-    -------
-    ndarray, shape (n, 3, 3)
-        One axis a column; NaN where an element is parallel to the orientation.
+    Edges (n, 3), m, go from the first node to the second in the body's frame. The orientation (3,) is the section's
+    second axis, or what it comes closest to at a right angle to the element; where None the axis of the body's frame
+    that is furthest from the element.
     """
     first = edges / np.linalg.norm(edges, axis=1)[:, None]
     wanted = np.eye(3)[np.argmin(np.abs(first), axis=1)]
@@ -106,19 +98,9 @@ def beam_work():
 
 @njit(cache=True, error_model="numpy")
 def stretch(u, length, axes, section, work):
-    """Evaluate strains and stresses of an element in the directors' axes; return its strain energy, J.
-
-    Parameters
-    ----------
-    u
-        Unknowns of both nodes, shape (24,).
-    length, axes
-        m, and T of shape (3, 3).
-    section
-        ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``, shape (6,).
-    work
-        From `beam_work`; filled but for what a tangent alone needs.
-    """
+    """Evaluate strains and stresses of an element in the directors' axes, of unknowns u (24,) of both nodes, a length,
+    m, axes T (3, 3) and a section ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``; return its strain energy, J. All of `work`,
+    from `beam_work`, is filled but for what a tangent alone needs."""
     for i in range(3):
         for j in range(3):
             force, moment = 0.0, 0.0
@@ -410,20 +392,10 @@ def strains_of(rest: np.ndarray, curved: bool) -> np.ndarray:
 def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.ndarray:
     """Contract the third derivative of the strain energy at rest with pairs of vectors, of a unit of length.
 
-    At rest the strains e vanish, and the third derivative is the sum of ``C (e''[a, b] e'[c] + e''[b, c] e'[a] +
-    e''[c, a] e'[b])`` over them with the coefficients C of the section.
-
-    Parameters
-    ----------
-    a, b
-        Strains `rest_strains` of both vectors of every pair, shape (n_elements, 9, n_pairs).
-    section
-        ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``, shape (6,), or of every element (6, n_elements).
-
-    Returns
-    -------
-    ndarray, shape (n_elements, 9, n_pairs)
-        Coefficients of the strains of c.
+    At rest the strains e vanish, and the third derivative is the sum of ``C (e''[a, b] e'[c] + e''[b, c] e'[a] + e''[c,
+    a] e'[b])`` over them with the coefficients C of the section, ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``, shape (6,) or
+    (6, n_elements). Of `rest_strains` a and b of both vectors, and results, the coefficients of the strains of c, the
+    shape is (n_elements, 9, n_pairs).
     """
     a, b = a.swapaxes(0, 1), b.swapaxes(0, 1)
     stiffness = section.reshape(6, -1, 1)

@@ -43,17 +43,7 @@ TURNS = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
 
 
 def linear_fields(places: np.ndarray) -> np.ndarray:
-    """Return the linear displacement fields at places.
-
-    Parameters
-    ----------
-    places
-        Shape (n, d), m.
-
-    Returns
-    -------
-    ndarray, shape (n d, d (d + 1))
-    """
+    """Return the linear displacement fields at places (n, d), m, shape (n d, d (d + 1))."""
     n, d = places.shape
     fields = np.zeros((n, d, d + d * d))
     for i in range(d):

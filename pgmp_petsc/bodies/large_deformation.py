@@ -205,15 +205,8 @@ def stretching_of(strains: np.ndarray, moduli: dict[Monomial, np.ndarray]) -> di
 
 @njit(cache=True, error_model="numpy")
 def _fill_strains(gradients, strains):
-    """Fill ``E''_kl = sum_c sym(du_c/dX_k dv_c/dX_l)`` of pairs of fields.
-
-    Parameters
-    ----------
-    gradients
-        ``du_c/dX_k`` at points, shape (n_points, d, d, n).
-    strains
-        Result, shape (n_points, d (d + 1) / 2, n (n + 1) / 2): axes k >= l and fields u >= v, packed.
-    """
+    """Fill ``E''_kl = sum_c sym(du_c/dX_k dv_c/dX_l)`` of pairs of fields, shape (n_points, d (d + 1) / 2, n (n + 1) /
+    2), axes k >= l and fields u >= v packed, from ``du_c/dX_k`` at points, shape (n_points, d, d, n)."""
     n_points, d, _, n = gradients.shape
     for p in range(n_points):
         pair = 0

@@ -290,16 +290,9 @@ Points = np.ndarray  # what is known at points, shape (n_points, n_components, n
 
 @njit(cache=True, error_model="numpy")
 def _fill_stresses(strains, material, lame, moduli, stresses):
-    """Fill stresses by Hooke's law, components as those of the strains (`solid_strains`).
-
-    Parameters
-    ----------
-    strains, stresses
-        Shape (n_points, n_strains, n); stresses in Pa.
-    material, lame, moduli
-        The number of every point's material, Lame's constants (first, shear) of these over Young's modulus, and this
-        modulus, shape (n_materials, n), Pa.
-    """
+    """Fill stresses (Pa) by Hooke's law from strains, shape (n_points, n_strains, n) both, components as of
+    `solid_strains`; of each point the number of its material, and of materials Lame's constants (first, shear) over
+    Young's modulus, and this modulus, shape (n_materials, n), Pa."""
     n_points, m, n = strains.shape
     d = 2 if m == 3 else 3
     for point in range(n_points):

@@ -167,17 +167,12 @@ def serving_points(scene: Scene, meshed: FramedSolid) -> list[dict[str, float]]:
     if max(len(solid.weights("mass")), len(solid.weights("stiffness"))) == 1:
         return [scene.nominal]
     used = {name for kind in ("mass", "stiffness") for weight in solid.weights(kind) for name, _ in weight.powers}
-    varied = [name for name in sorted(used) if _varies(scene, name)]
+    known = ((name, scene.parameters[name]) for name in sorted(used))  # how far from their nominal values they may be
+    varied = [name for name, one in known if one.distribution is not None or one.bounds is not None]
     spanning, n = spanning_values(scene, varied)
     # values that the body does not feel are left at the nominal ones
     points = [scene.nominal | {name: float(spanning[name][k]) for name in used} for k in range(n)]
     return [scene.nominal, *(point for k, point in enumerate(points) if point not in [scene.nominal, *points[:k]])]
-
-
-def _varies(scene: Scene, name: str) -> bool:
-    """Return whether it is known how far a parameter may be from its nominal value."""
-    parameter = scene.parameters[name]
-    return parameter.distribution is not None or parameter.bounds is not None
 
 
 ROUNDS = 14  # blocks of columns that modes and the frames' answers take, measured with round bars in space

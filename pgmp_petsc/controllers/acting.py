@@ -107,16 +107,13 @@ class JointController(ControllerEntry):
         own, actions = joint_measure(mechanism, self), []
         for output in measured_by(scene, self).motions or (None,):
             motion = None if output is None else motion_of(mechanism, output)
-            led = motion is not None and not _is_own(scene, self, scene.outputs[output])
+            read = None if motion is None else scene.outputs[output]
+            is_own = getattr(read, "joint", None) == self.joint and slides(scene, read) == slides(scene, self)
+            led = motion is not None and not is_own
             if led:
                 actions.append(Action(name, law=NOTHING, parameters=(), **motion))
             actions.append(Action(name, law=ACTING_LAW, parameters=nothing, led=led, **own))
         return ControllerEffect(name, actions, mechanism)
-
-
-def _is_own(scene: Scene, entry: ControllerEntry, output: Any) -> bool:
-    """Whether an output reads the motion that a controller acts on."""
-    return getattr(output, "joint", None) == entry.joint and slides(scene, output) == slides(scene, entry)
 
 
 def measured_by(scene: Scene, entry: ControllerEntry) -> Measured:

@@ -202,15 +202,9 @@ class ControlLaw(Printed):
         return self if same else _measuring(self, tuple(measured), n_motions, tuple(parameters))
 
     def in_si(self, known: Mapping[str, int], force: int) -> tuple[ControlLaw, InSi]:
-        """Return the law in SI units, whose expressions are in those of a scene, and what numbers are there.
-
-        Parameters
-        ----------
-        known
-            By which power of ten what is measured and named is larger in the units of the scene; not of numbers.
-        force
-            The same of the force.
-        """
+        """Return the law in SI units, whose expressions are in those of a scene, and what numbers are there; `known`
+        says by which power of ten what is measured and named, but no number, is larger in the units of the scene,
+        `force` the same of the force."""
         starts = {f"start of {state}": text for state, text in self.starts.items()}
         limits = dict(zip(("lowest", "highest"), self.limits))
         texts = {"force": self.force, "change": "reference_rate"} | limits | dict(self.states) | starts
@@ -381,23 +375,10 @@ class Room(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def respond(address, n, n_slopes, p, x, c, kappa, z, rates, force, room):
-    """Solve ``z = c + kappa g(z)`` for a sample, and find the force with its slopes by motions and their rates.
-
-    Parameters
-    ----------
-    address, n, n_slopes
-        Of the compiled law, the number of its states, and that of slopes.
-    p, x
-        Parameters (n_parameters,), and what is `GIVEN` with the motions and their rates, (3 + n_slopes,).
-    c, kappa
-        Of the step, (n,) and a number; with kappa 0 states are c.
-    z
-        The states, (n,); a first guess, and the result.
-    rates, force
-        Results: g, (n,), and force with slopes, (1 + n_slopes,), not a number where no states are found.
-    room
-        See `Room`.
-    """
+    """Solve ``z = c + kappa g(z)`` for a sample by the law with an address and n states z, which are a first guess and
+    the result; with kappa 0 they are c. Fill the rates g, (n,), and the force with its slopes by motions and their
+    rates, (1 + n_slopes,), not a number where no states are found. Parameters p have shape (n_parameters,), and x, what
+    is `GIVEN` with the motions and their rates, (3 + n_slopes,)."""
     found, matrix, right = room
     width, converged = 1 + n_slopes + n, False
     for _ in range(MOST_ITERATIONS):

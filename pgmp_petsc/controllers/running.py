@@ -107,44 +107,23 @@ class Running:
 
     def is_due(self, time: float) -> bool:
         """Whether it is sampled, and finds another force at a time."""
-        return bool(self.entry.sample_time) and _is_whole(time / self.entry.sample_time)
+        if not self.entry.sample_time:
+            return False
+        number = time / self.entry.sample_time
+        return abs(number - round(number)) <= WHOLE * max(1.0, number)
 
 
 class Controls:
-    """The controllers of a system.
+    """The controllers of a system of samples with parameter values (n_samples,) each.
 
-    Parameters
-    ----------
-    scene
-        The scene; its controllers are in its order.
-    values
-        Parameter values of the samples, each of shape (n_samples,).
-    n_samples
-        Number of samples.
-    measure
-        Reads the motions of a state.
-    put
-        Takes what is given to each action: the force carried, (n_samples, 1), of each; then force, stiffness and
-        damping of each controller, (n_samples, 3), for every motion that it measures, or once: the first has the force.
-    carried
-        Finds the forces that joints carry; None where nothing hangs on these.
+    `measure` reads the motions of a state. `put` takes what is given to each action: the force carried, (n_samples, 1),
+    of each; then force, stiffness and damping of each controller, (n_samples, 3), for every motion that it measures, or
+    once: the first has the force. `carried` finds the forces that joints carry; None where nothing hangs on these.
 
-    Attributes
-    ----------
-    names
-        Of all that is given: effects by the force carried, and controllers.
-    each
-        The controllers.
-    firsts
-        Of each name, the number of the first action that it is given to.
-    iterates
-        Whether the iteration of a step has the forces, as it was given them, so that `forces` has none to add.
-    jumps
-        Whether forces jump between two steps.
-    keeps
-        Whether all is kept that is seen of several samples.
-    clock
-        Gives the time (s) of references, formulas and samplings, where a run has another one.
+    All that is given has `names`, of effects by the force carried and of controllers, and goes to actions from the
+    numbers `firsts` on. The iteration of a step may have the forces as it was given them (`iterates`), so that `forces`
+    has none to add; they may jump between two steps (`jumps`); all may be kept that is seen of several samples
+    (`keeps`). The `clock` gives the time (s) of references, formulas and samplings, where a run has another one.
     """
 
     def __init__(
@@ -411,7 +390,3 @@ def rows_of(scene: Scene) -> list[int]:
     for every motion that it measures (`acting.JointController`)."""
     each = (max(1, len(measured_by(scene, one).motions)) for one in scene.controllers.values())
     return [*(1 for _ in scene.carried), *each]
-
-
-def _is_whole(number: float) -> bool:
-    return abs(number - round(number)) <= WHOLE * max(1.0, number)

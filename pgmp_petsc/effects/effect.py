@@ -53,20 +53,7 @@ class Patterns:
 
 
 class UnitForces:
-    """Unit forces of actions on the rigid mechanism, in body frames, at any configuration.
-
-    Parameters
-    ----------
-    actions
-        What acts.
-    mechanism
-        What they act on.
-
-    Attributes
-    ----------
-    actions
-        The actions.
-    """
+    """Unit forces of actions on the rigid mechanism, in body frames, at any configuration."""
 
     def __init__(self, actions: Sequence[Action], mechanism: Mechanism) -> None:
         self.actions, self._mechanism = tuple(actions), mechanism

@@ -307,22 +307,10 @@ class Laws(NamedTuple):
 
 @intrinsic
 def obey(typing, address, p, amplitude, s, rate, about, depths):
-    """Evaluate the law whose function is at an address; return what is `Found`.
-
-    Parameters
-    ----------
-    p
-        Its parameters.
-    amplitude
-        Of a source, now.
-    s, rate
-        Measure and its rate.
-    about
-        Rate about which the iterate before was linearised in the same step; NaN for the first one, and outside of
-        iterations.
-    depths
-        Result: how far each edge is crossed, negative where it is not.
-    """
+    """Evaluate the law whose function is at an address, with parameters p, the amplitude of a source now, a measure s
+    and its rate; return what is `Found`. The rate `about` which the iterate before was linearised in the same step is
+    NaN for the first one, and outside of iterations. Fill in `depths` how far each edge is crossed, negative where it
+    is not."""
     return _FOUND(types.int64, p, *(_NUMBER,) * 4, depths), calling(_FOUND, _EVALUATE)
 
 

@@ -26,7 +26,7 @@ from pgmp_petsc.effects.effect import ActionEffect, Effect, Load
 from pgmp_petsc.effects.formula import load_over_joint, load_over_problems
 from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.effects.time_function import amplitude_of
-from pgmp_petsc.mechanism.joints import Attachment, Connection
+from pgmp_petsc.mechanism.joints import Attachment, Connection, share_position
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statements import along, distance, following
 from pgmp_petsc.scene import Scene
@@ -176,7 +176,7 @@ class Gravity(EffectEntry):
 
 def _is_guided(mechanism: Mechanism, point: Attachment) -> bool:
     """Return whether a point slides along a line or a plane, which takes up a part of a force on it."""
-    return any(c.b.node == point.node and not c.holds_position for c in mechanism.connections)
+    return any(c.b.node == point.node and not share_position(c.statements) for c in mechanism.connections)
 
 
 class FixedForce(Effect):

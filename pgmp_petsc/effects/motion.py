@@ -156,7 +156,12 @@ class Motion:
     def __init__(self, name: str, entry: PrescribedMotion) -> None:
         self.name = name
         self.coordinate = entry.coordinate
-        makers = {"table": _table, "harmonic": _harmonic, "spin_up": _spin_up, "constant_speed": _constant_speed}
+        makers = {
+            "table": _table,
+            "harmonic": lambda wave: TimeFunction(harmonic(wave)),
+            "spin_up": _spin_up,
+            "constant_speed": lambda given: TimeFunction(Piece(cubic=(given.start, given.speed))),
+        }
         self.angle = next(make(getattr(entry, key)) for key, make in makers.items() if getattr(entry, key) is not None)
 
     def at(self, time: float | np.ndarray) -> Instant:
@@ -192,19 +197,11 @@ def _table(rows: TimeTable) -> TimeFunction:
     return TimeFunction(Piece(cubic=(angles[0],)), *between, Piece(times[-1], cubic=(angles[-1],)))
 
 
-def _harmonic(wave: Harmonic) -> TimeFunction:
-    return TimeFunction(harmonic(wave))
-
-
 def _spin_up(entry: SpinUp) -> TimeFunction:
     end, rate, gain = entry.time, 2.0 * np.pi / entry.time, entry.speed / entry.time
     swing = gain / rate**2
     rising = Piece(cubic=(entry.start - swing, 0.0, 0.5 * gain), wave=(swing, rate, 0.5 * np.pi))
     return TimeFunction(rising, Piece(end, 0.5 * end, (entry.start, entry.speed)))
-
-
-def _constant_speed(entry: ConstantSpeed) -> TimeFunction:
-    return TimeFunction(Piece(cubic=(entry.start, entry.speed)))
 
 
 #: What is given, how often it is differentiated to an acceleration, and its unit.

@@ -164,15 +164,8 @@ def _stretches(starts, rows, found):
 
 @njit(cache=True, error_model="numpy")
 def factorise(starts, rows, products, matrix):
-    """Factorise in place: the diagonal becomes the inverse of D, and the rest ``L D``.
-
-    Parameters
-    ----------
-    starts, rows, products
-        Of the symbolic factorisation.
-    matrix
-        Items (n + n_entries,), see `lane_items`: the diagonal in elimination order, and the entries below it.
-    """
+    """Factorise in place by a symbolic factorisation: the diagonal becomes the inverse of D, and the rest ``L D``. The
+    matrix has items (n + n_entries,), see `lane_items`: the diagonal in elimination order, and the entries below it."""
     n = starts.size - 1
     firsts, one, other, target = products
     if firsts.size:

@@ -50,15 +50,6 @@ class BodyDampings:
         amplitudes = {number: coefficients for number, (_, coefficients) in braked.items()}
         return cls(rayleigh, names, modal_damping(effects, bodies, nominal), amplitudes)
 
-    @property
-    def any_rayleigh(self) -> bool:
-        """Whether any body has Rayleigh's damping."""
-        return bool(self.rayleigh)
-
-    def of_amplitudes(self, number: int, n: int) -> np.ndarray:
-        """Return the modal damping of a body's n amplitudes, shape (n,), N s/m."""
-        return self.amplitudes.get(number, np.zeros(n))
-
     def rayleigh_of(self, number: int) -> tuple[float, float]:
         """Return beta (s) and alpha (1/s) of a body."""
         damping = self.rayleigh.get(number, BodyDamping())

@@ -68,21 +68,9 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, tur
     """Return energies and powers of states, shape (n, n_rows, n_lanes), J and W; of what is counted on this rank.
 
     Rows are the kinetic and the strain energy, the power of the structural damping of every body, of modal damping, of
-    loads (their potential energy where they are conservative), of actions, the potential energy of actions, and the
-    power of prescribed motions.
-
-    Parameters
-    ----------
-    problem
-        The equations.
-    conservative
-        Whether each load has a potential energy, shape (n_loads,).
-    strengths
-        What acts in each state, one a row.
-    blocks
-        Which block of samples each state is of, shape (n,).
-    q, v, multipliers, turns
-        States, shapes (n, n_dofs, n_constraints or n_turns, n_lanes).
+    loads (their potential energy where they are conservative, a mask (n_loads,)), of actions, the potential energy of
+    actions, and the power of prescribed motions. Of each state `strengths` has what acts, one a row, and `blocks` the
+    block of samples, (n,); states have shapes (n, n_dofs, n_constraints or n_turns, n_lanes).
     """
     n_lanes, n_bodies = q.shape[2], problem.section.shape[1]
     n_modal, n_loads = problem.modal.kinds.size, conservative.size

@@ -51,22 +51,10 @@ class Held(NamedTuple):
 class JointEquations:
     """The equations of a mechanism in joint coordinates for some samples.
 
-    Attributes
-    ----------
-    n, n_left
-        Numbers of coordinates, and of constraints: those with statements, and behind them driven coordinates.
-    n_statements
-        Number of the former.
-    equations
-        All equations in the unknowns.
-    motions
-        How the bodies move, in the order of the tree.
-    problem
-        The equations in the unknowns, with the constraints alone that are left.
-    joints
-        What compiled functions take beside them.
-    references
-        Both, as these take them.
+    There are n coordinates, and `n_left` constraints: `n_statements` with statements, and behind them driven
+    coordinates. `equations` are all equations in the unknowns; `problem` those with the constraints alone that are
+    left, and `joints` what compiled functions take beside them; `references` both, as these take them. `motions` says
+    how the bodies move, in the order of the tree.
     """
 
     def __init__(self, equations: FullEquations, blocks: SampleBlocks) -> None:

@@ -196,27 +196,14 @@ def add_lumps(lumps, width, sections, block, v, a, gains, fresh, x, place, diago
 
 @njit(cache=True, error_model="numpy")
 def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, scale, fresh, x, diagonal, lower):
-    """Evaluate the residual of a block, and the matrix.
+    """Evaluate the residual of a block, by its number, and the matrix where it is to be `fresh`, into x, diagonal and
+    lower.
 
-    Parameters
-    ----------
-    problem, block
-        The equations, and the number of the block.
-    amplitudes, angles
-        Those of loads and of actions, shapes (n_loads,) and (n_actions,); and of the motions, (n_motions,), rad.
-    share
-        What part of loads and actions acts.
-    residual
-        Residual in place of c, shape (n_constraints, n_lanes), or (0, n_lanes) for c itself.
-    state
-        ``(q, v, a, multipliers, turns)`` of the block. The angles `turns` are those of coordinates and of actions in
-        space at the instant before, rad, shape (n_turns, n_lanes); those here are the nearest.
-    gains, scale
-        ``(gain_v, gain_a, gain_k)``, and that of the constraints, shape (n_lanes,).
-    fresh
-        Whether the matrix is wanted.
-    x, diagonal, lower
-        Results.
+    The state is ``(q, v, a, multipliers, turns)``; `turns` are the angles of coordinates and of actions in space at the
+    instant before, rad, shape (n_turns, n_lanes): those here are the nearest. `amplitudes` are those of loads and of
+    actions, (n_loads,) and (n_actions,), of which a `share` acts; `angles` those of the motions, (n_motions,), rad. The
+    residual in place of c has shape (n_constraints, n_lanes), or (0, n_lanes) for c itself. Gains are ``(gain_v,
+    gain_a, gain_k)``; the constraints have the scale (n_lanes,).
     """
     width, place = problem.width, problem.pattern.place
     q, v, a, multipliers, turns = state
@@ -282,29 +269,13 @@ def _count(statements, dofs, width, q, turns):
 
 @njit(cache=True, entry=True, error_model="numpy")
 def correct(problem, factors, blocks, amplitudes, angles, residual, state, gains, typical_mass, active, fresh, size):
-    """Do one Newton correction of every active sample of some blocks in place.
+    """Do one Newton correction of every active sample of some blocks, the first and the one behind the last, in place;
+    fill its size (n_blocks, n_lanes).
 
-    Parameters
-    ----------
-    problem, factors
-        The equations, and the matrices that are kept.
-    blocks
-        The first block, and the one behind the last.
-    amplitudes, angles, gains
-        As for `evaluate`.
-    residual
-        Residual in place of c, shape (n_blocks, n_constraints, n_lanes), or (n_blocks, 0, n_lanes) for c itself.
-    state
-        ``(q, v, a, multipliers, turns)``, shapes (n_blocks, n_dofs, n_constraints or n_turns, n_lanes).
-    typical_mass
-        Whose inertia the constraints are scaled to, shape (n_blocks, n_lanes), kg; each sample's own, so that none is
-        felt by another.
-    active
-        Shape (n_blocks, n_lanes).
-    fresh
-        Whether to evaluate and factorise the matrix anew.
-    size
-        Result, shape (n_blocks, n_lanes).
+    Arguments are as of `evaluate`, of all blocks: states (n_blocks, n_dofs, n_constraints or n_turns, n_lanes),
+    residuals (n_blocks, n_constraints or 0, n_lanes). The constraints are scaled to the inertia of a mass, (n_blocks,
+    n_lanes), kg: each sample's own, so that none is felt by another. Where it is not `fresh`, the matrix is that of
+    `factors` as it is.
     """
     n_dofs, n_lanes = state[0].shape[1:]
     scale = np.empty(n_lanes)

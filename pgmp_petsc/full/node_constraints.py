@@ -123,28 +123,12 @@ class ConstraintParts:
 def add_constraints(
     constraints, width, d, driven, turns, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower
 ):  # fmt: skip
-    """Add ``C^T lambda`` and ``s c`` to x, and ``s C`` and ``gain_k lambda d2c/dq2`` to the matrix.
+    """Add ``C^T lambda`` and ``s c`` to x, and where `fresh` ``s C`` and ``gain_k lambda d2c/dq2`` to the matrix; s is
+    the scale (n_lanes,).
 
-    Parameters
-    ----------
-    width
-        As many numbers as there are lanes; see `lane_items`.
-    d
-        Dimension.
-    driven
-        Angles of the motions now, shape (n_motions,), rad.
-    turns
-        In space the angles that those of coordinates are near to, shape (n_coordinates or more, n_lanes), rad.
-    residual
-        Residual in place of c, shape (n, n_lanes), or (0, n_lanes) for c itself.
-    q, multipliers
-        Shapes (n_dofs, n_lanes) and (n, n_lanes).
-    scale
-        Of the constraints, shape (n_lanes,).
-    gain_k, fresh
-        Factor of the curvature, and whether the matrix is wanted.
-    x, place, diagonal, lower
-        Right-hand side in elimination order, the turn of each unknown, and the matrix.
+    `driven` are the angles of the motions now, (n_motions,), rad; `turns` in space the angles that those of coordinates
+    are near to, (n_coordinates or more, n_lanes), rad. The residual in place of c has shape (n, n_lanes), or (0,
+    n_lanes) for c itself; x is in elimination order, in which `place` is the turn of each unknown.
     """
     rows, n_dofs, itself = constraints.rows, q.shape[0], residual.shape[0] == 0
     starts, _, unknowns = rows.entries

@@ -123,7 +123,7 @@ def planar_beams(share: Share) -> tuple[Elements, Pattern]:
         parts.append((dofs[here], beam.mesh.lengths[here], beam.directions[here], own[here]))
     dofs, lengths, directions, owners = map(np.concatenate, zip(*parts))
     pattern = dofs[:, PACKED_ROWS], dofs[:, PACKED_COLUMNS]
-    damped, nowhere = share.damping.any_rayleigh, np.zeros(0, dtype=int)
+    damped, nowhere = bool(share.damping.rayleigh), np.zeros(0, dtype=int)
     return Elements(dofs, lengths, directions, owners, nowhere, share.owns(dofs[:, 0]), damped), pattern
 
 
@@ -255,7 +255,7 @@ def floating_bodies(
             continue
         moments, stiffness = share.evaluate(floating.moments), share.evaluate(floating.stiffness)
         curved = share.evaluate(floating.curved) if floating.curved else np.zeros((0, floating.n, n_samples))
-        braking = share.evaluate({Monomial(): share.damping.of_amplitudes(number, floating.n)})
+        braking = share.evaluate({Monomial(): share.damping.amplitudes.get(number, np.zeros(floating.n))})
         low = np.tril_indices(own.size)
         numbers.append(number)
         dofs.append(own[0])

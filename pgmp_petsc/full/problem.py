@@ -90,44 +90,15 @@ class Sources:
 class FullEquations:
     """The equations of a mechanism for some samples, on one rank.
 
-    Parameters
-    ----------
-    kinematics
-        Rigid kinematics.
-    effects
-        Effects of the scene.
-    values
-        Parameter values of the samples, each of shape (n_samples,).
-    blocks
-        How samples lie in arrays.
-    initial
-        Positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,).
-    owned
-        The unknowns that this rank owns where ranks share one sample.
-    in_joints
-        Whether the matrix is made in joint coordinates: then there is none here, and of the constraints driven angles
-        alone, for the power of their motions.
+    Samples have parameter values (n_samples,) each, and lie in arrays as `blocks` say; `initial` are positions (rad)
+    and velocities (rad/s) of the coordinates at the start, (n_theta,) each. Where ranks share one sample, this one has
+    `owned` unknowns. `in_joints` the matrix is made in joint coordinates: then there is none here, and of the
+    constraints driven angles alone, for the power of their motions.
 
-    Attributes
-    ----------
-    initial, values
-        As given.
-    unknowns
-        The numbering.
-    constraints
-        All constraints; but in joint coordinates without those that follow from others.
-    chosen, owned_constraints
-        Numbers of the constraints here, and which of them have their multiplier on this rank.
-    layout
-        Where unknowns and entries lie in arrays.
-    problem
-        The equations.
-    actions, loads, load_weights
-        Actions here, and the effect of every load and its weight.
-    damping, modal
-        Structural damping of all bodies, and modal damping of those here.
-    size
-        Of the mechanism, m.
+    `constraints` are all constraints; but in joint coordinates without those that follow from others. Of these `chosen`
+    are here, and `owned_constraints` says which have their multiplier on this rank. `actions` are those here, `loads`
+    the effect of every load, with `load_weights`; `damping` is that of all bodies, `modal` of those here. `layout` says
+    where unknowns and entries lie in arrays.
     """
 
     def __init__(

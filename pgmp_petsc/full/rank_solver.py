@@ -38,7 +38,7 @@ class Layout:
 
     def unknowns(self, dofs: np.ndarray) -> np.ndarray:
         """Return the numbers here of unknowns, -1 where they are -1."""
-        raise NotImplementedError
+        return dofs
 
     def positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Return where entries are stored: below the diagonal, or ``-1 - k`` on it."""
@@ -53,10 +53,6 @@ class WholeLayout(Layout):
         self.pattern = Pattern(symbolic.place, symbolic.starts, symbolic.rows, symbolic.products)
         self.positions = symbolic.position
 
-    def unknowns(self, dofs: np.ndarray) -> np.ndarray:
-        """See `Layout`."""
-        return dofs
-
 
 class NoMatrix(Layout):
     """All unknowns as they are, of equations whose matrix is made elsewhere: every entry is in a place of its own."""
@@ -66,10 +62,6 @@ class NoMatrix(Layout):
     def __init__(self, n_unknowns: int, n_all: int) -> None:
         self.needed, self.n_unknowns = np.arange(n_all), n_unknowns
         self.pattern = unfactorised(n_all)
-
-    def unknowns(self, dofs: np.ndarray) -> np.ndarray:
-        """See `Layout`."""
-        return dofs
 
     def positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """See `Layout`."""

@@ -54,7 +54,6 @@ OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONE
 class Feature:
     """A feature and what it needs."""
 
-    name: str  # what it is, for lists of features
     #: yields what in a scene asks for it, in the words of the scene; nothing where it is not asked for
     entries: Callable[[Scene], Iterator[str]]
     purposes: frozenset[Purpose]  # what it is used for; for others it is without effect, and allowed
@@ -99,10 +98,6 @@ def _elastic(scene: Scene) -> Iterator[str]:
 
 def _loose(scene: Scene) -> Iterator[str]:
     return (f"joints.{name}.clearance" for name, joint in scene.joints.items() if joint.gives_way == "clearance")
-
-
-def _at_rest(scene: Scene) -> Iterator[str]:
-    yield from _given("initial.equilibrium", scene.initial.equilibrium)
 
 
 def _off(scene: Scene) -> Iterator[str]:
@@ -162,151 +157,124 @@ def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
     return lambda scene: iter((purpose.value,))
 
 
+def _at_lengths(
+    which: Callable[[Scene], Iterable[str]],
+    why_not: str,
+    cure: str = "give it a number (--override), or take pgmp simulate SCENE --full",
+) -> Feature:
+    """Return what models at several lengths, places and ratios are without."""
+    return Feature(_with(_lengths, which), OF_REDUCED_MODELS, why_not=f"models at several lengths {why_not}", cure=cure)
+
+
 FEATURES = (
     Feature(
-        "lengths, places and ratios with a tolerance for the step",
         lambda scene: (entry for entry in _lengths(scene) if scene.simulation.tolerance is not None),
         EVERYWHERE - {Purpose.CHECK, Purpose.BUILD},
         why_not="simulation.tolerance finds the step of one mechanism",
         cure="give it a number (--override), or simulation.step; pgmp build finds one for the extreme lengths too",
     ),
     Feature(
-        "lengths, places and ratios with an automatic choice of effects",
         lambda scene: (entry for entry in _lengths(scene) if scene.reduction.effects == "auto"),
         OF_THE_REDUCTION,
         why_not="effects are chosen for one mechanism",
         cure='give it a number (--override), or leave reduction.effects = "auto" out',
     ),
-    Feature("terms of second order", _reduction("second_order"), OF_THE_REDUCTION, third_derivative=True),
-    Feature("adaptive sampling", _reduction("sampling_tolerance"), OF_THE_REDUCTION),
-    Feature("choice of the reduction by a tolerance", _reduction("tolerance"), OF_THE_REDUCTION),
+    Feature(_reduction("second_order"), OF_THE_REDUCTION, third_derivative=True),
+    Feature(_reduction("sampling_tolerance"), OF_THE_REDUCTION),
+    Feature(_reduction("tolerance"), OF_THE_REDUCTION),
     Feature(
-        "choice of the step by a tolerance",
         lambda scene: _given("simulation.tolerance", scene.simulation.tolerance),
         EVERYWHERE - {Purpose.MODES},
         flexible_body=True,
         cure="leave it out, and give simulation.step",
     ),
-    Feature("choice of effects", _automatic, OF_THE_REDUCTION, third_derivative=True),
+    Feature(_automatic, OF_THE_REDUCTION, third_derivative=True),
+    Feature(_of_second_order, OF_THE_REDUCTION | {Purpose.COMPONENTS}, third_derivative=True),
     Feature(
-        "stiffness by loads, inertia of changing modes",
-        _of_second_order,
-        OF_THE_REDUCTION | {Purpose.COMPONENTS},
-        third_derivative=True,
-    ),
-    Feature(
-        "stretching with its inertia",
         _stretching_by_itself,
         frozenset({Purpose.COMPONENTS}),
         why_not="bodies in floating frames follow their shortening at once",
         cure='take "static", or pgmp simulate --full',
     ),
     Feature(
-        "sizes of effects with clearance",
         _loose,
         frozenset({Purpose.SIZES}),
         why_not="sizes of effects are those on joints without room",
         cure="take pgmp check without --effects",
     ),
     Feature(
-        "choice of effects with clearance",
         _with(_loose, _automatic),
         OF_THE_REDUCTION,
         why_not="effects are chosen for joints without room",
         cure="name them in [effects]",
     ),
     Feature(
-        "lengths, places and ratios with elastic joints",
         _with(_elastic, _lengths),
         OF_REDUCED_MODELS,
         why_not="models at several lengths do not part what joints release from what bends",
         cure="give it a number (--override), or take pgmp simulate SCENE --full",
     ),
-    Feature(
-        "forces in joints with lengths, places and ratios",
-        _with(_lengths, _forces),
-        OF_REDUCED_MODELS,
-        why_not="models at several lengths have no forces in joints",
-        cure="give it a number (--override), or take pgmp simulate SCENE --full",
+    _at_lengths(_forces, "have no forces in joints"),
+    _at_lengths(_controllers, "have no controllers"),
+    _at_lengths(
+        _carried_on_beams,
+        "do not know the force on a beam that bends",
+        "give friction a limit, or take pgmp simulate SCENE --full",
     ),
     Feature(
-        "controllers with lengths, places and ratios",
-        _with(_lengths, _controllers),
-        OF_REDUCED_MODELS,
-        why_not="models at several lengths have no controllers",
-        cure="give it a number (--override), or take pgmp simulate SCENE --full",
-    ),
-    Feature(
-        "friction by the force carried along beams with lengths, places and ratios",
-        _with(_lengths, _carried_on_beams),
-        OF_REDUCED_MODELS,
-        why_not="models at several lengths do not know the force on a beam that bends",
-        cure="give friction a limit, or take pgmp simulate SCENE --full",
-    ),
-    Feature(
-        "choice of effects with forces beside",
         _with(_automatic, _beside),
         OF_THE_REDUCTION,
         why_not="effects are chosen by sizes without control, and without forces that joints carry",
         cure="name them in [effects]",
     ),
     Feature(
-        "sizes of effects with forces beside",
         _beside,
         frozenset({Purpose.SIZES}),
         why_not="sizes of effects are those without control, and without forces that joints carry",
         cure="take pgmp check without --effects",
     ),
     Feature(
-        "trade-off with sampled controllers",
         _sampled,
         frozenset({Purpose.TRADEOFF}),
         why_not="steps that are compared would miss samplings",
         cure="compare pgmp simulate SCENE --full with reduced runs",
     ),
     Feature(
-        "static equilibrium beside clearance",
-        _with(_loose, _at_rest),
+        _with(_loose, lambda scene: _given("initial.equilibrium", scene.initial.equilibrium)),
         EVERYWHERE - {Purpose.MODES},
         why_not="in the middle of its room nothing holds a pin, and statics do not find where it comes to rest",
         cure="leave it out, and let damping bring the run to rest",
     ),
     Feature(
-        "joints that are off beside clearance",
         _with(_loose, _off),
         EVERYWHERE - {Purpose.MODES},
         why_not="runs begin with what is built in without loads, and parts with room around them rest nowhere then",
         cure="leave it out",
     ),
     Feature(
-        "rigid beams in space with a section of parameters",
         _rigid_of_several_factors,
         EVERYWHERE,
         why_not="a rigid body in space has a mass with one factor",
         cure="give the section without parameters, or make it flexible",
     ),
     Feature(
-        "preload with elastic joints",
-        _with(_elastic, lambda scene: ["reduction.preload = true"] if scene.reduction.preload else []),
+        _with(_elastic, _reduction("preload")),
         frozenset({Purpose.MODES}),
         why_not="the work of loads on motions of second order is not known of what elastic joints release",
     ),
     Feature(
-        "full-order runs",
         _command(Purpose.FULL),
         frozenset({Purpose.FULL}),
         elements=True,
         cure="take pgmp simulate SCENE --components, or a reduced model",
     ),
     Feature(
-        "trade-off",
         _command(Purpose.TRADEOFF),
         frozenset({Purpose.TRADEOFF}),
         elements=True,
         cure="compare reduced runs with pgmp simulate SCENE --components",
     ),
     Feature(
-        "sizes of effects",
         _command(Purpose.SIZES),
         frozenset({Purpose.SIZES}),
         third_derivative=True,

@@ -365,7 +365,9 @@ def parted(
             _refuse_turned(key, is_held, f"{entry.removesuffix('elastic')}offset.turn", offset)
 
         def measures(axes: np.ndarray, parts: list[Statement]) -> list[Statement | None]:
-            return _all_along(axes) if key == "stiffness" else _about(axes, in_b, is_held, parts)
+            if key == "stiffness":
+                return [along(axis) for axis in axes.T]
+            return _about(axes, in_b, is_held, parts)
 
         exact, moving = measures(in_a, [statements[k] for k in rows]), measures(turned @ in_a, parts)
         for axis in np.flatnonzero(is_held):
@@ -414,10 +416,6 @@ def loosened(
 def sines(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
     """Return the sines of rotations about the axes of a triad (3, 3) in a, whose directions in b are others (3, 3)."""
     return [perpendicular(in_a[:, k - 1], in_b[:, k - 2]) for k in range(3)]
-
-
-def _all_along(in_a: np.ndarray) -> list[Statement]:
-    return [along(axis) for axis in in_a.T]
 
 
 def _about(in_a: np.ndarray, in_b: np.ndarray, is_held: np.ndarray, own: Sequence[Statement]) -> list[Statement | None]:

@@ -173,30 +173,15 @@ class ChosenRows:
 
 
 class ConstraintSet:
-    """Constraints ``c(q) = 0``.
+    """Constraints ``c(q) = 0`` in the numbering of `unknowns`.
 
-    Parameters
-    ----------
-    unknowns
-        The numbering.
-    kept
-        Numbers of the constraints to take, increasing; all by default. Those that follow from the others, such as a
-        joint that is there twice, make the equations of motion singular. Driven angles are always taken.
+    Of all constraints those with the numbers `kept` are taken, increasing; all by default. Those that follow from the
+    others, such as a joint that is there twice, make the equations of motion singular. Driven angles are always taken,
+    `n_driven` at the end of the `n_constraints`.
 
-    Attributes
-    ----------
-    n_dofs
-        Number of unknowns.
-    n_constraints
-        Number of constraints taken, the driven angles at the end.
-    n_driven
-        Number of driven angles.
-    linear
-        Whether all of them are linear in q.
-    jacobian_pattern
-        Rows (constraints) and columns (unknowns) of the entries of C, each of shape (n_entries,).
-    curvature_pattern
-        Rows and columns of the entries of ``sum lambda d2c/dq2``, one of each symmetric pair, each (n_curved,).
+    `jacobian_pattern` has rows (constraints) and columns (unknowns) of the entries of C, each (n_entries,);
+    `curvature_pattern` those of ``sum lambda d2c/dq2``, one of each symmetric pair, each (n_curved,). `linear` says
+    whether all are linear in q.
     """
 
     def __init__(self, unknowns: Unknowns, kept: np.ndarray | None = None) -> None:

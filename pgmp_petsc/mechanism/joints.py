@@ -240,11 +240,6 @@ class Connection:
         """Both attachments."""
         return self.a, self.b
 
-    @property
-    def holds_position(self) -> bool:
-        """Whether the two points share their position."""
-        return share_position(self.statements)
-
     def holding(self, moving: bool = False) -> list[tuple[Statement | Combination, tuple[Attachment, ...]]]:
         """Return what is zero in the configuration, or in the motion too, with its sides."""
         return list(self.held if moving else about(self.statements, *self.sides))

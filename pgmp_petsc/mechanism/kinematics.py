@@ -69,38 +69,16 @@ class RigidKinematics:
     """Rigid motion of a mechanism over the range of its independent coordinates.
 
     Configurations theta have the shape (n, n_theta); (n,) will do for one coordinate. The branch of one or two
-    coordinates, and of three where a model is built on their grid, is followed over their whole range; otherwise
-    configurations are reached from the first one (`Walk`).
+    coordinates, and of three where a model is built on their grid (`over_range`), is followed over their whole range,
+    unless it is given, as a reduced model keeps it; otherwise configurations are reached from the first one (`Walk`).
 
-    Parameters
-    ----------
-    mechanism
-        The mechanism; it is assembled near ``mechanism.first_guess``: at the lower end of one coordinate, of two at the
-        configuration nearest to the first guess, or else at their lower ends or the middle of their range; of more
-        where the bodies meet next to the first guess.
-    branch
-        Its assembly branch where it is known, as a reduced model keeps it; followed anew otherwise.
-    over_range
-        Whether that of three coordinates is to be followed, too.
+    The mechanism is assembled near its first guess: at the lower end of one coordinate, of two at the configuration
+    nearest to the first guess, or else at their lower ends or the middle of their range; of more where the bodies meet
+    next to the first guess. `coordinate` is the first of them, for what takes only one; `size` a typical length, m;
+    `n_redundant` counts constraints that follow from the others; `branch` is None where none was followed.
 
-    Attributes
-    ----------
-    coordinates
-        The independent coordinates, in the order of theta.
-    coordinate
-        The first of them, for what takes only one.
-    size
-        A length that is typical of the mechanism, m.
-    n_redundant
-        Number of constraints that follow from the others.
-    branch
-        The assembly branch; None where it was not followed.
-
-    Raises
-    ------
-    InputError
-        If the mechanism cannot be closed somewhere in the range, if the number of coordinates is not its number of
-        degrees of freedom, or if the coordinates lose control of it (singular J).
+    Raises `InputError` if the mechanism cannot be closed somewhere in the range, if the number of coordinates is not
+    its number of degrees of freedom, or if the coordinates lose control of it (singular J).
     """
 
     def __init__(self, mechanism: Mechanism, branch: PoseBranch | None = None, over_range: bool = False) -> None:
@@ -310,7 +288,7 @@ class RigidKinematics:
         return self._closure.rates(poses)
 
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, 3, n_theta, n_theta, n), from `poses` and `rates` there."""
+        """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, 3, n_theta, n_theta, n), from poses and their rates."""
         return self._closure.curvatures(poses, rates)
 
     def positions(self, node: int, theta: np.ndarray) -> np.ndarray:

@@ -103,29 +103,13 @@ def _item(statements, k, y, known, second, scratch, width, *_):
 
 @njit(cache=True, apart=_item, error_model="numpy")
 def state(statements, k, y, known, second, scratch, width, g, h):
-    """Evaluate the function of a statement in the unknowns of its two nodes.
+    """Evaluate the function f of a statement s, by its number k, in the unknowns y of its two nodes, numbers on the
+    ground, shape (2 m, n_lanes), m = 3 in the plane or 12; return ``f(s)``, a number or a vector, of s itself m, 1 or
+    rad.
 
-    Parameters
-    ----------
-    statements, k
-        The statements, and the number of the one that is wanted.
-    y
-        Unknowns of both nodes, numbers on the ground, shape (2 m, n_lanes), m = 3 in the plane or 12.
-    known
-        What an angle is nearest to, shape (n_lanes,), rad; in the plane angles count turns by themselves.
-    second
-        Whether h is wanted.
-    scratch
-        From `scratch_of`.
-    width
-        As many numbers as there are lanes; see `lane_items`.
-    g, h
-        Results: first and second derivatives, shapes (2 m, n_lanes) and (2 m, 2 m, n_lanes).
-
-    Returns
-    -------
-    float or vector
-        ``f(s)``; of s itself m, 1 or rad.
+    `known` is what an angle is nearest to, shape (n_lanes,), rad; in the plane angles count turns by themselves.
+    Results are the first derivatives g, (2 m, n_lanes), and, where `second`, the second ones h, (2 m, 2 m, n_lanes).
+    `width` has as many numbers as there are lanes; see `lane_items`.
     """
     y, g, h = items(y, width), items(g, width), items(h, width)
     if y.size == 2 * PLANAR and _is_linear(statements, k):

@@ -133,15 +133,9 @@ def _find(theta, first, shape, middles, halves, state, patches):
 
 @njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
 def _evaluate(theta, middles, halves, numbers, coefficients, sums, found):
-    """Fill poses and derivatives, (1 or 6, n_p, n), by Chebyshev polynomials (n_patches, N, N, whole vectors of n_p).
-
-    Parameters
-    ----------
-    theta, middles, halves, numbers
-        Configurations, and of each the middle, half the widths and the number of its patch.
-    sums
-        Room for vectors, (1 or 6, LANES).
-    """
+    """Fill poses and derivatives, (1 or 6, n_p, n), by Chebyshev polynomials (n_patches, N, N, whole vectors of n_p),
+    for configurations with the middle, half the widths and the number of the patch of each; `sums` has room for
+    vectors, (1 or 6, LANES)."""
     n, n_vectors = coefficients.shape[1], coefficients.shape[3] // LANES
     polynomials = np.zeros((2, 3, n))
     across, along = polynomials

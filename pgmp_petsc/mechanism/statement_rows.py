@@ -32,33 +32,14 @@ ROUND_OFF = 1e-14  # of derivatives of order 1 at a generic place, below which t
 class StatementRows:
     """Statements about pairs of nodes, one a row, or combinations of them.
 
-    Parameters
-    ----------
-    parts
-        The statements or combinations.
-    sides
-        Their attachments, a pair for each term.
-    node_dofs
-        From a node to the unknowns that its frame depends on, shape (m,): ``(x, y, phi)`` or natural coordinates.
-    dimension
-        2 in the plane, 3 in space.
+    Of n `parts` the attachments are `sides`, a pair for each term; `node_dofs` leads from a node to the unknowns that
+    its frame depends on, shape (m,): ``(x, y, phi)`` or natural coordinates.
 
-    Attributes
-    ----------
-    n
-        Number of rows.
-    row_of
-        Row of every term, increasing, shape (n_terms,).
-    compiled
-        The rows as compiled functions take them.
-    dofs
-        Unknowns of both nodes of each term, -1 on the ground, shape (n_terms, 2 m).
-    jacobian_pattern
-        Rows and unknowns of the first derivatives of terms that are not zero everywhere, each of shape (n_entries,).
-        What repeats a pair is added.
-    curvature_pattern
-        Rows and columns among all unknowns of the second derivatives of all rows that are not, one of each symmetric
-        pair, each of shape (n_curved,). Rows repeat a pair.
+    Terms have the rows `row_of`, increasing, (n_terms,), and in `dofs` the unknowns of both nodes, -1 on the ground,
+    (n_terms, 2 m). `jacobian_pattern` has rows and unknowns of their first derivatives that are not zero everywhere,
+    each (n_entries,); what repeats a pair is added. `curvature_pattern` has rows and columns among all unknowns of the
+    second derivatives of all rows that are not, one of each symmetric pair, each (n_curved,); rows repeat a pair.
+    `compiled` are the rows as compiled functions take them.
     """
 
     def __init__(
@@ -262,19 +243,12 @@ def _starts(rows: np.ndarray, n: int) -> np.ndarray:
 
 @njit(cache=True, entry=True, error_model="numpy")
 def _evaluate(what, rows, q, rates, known, result):
-    """Fill what is wanted of all rows, for all samples; one function, as each compiles the statements anew.
+    """Fill what is wanted of all rows, for all samples, into zeros (n or n_entries or n_curved, n_samples): ``VALUES``,
+    ``SLOPES`` or ``CURVATURES`` on the patterns of `rows`, or ``DRIFT``; one function, as each compiles the statements
+    anew.
 
-    Parameters
-    ----------
-    what
-        ``VALUES``, ``SLOPES`` or ``CURVATURES`` on the patterns of `rows`, or ``DRIFT``.
-    q, rates
-        Shape (n_dofs, n_samples); the rates are for the drift.
-    known
-        What angles are nearest to, or the multipliers of the curvatures, shape (n, n_samples); or rates on the other
-        side of the drift.
-    result
-        Zeros, shape (n or n_entries or n_curved, n_samples).
+    Of shape (n_dofs, n_samples) are q and the rates of the drift; `known` is what angles are nearest to, or the
+    multipliers of the curvatures, (n, n_samples), or the rates on the other side of the drift.
     """
     starts, columns, unknowns = rows.entries
     curved_starts, one, other = rows.curved

@@ -37,33 +37,14 @@ if TYPE_CHECKING:
 class ReducedModel:
     """Rigid coordinates and flexible modes over interpolated tables; see `Model`.
 
-    Parameters
-    ----------
-    scene, rom
-        The scene, which may differ from the reduced model's in what its tables do not depend on.
-    kinematics
-        The mechanism's, where it is at hand; made from the scene otherwise.
+    The scene may differ from the reduced model's in what its tables do not depend on; the kinematics are made from it
+    where they are not at hand. `effects` act by forces, `actions` are local ones and where they hold; `motions` are
+    prescribed, by the numbers of their coordinates; `start` has positions (rad) and velocities (rad/s) of the
+    coordinates at the start, (n_theta,) each. `reconstruction` and `stresses` lead from reduced coordinates to the
+    frames of `outputs.nodes` and to stress outputs, None where there are none; `joint_angles` to the angles of the
+    joints that are coordinates.
 
-    Attributes
-    ----------
-    rom
-        As given.
-    effects, actions, motions
-        Effects that act by forces; local ones and where they hold; prescribed motions, by the numbers of their
-        coordinates.
-    joint_angles
-        Angles of the joints that are coordinates.
-    reconstruction, stresses
-        From reduced coordinates to the frames of `outputs.nodes`, and to stress outputs; None where there are none.
-    start
-        Positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,).
-    stiffness_changes
-        How loads change the stiffness of the modes; None where that is not known.
-
-    Raises
-    ------
-    InputError
-        If the start lies outside the sampled range.
+    Raises `InputError` if the start lies outside the sampled range.
     """
 
     name = "reduced"

@@ -170,18 +170,9 @@ class ReducedStatics:
 
 
 class JointAngles:
-    """Coordinates as the joints have them, for reduced states.
-
-    Parameters
-    ----------
-    scale
-        Displacement per unit of each reduced coordinate, shape (n_eta,), as in `ReducedTerms`.
-
-    Attributes
-    ----------
-    scales, unit
-        1 rad or the mechanism's size, shape (n_theta,), and in words.
-    """
+    """Coordinates as the joints have them, for reduced states; `scale` is the displacement per unit of each reduced
+    coordinate, shape (n_eta,), as in `ReducedTerms`; `scales` and `unit` are 1 rad or the mechanism's size, shape
+    (n_theta,), and in words."""
 
     def __init__(self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, scale: np.ndarray) -> None:
         self._angles = [Reading.of_coordinate(coordinate, kinematics) for coordinate in kinematics.coordinates]

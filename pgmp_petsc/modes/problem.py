@@ -83,32 +83,15 @@ RIGID_TOLERANCE = 1e-5  # largest "zero" eigenvalue over the first flexible one;
 
 
 class ModalProblem:
-    """Modes of a mechanism at any configuration, for fixed parameter values. Collective on `comm`.
+    """Modes of a mechanism at any configuration, for the fixed parameter values at which M and K are taken. Collective
+    on `comm`, the ranks that share one eigenproblem; `matrices` are the rows that this rank has (`owned_rows`), where
+    they are assembled already.
 
-    Parameters
-    ----------
-    values
-        Parameter values at which M and K are taken.
-    n_modes
-        Number of flexible modes, or all that the mesh has if these are fewer.
-    comm
-        Ranks that share one eigenproblem.
-    matrices
-        The rows that this rank has of the mechanism's matrices (`owned_rows`), where they are assembled already.
+    Of the `n_available` flexible modes of the mesh it has `n_modes` at most. Elastic joints allow `n_released` motions;
+    with free coordinates there are `n_unstrained` vanishing eigenvalues. `clamped` are coordinates that follow given
+    motions.
 
-    Attributes
-    ----------
-    clamped
-        Coordinates that follow given motions.
-    n_available
-        Number of flexible modes that the mesh has.
-    n_released, n_unstrained
-        Numbers of motions that elastic joints allow, and of all vanishing eigenvalues: those of free coordinates too.
-
-    Raises
-    ------
-    InputError
-        If the mesh has no flexible modes.
+    Raises `InputError` if the mesh has no flexible modes.
     """
 
     def __init__(

@@ -173,7 +173,8 @@ class FormulaOfOutputs(OutputEntry):
         text, used = self.in_declarations(scene)
         names = {TIME: Measured((0.0, 0.0, 1.0), "s")}
         for name in used - {"t"}:
-            names[f"of_{name}"] = _of_output(scene, name) if name in scene.outputs else _of_parameter(scene, name)
+            is_output = name in scene.outputs
+            names[f"of_{name}"] = _measured(unit_of(scene, name)) if is_output else _of_parameter(scene, name)
         return evaluated(text, names, Dimensions())
 
     def kinked_in(self, scene: Scene) -> bool:
@@ -190,21 +191,18 @@ class FormulaOfOutputs(OutputEntry):
         )  # fmt: skip
 
 
-def _of_output(scene: Scene, name: str) -> Measured:
-    unit = unit_of(scene, name)
-    return _measured(unit) if unit else Measured()
-
-
 def _of_parameter(scene: Scene, name: str) -> Measured:
     """Return what a parameter is measured in: what it says, or what the entries that name it take."""
     if scene.parameters[name].unit:
         return Measured(_measured(scene.parameters[name].unit).dimension)
     units = {use.units for use in uses_of(scene) if use.parameter == name and use.units}
     only = next(iter(units)) if len(units) == 1 else ()
-    return _measured(only[0]) if len(only) == 1 and only[0] else Measured()
+    return _measured(only[0] if len(only) == 1 else "")
 
 
 def _measured(unit: str) -> Measured:
+    if not unit:
+        return Measured()
     try:
         return Measured(tuple(float(power) for power in measure(unit)[1]), unit)
     except UnknownUnit:

@@ -19,7 +19,6 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import UnknownUnit, measure
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.effects import start_of
 from pgmp_petsc.effects.motion import bases_of
@@ -166,8 +165,10 @@ class OutputSet:
             entry = scene.outputs[name]
             if "stresses" in entry.reads:
                 stresses.append(_stress(name, scene, kinematics))
-                nodes = _nodes_of_beams(kinematics.mechanism.bodies[stresses[-1].body])
-                functions[name] = ModelReading(name, Needs(frozenset(nodes), stresses=frozenset([name])))
+                body = kinematics.mechanism.bodies[stresses[-1].body]
+                # frames of the nodes of beams say all of their strains
+                nodes = frozenset(range(body.nodes.start, body.nodes.stop) if body.fibred else ())
+                functions[name] = ModelReading(name, Needs(nodes, stresses=frozenset([name])))
             elif "multipliers" in entry.reads:
                 force = next(one for one in forces if one.name == name)
                 functions[name] = ModelReading(
@@ -259,8 +260,3 @@ def _forces(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> tup
     from pgmp_petsc.outputs.joint_forces import force_outputs  # few scenes have them
 
     return force_outputs(scene, kinematics, start)
-
-
-def _nodes_of_beams(body: Body) -> set[int]:
-    """Return the nodes of a body of beams, whose frames say all of its strains."""
-    return set(range(body.nodes.start, body.nodes.stop)) if body.fibred else set()

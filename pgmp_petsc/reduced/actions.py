@@ -230,19 +230,8 @@ def _counted(
 
 
 class ReducedStrengths:
-    """Strengths that are the same for all samples of a batch.
-
-    Parameters
-    ----------
-    load_effects
-        Effects with loads, in the order of the tables.
-    actions
-        Local effects.
-    motions
-        Of the prescribed coordinates, by their numbers.
-    n_coordinates
-        Number of rigid coordinates.
-    """
+    """Strengths that are the same for all samples of a batch: of effects with loads, in the order of the tables, of
+    local effects, and of the motions of prescribed coordinates, by their numbers."""
 
     def __init__(
         self,

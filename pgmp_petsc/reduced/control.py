@@ -149,19 +149,9 @@ class Control(NamedTuple):
 @njit(cache=True, apart=True, error_model="numpy", counted=False)
 def begin_steps(control, search, scheme, steps, n_steps, pace, beside, samples, lanes, parameters):
     """Begin the steps of some lanes, or parts of them: find what the states' iteration starts from, and what references
-    are at their ends; those that are sampled keep their force.
-
-    Parameters
-    ----------
-    search, pace
-        Of the clocks (`steps.Clocks`): searches of edges; length and gains of the lanes' steps.
-    scheme, steps, n_steps
-        See `steps.advance`; steps that are behind each lane.
-    beside
-        Vectors (n_beside, LANES) at the beginning.
-    parameters
-        Of the actions.
-    """
+    are at their ends; those that are sampled keep their force. Searches of edges, length and gains of the steps are
+    those of `steps.Clocks`; scheme and steps see `steps.advance`. Numbers `beside` are vectors (n_beside, LANES) at the
+    beginning."""
     law, now = loaded(control.law), control.now
     alpha_m, alpha_f, _, gamma = scheme
     for lane in range(LANES):

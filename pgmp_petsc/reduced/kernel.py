@@ -193,22 +193,11 @@ def take_up(state, samples, work):
 
 @njit(cache=True, entry=True, error_model="numpy", counted=False)
 def correct(equations, memory, room, strengths, state, gains, active, fresh, size):
-    """Do one Newton correction of some samples in place.
+    """Do one Newton correction of samples in sets of active lanes (n_blocks,), in place; fill its size, 0 where there
+    is none, (n_blocks, LANES).
 
-    Parameters
-    ----------
-    strengths
-        Of the lanes, at the end of the step; motions are not used.
-    state
-        ``(q, v, a)``, each (n_samples, n_eta).
-    gains
-        ``(gain_v, gain_a)``.
-    active
-        Sets of lanes, shape (n_blocks,).
-    fresh
-        Whether to factorise anew; otherwise the factors of the last call serve.
-    size
-        Result: size of the correction, 0 where there is none, (n_blocks, LANES).
+    The state ``(q, v, a)`` has shapes (n_samples, n_eta), gains are ``(gain_v, gain_a)``; of the strengths at the end
+    of the step motions are not used. Where it is not `fresh` the factors of the last call serve.
     """
     gain_v, gain_a, work = spread(gains[0]), spread(gains[1]), room.work
     for block in range(active.size):
@@ -226,22 +215,11 @@ def correct(equations, memory, room, strengths, state, gains, active, fresh, siz
 
 @njit(cache=True, entry=True, error_model="numpy", counted=False)
 def act_on(equations, memory, room, amplitudes, trail, active, gain_v, with_tangent, known):
-    """Evaluate the local effects on some samples at several instants, the last of which stays in the memory.
+    """Evaluate the local effects on samples in sets of active lanes (n_blocks,) at several instants, the last of which
+    stays in the memory; fill what is `known`, as of `act`, shape (n_t, n_samples, 3, n_actions).
 
-    Parameters
-    ----------
-    amplitudes
-        Of the actions at every instant, of the sample in each lane, shape (n_t, n_blocks, n_actions, LANES).
-    trail
-        Positions and velocities, shape (n_t, 2, n_samples, n_eta), and what else is behind them.
-    active
-        Sets of lanes, shape (n_blocks,).
-    gain_v
-        Derivative of eta' with eta within a step.
-    with_tangent
-        Whether tangents are wanted.
-    known
-        Result: as of `act`, shape (n_t, n_samples, 3, n_actions).
+    Actions have amplitudes at every instant, of the sample in each lane, (n_t, n_blocks, n_actions, LANES); the trail
+    has positions and velocities, (n_t, 2, n_samples, n_eta), and what else is behind them.
     """
     work, local, n_actions = room.work, room.local, amplitudes.shape[2]
     for block in range(active.size):

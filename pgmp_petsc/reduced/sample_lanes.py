@@ -20,25 +20,10 @@ from pgmp_petsc.reduced.terms import ReducedTerms
 class ReducedLanes:
     """Samples in blocks of LANES, in an order that may change; no sample's numbers depend on its lane.
 
-    Parameters
-    ----------
-    terms, actions
-        Interpolated terms of the equations of motion, and local effects.
-    effects
-        Names of the effects with loads, each once.
-    values
-        Parameter values of the samples, each of shape (n_samples,).
-    prescribed
-        Whether a coordinate's motion is given, shape (n_eta,).
-    n_samples
-        Number of samples.
-
-    Attributes
-    ----------
-    equations, memory
-        What the kernels take, and what they keep of every block.
-    load_weights, place_weights
-        Weights of the load terms, shape (n_load_terms, n_samples), and of the terms of the places of actions.
+    They have parameter values (n_samples,) each; `effects` are the names of the effects with loads, each once, and a
+    mask (n_eta,) says which coordinates' motions are prescribed. `equations` are what the kernels take, and `memory`
+    what they keep of every block; `load_weights` those of the load terms, (n_load_terms, n_samples), `place_weights` of
+    the terms of the places of actions.
     """
 
     def __init__(
@@ -101,10 +86,6 @@ class ReducedLanes:
             np.empty((self._blocks.n_samples, n_edges)),
             self._carried.kept(self.packed(self._gap_weights), self._blocks.n_samples, n_effects, n_actions),
         )
-
-    def nothing_acting(self) -> Acting:
-        """Return what local effects add where there are none."""
-        return Acting.empty(self._blocks.n_blocks, self.equations.layout.n_eta)
 
     def zeros(self, dtype: type = float) -> np.ndarray:
         """Return a zero for every lane, aligned, shape (n_blocks, LANES)."""

@@ -17,7 +17,7 @@ from pgmp_petsc.effects.action import amplitudes_over
 from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import LANES
-from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED
+from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED, Acting
 from pgmp_petsc.reduced.actions import ReducedActions, ReducedStrengths, functions_of_time
 from pgmp_petsc.reduced.arrays import Room, Strengths
 from pgmp_petsc.reduced.control import Control
@@ -55,25 +55,10 @@ class ReducedTrail(State):
 class ReducedSystem(SecondOrderSystem):
     """A batch of samples of the reduced model, on one rank.
 
-    Parameters
-    ----------
-    terms
-        Interpolated terms of the equations of motion.
-    effects
-        Effects of the scene; they give the loads' amplitudes over time.
-    values
-        Parameter values of the samples, each of shape (n_samples,).
-    initial
-        Positions (rad) and velocities (rad/s) of the rigid coordinates at the start, each a number or of shape
-        (n_theta,).
-    n_samples
-        Number of samples.
-    motions
-        Of the prescribed coordinates, by their numbers.
-    actions
-        Local effects, if there are any.
-    given
-        Values of the coordinates that are given and do not move, the last ones, shape (n_given, n_samples).
+    They have parameter values (n_samples,) each, and start at positions (rad) with velocities (rad/s) of the rigid
+    coordinates, each a number or of shape (n_theta,). Effects give the loads' amplitudes over time; motions are by the
+    numbers of the prescribed coordinates. The last coordinates are given where joints are off and do not move, shape
+    (n_given, n_samples).
     """
 
     steps_at_once, has_range = 2**31, True  # steps each by itself
@@ -255,29 +240,13 @@ class ReducedSystem(SecondOrderSystem):
     def correct_at_rest(
         self, state: State, force: np.ndarray, active: np.ndarray, share: float, longest: float
     ) -> np.ndarray:
-        """Do one Newton correction of the flexible coordinates at rest, under the loads at time zero, in place.
-
-        Parameters
-        ----------
-        state
-            At rest.
-        force
-            What else is in balance with the residual, shape (n_samples, n_eta): ``r + force = 0``.
-        active
-            Samples to correct, shape (n_samples,).
-        share
-            What part of the loads and local effects acts.
-        longest
-            Longer corrections are shortened to it, in units of the mechanism's size or of 1 rad.
-
-        Returns
-        -------
-        ndarray, shape (n_samples,)
-            Size of the correction before it was shortened.
-        """
+        """Do one Newton correction of the flexible coordinates at rest, under a share of the loads and local effects at
+        time zero, in place; return its size (n_samples,) before it was shortened to the `longest`, in units of the
+        mechanism's size or of 1 rad. The force (n_samples, n_eta) is what else is in balance with the residual: ``r +
+        force = 0``."""
         before, memory, at_start = state.q.copy(), self._memory, self._strengths.at(0.0)
         at_start.loads[:] *= share
-        acting = self._lanes.nothing_acting()
+        acting = Acting.empty(len(memory.samples), self.n_eta)
         if self._actions.actions:
             self._act(0.0, state, 0.0, active, True)
             acting.balance[:], acting.tangent[:] = share * memory.acting.balance, share * memory.acting.tangent
@@ -332,7 +301,7 @@ class ReducedSystem(SecondOrderSystem):
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
-        self._act_on_all(time, state)
+        self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), False)
         return self._memory.depths.T.copy()
 
     def energies(self, time: float, state: State) -> Energies:
@@ -529,9 +498,6 @@ class ReducedSystem(SecondOrderSystem):
                 np.bool_(with_tangent), found,
             )  # fmt: skip
         return found
-
-    def _act_on_all(self, time: float, state: State) -> None:
-        self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), False)
 
 
 def _parts(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -72,7 +72,9 @@ class ReducedDamping:
                 if factor:
                     for weight, matrix in of_body.items():
                         table = np.zeros((len(shapes), n_eta, n_eta))
-                        table[:, first:, first:] = _congruent(factor * matrix.toarray(), shapes[:, rows, first:])
+                        own = shapes[:, rows, first:]
+                        product = np.einsum("nki,kl,nlj->nij", own, factor * matrix.toarray(), own, optimize=True)
+                        table[:, first:, first:] = product
                         add(weight, table)
         for modal in found.modal:
             own = shapes[:, mechanism.bodies[modal.body].dofs, r:]
@@ -92,10 +94,6 @@ def _shapes(kinematics: RigidKinematics, rom: ReducedOrderModel) -> np.ndarray:
     rates = kinematics.rates(poses)
     velocities = [rigid_velocities(kinematics.mechanism, poses[..., k], rates[..., k]) for k in range(poses.shape[2])]
     return np.concatenate([np.array(velocities), rom.projection], axis=2)
-
-
-def _congruent(matrix: np.ndarray, shapes: np.ndarray) -> np.ndarray:
-    return np.einsum("nki,kl,nlj->nij", shapes, matrix, shapes, optimize=True)
 
 
 # rad, or of the mechanism's size; in such cells polynomials of degree 7 agree with the rigid inertia to 4e-10 of its
@@ -136,23 +134,9 @@ class ReducedTerms:
         damping: ReducedDamping | None = None,
         quadratic: bool = True,
     ) -> ReducedTerms:
-        """Prepare the terms.
-
-        Parameters
-        ----------
-        rigid
-            Rigid inertia, as from `rigid_inertia`.
-        kinematics
-            The mechanism's; gives its size.
-        projection
-            Flexible vectors, shape (n, n_dofs, n_delta); gives the scale of the flexible coordinates.
-        scheme
-            Interpolation over the samples.
-        damping
-            Structural damping, if there is any.
-        quadratic
-            Whether inertia forces quadratic in the velocities are evaluated.
-        """
+        """Prepare the terms by a scheme of interpolation over the samples: rigid inertia as from `rigid_inertia`, and
+        flexible vectors, shape (n, n_dofs, n_delta), which give the scale of the flexible coordinates as the kinematics
+        give the size. Inertia forces quadratic in the velocities are evaluated if `quadratic`."""
         samples = tables.samples
         damping_weights = () if damping is None else damping.weights
         weights = tuple(sorted({*tables.mass_weights, *tables.stiffness_weights, *damping_weights}))

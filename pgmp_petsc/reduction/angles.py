@@ -366,7 +366,8 @@ def interpolation_errors(
     fresh = now.tables.at(rows).turned(rotations)
     errors = np.zeros(len(theta))
     for name, weights in (("mass", old.mass_weights), ("inertia", old.mass_weights), ("load", old.load_weights)):
-        scale = 1.0 if name == "mass" else _largest_entry(getattr(old, name), weights, values)
+        known = 1.0 if name == "mass" else _weighted(getattr(old, name), weights, values)
+        scale = max(float(np.max(np.abs(known), initial=0.0)), 1e-300)
         errors = np.maximum(errors, _difference(name, old, fresh, theta, weights, values) / scale)
     stiffness = with_units(_weighted(fresh.stiffness, old.stiffness_weights, values))
     diagonal = np.sqrt(np.einsum("nii->ni", np.abs(stiffness)))
@@ -396,10 +397,6 @@ def _difference(
         ]
     difference = np.abs(_weighted(guess - getattr(fresh, name), weights, values))
     return difference.reshape(len(theta), -1).max(axis=1, initial=0.0)
-
-
-def _largest_entry(table: np.ndarray, weights: tuple, values: Mapping[str, float]) -> float:
-    return max(float(np.max(np.abs(_weighted(table, weights, values)), initial=0.0)), 1e-300)
 
 
 def _weighted(table: np.ndarray, weights: tuple, values: Mapping[str, float]) -> np.ndarray:

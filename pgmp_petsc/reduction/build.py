@@ -35,7 +35,7 @@ from pgmp_petsc.outputs.outputs import OutputSet, carried_in
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import AngleRounds
-from pgmp_petsc.reduction.cell_products import SecondOrderTables, symmetric, unpacked
+from pgmp_petsc.reduction.cell_products import symmetric, unpacked
 from pgmp_petsc.reduction.checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, JoinedSamples, SampleStore, compression_of
 from pgmp_petsc.reduction.interpolation import samples_for
@@ -48,6 +48,7 @@ from pgmp_petsc.reduction.sampler import Sample, Sampler, TurnedLoads
 from pgmp_petsc.reduction.snapshots import Compression, ParameterSnapshots, choose_points
 from pgmp_petsc.reduction.static_loads import InfluenceProbe, StaticLoads
 from pgmp_petsc.reduction.tables import (
+    SecondOrderTables,
     StiffnessChanges,
     flipping_signs,
     indefinite_between,
@@ -396,7 +397,8 @@ class _Sampling:
 def _over_turns(found: OverSamples, samples: SampleGrid, basis: ContinuousBasis) -> OverSamples:
     """Return tables of one turn over the turns of a basis."""
     for axis in np.flatnonzero(basis.flipped.any(axis=1)):
-        found = found.over_two_turns(samples, axis, flipping_signs(basis.tables.n_modes, basis.flipped[axis]))
+        signs = flipping_signs(basis.tables.n_modes, basis.flipped[axis])
+        found = samples.doubled(axis, found, signs, found.arrays)
         samples = samples.over_two_turns(axis)
     return found
 

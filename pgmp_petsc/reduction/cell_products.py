@@ -5,24 +5,6 @@
 with the rows T_r of a table that belong to the cell of theta_k, and the weights of `stencil`, on a tensor grid products
 of one along each axis. Where a cell has many configurations, each row is loaded once for LANES of them.
 
-Reduced tables of second order in the flexible coordinates, for the quadratic manifold (Jain et al. 2017)
-
-    u = Psi(theta) delta + 1/2 sum_ij chi_ij(theta) delta_i delta_j,     chi_ij = chi_ji,
-
-in body frames (`modes.curvature`). With K3_t, the third derivative of a term of the strain energy at rest,
-
-    cubic_t[i, j, k] = K3_t[psi_i, psi_j, psi_k] + psi_i.K_t chi_jk + psi_j.K_t chi_ik + psi_k.K_t chi_ij
-    curved_load_l[i, j] = f_l.chi_ij
-    curved_inertia_t[kl, i, j] = (d2 rho/d theta_k d theta_l).M_t chi_ij,     pairs k >= l of rigid coordinates
-    curved_mass_t[k, i, j] = (d rho/d theta_k).M_t chi_ij,     where coordinates are prescribed
-
-are the strain energy of third order, ``1/6 cubic delta delta delta``, and what loads, acceleration and velocity of the
-rigid motion do along the manifold's curvature. At the nominal parameters chi is M-orthogonal to the velocities of
-coordinates that are free, and where all are the last table is empty.
-
-Pairs (i, j) of coordinates are packed as ``np.tril_indices`` orders them, each once: ``1/2 chi delta delta`` is the sum
-over the packed pairs of ``chi_ij delta_i delta_j``, halved where i = j.
-
 Piecewise cubics on a uniform grid, as weighted sums of four rows of a table; compiled.
 
 Two bases: ``OVERHAUSER``, the cubic Hermite polynomial with central-difference tangents (Naets et al. 2015, eqs.
@@ -32,8 +14,6 @@ B-splines. Everything that interpolates uses `stencil`, in Python and in the int
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import permutations
 from typing import NamedTuple
 
@@ -41,7 +21,6 @@ import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, floor, load, store
-from pgmp_petsc.reduction.sample_grid import SampleGrid
 
 N_ROWS = 4
 OVERHAUSER, B_SPLINE = 0, 1
@@ -71,15 +50,8 @@ def count_rows(axis):
 
 @njit(cache=True, error_model="numpy")
 def stencil(theta, axis, rows, weights, slopes):
-    """Fill the rows, weights and derivative weights for one theta.
-
-    Parameters
-    ----------
-    theta
-        Coordinate, rad; inside the range if the grid is not periodic.
-    rows, weights, slopes
-        Results, shape (4,): ``A = sum weights A[rows]``, ``dA/dtheta = sum slopes A[rows]``.
-    """
+    """Fill the rows, weights and slopes, (4,) each, for a theta (rad) that is inside the range if the grid is not
+    periodic: ``A = sum weights A[rows]``, ``dA/dtheta = sum slopes A[rows]``."""
     cell, s = locate(theta, axis)
     cell_stencil(cell, s, axis, rows, weights, slopes)
 
@@ -347,39 +319,6 @@ def _multiply(rows, table, weights, factors, products):
             for j in range(table.shape[2]):
                 total = load(products, j) + x_0 * row_0[i, j] + x_1 * row_1[i, j]
                 store(products, j, total + x_2 * row_2[i, j] + x_3 * row_3[i, j])
-
-
-CURVED = ("cubic", "curved_load", "curved_inertia", "curved_mass")  # the fields of `SecondOrderTables`
-
-
-@dataclass(frozen=True, eq=False)
-class SecondOrderTables:
-    """Tables at n samples, symmetric in the flexible indices."""
-
-    cubic: np.ndarray  # shape (n, n_stiffness_terms, n_delta, n_delta, n_delta)
-    curved_load: np.ndarray  # shape (n, n_load_terms, n_delta, n_delta)
-    curved_inertia: np.ndarray  # shape (n, n_mass_terms, n_theta (n_theta + 1) / 2, n_delta, n_delta)
-    #: shape (n, n_mass_terms, n_theta or 0, n_delta, n_delta), zero for coordinates that are free
-    curved_mass: np.ndarray
-
-    def at(self, rows: np.ndarray) -> SecondOrderTables:
-        """Return the tables at some of the samples, given by their numbers."""
-        return SecondOrderTables(*(getattr(self, name)[rows] for name in CURVED))
-
-    def turned(self, rotations: np.ndarray) -> SecondOrderTables:
-        """Express the flexible coordinates in another basis, ``Psi_new = Psi Q``, Q of shape (n, n_delta, n_delta)."""
-        cubic = np.einsum("nia,njb,nkc,ntijk->ntabc", rotations, rotations, rotations, self.cubic, optimize=True)
-        return SecondOrderTables(symmetric(cubic), *(congruent(rotations, getattr(self, name)) for name in CURVED[1:]))
-
-    def over_two_turns(self, samples: SampleGrid, axis: int, signs: np.ndarray) -> SecondOrderTables:
-        """Append a second revolution along an axis with other signs of the flexible coordinates, shape (n_delta,)."""
-        second = self.turned(np.broadcast_to(np.diag(signs), (samples.n, signs.size, signs.size)))
-        return SecondOrderTables(*(samples.twice(axis, getattr(self, name), getattr(second, name)) for name in CURVED))
-
-    @classmethod
-    def joined(cls, parts: Sequence[SecondOrderTables]) -> SecondOrderTables:
-        """Return the tables of all parts, one after the other."""
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in CURVED))
 
 
 def congruent(left: np.ndarray, matrices: np.ndarray) -> np.ndarray:

@@ -25,11 +25,11 @@ from pgmp_petsc.effects import Load
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.continuity import GridBasis, GridNeighbours
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_rotations
+from pgmp_petsc.reduction.cell_products import pair_rotations
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.sampler import TABLES, Sample
 from pgmp_petsc.reduction.snapshots import Compression
-from pgmp_petsc.reduction.tables import REDUCED, ReducedTables, flipping_signs
+from pgmp_petsc.reduction.tables import CURVED, REDUCED, ReducedTables, SecondOrderTables, flipping_signs
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +253,7 @@ class ContinuousBasis:
         (n_sampled, n_dofs, n_pairs), and tables."""
         for axis in np.flatnonzero(self.flipped.any(axis=1)):
             signs = flipping_signs(self.tables.n_modes, self.flipped[axis])
-            tables = tables.over_two_turns(samples, axis, signs)
+            tables = samples.doubled(axis, tables, signs, CURVED)
             curvature = samples.twice(axis, curvature, curvature @ pair_rotations(np.diag(signs)[None]))
             samples = samples.over_two_turns(axis)
         return replace(self, curvature=curvature, tables=replace(self.tables, second_order=tables))

@@ -34,10 +34,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.reduction.cell_products import SecondOrderTables
+from pgmp_petsc.declare.records import Record, array
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.tables import ModeChanges, beside_rigid
+from pgmp_petsc.reduction.tables import (
+    CURVATURE_UNITS,
+    NODE_UNITS,
+    WEIGHT_FREE,
+    ModeChanges,
+    SecondOrderTables,
+    beside_rigid,
+)
 
 if TYPE_CHECKING:
     from pgmp_petsc.modes.built_in import Closing
@@ -58,39 +65,50 @@ def rows_of(outputs: Iterable[ForceOutput], n_held: int) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class JointGaps:
-    """Products of the static answers to g unit gaps with a basis of m flexible vectors, over n configurations."""
+class JointGaps(Record):
+    """Products of the static answers Y to unit gaps in constraints of joints with a basis of m flexible vectors; what
+    is of second order is None where the model has none, or not yet."""
 
-    rows: np.ndarray  # numbers of the constraints that are opened, increasing, shape (g,)
-    mass: np.ndarray  # ``Y^T M_i [d rho/d theta, Psi]``, shape (n, n_mass_terms, g, r + m)
-    inertia: np.ndarray  # ``(d2 rho/d theta2)^T M_i Y``, shape (n, n_mass_terms, r, r, g)
-    stiffness: np.ndarray  # ``Y^T K_i Psi``, shape (n, n_stiffness_terms, g, m)
-    load: np.ndarray  # ``Y^T f_j``, shape (n, n_load_terms, g)
-    shapes: np.ndarray  # Y in body frames, shape (n, n_dofs, g)
-    # of second order, where the model is: cubic energy, shape (n, n_stiffness_terms, g, m, m); work of loads and of
-    # inertia on the curvature, (n, n_load_terms, g, m) and (n, n_mass_terms, r (r + 1) / 2, g, m), and its momentum
-    # along prescribed coordinates, (n, n_mass_terms, r or 0, g, m); the curvature in body frames, (n, n_dofs, g, m);
-    # and what changes as the vectors do, (n, n_mass_terms, r, g, m) and as of inertia
-    cubic: np.ndarray | None = None
-    curved_load: np.ndarray | None = None
-    curved_inertia: np.ndarray | None = None
-    curved_mass: np.ndarray | None = None
-    curvature: np.ndarray | None = None
-    gyroscopic: np.ndarray | None = None
-    spread: np.ndarray | None = None
-
-    def over_two_turns(self, samples: SampleGrid, axis: int, signs: np.ndarray) -> JointGaps:
-        """Append a second revolution along an axis, on which flexible coordinates have signs (m,)."""
-        whole = np.concatenate([np.ones(self.mass.shape[-1] - signs.size), signs])
-        second = replace(self, mass=self.mass * whole, stiffness=self.stiffness * signs)
-        names: tuple[str, ...] = ("mass", "inertia", "stiffness", "load", "shapes")
-        if self.cubic is not None:
-            turned = {name: getattr(self, name) * signs for name in CURVED}
-            second = replace(second, **turned, cubic=self.cubic * np.multiply.outer(signs, signs))
-            names += ("cubic", *CURVED)
-        return replace(
-            self, **{name: samples.twice(axis, getattr(self, name), getattr(second, name)) for name in names}
-        )
+    rows: np.ndarray = array("gap", at="constraints", about="numbers of the constraints that joints hold in the motion")
+    mass: np.ndarray = array(
+        "configuration", "mass term", "gap", "eta", unit=WEIGHT_FREE, about="Y^T M_i [d rho/d theta, Psi]"
+    )
+    inertia: np.ndarray = array(
+        "configuration", "mass term", "coordinate", "coordinate", "gap", unit=WEIGHT_FREE,
+        about="(d2 rho/d theta2)^T M_i Y",
+    )  # fmt: skip
+    stiffness: np.ndarray = array(
+        "configuration", "stiffness term", "gap", "mode", unit=WEIGHT_FREE, about="Y^T K_i Psi"
+    )
+    load: np.ndarray = array("configuration", "load term", "gap", unit=WEIGHT_FREE, about="Y^T f_j")
+    shapes: np.ndarray = array("configuration", "unknown", "gap", unit=NODE_UNITS, about="Y in body frames")
+    cubic: np.ndarray | None = array(
+        "configuration", "stiffness term", "gap", "mode", "mode", unit=WEIGHT_FREE, absent=None,
+        about="cubic strain energy of Y and two vectors of the basis",
+    )  # fmt: skip
+    curved_load: np.ndarray | None = array(
+        "configuration", "load term", "gap", "mode", unit=WEIGHT_FREE, absent=None, about="work on the curvature"
+    )
+    curved_inertia: np.ndarray | None = array(
+        "configuration", "mass term", "pair of coordinates", "gap", "mode", unit=WEIGHT_FREE, absent=None,
+        about="inertia of the curvature",
+    )  # fmt: skip
+    curved_mass: np.ndarray | None = array(
+        "configuration", "mass term", "coordinate where any is prescribed", "gap", "mode", unit=WEIGHT_FREE,
+        absent=None, about="momentum of the curvature along prescribed coordinates",
+    )  # fmt: skip
+    curvature: np.ndarray | None = array(
+        "configuration", "unknown", "gap", "mode", unit=CURVATURE_UNITS, absent=None,
+        about="of Y and a vector of the basis",
+    )  # fmt: skip
+    gyroscopic: np.ndarray | None = array(
+        "configuration", "mass term", "coordinate", "gap", "mode", unit=WEIGHT_FREE, absent=None,
+        about="Y^T M_i dPsi/d theta",
+    )  # fmt: skip
+    spread: np.ndarray | None = array(
+        "configuration", "mass term", "pair of coordinates", "gap", "mode", unit=WEIGHT_FREE, absent=None,
+        about="inertia of Y and a vector of the basis as they turn and change",
+    )  # fmt: skip
 
     def turned(self, rotations: np.ndarray) -> JointGaps:
         """Express the flexible coordinates in another basis, ``Psi_new = Psi Q``, Q (n, m, m); without what `changing`

@@ -32,7 +32,6 @@ from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.declare.records import Record, array
 from pgmp_petsc.lanes.lane_items import solutions
 from pgmp_petsc.reduction.interpolation import interpolant
-from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.tables import WEIGHT_FREE, ReducedTables, Weights, beside_rigid, weights_of
 
 if TYPE_CHECKING:
@@ -62,6 +61,8 @@ class MissedAnswers(Record):
         "configuration", "load", "unknown of stresses", unit=WEIGHT_FREE, about="K^-1 [L_i, K_i Psi]"
     )
 
+    arrays = ("forces", "answers")  # rows of configurations
+
     def turned(self, rotations: np.ndarray) -> MissedAnswers:
         """Express the flexible coordinates in another basis of the same space, ``Psi_new = Psi Q``, Q (n, m, m)."""
         n_terms, whole = self.forces.shape[1], beside_rigid(rotations, self.forces.shape[-1] - rotations.shape[1])
@@ -73,15 +74,6 @@ class MissedAnswers(Record):
         ]
         forces = np.einsum("nki,ntkl,nlj->ntij", whole, self.forces, whole, optimize=True)
         return replace(self, forces=forces, answers=np.concatenate(parts, axis=1))
-
-    def over_two_turns(self, samples: SampleGrid, axis: int, signs: np.ndarray) -> MissedAnswers:
-        """Append a second revolution along an axis, on which flexible coordinates have signs (m,)."""
-        second = self.turned(np.broadcast_to(np.diag(signs), (len(self.forces), signs.size, signs.size)))
-        return replace(
-            self,
-            forces=samples.twice(axis, self.forces, second.forces),
-            answers=samples.twice(axis, self.answers, second.answers),
-        )
 
 
 class Missed:

@@ -33,13 +33,19 @@ from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.reduction.cell_products import CURVED, SecondOrderTables
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.joint_gaps import JointGaps
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
-from pgmp_petsc.reduction.rom_file import BodyFile, GapsFile, LengthsFile, ModelFile, RomFile, SecondOrderFile
+from pgmp_petsc.reduction.rom_file import BodyFile, LengthsFile, ModelFile, RomFile
 from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints
-from pgmp_petsc.reduction.tables import ModeChanges, ReducedTables, StiffnessChanges, rigid_inertia
+from pgmp_petsc.reduction.tables import (
+    CURVED,
+    ModeChanges,
+    ReducedTables,
+    SecondOrderTables,
+    StiffnessChanges,
+    rigid_inertia,
+)
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.scene.parameters import Parameter, spanning_values
@@ -54,8 +60,8 @@ OF_TABLES = {
     "stiffness": "stiffness_weights",
     "load": "load_weights",
 }
+IN_TABLES = (*OF_TABLES, *dict.fromkeys(OF_TABLES.values()), "load_effects", "n_given", "second_order", "changes")
 OF_CHANGES = ("gyroscopic", "spread")
-OF_MISSED = ("forces", "answers")
 Arrays = TypeVar("Arrays", ReducedTables, SecondOrderTables, ModeChanges, StiffnessChanges, MissedAnswers, JointGaps)
 
 
@@ -132,21 +138,15 @@ class ReducedOrderModel:
 
     def _fields(self) -> dict[str, Any]:
         """Return all but the record and the family as a file has it."""
-        tables, second_order = self.tables, None
-        weights = {name: getattr(tables, name) for name in dict.fromkeys(OF_TABLES.values())}
-        if tables.second_order is not None:
-            second_order = SecondOrderFile(**vars(tables.second_order), **vars(tables.changes), **weights)
         return {
-            **{name: getattr(tables, name) for name in (*OF_TABLES, "load_effects", "n_given")},
+            **{name: getattr(self.tables, name) for name in IN_TABLES},
             **{name: getattr(self, name) for name in OWN},
-            **ModelFile.of_samples(tables.samples),
-            **weights,
+            **ModelFile.of_samples(self.tables.samples),
             "rigid": self.rigid_inertia,
-            "second_order": second_order,
             "kinematics": self.branch,
             "stiffness_changes": self.stiffness_changes,
             "missed": self.missed,
-            "joint_gaps": None if self.gaps is None else GapsFile(**vars(self.gaps)),
+            "joint_gaps": self.gaps,
             "parameter_points": self.points if self.points.values else None,
             "mesh": {name: BodyFile.of(shape) for name, shape in self.meshes.items()},
         }
@@ -168,16 +168,8 @@ class ReducedOrderModel:
     @classmethod
     def _of(cls, found: ModelFile, record: RunRecord) -> ReducedOrderModel:
         """Return the model that a file has."""
-        second, gaps = found.second_order, found.joint_gaps
-        as_they_are = (*OF_TABLES, *dict.fromkeys(OF_TABLES.values()), "load_effects", "n_given")
-        tables = ReducedTables(
-            samples=found.samples,
-            **{name: getattr(found, name) for name in as_they_are},
-            second_order=second and SecondOrderTables(*(getattr(second, name) for name in CURVED)),
-            changes=second and ModeChanges(second.gyroscopic, second.spread),
-        )
         return cls(
-            tables=tables,
+            tables=ReducedTables(found.samples, **{name: getattr(found, name) for name in IN_TABLES}),
             branch=found.kinematics,
             rigid_inertia=found.rigid,
             meshes={name: body.shape for name, body in found.mesh.items()},
@@ -185,7 +177,7 @@ class ReducedOrderModel:
             points=found.parameter_points or ParameterPoints.none(),
             stiffness_changes=found.stiffness_changes,
             missed=found.missed,
-            gaps=gaps and JointGaps(**vars(gaps)),
+            gaps=found.joint_gaps,
             **{name: getattr(found, name) for name in OWN},
         )
 
@@ -248,7 +240,7 @@ class LengthFamily:
             stiffness_changes=self._of_parts(
                 scene, [member.stiffness_changes for member in self.members], ("influence", "stiffness")
             ),
-            missed=self._of_parts(scene, [member.missed for member in self.members], OF_MISSED),
+            missed=self._of_parts(scene, [member.missed for member in self.members], MissedAnswers.arrays),
             gaps=nominal.gaps and self._of_parts(scene, [member.gaps for member in self.members], nominal.gaps.arrays),
             meshes=at_lengths(scene, nominal.meshes),
         )

@@ -21,14 +21,24 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.reduction.joint_gaps import JointGaps
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.sample_grid import ParameterPoints, SampleGrid, Samples
-from pgmp_petsc.reduction.tables import WEIGHT_FREE, WEIGHTS, StiffnessChanges, Weights, fine_grid, weights_of
+from pgmp_petsc.reduction.tables import (
+    CURVATURE_UNITS,
+    NODE_UNITS,
+    WEIGHT_FREE,
+    WEIGHTS,
+    ModeChanges,
+    SecondOrderTables,
+    StiffnessChanges,
+    Weights,
+    fine_grid,
+    weights_of,
+)
 
 AMPLITUDES = "amplitudes in the floating frame"
 UNKNOWNS = "frames' displacements and rotations, then internal coordinates"
-NODE_UNITS = "m of the translations, 1 of the rotations, per unit of the modal coordinate (kg^-1/2)"
-CURVATURE_UNITS = "m of the translations, 1 of the rotations, per unit of two modal coordinates (kg^-1)"
 Terms = dict[Monomial, np.ndarray]
 
 
@@ -345,82 +355,6 @@ class BodyFile(Record):
         return LineMesh(self.line.nodes, self.line.cells, self.named)
 
 
-@dataclass(frozen=True)
-class SecondOrderFile(Record):
-    """Tables of second order in the flexible coordinates, and of the change of modes."""
-
-    cubic: np.ndarray = array(
-        "configuration", "stiffness term", "mode", "mode", "mode", unit=WEIGHT_FREE,
-        about="third derivative of the strain energy along the curved modes",
-    )  # fmt: skip
-    curved_load: np.ndarray = array("configuration", "load term", "mode", "mode", unit=WEIGHT_FREE, about="f_j.chi")
-    curved_inertia: np.ndarray = array(
-        "configuration", "mass term", "pair of coordinates", "mode", "mode", unit=WEIGHT_FREE,
-        about="(d2 rho/d theta_k d theta_l)^T M_i chi, k >= l",
-    )  # fmt: skip
-    curved_mass: np.ndarray = array(
-        "configuration", "mass term", "coordinate where any is prescribed", "mode", "mode", unit=WEIGHT_FREE,
-        about="(d rho/d theta_k)^T M_i chi of prescribed coordinates",
-    )  # fmt: skip
-    gyroscopic: np.ndarray = array(
-        "configuration", "mass term", "coordinate", "mode", "mode", unit=WEIGHT_FREE,
-        about="skew part of D_k^T M_i Psi",
-    )  # fmt: skip
-    spread: np.ndarray = array(
-        "configuration", "mass term", "pair of coordinates", "mode", "mode", unit=WEIGHT_FREE,
-        about="D_k^T M_i D_l, k >= l, D_k = d(R Psi)/d theta_k",
-    )  # fmt: skip
-    mass_weights: Weights = weights_of("curved_inertia", "mass term", also=("curved_mass", "gyroscopic", "spread"))
-    stiffness_weights: Weights = weights_of("cubic", "stiffness term")
-    load_weights: Weights = weights_of("curved_load", "load term")
-
-
-@dataclass(frozen=True)
-class GapsFile(Record):
-    """Products of static answers Y to unit gaps in constraints of joints with the basis."""
-
-    rows: np.ndarray = array("gap", at="constraints", about="numbers of the constraints that joints hold in the motion")
-    mass: np.ndarray = array(
-        "configuration", "mass term", "gap", "eta", unit=WEIGHT_FREE, about="Y^T M_i [d rho/d theta, Psi]"
-    )
-    inertia: np.ndarray = array(
-        "configuration", "mass term", "coordinate", "coordinate", "gap", unit=WEIGHT_FREE,
-        about="(d2 rho/d theta2)^T M_i Y",
-    )  # fmt: skip
-    stiffness: np.ndarray = array(
-        "configuration", "stiffness term", "gap", "mode", unit=WEIGHT_FREE, about="Y^T K_i Psi"
-    )
-    load: np.ndarray = array("configuration", "load term", "gap", unit=WEIGHT_FREE, about="Y^T f_j")
-    shapes: np.ndarray = array("configuration", "unknown", "gap", unit=NODE_UNITS, about="Y in body frames")
-    cubic: np.ndarray | None = array(
-        "configuration", "stiffness term", "gap", "mode", "mode", unit=WEIGHT_FREE, absent=None,
-        about="cubic strain energy of Y and two vectors of the basis",
-    )  # fmt: skip
-    curved_load: np.ndarray | None = array(
-        "configuration", "load term", "gap", "mode", unit=WEIGHT_FREE, absent=None, about="work on the curvature"
-    )
-    curved_inertia: np.ndarray | None = array(
-        "configuration", "mass term", "pair of coordinates", "gap", "mode", unit=WEIGHT_FREE, absent=None,
-        about="inertia of the curvature",
-    )  # fmt: skip
-    curved_mass: np.ndarray | None = array(
-        "configuration", "mass term", "coordinate where any is prescribed", "gap", "mode", unit=WEIGHT_FREE,
-        absent=None, about="momentum of the curvature along prescribed coordinates",
-    )  # fmt: skip
-    curvature: np.ndarray | None = array(
-        "configuration", "unknown", "gap", "mode", unit=CURVATURE_UNITS, absent=None,
-        about="of Y and a vector of the basis",
-    )  # fmt: skip
-    gyroscopic: np.ndarray | None = array(
-        "configuration", "mass term", "coordinate", "gap", "mode", unit=WEIGHT_FREE, absent=None,
-        about="Y^T M_i dPsi/d theta",
-    )  # fmt: skip
-    spread: np.ndarray | None = array(
-        "configuration", "mass term", "pair of coordinates", "gap", "mode", unit=WEIGHT_FREE, absent=None,
-        about="inertia of Y and a vector of the basis as they turn and change",
-    )  # fmt: skip
-
-
 @dataclass(frozen=True, kw_only=True)
 class ModelFile(Record):
     """All of a reduced model but where it comes from and the models of other lengths."""
@@ -459,15 +393,12 @@ class ModelFile(Record):
     stiffness_weights: Weights = weights_of("tables/stiffness", "stiffness term")
     load_weights: Weights = weights_of("tables/load", "load term")
     load_effects: tuple[str, ...] = attribute("tables/load@effects", "load term", about="effect of each term")
-    second_order: SecondOrderFile | None = array(at="tables/second_order", absent=None)
+    second_order: SecondOrderTables | None = array(at="tables/second_order", absent=None)
+    changes: ModeChanges | None = array(at="tables/second_order", absent=None)
     kinematics: PoseBranch = array()
     projection: np.ndarray = array(
         "configuration", "unknown", "mode", unit=NODE_UNITS, about="flexible modes in body frames"
     )
-    curved_mass: np.ndarray | None = array(
-        "configuration", "mass term", "coordinate where any is prescribed", "gap", "mode", unit=WEIGHT_FREE,
-        absent=None, about="momentum of the curvature along prescribed coordinates",
-    )  # fmt: skip
     curvature: np.ndarray | None = array(
         "configuration", "unknown", "pair of modes", unit=CURVATURE_UNITS, absent=None,
         about="their second derivatives chi, pairs of modes i >= j, each once",
@@ -477,7 +408,7 @@ class ModelFile(Record):
     )
     stiffness_changes: StiffnessChanges | None = array(absent=None)
     missed: MissedAnswers | None = array(absent=None)
-    joint_gaps: GapsFile | None = array(absent=None)
+    joint_gaps: JointGaps | None = array(absent=None)
     parameter_points: ParameterPoints | None = array(absent=None)
     cosines: np.ndarray = array(
         "sample", about="cosine between neighbouring spaces of modes, 1 = the same space", gaps=True

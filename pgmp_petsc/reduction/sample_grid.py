@@ -12,9 +12,10 @@ monomials of places (`bodies.affine.Place`), so that tables of many samples are 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product, zip_longest
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from pgmp_petsc.bodies.affine import Monomial, Place
 from pgmp_petsc.declare.records import Record, array, attribute
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names, length_range
+
+Tables = TypeVar("Tables")
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +148,14 @@ class SampleGrid:
         """Join tables (n, ...) of the first and the second revolution along an axis, shape (2 n, ...)."""
         parts = [table.reshape(*self.shape, *table.shape[1:]) for table in (first, second)]
         return np.concatenate(parts, axis=axis).reshape(2 * self.n, *first.shape[1:])
+
+    def doubled(self, axis: int, tables: Tables, signs: np.ndarray, names: Iterable[str]) -> Tables:
+        """Append a second revolution along an axis, on which flexible coordinates have signs (m,), to arrays of tables
+        that can be `turned`."""
+        second = tables.turned(np.broadcast_to(np.diag(signs), (self.n, signs.size, signs.size)))
+        return replace(
+            tables, **{name: self.twice(axis, getattr(tables, name), getattr(second, name)) for name in names}
+        )
 
     def further(self, angles: Sequence[np.ndarray]) -> np.ndarray:
         """Return the configurations that the grid is without and has with further angles (n,) of the first coordinates,

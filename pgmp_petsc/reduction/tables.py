@@ -40,6 +40,24 @@ this order of columns:
 
 They hold at the nominal parameters, at which forces in statically determinate bodies do not depend on the stiffness;
 lambda_k is kept term by term and follows the parameters.
+
+Reduced tables of second order in the flexible coordinates, for the quadratic manifold (Jain et al. 2017)
+
+    u = Psi(theta) delta + 1/2 sum_ij chi_ij(theta) delta_i delta_j,     chi_ij = chi_ji,
+
+in body frames (`modes.curvature`). With K3_t, the third derivative of a term of the strain energy at rest,
+
+    cubic_t[i, j, k] = K3_t[psi_i, psi_j, psi_k] + psi_i.K_t chi_jk + psi_j.K_t chi_ik + psi_k.K_t chi_ij
+    curved_load_l[i, j] = f_l.chi_ij
+    curved_inertia_t[kl, i, j] = (d2 rho/d theta_k d theta_l).M_t chi_ij,     pairs k >= l of rigid coordinates
+    curved_mass_t[k, i, j] = (d rho/d theta_k).M_t chi_ij,     where coordinates are prescribed
+
+are the strain energy of third order, ``1/6 cubic delta delta delta``, and what loads, acceleration and velocity of the
+rigid motion do along the manifold's curvature. At the nominal parameters chi is M-orthogonal to the velocities of
+coordinates that are free, and where all are the last table is empty.
+
+Pairs (i, j) of coordinates are packed as ``np.tril_indices`` orders them, each once: ``1/2 chi delta delta`` is the sum
+over the packed pairs of ``chi_ij delta_i delta_j``, halved where i = j.
 """
 
 from __future__ import annotations
@@ -53,9 +71,9 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.bodies.matrices import inertia_moments
-from pgmp_petsc.declare.records import Record, array, attribute
+from pgmp_petsc.declare.records import Record, array, attribute, derived
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.reduction.cell_products import CURVED, SecondOrderTables, congruent
+from pgmp_petsc.reduction.cell_products import congruent, symmetric
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.scene import Scene
@@ -63,29 +81,87 @@ from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.scene.uses import slides
 
 WEIGHT_FREE = "SI, weight taken out"
+NODE_UNITS = "m of the translations, 1 of the rotations, per unit of the modal coordinate (kg^-1/2)"
+CURVATURE_UNITS = "m of the translations, 1 of the rotations, per unit of two modal coordinates (kg^-1)"
 WEIGHTS = (
     lambda weights: tuple(str(weight) for weight in weights),
     lambda texts: tuple(Monomial.parse(str(text)) for text in texts),
 )
 Weights = tuple[Monomial, ...]
+OF_WEIGHTS = "monomial of parameters that each term is multiplied with"
 
 
 def weights_of(table: str, size: str, **how: Any) -> Any:
     """Declare the monomials of the terms of a table; ``also``: of the tables beside it."""
     also = tuple(f"{other}@weights" for other in how.pop("also", ()))
-    about = "monomial of parameters that each term is multiplied with"
-    return attribute(f"{table}@weights", size, code=WEIGHTS, also=also, about=about, **how)
+    return attribute(f"{table}@weights", size, code=WEIGHTS, also=also, about=OF_WEIGHTS, **how)
+
+
+def _weights_of_model(name: str, size: str, *tables: str) -> Any:
+    """Declare that a file repeats weights of the model at tables of its parts."""
+    first, *also = (f"{table}@weights" for table in tables)
+    how = {"code": WEIGHTS, "also": tuple(also), "about": OF_WEIGHTS}
+    return derived(Weights, lambda _, at: getattr(at.outer.own, name), first, size, **how)
+
+
+CURVED = ("cubic", "curved_load", "curved_inertia", "curved_mass")  # the fields of `SecondOrderTables`
 
 
 @dataclass(frozen=True, eq=False)
-class ModeChanges:
+class SecondOrderTables(Record):
+    """Tables at n samples, symmetric in the flexible indices; see `cell_products`."""
+
+    cubic: np.ndarray = array(
+        "configuration", "stiffness term", "mode", "mode", "mode", unit=WEIGHT_FREE,
+        about="third derivative of the strain energy along the curved modes",
+    )  # fmt: skip
+    curved_load: np.ndarray = array("configuration", "load term", "mode", "mode", unit=WEIGHT_FREE, about="f_j.chi")
+    curved_inertia: np.ndarray = array(
+        "configuration", "mass term", "pair of coordinates", "mode", "mode", unit=WEIGHT_FREE,
+        about="(d2 rho/d theta_k d theta_l)^T M_i chi, k >= l",
+    )  # fmt: skip
+    #: zero for coordinates that are free
+    curved_mass: np.ndarray = array(
+        "configuration", "mass term", "coordinate where any is prescribed", "mode", "mode", unit=WEIGHT_FREE,
+        about="(d rho/d theta_k)^T M_i chi of prescribed coordinates",
+    )  # fmt: skip
+
+    FURTHER = (
+        _weights_of_model("stiffness_weights", "stiffness term", "cubic"),
+        _weights_of_model("load_weights", "load term", "curved_load"),
+        _weights_of_model("mass_weights", "mass term", "curved_inertia", "curved_mass"),
+    )
+
+    def at(self, rows: np.ndarray) -> SecondOrderTables:
+        """Return the tables at some of the samples, given by their numbers."""
+        return SecondOrderTables(*(getattr(self, name)[rows] for name in CURVED))
+
+    def turned(self, rotations: np.ndarray) -> SecondOrderTables:
+        """Express the flexible coordinates in another basis, ``Psi_new = Psi Q``, Q of shape (n, n_delta, n_delta)."""
+        cubic = np.einsum("nia,njb,nkc,ntijk->ntabc", rotations, rotations, rotations, self.cubic, optimize=True)
+        return SecondOrderTables(symmetric(cubic), *(congruent(rotations, getattr(self, name)) for name in CURVED[1:]))
+
+    @classmethod
+    def joined(cls, parts: Sequence[SecondOrderTables]) -> SecondOrderTables:
+        """Return the tables of all parts, one after the other."""
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in CURVED))
+
+
+@dataclass(frozen=True, eq=False)
+class ModeChanges(Record):
     """Tables of changing modes at n samples."""
 
-    #: skew part of ``D_k^T M_i Psi``, shape (n, n_mass_terms, n_theta, n_delta, n_delta). Its symmetric part is half
-    #: the derivative of ``Psi^T M_i Psi``, which vanishes at the nominal parameters.
-    gyroscopic: np.ndarray
-    #: symmetric part of ``D_k^T M_i D_l``, pairs k >= l, shape (n, n_mass_terms, n_pairs, n_delta, n_delta)
-    spread: np.ndarray
+    #: the symmetric part is half the derivative of ``Psi^T M_i Psi``, which vanishes at the nominal parameters
+    gyroscopic: np.ndarray = array(
+        "configuration", "mass term", "coordinate", "mode", "mode", unit=WEIGHT_FREE,
+        about="skew part of D_k^T M_i Psi",
+    )  # fmt: skip
+    spread: np.ndarray = array(
+        "configuration", "mass term", "pair of coordinates", "mode", "mode", unit=WEIGHT_FREE,
+        about="D_k^T M_i D_l, k >= l, D_k = d(R Psi)/d theta_k",
+    )  # fmt: skip
+
+    FURTHER = (_weights_of_model("mass_weights", "mass term", "gyroscopic", "spread"),)
 
 
 def mode_changes(
@@ -233,17 +309,11 @@ class ReducedTables:
 
     def over_two_turns(self, flipped: np.ndarray, axis: int = 0) -> ReducedTables:
         """Append a second revolution along an axis, in which some flexible coordinates have the opposite sign."""
-        signs = flipping_signs(self.n_modes, flipped)
-        everywhere = np.broadcast_to(np.diag(signs), (self.samples.n, signs.size, signs.size))
-        second, curved = replace(self, second_order=None).turned(everywhere), self.second_order
-        both = {name: self.samples.twice(axis, getattr(self, name), getattr(second, name)) for name in REDUCED}
-        return replace(
-            self,
-            samples=self.samples.over_two_turns(axis),
-            **both,
-            second_order=None if curved is None else curved.over_two_turns(self.samples, axis, signs),
-            changes=None,
-        )
+        signs, curved = flipping_signs(self.n_modes, flipped), self.second_order
+        twice = self.samples.doubled(axis, replace(self, second_order=None), signs, REDUCED)
+        if curved is not None:
+            curved = self.samples.doubled(axis, curved, signs, CURVED)
+        return replace(twice, samples=self.samples.over_two_turns(axis), second_order=curved, changes=None)
 
     @property
     def unstrained(self) -> np.ndarray:

@@ -89,22 +89,9 @@ def in_search(search):
 
 @njit(error_model="numpy", counted=False)
 def look_at_all(search, lanes, step, depths, samples, beyond):
-    """Look at the ends of the trials of some lanes; see `look`.
-
-    Parameters
-    ----------
-    depths
-        How far each edge is crossed, of all samples, (n_samples, n_events).
-    samples
-        Number of the sample in each lane, (LANES,).
-    beyond
-        Of all samples, (n_samples, n_events).
-
-    Returns
-    -------
-    begun, reached, done, hopeless
-        Sets of the lanes of which that came.
-    """
+    """Look at the ends of the trials of some lanes; see `look`. The depths to which each edge is crossed, and which are
+    `beyond`, are of all samples, (n_samples, n_events); each lane has the number of its sample, (LANES,). Return the
+    sets of the lanes that begin, are reached, are done, and are hopeless."""
     begun = reached = done = hopeless = 0
     for lane in range(LANES):
         if lanes & (1 << lane):
@@ -128,22 +115,12 @@ def give_up(search, lanes, samples, beyond):
 
 @njit(cache=True, error_model="numpy", counted=False)
 def look(search, lane, step, depths, beyond):
-    """Look at the end of a lane's trial, and choose the next one.
+    """Look at the end of a lane's trial in a step of a length (s), with the depth to which each edge is crossed there,
+    (n_events,), and choose the next one; `beyond`, whether each was crossed when the search began or since,
+    (n_events,), is brought up to date.
 
-    Parameters
-    ----------
-    step
-        Length of the whole step, s.
-    depths
-        How far each edge is crossed there, shape (n_events,).
-    beyond
-        Whether each was crossed when the search began or since, (n_events,); brought up to date.
-
-    Returns
-    -------
-    int
-        ``BEGUN``, if the step crosses an edge: what is known at its beginning has to be kept; ``REACHED``, if the trial
-        is to be gone on from; ``DONE``, if it ends the step; otherwise ``TRIED``, or ``HOPELESS``.
+    Return ``BEGUN``, if the step crosses an edge: what is known at its beginning has to be kept; ``REACHED``, if the
+    trial is to be gone on from; ``DONE``, if it ends the step; otherwise ``TRIED``, or ``HOPELESS``.
     """
     stage = search.stage[lane]
     search.n_trials[lane] += 1
@@ -273,24 +250,9 @@ class Part:
 
 
 class EventLocation:
-    """Location of the edges that the samples of a system cross.
-
-    Parameters
-    ----------
-    system
-        A system with events.
-    stepper
-        Its steps.
-    start
-        State at time 0.
-
-    Attributes
-    ----------
-    beyond
-        Whether each edge is crossed, shape (n_events, n_samples).
-    shortest
-        Between two crossings of an edge, shape (n_samples,), s; infinite where none was crossed twice.
-    """
+    """Location of the edges that the samples of a system cross, from a state at time 0 on: `beyond` says whether each
+    is crossed, (n_events, n_samples), and `shortest` is the time between two crossings of one, (n_samples,), s;
+    infinite where none was crossed twice."""
 
     def __init__(self, system: SecondOrderSystem, stepper: AlphaStep, start: State) -> None:
         self._system, self._stepper = system, stepper
@@ -345,8 +307,9 @@ class EventLocation:
             duration = float(search.duration[0])
             reaching = search.stage[0] == REACHING
             until = end if duration == left else end - left + duration
-            there = self._advance(moment, until, duration, alone)
-            if there is not None:
+            after, lost = self._stepper.take_one(standing(*moment, alone.size), until, duration, alone)
+            there = after.state, after.auxiliary
+            if not lost.any():
                 depths = np.ascontiguousarray(self._system.depths(until, there[0])[:, sample])
             elif search.stage[0] == EARLIEST:
                 depths = np.full(len(beyond), np.nan)  # as if the edge were there
@@ -361,7 +324,3 @@ class EventLocation:
                 taken.append(Part(until, duration, int(search.nearest[0]) if reaching else -1, *there))
         self.beyond[:, sample] = beyond
         return taken
-
-    def _advance(self, moment: Place, end: float, duration: float, alone: np.ndarray) -> Place | None:
-        after, lost = self._stepper.take_one(standing(*moment, alone.size), end, duration, alone)
-        return None if lost.any() else (after.state, after.auxiliary)

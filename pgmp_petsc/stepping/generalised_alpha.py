@@ -350,26 +350,15 @@ def integrate(
     prefix: str = PREFIX,
     pulse: Callable[[float], object] | None = None,
 ) -> Run:
-    """Integrate a system over a scene's duration. Collective on ``system.comm``.
+    """Integrate a system over a scene's duration, all its samples or those `alive`, (n_samples,). Collective on
+    ``system.comm``.
+
+    The observer sees the start and the states after steps; a function is called with number, time and state of each.
+    The prefix is that of the options that reach this integration. The pulse is called at every step of the driver,
+    which may be many of the integrator's, with the share of all steps that are behind it.
 
     Raises `InputError` if an option of PETSc would change what the scene asks for; `RunError` if the run ends early,
     with PETSc's reason. A sample that fails ends nothing: it is a status.
-
-    Parameters
-    ----------
-    system
-        The model; all its samples advance together.
-    simulation
-        Duration, step and spectral radius of the scene.
-    alive
-        Samples to integrate at all, shape (n_samples,); all by default.
-    observer
-        Sees the start and the states after steps; a function is called with number, time and state of each.
-    prefix
-        Of the options that reach this integration.
-    pulse
-        Called at every step of the driver, which may be many of the integrator's, with the share of all steps that are
-        behind it.
     """
     check_ts_options()
     if alive is None:
@@ -408,23 +397,15 @@ class RetriedRun:
 def integrate_with_smaller_steps(
     run: Callable[[Attempt], Run], simulation: Simulation, alive: np.ndarray, divisors: tuple[int, ...] = DIVISORS
 ) -> RetriedRun:
-    """Integrate a batch, and those of its samples that fail again, from the start, with smaller steps.
+    """Integrate a batch, and those of its samples that fail again, from the start, with smaller steps: of the scene's
+    step, one divisor after the other; the first is 1.
 
     Only they are: a sample that is fine keeps its numbers to the last bit, and a sample that is tried again has
     nobody's but its own, so that neither batch nor number of ranks plays a part. A sample whose reduced model broke
     down with two steps in turn is not tried further: it is the model that ends there, not the integration.
 
-    Parameters
-    ----------
-    run
-        Integrates an attempt and keeps what it wants of the samples that are fine; what it kept of an earlier attempt
-        of the same sample is void.
-    simulation
-        The scene's.
-    alive
-        Samples to integrate at all, shape (n_samples,).
-    divisors
-        Of the scene's step, one after the other; the first is 1.
+    `run` integrates an attempt of those `alive`, (n_samples,), and keeps what it wants of the samples that are fine;
+    what it kept of an earlier attempt of the same sample is void.
     """
     n_steps = count_steps(simulation.duration, simulation.step)
     status = np.full(alive.size, Status.UNPHYSICAL, dtype=int)

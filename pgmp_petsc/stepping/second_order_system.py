@@ -302,26 +302,9 @@ class SecondOrderSystem:
         raise NotImplementedError
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
-        """Do one Newton correction of the active samples, in place.
-
-        Parameters
-        ----------
-        time
-            End of the step, s.
-        state
-            Iterate; ``q``, ``v``, ``a`` and multipliers are corrected consistently with the scheme.
-        scheme
-            Gains of the step.
-        active
-            Samples to correct, shape (n_samples,).
-        fresh
-            Whether the iteration matrix is to be evaluated anew.
-
-        Returns
-        -------
-        ndarray, shape (n_samples,)
-            Size of the correction, in units of the mechanism's size or of 1 rad; not finite where it failed.
-        """
+        """Do one Newton correction of the active samples, (n_samples,), towards the end of a step at a time (s), in
+        place: q, v, a and multipliers consistently with the scheme. Return its size (n_samples,), in units of the
+        mechanism's size or of 1 rad; not finite where it failed. The iteration matrix is evaluated anew if `fresh`."""
         raise NotImplementedError
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:

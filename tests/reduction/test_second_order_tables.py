@@ -7,8 +7,8 @@ from mpi4py import MPI
 
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.cell_products import SecondOrderTables, pair_rotations, unpacked
-from pgmp_petsc.reduction.tables import ReducedTables
+from pgmp_petsc.reduction.cell_products import pair_rotations, unpacked
+from pgmp_petsc.reduction.tables import ReducedTables, SecondOrderTables
 from scenes import meshes_of, slider_crank
 
 N, M = 6, 4

@@ -24,11 +24,12 @@ from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.modes.static_modes import static_modes
 from pgmp_petsc.reduction.build import Manifold
-from pgmp_petsc.reduction.cell_products import SecondOrderTables, unpacked
+from pgmp_petsc.reduction.cell_products import unpacked
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sample, Sampler
 from pgmp_petsc.reduction.static_loads import StaticLoads
+from pgmp_petsc.reduction.tables import SecondOrderTables
 from pgmp_petsc.scene import Scene
 from scenes import four_bar, kinematics_of, pendulum, slider_crank
 
