@@ -53,7 +53,13 @@ class Edge:
 
 
 class LocalDerivatives:
-    """Derivatives of the local effects of one sample; model, values and names are as of `Linearisation`."""
+    """Derivatives of the local effects of one sample.
+
+    Parameters
+    ----------
+    model, values, names
+        As of `Linearisation`.
+    """
 
     def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
         self._actions, self._terms = model.actions.actions, model.terms
