@@ -198,6 +198,15 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def short_tables(coarse: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tabulate what is rigid on 12 x 12 configurations: such tables are most of the code of a model in C, which is
+    compared with the program on the same ones."""
+    from pgmp_petsc.reduction import tables
+
+    monkeypatch.setattr(tables, "N_FINE_OF_MORE", 12)
+
+
+@pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make pictures as they are, and write empty ones: to draw one takes half a second."""
     from matplotlib.figure import Figure

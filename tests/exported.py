@@ -41,11 +41,18 @@ def with_scene(model: ReducedModel, scene: Scene) -> ReducedModel:
 
 
 def compiled(model: ReducedModel | ComponentModel, folder: Path, *options: str) -> Path:
-    """Write a model in C, compile it with all warnings as errors, and return the program."""
+    """Write a model in C, compile it with all warnings as errors, and return the program.
+
+    Without options its files are compiled as one, which takes two thirds of the time: those with macros come last.
+    """
     constants = (tree_constants_of if isinstance(model, ComponentModel) else constants_of)(model, "the model")
     write_sources(constants, folder)
-    command = [COMPILER, *OPTIONS, *options, "-o", "run", "main.c", *compiled_of(constants.kind), "-lm"]
-    subprocess.run(command, cwd=folder, check=True, timeout=TIMEOUT_SECONDS)
+    names, text = ["main.c", *compiled_of(constants.kind)], ""
+    if not options:
+        names.sort(key=lambda name: name in ("main.c", "statements.c", "lagrangian.c"))
+        names, text = ["-x", "c", "-", "-x", "none"], "".join(f'#include "{name}"\n' for name in names)
+    command = [COMPILER, *OPTIONS, *options, "-o", "run", *names, "-lm"]
+    subprocess.run(command, cwd=folder, check=True, input=text, text=True, timeout=TIMEOUT_SECONDS)
     return folder / "run"
 
 

@@ -32,6 +32,7 @@ from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduced.cells import Cells, place_of
+from pgmp_petsc.reduction import tables as tables_of_reduction
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
@@ -137,7 +138,8 @@ def rom_of(
         return built_rom(scene, scramble, meshes=meshes)
     same = scene.model_copy(update={"simulation": scene.simulation.tolerance, "ensemble": None})
     own = tuple((name, repr(type(mesh)), mesh.nodes.tobytes()) for name, mesh in (meshes or {}).items())
-    key = repr(same), scene.path_of(""), own
+    fine = tables_of_reduction.N_FINE_OF_MORE, tables_of_reduction.FEWEST_OF_THREE  # tests have fewer
+    key = repr(same), scene.path_of(""), own, fine
     if key not in _ROMS:
         _ROMS[key] = built_rom(scene, meshes=meshes)
         if len(_ROMS) > MOST_ROMS:

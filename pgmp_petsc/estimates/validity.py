@@ -160,7 +160,8 @@ class Validity(Observer):
 def _turning(model: ReducedModel | LengthLanes, coordinates: np.ndarray) -> np.ndarray:
     """Return the largest rotations of nodes at any sample for a unit of some flexible coordinates, shape (n,), rad."""
     mechanism = model.kinematics.mechanism
-    moved = mechanism.by_node(np.moveaxis(model.rom.projection[:, :, coordinates], 0, -1))
+    shapes = np.concatenate([member.rom.projection[:, :, coordinates] for member in model.members])
+    moved = mechanism.by_node(np.moveaxis(shapes, 0, -1))
     return np.linalg.norm(moved[:, mechanism.space.dimension :], axis=1).max(axis=(0, 2))
 
 

@@ -43,8 +43,6 @@ class Purpose(Enum):
 
 #: What prepares or uses a reduced model; ``check`` foretells it.
 OF_THE_REDUCTION = frozenset({Purpose.CHECK, Purpose.SIZES, Purpose.BUILD, Purpose.REDUCED, Purpose.TRADEOFF})
-#: The same of what a mechanism has, whatever is asked of its reduction: other models take it, and ``run`` takes these.
-OF_REDUCED_MODELS = OF_THE_REDUCTION - {Purpose.CHECK}
 EVERYWHERE = frozenset(Purpose) - {Purpose.EXPORT}  # where models in Python run
 #: What goes over all configurations of the coordinates.
 OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONENTS, Purpose.TRADEOFF}
@@ -124,10 +122,6 @@ def _of_second_order(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}" for name, effect in scene.effects.items() if effect.second_order)
 
 
-def _forces(scene: Scene) -> Iterator[str]:
-    return (f"outputs.{n} ({one.type})" for n, one in scene.outputs.items() if "multipliers" in one.reads)
-
-
 def _controllers(scene: Scene) -> Iterator[str]:
     return (f"controllers.{name} ({one.type})" for name, one in scene.controllers.items())
 
@@ -145,25 +139,8 @@ def _carried(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}.coefficient" for name in scene.carried)
 
 
-def _carried_on_beams(scene: Scene) -> Iterator[str]:
-    for name, effect in scene.carried.items():
-        joint = scene.joints[effect.joint]
-        owner = scene.bodies.get(joint.connect[0].partition(":")[0])
-        if joint.rides and owner is not None and owner.flexible:
-            yield f"effects.{name}.coefficient"
-
-
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
     return lambda scene: iter((purpose.value,))
-
-
-def _at_lengths(
-    which: Callable[[Scene], Iterable[str]],
-    why_not: str,
-    cure: str = "give it a number (--override), or take pgmp simulate SCENE --full",
-) -> Feature:
-    """Return what models at several lengths, places and ratios are without."""
-    return Feature(_with(_lengths, which), OF_REDUCED_MODELS, why_not=f"models at several lengths {why_not}", cure=cure)
 
 
 FEATURES = (
@@ -207,19 +184,6 @@ FEATURES = (
         OF_THE_REDUCTION,
         why_not="effects are chosen for joints without room",
         cure="name them in [effects]",
-    ),
-    Feature(
-        _with(_elastic, _lengths),
-        OF_REDUCED_MODELS,
-        why_not="models at several lengths do not part what joints release from what bends",
-        cure="give it a number (--override), or take pgmp simulate SCENE --full",
-    ),
-    _at_lengths(_forces, "have no forces in joints"),
-    _at_lengths(_controllers, "have no controllers"),
-    _at_lengths(
-        _carried_on_beams,
-        "do not know the force on a beam that bends",
-        "give friction a limit, or take pgmp simulate SCENE --full",
     ),
     Feature(
         _with(_automatic, _beside),

@@ -14,7 +14,7 @@ from scipy.sparse.linalg import lsqr
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
-from pgmp_petsc.controllers.running import AFTER
+from pgmp_petsc.controllers.running import AFTER, Controls
 from pgmp_petsc.effects import Effect, effects_of, motions_of, springs_of_joints, start_of
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.full.distributed import FullDistributed, FullStatics
@@ -132,16 +132,21 @@ class FullModel:
         """Return a system of one sample with its controllers; `whole` makes states of the model of its own at a time
         (s)."""
         if self.measures is not None:
-            nodes, unknowns = list(self.measures.nodes), Unknowns(self.kinematics.mechanism)
+            measures, unknowns = self.measures, Unknowns(self.kinematics.mechanism)
+            nodes = list(measures.nodes)
 
-            def frames(time: float, state: State) -> list[np.ndarray]:
-                state = whole(time, state)
+            def frames(state: State) -> list[np.ndarray]:
                 return [system.frames(state)[nodes], unknowns.frames(system.unknowns(state)[1])[nodes]]
 
-            def multipliers(time: float, state: State, before: np.ndarray) -> np.ndarray:
-                return system.multipliers_of_joints([time], State.along([whole(time, state)]))
+            def measure(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
+                return measures.motions(frames(whole(time, state)), time, values)
 
-            system.control(self.measures.controls(frames, values, 1, system.put_forces, multipliers))
+            def carry(time: float, state: State, before: np.ndarray) -> np.ndarray:
+                state = whole(time, state)
+                return measures.loads(frames(state), system.multipliers_of_joints([time], State.along([state])), values)
+
+            carried = carry if measures.carried else None
+            system.control(Controls(self.scene, values, 1, measure, system.put_forces, carried))
         return system
 
     def built_in(

@@ -15,9 +15,11 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import at_lengths
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.mechanism.statements import ANGLE
 from pgmp_petsc.models.full import ComponentModel, FullModel
 from pgmp_petsc.models.model import Model
-from pgmp_petsc.models.reduced import ReducedModel, begun
+from pgmp_petsc.models.reduced import Observing, ReducedModel, begun
 from pgmp_petsc.outputs.rainflow import Counted
 from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.system import ReducedSystem
@@ -34,16 +36,12 @@ class EvaluatedOutputs:
 
     units: dict[str, str]  # unit of every output
     counts: Mapping[str, Counted]  # what is counted over a run, by the outputs' names
+    takes_beside: bool = False  # whether states are to bring forces of what is beside along
 
     @property
     def functions(self) -> dict[str, None]:
         """The outputs' names: nothing is to be done for any."""
         return dict.fromkeys(self.units)
-
-    @property
-    def takes_beside(self) -> bool:
-        """Whether states are to bring forces along: none, as what a model observes has them."""
-        return False
 
     def evaluate(self, observed: np.ndarray) -> dict[str, np.ndarray]:
         """Return the outputs, each of shape (n,), for what a model observes, shape (n_outputs, n)."""
@@ -146,7 +144,7 @@ class SeparateLengths:
         return self._last[1]
 
 
-class LengthLanes:
+class LengthLanes(Observing):
     """Reduced samples side by side: terms are affine in monomials of the lengths, as in other parameters; see `Model`.
 
     Outputs, displacements and angles of joints are interpolated as the tables are (`reduction.sample_grid`): they are
@@ -166,7 +164,7 @@ class LengthLanes:
         self._model, self.scene, self.kinematics = model, model.scene, model.kinematics
         self.identity, self.meshes = model.identity, model.meshes
         self.effects, self.start, self.motions = model.effects, model.start, model.motions
-        self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts)
+        self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts, model.outputs.takes_beside)
         self.lengths = length_names(model.scene)
         family, scheme = model.rom.family, model.scene.interpolation
         self.grid, self.check = family.grid, family.check
@@ -181,8 +179,10 @@ class LengthLanes:
             model.scene.gyroscopic,
         )  # fmt: skip
         self.stiffness_changes = merged.stiffness_changes
+        for each in zip(*(member.actions.actions for member in self.members)):
+            self._require_alike(each)
         self.actions = ReducedActions.joined(self.grid, [member.actions for member in self.members])
-        self.measures = model.measures  # of joints whose forces steps in lanes find; all else is refused
+        self.measures = model.measures  # what is beside, of which each member has its own reading
 
     def _member(self, number: int) -> ReducedModel:
         family, scene = self._model.rom.family, self.scene.with_values(self.grid.points[number])
@@ -192,6 +192,27 @@ class LengthLanes:
         except InputError as error:
             at = values_text(scene, self.grid.points[number])
             raise InputError(f"at {at}, where the models of all lengths begin: {error}") from error
+
+    def _require_alike(self, actions: Sequence[Action]) -> None:
+        """Raise `InputError` where one action at the points of the grid differs in what no table has."""
+        factors = [[function.factor for _, function in one.statement.terms] for one in actions]
+        arms = [
+            [
+                side.arm
+                for (part, _), *pair in zip(one.statement.terms, one.sides[::2], one.sides[1::2])
+                for side in pair
+                if part.kind != ANGLE
+            ]
+            for one in actions
+        ]
+        if np.ptp(factors, axis=0).any() or np.ptp(arms, axis=0).any():
+            name, tables = actions[0].effect, ("effects", "joints", "controllers")
+            table = next(table for table in tables if name in getattr(self.scene, table))
+            raise InputError(
+                f"{table}.{name}: acts on a ratio, or on a point of a rigid body, that {', '.join(self.lengths)} "
+                "change; reduced samples that differ in these have no such force; give numbers (--override) or values "
+                "(--set), make the body flexible, or take --full"
+            )
 
     @property
     def largest_batch(self) -> int:
@@ -214,10 +235,6 @@ class LengthLanes:
     def shares(self, values: Mapping[str, np.ndarray | float], by: str = "") -> np.ndarray:
         """Return the share of every member at values of shape (n,), (n_members, n); their derivatives by a length."""
         return self.grid.shares(values, by)
-
-    def observed(self, system: ReducedSystem, state: State, time: float = 0.0) -> np.ndarray:
-        """Return the outputs, shape (n_outputs, n_samples)."""
-        return self.observed_of(time, state, system.values)
 
     def observed_of(
         self, time: np.ndarray | float, states: State, values: Mapping[str, np.ndarray | float]

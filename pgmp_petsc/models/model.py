@@ -5,14 +5,14 @@ Measures of controllers, read of a model's state as outputs are, and the forces 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from pgmp_petsc.controllers.acting import has_motion, measured_by
-from pgmp_petsc.controllers.running import Carried, Controls, rows_of
+from pgmp_petsc.controllers.running import rows_of
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -97,8 +97,6 @@ def search_of(scene: Scene, mechanism: Mechanism) -> Search:
     )
 
 
-#: Frames of nodes and, of order 1, their rates, each (n_nodes, n_frame, n_samples), at a time (s), for a state.
-FramesOf = Callable[[float, State], list[np.ndarray]]
 #: Multipliers of joints, (n_held + n_driven, n_samples), at a time (s), for a state, and forces (n_carried, n_samples)
 #: that joints were taken to carry.
 MultipliersOf = Callable[[float, State, np.ndarray], np.ndarray]
@@ -140,30 +138,22 @@ class Measures:
         self.origins = np.zeros(sum(rows))
         self.origins[self.rows] = [one.origin if isinstance(one, Reading) else 0.0 for one, _ in self._read]
 
-    def controls(
-        self, frames: FramesOf | None, values: Mapping[str, np.ndarray], n_samples: int,
-        put: Callable[[np.ndarray], object], multipliers: MultipliersOf | None,
-        motions: Callable[[State], np.ndarray] | None = None, carried: Carried | None = None,
-    ) -> Controls:  # fmt: skip
-        """Return the controllers of samples, and what joints carry; see `Controls`. Where all motions are `known`,
-        `motions` gives these and their rates, in a row for each part of a force, (n_rows, n_samples, 2), in a fraction
-        of the time. What joints carry is of `multipliers`, or `carried` finds it."""
+    def motions(
+        self, frames: Sequence[np.ndarray], time: float, values: Mapping[str, np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the motions and their rates, (n_motions, n_samples) each, of frames of `nodes` with their derivatives
+        up to `order`, (n_nodes, n_frame, n_samples) each, at a time (s) and parameter values (n_samples,)."""
+        seen, n_samples = [part[self._own] for part in frames], frames[0].shape[-1]
+        found = self._set.observed(seen, np.empty((0, n_samples)), time, {**self._scene.values, **values})
+        with np.errstate(all="ignore"):  # samples that fail
+            jets = self._set.jets(found, self._read)
+        return tuple(np.array([jet[k] for jet in jets]).reshape(-1, n_samples) for k in range(2))
 
-        def moved(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
-            found = motions(state)[self.rows]
-            return found[:, :, 0] - self.origins[self.rows, None], found[:, :, 1]
-
-        def measure(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
-            seen = [part[self._own] for part in frames(time, state)]
-            found = self._set.observed(seen, np.empty((0, n_samples)), time, {**self._scene.values, **values})
-            with np.errstate(all="ignore"):  # samples that fail
-                jets = self._set.jets(found, self._read)
-            return tuple(np.array([jet[k] for jet in jets]).reshape(-1, n_samples) for k in range(2))
-
-        def carry(time: float, state: State, before: np.ndarray) -> np.ndarray:
-            at, moving, *_ = *(dict(zip(self.nodes, part)) for part in frames(time, state)), {}
-            found, every = multipliers(time, state, before), {**self._scene.values, **values}
-            return np.array([one.value(at, moving, found, every) for one in self.carried])
-
-        chosen = moved if motions and self.known else measure
-        return Controls(self._scene, values, n_samples, chosen, put, carried or (carry if self.carried else None))
+    def loads(
+        self, frames: Sequence[np.ndarray], multipliers: np.ndarray, values: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
+        """Return the forces that joints carry, (n_carried, n_samples), of frames as of `motions`, and multipliers of
+        joints (n_held + n_driven, n_samples)."""
+        at, moving, *_ = *(dict(zip(self.nodes, part)) for part in frames), {}
+        every = {**self._scene.values, **values}
+        return np.array([one.value(at, moving, multipliers, every) for one in self.carried])

@@ -34,7 +34,17 @@ if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import ReducedFields
 
 
-class ReducedModel:
+class Observing:
+    """Models that observe what outputs are made of in states of reduced coordinates."""
+
+    def observed(self, system: ReducedSystem, state: State, time: float = 0.0) -> np.ndarray:
+        """Return what the outputs are made of at a time (s), shape (n_observed, n_samples)."""
+        if self.outputs.takes_beside:
+            state = replace(state, forces=system.forces_beside(np.array([time]))[0])
+        return self.observed_of(time, state, system.values)
+
+
+class ReducedModel(Observing):
     """Rigid coordinates and flexible modes over interpolated tables; see `Model`.
 
     The scene may differ from the reduced model's in what its tables do not depend on; the kinematics are made from it
@@ -142,12 +152,6 @@ class ReducedModel:
         """Return the share of every member, shape (n_members,), or its derivative by a parameter."""
         return np.zeros(1) if by else np.ones(1)
 
-    def observed(self, system: ReducedSystem, state: State, time: float = 0.0) -> np.ndarray:
-        """Return what the outputs are made of at a time (s), shape (n_observed, n_samples)."""
-        if self.outputs.takes_beside:
-            state = replace(state, forces=system.forces_beside(np.array([time]))[0])
-        return self.observed_of(time, state, system.values)
-
     def observed_of(
         self, time: np.ndarray | float, states: State, values: Mapping[str, np.ndarray | float],
         cells_of: np.ndarray | None = None,
@@ -252,21 +256,48 @@ def _controls(
     model: ReducedModel, system: ReducedSystem, values: Mapping[str, np.ndarray]
 ) -> tuple[Controls, np.ndarray | None]:
     """Return what is beside some samples of a model, and what `ReducedSystem.control` takes with it."""
-    measures, n_samples, put = model.measures, system.n_samples, system.put_forces
-    carries = bool(measures.carried)
-    if measures.known and (not carries or model.actions.carried is not None):
-        carried = system.carried if carries else None
-        controls = measures.controls(None, values, n_samples, put, None, system.measured, carried)
-        return controls, measures.origins
-    reconstruction = Reconstruction(model.kinematics, model.rom, model.scene.interpolation, measures.nodes)
+    measures, n_samples = model.measures, system.n_samples
+    members, shares = model.members, [np.broadcast_to(share, n_samples) for share in model.shares(values)]
+    of_lanes = measures.known and (not measures.carried or model.actions.carried is not None)
+    origins = sum(np.outer(one.measures.origins, share) for share, one in zip(shares, members))
+    readers = [] if of_lanes else [_Reader(one, system, values) for one in members]
 
-    def frames(time: float, state: State) -> list[np.ndarray]:
+    def moved(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
+        found = system.measured(state)[measures.rows]
+        return found[:, :, 0] - origins[measures.rows], found[:, :, 1]
+
+    def measure(time: float, state: State) -> np.ndarray:
+        return sum(share * one.motions(time, state) for share, one in zip(shares, readers))
+
+    def carry(time: float, state: State, before: np.ndarray) -> np.ndarray:
+        return sum(share * one.loads(time, state, before) for share, one in zip(shares, readers))
+
+    carried = (system.carried if of_lanes else carry) if measures.carried else None
+    chosen = moved if measures.known else measure
+    controls = Controls(model.scene, values, n_samples, chosen, system.put_forces, carried)
+    return controls, origins if of_lanes else None
+
+
+class _Reader:
+    """What controllers measure and joints carry, as a model reads it of states of a system."""
+
+    def __init__(self, model: ReducedModel, system: ReducedSystem, values: Mapping[str, np.ndarray]) -> None:
+        self._measures, self._values = model.measures, values
+        self._frames = Reconstruction(model.kinematics, model.rom, model.scene.interpolation, model.measures.nodes)
+        if self._measures.carried:
+            n = system.n_samples
+            self._multipliers = model.multipliers.in_steps(values, n, lambda state: system.beside.acting(state))
+
+    def motions(self, time: float, state: State) -> np.ndarray:
+        """See `Measures.motions`; both in an array."""
+        return np.array(self._measures.motions(self._jets(state), time, self._values))
+
+    def loads(self, time: float, state: State, before: np.ndarray) -> np.ndarray:
+        """See `Measures.loads`; joints were taken to carry what was found before, (n_carried, n_samples)."""
+        multipliers = self._multipliers(time, state, before)
+        return self._measures.loads(self._jets(state), multipliers, self._values)
+
+    def _jets(self, state: State) -> list[np.ndarray]:
         # an iterate that is no number is lost with its correction, and closes no mechanism
         fine = np.isfinite(state.q).all(axis=1)[:, None]
-        parts = [np.where(fine, part, 0.0) for part in (state.q, state.v)]
-        return reconstruction.jets(parts, measures.order)
-
-    multipliers = None
-    if carries:
-        multipliers = model.multipliers.in_steps(values, n_samples, lambda state: system.beside.acting(state))
-    return measures.controls(frames, values, n_samples, put, multipliers, system.measured), None
+        return self._frames.jets([np.where(fine, part, 0.0) for part in (state.q, state.v)], self._measures.order)

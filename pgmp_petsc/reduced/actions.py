@@ -82,16 +82,29 @@ class ReducedActions:
 
     @classmethod
     def joined(cls, grid: LengthGrid, members: Sequence[ReducedActions]) -> ReducedActions:
-        """Return the actions of any lengths from those at the points of a grid; see `reduction.length_family`."""
+        """Return the actions of any lengths from those at the points of a grid; see `reduction.length_family`.
+
+        Points of the ground that are at other places there are nodes that do not move, behind the others.
+        """
         first = members[0]
         if not first.actions:
             return first
-        rigid, shapes = ([getattr(member.places, name) for member in members] for name in ("rigid", "shapes"))
-        turned = [_same_turns(one, rigid[0], first.places.winding) for one in rigid]
-        places = first.places._replace(
-            rigid=rigid[0].with_rows(grid.coefficients(turned)),
-            shapes=shapes[0].with_rows(grid.coefficients([one.rows for one in shapes])),
+        places = first.places
+        moved, frames = _moved_ground([member.actions for member in members])
+        n_frames = places.n_nodes * places.felt.shape[1] * 2
+        n_bent = moved.size * (places.shapes.rows.shape[2] // places.n_nodes)
+        rigid = [_same_turns(member.places.rigid, places.rigid, places.winding) for member in members]
+        rigid = [np.insert(rows, [n_frames] * at.size, at, axis=2) for rows, at in zip(rigid, frames)]
+        shapes = [np.pad(member.places.shapes.rows, ((0, 0), (0, 0), (0, n_bent))) for member in members]
+        sides = places.sides.copy()
+        sides.ravel()[moved] = places.n_nodes + np.arange(moved.size)
+        places = places._replace(
+            rigid=places.rigid.with_rows(grid.coefficients(rigid)),
+            shapes=places.shapes.with_rows(grid.coefficients(shapes)),
             together=np.zeros(len(members), dtype=np.int64),
+            sides=sides,
+            n_nodes=places.n_nodes + moved.size,
+            felt=np.pad(places.felt, ((0, moved.size), (0, 0))),
         )
         carried = first.carried and CarriedForces.joined(grid, [member.carried for member in members])
         return cls(first.actions, places, first.dimension, None, grid.weights(first.weights), carried)
@@ -129,9 +142,10 @@ class ReducedActions:
 
     def chosen(self, numbers: Sequence[int]) -> Chosen:
         """Return some actions with their nodes."""
-        every = nodes_of(self.actions)
-        nodes = [every.index(node) for node in nodes_of([self.actions[k] for k in numbers])]
-        return Chosen(np.array(numbers, dtype=np.int64), np.array(nodes, dtype=np.int64))
+        firsts = np.cumsum([0, *(len(action.statement.terms) for action in self.actions)])
+        parts = [part for k in numbers for part in range(firsts[k], firsts[k + 1])]
+        nodes = np.unique(self.places.sides[parts])
+        return Chosen(np.array(numbers, dtype=np.int64), nodes[nodes >= 0])
 
 
 def nodes_of(actions: Sequence[Action]) -> list[int]:
@@ -183,6 +197,15 @@ def functions_of_time(
         joined([nothing if action.amplitude is None else action.amplitude for action in actions]),
         joined([motions[k].angle if k in motions else nothing for k in range(n_theta)]),
     )
+
+
+def _moved_ground(members: Sequence[Sequence[Action]]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return the numbers of the sides of actions that are at points of the ground which are at other places in models
+    of other lengths, and their frames in each, (n_moved * n_frame,)."""
+    places = [np.array([side.point * side.on_ground for one in own for side in one.sides]) for own in members]
+    moved = np.flatnonzero(np.ptp(places, axis=0).any(axis=1))
+    axes = np.eye(places[0].shape[1]).ravel()
+    return moved, [np.array([[*at[k], *axes] for k in moved]).ravel() for at in places]
 
 
 def _same_turns(rigid: Cells, other: Cells, winding: np.ndarray) -> np.ndarray:

@@ -205,8 +205,7 @@ def _fill_factors(carried, work, own):
     for x in range(carried.parts[2]):
         store(factors, e, load(v, x))
         e += 1
-    n_loads = own.loads.shape[0] * own.loads.shape[1]
-    for f in range(n_loads if carried.parts[3] > 0 else 0):
+    for f in range(carried.parts[3] // (1 + (m if second else 0))):
         pull = -load(own.loads, f)
         store(factors, e, pull)
         e += 1

@@ -70,9 +70,8 @@ class Control(NamedTuple):
     """The controllers of a batch in some steps, and room for what they find of a block."""
 
     law: Law
-    #: actions, origins: action that each part of a force acts by, and what counts as zero of the motion, (n_rows,)
-    actions: np.ndarray
-    origins: np.ndarray
+    actions: np.ndarray  # that each part of a force acts by, (n_rows,)
+    origins: np.ndarray  # what counts as zero of the motion, (n_rows, n_samples)
     #: measuring, due: actions that measure for those that are continuous, and for those that are sampled
     measuring: Chosen
     sampling: Chosen
@@ -202,7 +201,7 @@ def _respond(control, law, k, lane, sample, kappa, parameters):
     x[0], x[1], x[2] = control.now[lane, 0], control.now[lane, 1 + 2 * k], control.now[lane, 2 + 2 * k]
     for row in range(n_motions):
         p = parameters[control.actions[law.rows[k] + row], sample]
-        x[N_GIVEN + 2 * row] = p[MOTION] - control.origins[law.rows[k] + row]
+        x[N_GIVEN + 2 * row] = p[MOTION] - control.origins[law.rows[k] + row, sample]
         x[N_GIVEN + 1 + 2 * row] = p[RATE]
     respond(
         law.addresses[k], n, 2 * n_motions, law.parameters[k, sample], x, control.c[lane, first:], kappa,

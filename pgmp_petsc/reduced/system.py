@@ -100,7 +100,7 @@ class ReducedSystem(SecondOrderSystem):
         )
         self.controlled = given_to(self._actions.actions)
         self._led = []  # of these, the first of each force
-        self._control = Control.of(None, [], np.zeros(0), self._actions, n_samples)
+        self._control = Control.of(None, [], np.zeros((0, n_samples)), self._actions, n_samples)
         self._found: tuple[np.ndarray, np.ndarray] | None = None
         self.n_events = self._memory.depths.shape[1]
         searched = (self._load_effects, self._actions.actions, motions) if self.n_events else ((), (), {})

@@ -172,6 +172,12 @@ class _Gauge:
         square = np.array([shape.T @ (self.mass @ shape) for shape in wanted])
         rotations = np.tile(np.eye(n + n_given), (len(own), 1, 1))
         rotations[:, :n, :n] = np.linalg.solve(gram, crossed)
+        released = self.model.tables.unstrained
+        if released.size:
+            # what joints release stays without strain, so that it can be told from what bends
+            own = np.ix_(range(len(gram)), released, released)
+            rotations[:, :, released] = 0.0
+            rotations[own] = np.linalg.solve(gram[own], crossed[own])
         projection = member.projection @ rotations
         tables, curvature = member.tables.turned(rotations), member.curvature
         gaps, scheme = member.gaps and member.gaps.turned(rotations), scene.interpolation

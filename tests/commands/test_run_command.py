@@ -238,29 +238,14 @@ def test_every_command_has_figures(scene: Path, first, tmp_path: Path, command: 
         assert json.loads(said("info", tmp_path / "one.h5", "--json")[0])[figure] == found[figure]
 
 
-LONG = "parameters.long={nominal=0.5,bounds=[0.4,0.6]}", 'bodies.pole.line.length="long"'
-
-
-def test_what_reduced_models_refuse_runs_as_component_models(tmp_path: Path, no_page: None) -> None:
-    path, why = tmp_path / "cart.toml", "models at several lengths have no controllers"
+def test_controlled_machines_of_drawn_lengths_have_reduced_models(tmp_path: Path, no_page: None) -> None:
     servo = 'controllers.hold={type="pid",measures="swing",joint="pivot",gains={p=10.0,d=0.3}}'
-    path.write_text(scene_to_toml(cart(servo, *LONG, "simulation.duration=0.02")))
-    checked = said("check", path)[0]
-    assert (
-        "refused       pgmp check --effects, pgmp build, a reduced run, pgmp tradeoff: controllers.hold (pid) with"
-        in checked
-    )
-    assert "model         reduced: refused, controllers.hold" in checked and why in checked
-    lines = told(said("run", path, "-o", tmp_path / "cart")[0])
-    assert lines["build"][0].startswith("left out: no reduced model (controllers.hold") and why in lines["build"][0]
-    assert lines["simulate"][0].startswith("component") and lines["compare"][-1].startswith("differs from full order")
-    # a drawn length takes the mesh, as samples of component modes are of one length
-    drawn = ('parameters.long.distribution={name="uniform",loc=0.495,scale=0.01}',)
-    lines = told(said("run", path, "-o", tmp_path / "drawn", "-n", 3, *overridden(*drawn))[0])
-    assert (
-        lines["build"][0].endswith("runs are of the full-order model")
-        and "3 samples, 0 failed" in lines["ensemble"][-1]
-    )
+    drawn = 'parameters.long={nominal=0.5,bounds=[0.4,0.6],distribution={name="uniform",loc=0.495,scale=0.01}}'
+    path = tmp_path / "cart.toml"
+    path.write_text(scene_to_toml(cart(servo, drawn, 'bodies.pole.line.length="long"', "simulation.duration=0.02")))
+    assert "refused       pgmp check --effects: controllers.hold (pid)" in said("check", path)[0]
+    lines = told(said("run", path, "-o", tmp_path / "cart", "-n", 3)[0])
+    assert lines["simulate"][0].startswith("reduced") and "3 samples, 0 failed" in lines["ensemble"][-1]
 
 
 def test_scenes_of_many_coordinates_run_as_component_models(tmp_path: Path, no_page: None) -> None:

@@ -155,7 +155,6 @@ def test_infinity_is_written_and_read():
     assert "inf" in text and scene_from_toml(text, ".") == rotor()
 
 
-LENGTH = ("parameters.l={nominal=0.3,bounds=[0.29,0.31]}", "bodies.crank.line.length='l'")
 AUTOMATIC = ("reduction.effects='auto'", "effects={}")
 PLAY = (
     "joints.hub.clearance={radius=1e-4,stiffness=5e8,restitution=0.9,restitution_speed=0.1}",
@@ -170,7 +169,6 @@ NOT_WITH_THESE = {
         (*AUTOMATIC, PLAY[0]),
         'reduction.effects = "auto" with joints.hub.clearance: effects',
     ),
-    "lengths": (Purpose.BUILD, LENGTH, 'bodies.crank.line.length = "l" with joints.one.elastic: models at several'),
 }
 
 

@@ -177,7 +177,7 @@ def test_what_is_given_is_differentiated(of: str) -> None:
 
 
 @needs_compiler
-@pytest.mark.usefixtures("coarse")
+@pytest.mark.usefixtures("short_tables")
 def test_a_shaken_model_in_c(tmp_path: Path) -> None:
     """Velocities in a table, which are differentiated for the motion and integrated for places."""
     base = BASE.format(ROWS).replace("displacement", "velocity")

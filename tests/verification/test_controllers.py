@@ -59,7 +59,7 @@ coordinates.theta: joint = "hinge"; range = [0.0, 6.283185307179586]; periodic =
 outputs.angle: type = "angle"; joint = "hinge"
 outputs.speed: type = "speed"; joint = "hinge"
 parameters.kp: nominal = 40.0
-simulation: duration = 0.4; step = 2e-3
+simulation: duration = 0.2; step = 2e-3
 """)
 
 
@@ -89,8 +89,8 @@ def test_proportional_and_derivative_control_is_a_spring_and_a_damper() -> None:
 
 REFERENCES = {
     "0.8": lambda t: 0.8,
-    "{harmonic={amplitude=0.5,frequency_hz=3.0,mean=0.2}}": lambda t: 0.2 + 0.5 * np.sin(6 * np.pi * t),
-    "{table=[[0.0,0.0],[0.1,0.5],[0.4,0.5]]}": lambda t: min(5 * t, 0.5),
+    "{harmonic={amplitude=0.5,frequency_hz=6.0,mean=0.2}}": lambda t: 0.2 + 0.5 * np.sin(12 * np.pi * t),
+    "{table=[[0.0,0.0],[0.1,0.5],[0.2,0.5]]}": lambda t: min(5 * t, 0.5),
 }
 
 
@@ -321,7 +321,7 @@ CORNERED = "controllers.place.reference={table=[[0.0,0.0],[0.0503,0.08],[0.1,0.0
     ],
     ids=["continuous", "sampled", "hanging", "several measures", "rubbing"],
 )  # fmt: skip
-@pytest.mark.usefixtures("coarse")
+@pytest.mark.usefixtures("short_tables")
 def test_models_in_c(entries: tuple[str, ...], tmp_path: Path) -> None:
     """Equal to 1e-9 of the largest, over contacts too; a gain that is set is one of the model."""
     short = "parameters.lead={nominal=30.0}", "simulation.duration=0.15", "reduction.angles=6"
@@ -407,7 +407,7 @@ def test_forces_in_joints_under_control(entries: tuple[str, ...], monkeypatch: p
 
 
 @needs_compiler
-@pytest.mark.usefixtures("coarse")
+@pytest.mark.usefixtures("short_tables")
 def test_units_for_others(tmp_path: Path) -> None:
     """FMUs take a gain, and model exchange, whose integrator does not know the states, is refused."""
     scene = cart(*ARM, *SAMPLED, "simulation.duration=0.05", "reduction.angles=6")
@@ -472,7 +472,7 @@ def test_a_motor_with_inductance() -> None:
     system, voltage = np.array([[0.0, 0.9 / INERTIA], [-0.9 / 0.02, -1.5 / 0.02]]), np.array([0.0, 24.0 / 0.02])
     rest, errors = np.linalg.solve(system, -voltage), []
     for step in (2.5e-4, 1.25e-4, 6.25e-5):  # with larger ones the largest error is that of the first step
-        short = "simulation.duration=0.1", f"simulation.step={step}"
+        short = "simulation.duration=0.05", f"simulation.step={step}"
         times, found = run(scene_from_toml(WHEEL, ".", (*MOTOR, *short)), "full")
         exact = [(rest - expm(system * time) @ rest)[0] for time in times]
         errors.append(np.abs(found["speed"] - exact).max())
@@ -709,7 +709,6 @@ def test_a_reduction_is_chosen_under_control(entries: tuple[str, ...]) -> None:
 PURPOSES = {
     Purpose.SIZES: (), Purpose.TRADEOFF: ("controllers.place.sample_time=1e-2",),
     Purpose.BUILD: ('reduction.effects="auto"',),
-    Purpose.REDUCED: ("parameters.long={nominal=0.5,bounds=[0.4,0.6]}", 'bodies.pole.line.length="long"'),
 }  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from effect_scenes import BAR, BAR_INERTIA, CANTILEVER, G, linear_mode, recorded, run_distributed, run_of, scene_of
+from effect_scenes import BAR, BAR_INERTIA, CANTILEVER, G, linear_mode, recorded, run_batch, run_of, scene_of
 
 from pgmp_petsc.effects import Motion
 
@@ -30,7 +30,7 @@ def test_the_decay_of_a_mode(name: str) -> None:
             break
     assert omega == pytest.approx(7.8532**2, rel=0.1), "(k h)^2 / 8"
     small, rate = 1e-5, decay(omega)
-    run = recorded(scene, small * shape)
+    run = recorded(scene, small * shape, alone="ratios" not in name)
     damped = np.sqrt(omega**2 - rate**2)
     expected = small * shape[-2] / damped * np.exp(-rate * run.time) * np.sin(damped * run.time)
     # the phase is late by (omega h)^2 / 12 of omega t at most, 1.6e-3
@@ -47,7 +47,7 @@ def test_a_rotation_is_not_damped(damping: str) -> None:
     scene = scene_of(
         SPINNER, f'[effects.loss]\ntype = "structural_damping"\n{damping}\n' + run_of(2.0, 5e-3, 0.8, velocity=3.0)
     )
-    run = recorded(scene)
+    run = recorded(scene, alone=True)
     turned = run.angle[-1] - run.angle[0]
     # it stretches by rho Omega^2 L^2 / 12 EA or so, 1e-5, and turns slower by twice that; half of (Omega h)^2 by the
     # scheme
@@ -58,7 +58,7 @@ def test_a_rotation_is_not_damped(damping: str) -> None:
 
 def test_mass_damping_brakes_a_rotation() -> None:
     effects = '[effects.loss]\ntype = "structural_damping"\nmass = 1.5\n'
-    run = recorded(scene_of(SPINNER, effects + run_of(1.0, 1e-2, velocity=3.0)))
+    run = recorded(scene_of(SPINNER, effects + run_of(1.0, 1e-2, velocity=3.0)), alone=True)
     # half of (Omega h)^2 of the turn
     np.testing.assert_allclose(run.angle, 3.0 / 1.5 * -np.expm1(-1.5 * run.time), rtol=0, atol=3e-4)
 
@@ -79,7 +79,7 @@ def test_a_prescribed_motion_is_followed(name: str, flexible: bool) -> None:
     base = CANTILEVER.split("[effects.hold]")[0] if flexible else BAR
     simulation = "[simulation]\nduration = 0.8\nstep = 2e-3\nspectral_radius = 0.8\n"
     scene = scene_of(base, drive + '[effects.weight]\ntype = "gravity"\n' + simulation)
-    run = recorded(scene)
+    run = recorded(scene, alone=flexible or name != "table")
     motion = Motion("drive", scene.effects["drive"])
     angles, speeds, accelerations = np.array([motion.at(t) for t in run.time]).T
     np.testing.assert_allclose(run.angle, angles, rtol=0, atol=1e-11)
@@ -131,11 +131,11 @@ def test_the_balance_of_energy_holds_at_second_order(name: str) -> None:
             )  # fmt: skip
             scene = scene_of(SPINNER, FLEXIBLE[name] + WEIGHT + run_of(0.5, step, velocity=2.0), *soft)
             _, shape = linear_mode(scene, (3, 4), 1)
-            run = run_distributed(scene, shape)
+            run = run_batch(scene, 1, shape)
         else:
             start = "" if name == "prescribed motion" else "[simulation.initial.theta]\nvelocity = 1.0\n"
             simulation = f"[simulation]\nduration = 0.6\nstep = {step}\nspectral_radius = 0.8\n"
-            run = run_distributed(scene_of(BAR, BALANCED[name] + WEIGHT + simulation + start))
+            run = run_batch(scene_of(BAR, BALANCED[name] + WEIGHT + simulation + start), 1)
         assert run.status == 0
         largest.append(np.abs(run.balance.residual).max())
         if "e" in run.model.scene.effects and name != "point mass":

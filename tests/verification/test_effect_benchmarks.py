@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
-from effect_scenes import CANTILEVER, STEP, linear_mode, recorded, run_batch, run_distributed, run_of, scene_of
+from effect_scenes import CANTILEVER, STEP, linear_mode, recorded, run_batch, run_of, scene_of
 from scipy.optimize import curve_fit
 
 from pgmp_petsc.scene import load_scene
@@ -22,13 +22,13 @@ def test_the_frequency_of_a_rotating_beam(spin: float, expected: float) -> None:
     )  # fmt: skip
     _, shape = linear_mode(scene, [0, 1, 2], 0)
     run = run_batch(scene, 1, 1e-3 * shape)
-    time = np.linspace(0.0, 2.5, len(run))
-    across = run[:, -1, 1] * np.cos(spin * time) - run[:, -1, 0] * np.sin(spin * time)
+    x, y = run.frames[:, -1, 0], run.frames[:, -1, 1]
+    across = y * np.cos(spin * run.time) - x * np.sin(spin * run.time)
 
     def swing(t: np.ndarray, omega: float, cos: float, sin: float, decay: float) -> np.ndarray:
         return np.exp(-decay * t) * (cos * np.cos(omega * t) + sin * np.sin(omega * t))
 
-    fitted, _ = curve_fit(swing, time, across, p0=(expected, 0.0, across.max(), 0.0))
+    fitted, _ = curve_fit(swing, run.time, across, p0=(expected, 0.0, across.max(), 0.0))
     # 16 elements: 1e-3; steps: (spin h)^2 at the highest spin, 2.5e-3
     assert fitted[0] == pytest.approx(expected, rel=5e-3)
 
@@ -40,7 +40,7 @@ def test_the_double_four_bar_goes_through_its_singular_positions() -> None:
         scene = load_scene(
             ROOT / "scenes" / "double_four_bar.toml", ["simulation.duration=2.0", f"simulation.step={step}"]
         )
-        run = run_distributed(scene)
+        run = run_batch(scene, 1)
         assert run.status == 0
         energy = run.balance.kinetic + run.balance.potential
         wrong.append(np.abs(energy - energy[0]).max() / energy[0])
@@ -58,7 +58,7 @@ def test_a_beam_welded_to_a_held_hub_is_a_clamped_one() -> None:
     push = tables("""
 effects.push: type = "force"; point = "beam:tip"; direction = [0.0, 1.0]; table = [[0.0, 1.0], [1.0, 1.0]]
 """) + run_of(0.5, 5e-3)
-    clamped = recorded(scene_of(CANTILEVER, push))
+    clamped = recorded(scene_of(CANTILEVER, push), alone=True)
     welded = recorded(
         scene_of(
             CANTILEVER.replace('"ground:origin", "beam:hinge"', '"ground:origin", "hub:hinge"'),
@@ -70,7 +70,8 @@ joints.weld: type = "fixed"; connect = ["hub:hinge", "beam:hinge"]
 """)
             + push,
             "effects.hold.constant_speed.start=0.7",
-        )
+        ),
+        alone=True,
     )
     np.testing.assert_allclose(welded.point("beam:tip"), clamped.point("beam:tip"), rtol=0, atol=1e-9)
     np.testing.assert_allclose(welded.balance.strain, clamped.balance.strain, rtol=0, atol=1e-9)

@@ -74,10 +74,15 @@ TURNED: dict[str, Row] = {
 }  # fmt: skip
 
 
+#: Where both full-order models run. Ranks that share all effects together are in `test_effect_benchmarks`.
+SHARED = ("force on bar:tip", "point mass", "spring to a point", "damped stop")
+
+
 @pytest.mark.parametrize("name", TURNED)
 def test_a_bar_turns_as_its_torques_say(name: str) -> None:
     entries, torque, further, duration, start, tolerance = TURNED[name]
-    run = effect_scenes.recorded(effect_scenes.bar(tables(entries + "\n"), duration, **start))
+    scene = effect_scenes.bar(tables(entries + "\n"), duration, **start)
+    run = effect_scenes.recorded(scene, alone=name not in SHARED)
     expected = effect_scenes.turning(torque, run.time, inertia=effect_scenes.BAR_INERTIA + further, **start)
     np.testing.assert_allclose(run.angle, expected, rtol=0, atol=tolerance)
     if name in ("following force", "joint damping"):
@@ -121,7 +126,7 @@ def test_the_period_of_a_pendulum(flexible: bool) -> None:
             else ()
         ),
     )  # fmt: skip
-    run = effect_scenes.recorded(scene)
+    run = effect_scenes.recorded(scene, alone=True)
     middle = run.angle[len(run.time) // 2]
     # turning back the angle stands still: what an error of the period does there is of second order; half a period on,
     # too
@@ -148,7 +153,7 @@ effects.bob: type = "point_mass"; point = "beam:tip"; mass = {ratio}
     # elements of second order, (1 / 8)^2 / 8
     assert omega == pytest.approx(root**2, rel=3e-3)
     small = 1e-4
-    run = effect_scenes.recorded(scene, small * shape)
+    run = effect_scenes.recorded(scene, small * shape, alone=True)
     # the period is longer by (omega h)^2 / 12, 8e-6, over 1 period
     np.testing.assert_allclose(
         run.point("beam:tip")[:, 1], small * shape[-2] / omega * np.sin(omega * run.time), rtol=0,
@@ -165,7 +170,8 @@ def test_joint_friction_stops_a_bar() -> None:
     run = effect_scenes.recorded(
         effect_scenes.bar(
             '[effects.rub]\ntype = "joint_friction"\njoint = "hinge"\nlimit = 0.5\nspeed = 0.1', 0.8, velocity=1.0
-        )
+        ),
+        alone=True,
     )
     speed = run.rates[:, 0, 2]
     # it stops at J w / limit = 0.667 s; the rate of the end, limit / J speed = 15 / s, leaves (15 h)^2 / 12 of 0.1
@@ -181,7 +187,8 @@ def block(
     text = effect_scenes.BLOCK + f"velocity = {velocity}\n" + effects
     simulation = f"\n[simulation]\nduration = {duration}\nstep = {step}\nspectral_radius = 1.0\n"
     return effect_scenes.recorded(
-        effect_scenes.scene_of(text.replace("[simulation.initial.theta]", simulation + "[simulation.initial.theta]"))
+        effect_scenes.scene_of(text.replace("[simulation.initial.theta]", simulation + "[simulation.initial.theta]")),
+        alone=True,
     )
 
 

@@ -124,7 +124,7 @@ def test_derivatives_say_that_they_leave_out_jumps_that_move(force: str, jumps: 
 
 
 @needs_compiler
-@pytest.mark.usefixtures("coarse")
+@pytest.mark.usefixtures("short_tables")
 def test_formulas_in_c(tmp_path: Path) -> None:
     model = reduced_model(cart(*START, *LAWS, "reduction.angles=6"))
     assert_same_in_c(model, tmp_path)

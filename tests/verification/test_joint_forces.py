@@ -18,7 +18,6 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import solids
 from pgmp_petsc.figures.loads import Load, arrows_of, joint_forces, loads
 from pgmp_petsc.figures.motion import motion_of
-from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
@@ -563,13 +562,6 @@ def test_estimated_errors_and_lanes_of_forces() -> None:
         true = np.abs(run.outputs[name] - exact[name][::10]).max()
         assert true / 3.0 < np.abs(errors).max() < 3.0 * true, (name, true)
     assert_samples_are_those_alone(reduced_model(scene), [7], 1e-10, r1=np.linspace(5.2e-3, 6.0e-3, 11))
-
-
-def test_reduced_models_at_several_lengths_refuse() -> None:
-    crank = 'line={length="l", elements=2}, element="beam2d", material="steel", section={shape="circle", radius="r1"}'
-    scene = slider_crank(*BASIS, *ALL, f"bodies.crank={{{crank}}}", "parameters.l={nominal=0.3, bounds=[0.28, 0.32]}")
-    with pytest.raises(InputError, match=r"outputs.pin_x \(joint_force\) with .*several lengths have no forces"):
-        check_capabilities(scene, Purpose.BUILD)
 
 
 def test_files_keep_forces_and_models_without_them_refuse(tmp_path: Path) -> None:

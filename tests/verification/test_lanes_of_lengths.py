@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from differences import differences
 from exported import assert_same_in_c, needs_compiler
-from length_scenes import SMALL, long_crank
+from length_scenes import GUIDE, SMALL, long_crank
 from mpi4py import MPI
 from runs import reduced_model, rom_of, samples
 
@@ -23,6 +23,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 
 LENGTHS = np.array([0.671, 0.72])
+PIN = 'outputs.pin={type="joint_force", joint="elbow"}'
 ACTING = (
     *SMALL,
     'effects.brake={type="joint_friction", joint="elbow", limit=0.05, speed=0.1}',
@@ -30,7 +31,28 @@ ACTING = (
     'effects.stop={type="end_stop", joint="crank_hinge", upper=1.0, lower=-4e-3, stiffness=1e3, damping=1.0}',
     'effects.losses={type="structural_damping", stiffness=1e-5, mass=0.2}',
     'outputs.bend={type="stress", body="rod", quantity="bending_moment", at=[0.35, 0.0]}',
+    PIN,
 )
+SERVO = (
+    'controllers.servo={type="pid", joint="crank_hinge", measures="%s", reference=%g, gains={p=50.0, d=0.2, i=3.0, '
+    "filter=2e-3}%s}"
+)
+HELD = 'outputs.held={type="control_force", controller="servo"}'
+BESIDE = {
+    "sampled, elastic joint": (
+        SERVO % ("crank_angle", 0.1, ", sample_time=2e-3"), HELD,
+        "joints.elbow.elastic={reference=[[1.0, 0.0]], stiffness=[1e5, 1e5], damping=[10.0, 10.0]}",
+    ),
+    "measured in lanes, friction": (
+        SERVO % ("slider_position", 0.99, ""), HELD,
+        'effects.rub={type="joint_friction", joint="elbow", coefficient=0.2, radius=0.02, speed=0.5}',
+    ),
+    "a deformation, friction": (
+        SERVO % ("slider_deformation", 0.0, ""), HELD,
+        'effects.rub={type="joint_friction", joint="slider", coefficient=0.2, speed=0.05}',
+    ),
+    "clearance": ("joints.elbow.clearance={radius=1e-4, stiffness=1e6, restitution=0.5}",),
+}  # fmt: skip
 STARTS = {
     "undeformed": (),
     "settled, held": ("initial.equilibrium=true",),
@@ -46,14 +68,30 @@ def rom() -> ReducedOrderModel:
 
 @pytest.mark.parametrize("start", list(STARTS))
 def test_samples_in_lanes_are_those_of_single_runs_with_their_lengths(rom: ReducedOrderModel, start: str) -> None:
-    scene = long_crank(*ACTING, *STARTS[start])
-    model = ReducedModel(scene, rom)
-    lanes = of_samples(model, ["rod_length"])
-    values = samples(scene, LENGTHS.size, rod_length=LENGTHS)
+    assert_as_alone(ReducedModel(long_crank(*ACTING, *STARTS[start]), rom))
+
+
+def test_springs_on_places_of_the_ground_that_are_parameters() -> None:
+    spring = ACTING[len(SMALL) + 1].replace("50.0", "5e3")
+    entries = *SMALL, "reduction.angles=48", "reduction.length_points=5", *GUIDE, spring
+    assert_as_alone(reduced_model(long_crank(*entries)), height=np.array([0.005, 0.033]))
+
+
+@pytest.mark.parametrize("beside", list(BESIDE))
+def test_controllers_friction_and_elastic_joints_do_not_mind_lengths(beside: str) -> None:
+    losses = 'effects.losses={type="structural_damping", stiffness=1e-5, mass=0.2}'
+    assert_as_alone(reduced_model(long_crank(*SMALL, "reduction.angles=24", losses, PIN, *BESIDE[beside])))
+
+
+def assert_as_alone(model: ReducedModel, **lengths: np.ndarray) -> None:
+    """Compare samples of two lengths with single runs."""
+    ((varied, at),), scene = (lengths or {"rod_length": LENGTHS}).items(), model.scene
+    lanes = of_samples(model, [varied])
+    values = samples(scene, at.size, **{varied: at})
     together = run_batch(lanes, values, 0, [ValidityWatcher(lanes)])
     assert (together.status == 0).all()
-    for k, length in enumerate(LENGTHS):
-        own = model.at_lengths(scene.with_values({"rod_length": float(length)}))
+    for k, length in enumerate(at):
+        own = model.at_lengths(scene.with_values({varied: float(length)}))
         alone = run_batch(own, {name: value[[k]] for name, value in values.items()}, 0, [ValidityWatcher(own)])
         # three points leave 1e-5 of deformations, and more of their derivatives in a body
         for found, exact in ((together.outputs, alone.outputs), (together.validity, alone.validity)):
@@ -107,7 +145,7 @@ def test_derivatives_with_a_length_are_central_differences(start: str, left_out:
     no_stop = "effects.stop.lower=-4.0"  # none is met
     scene = long_crank(*entries, no_stop, *run, *STARTS[start], settings=("rod_length=0.69",))
     # with the modes of a scene without springs, for the same reason
-    lanes = of_samples(ReducedModel(scene, rom_of(long_crank(*SMALL))), ["rod_length"])
+    lanes = of_samples(ReducedModel(scene, rom_of(long_crank(*SMALL, PIN))), ["rod_length"])
     done = differentiate(lanes, scene.values, ["rod_length"])
     off = {name: [] for name in done.outputs}
     for share in (2e-3, 5e-4):

@@ -85,7 +85,7 @@ def test_the_work_of_a_torque_over_turns_of_a_crank() -> None:
 
 
 @needs_compiler
-@pytest.mark.usefixtures("coarse")
+@pytest.mark.usefixtures("short_tables")
 def test_loads_over_joints_in_c(tmp_path: Path) -> None:
     model = reduced_model(cart(*LOADS, "simulation.duration=0.2", "reduction.angles=6"))
     assert_equal(outputs_of(compiled(model, tmp_path)), motion(model).outputs)
@@ -194,7 +194,7 @@ def test_derivatives_with_a_length_of_what_leads(monkeypatch) -> None:
 
 
 @needs_compiler
-@pytest.mark.usefixtures("coarse")
+@pytest.mark.usefixtures("short_tables")
 def test_loads_over_the_other_joint_in_c(tmp_path: Path) -> None:
     model = reduced_model(cart(*ACROSS, "simulation.duration=0.2", "reduction.angles=6"))
     assert_equal(outputs_of(compiled(model, tmp_path)), motion(model).outputs)

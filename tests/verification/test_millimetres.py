@@ -552,7 +552,7 @@ def test_rates_in_c_are_those_of_the_program(units: str, tmp_path: Path) -> None
 
 
 @needs_compiler
-@pytest.mark.usefixtures("coarse")
+@pytest.mark.usefixtures("short_tables")
 def test_friction_in_c_stops_its_iteration_where_the_program_does(tmp_path: Path) -> None:
     """The cart's pole bends by 5 um, of which 2e-11 m of a correction more or less were 1e-6."""
     without_stress = 'outputs.moment={type="speed",joint="pivot"}'

@@ -93,7 +93,7 @@ def test_chains_are_derivatives_along_the_motion_of_a_reduced_model() -> None:
 
 
 @needs_compiler
-@pytest.mark.usefixtures("coarse")
+@pytest.mark.usefixtures("short_tables")
 def test_chains_in_c(tmp_path: Path) -> None:
     """Rates and accelerations are differenced along the motion there, and as good as places."""
     assert_same_in_c(reduced_model(cart(*CHAIN, "reduction.angles=6")), tmp_path)

@@ -134,7 +134,7 @@ def test_files_and_summaries_have_the_coordinate_in_metres() -> None:
 
 
 @needs_compiler
-@pytest.mark.usefixtures("coarse")
+@pytest.mark.usefixtures("short_tables")
 @pytest.mark.parametrize("scene", ["cart", "rail"])
 def test_a_model_in_c_slides(scene: str, tmp_path: Path) -> None:
     stopped = EFFECTS["stop"], "simulation.initial.x.velocity=0.5"
