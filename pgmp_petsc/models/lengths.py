@@ -178,23 +178,20 @@ class LengthLanes(Observing):
 
     def _require_alike(self, actions: Sequence[Action]) -> None:
         """Raise `InputError` where one action at the points of the grid differs in what no table has."""
-        factors = [[function.factor for _, function in one.statement.terms] for one in actions]
-        arms = [
-            [
-                side.arm
-                for (part, _), *pair in zip(one.statement.terms, one.sides[::2], one.sides[1::2])
-                for side in pair
-                if part.kind != ANGLE
-            ]
-            for one in actions
-        ]
-        if np.ptp(factors, axis=0).any() or np.ptp(arms, axis=0).any():
+        own = []
+        for action in actions:
+            numbers = [np.ravel([parameter.at(self.scene.nominal) for parameter in action.parameters])]
+            for (part, function), *pair in zip(action.statement.terms, action.sides[::2], action.sides[1::2]):
+                arms = [] if part.kind == ANGLE else [side.arm for side in pair]
+                numbers += [[function.factor], part.axes.ravel(), *arms]
+            own.append(np.concatenate(numbers))
+        if np.ptp(own, axis=0).any():
             name, tables = actions[0].effect, ("effects", "joints", "controllers")
             table = next(table for table in tables if name in getattr(self.scene, table))
             raise InputError(
-                f"{table}.{name}: acts on a ratio, or on a point of a rigid body, that {', '.join(self.lengths)} "
-                "change; reduced samples that differ in these have no such force; give numbers (--override) or values "
-                "(--set), make the body flexible, or take --full"
+                f"{table}.{name}: acts on a ratio or a point of a rigid body, or by a number, that "
+                f"{', '.join(self.lengths)} change; reduced samples that differ in these have no such force; give "
+                "numbers (--override) or values (--set), make the body flexible, or take --full"
             )
 
     @property
