@@ -180,7 +180,6 @@ def _taken(name: str, value: object, kinds: tuple[str, ...], limits: object) -> 
 
 
 def _check(name: str, given: object, value: Any, kind: str, limits: object) -> None:
-    """Refuse a value of its kind that is none of those that are allowed."""
     if isinstance(limits, Range) and kind in ("int", "float") and not limits.holds(value):
         what = "whole numbers" if kind == "int" else "numbers"
         raise InputError(f"{name} = {given!r}: allowed are {what} {limits}")
@@ -203,10 +202,6 @@ def _finite(value: object) -> object:
     return number if math.isfinite(number) else NotImplemented
 
 
-def _truth(value: object) -> object:
-    return bool(value) if isinstance(value, (bool, np.bool_)) else NotImplemented
-
-
 def _path(value: object) -> object:
     if not isinstance(value, (str, PathLike)):
         return NotImplemented
@@ -219,7 +214,6 @@ def _path(value: object) -> object:
 
 
 def _list_of(kind: Callable[[object], object]) -> Callable[[object], object]:
-    """Return what takes lists, tuples and arrays of a kind."""
 
     def taken(value: object) -> object:
         if isinstance(value, np.ndarray) and value.ndim == 1:
@@ -270,7 +264,7 @@ _KINDS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "PathLike[str]": (_path, "the name of a file"),
     "int": (_whole, "whole numbers"),
     "float": (_finite, "finite numbers"),
-    "bool": (_truth, "True and False"),
+    "bool": (lambda value: bool(value) if isinstance(value, (bool, np.bool_)) else NotImplemented, "True and False"),
     "Scene": (_instance("Scene"), "a scene, as from pgmp.load or pgmp.compose"),
     "Rom": (_instance("Rom"), "a model that was built, as from pgmp.build or pgmp.read"),
     "Result": (_instance("Result"), "a result, as from pgmp.simulate or pgmp.read"),

@@ -256,11 +256,8 @@ def found_command(head: Found) -> Command:
 
 def interface(gives: str = "", /, **arguments: Argument) -> Callable[[Function], Function]:
     """Declare a function of the Python interface: it is checked and documented by what is said of its arguments, and of
-    what it `gives`.
-
-    Raises `TypeError` when the module is imported, if nothing is said of an argument, or something of one that it does
-    not have.
-    """
+    what it `gives`; raises `TypeError` when the module is imported, if nothing is said of an argument, or something of
+    one that it does not have."""
 
     def declare(function: Function) -> Function:
         signature = inspect.signature(function).parameters

@@ -189,7 +189,6 @@ def _question(
 
 
 def _deviations(noise: Mapping[str, float]) -> dict[str, float]:
-    """Return deviations of noise by output; refuse what is no positive number."""
     for name, value in noise.items():
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not is_number or not 0.0 < value < float("inf"):

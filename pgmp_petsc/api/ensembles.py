@@ -111,9 +111,7 @@ class Correction:
 
 def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> list[Correction]:
     """Return better models than the ensemble's `own`, the best first; `n_samples` is None where it is to be chosen.
-
-    Raises `InputError` if models or numbers are in no order that makes sense. The same on all ranks.
-    """
+    Raises `InputError` if models or numbers are in no order that makes sense. The same on all ranks."""
     if not wanted:
         return []
     from pgmp_petsc.ensemble.joined import FEWEST as fewest  # most ensembles are of one model
@@ -142,10 +140,8 @@ def in_order(wanted: Sequence[Correction], own: str, n_samples: int | None) -> l
 
 
 def better_models(wanted: Sequence[Correction], own: Model, origin: Origin, comm: Comm) -> list[Better]:
-    """Return the models that are asked for beside the ensemble's own one, from its origin. Collective on `comm`.
-
-    Raises `InputError` if meshes are not at hand, or a model cannot have what the scene has.
-    """
+    """Return the models that are asked for beside the ensemble's own one, from its origin. Collective on `comm`. Raises
+    `InputError` if meshes are not at hand, or a model cannot have what the scene has."""
     if not wanted:
         return []
     from pgmp_petsc.ensemble.joined import Better  # as above
@@ -154,7 +150,10 @@ def better_models(wanted: Sequence[Correction], own: Model, origin: Origin, comm
 
 
 def _model(one: Correction, own: Model, origin: Origin, comm: Comm) -> Model:
-    scene = _scene_of(own.scene, one.divisor)
+    simulation = own.scene.simulation.model_copy(update={"step": own.scene.simulation.step / one.divisor})
+    # what is described of the ensemble's own model alone
+    ensemble = own.scene.ensemble.model_copy(update={"checked_share": 0.0, "bands": 0, "balance": False})
+    scene = own.scene.model_copy(update={"simulation": simulation, "ensemble": ensemble})
     if one.model == own.name and one.scene is None:
         with agreed(comm, f"preparing the {own.title} model"):
             return own.in_scene(scene)
@@ -172,13 +171,6 @@ def _model(one: Correction, own: Model, origin: Origin, comm: Comm) -> Model:
         check_capabilities(scene, PURPOSES[one.model], meshes)
         check_stresses(scene, meshes)
     return mesh_model(scene, meshes, one.model, comm)
-
-
-def _scene_of(scene: Scene, divisor: int) -> Scene:
-    """Return the scene with shorter steps, and without what is described of the ensemble's own model alone."""
-    simulation = scene.simulation.model_copy(update={"step": scene.simulation.step / divisor})
-    ensemble = scene.ensemble.model_copy(update={"checked_share": 0.0, "bands": 0, "balance": False})
-    return scene.model_copy(update={"simulation": simulation, "ensemble": ensemble})
 
 
 def _check_same(one: Correction, scene: Scene, own: Scene, source: object) -> None:

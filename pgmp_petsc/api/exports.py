@@ -162,7 +162,6 @@ def export_result(
 
 
 def _write_frames(file: Path, output: Path) -> int:
-    """Describe the frames of a trajectory for ParaView; return their number. By one process."""
     from pgmp_petsc.results.trajectory import write_xdmf
 
     kind = _kind_of(file)
@@ -174,7 +173,6 @@ def _write_frames(file: Path, output: Path) -> int:
 
 
 def _write_table(file: Path, output: Path) -> tuple[int, int]:
-    """Write the columns of a result; return the numbers of rows and columns. By one process."""
     from pgmp_petsc.results import READERS
     from pgmp_petsc.results.summary import columns_of, write_result
 

@@ -4,6 +4,7 @@ of the same kind are apart: of an output the largest difference, and where it is
 from __future__ import annotations
 
 import os
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -100,10 +101,8 @@ class Contents:
     datasets: dict[str, DataSet]  # by their names, in the file's order
 
     def summary(self) -> dict[str, Any]:
-        """Return its figures as plain data, those of ``pgmp info --json``; reads the result's own.
-
-        Raises `InputError` if it is no whole result of this program.
-        """
+        """Return its figures as plain data, those of ``pgmp info --json``; reads the result's own. Raises `InputError`
+        if it is no whole result of this program."""
         from pgmp_petsc.results import READERS
 
         about = {"file": self.path, "kind": self.kind, "program_version": self.program_version}
@@ -147,10 +146,8 @@ def _all_datasets(file: h5py.File) -> dict[str, DataSet]:
 
 
 def describe(found: Contents, path: Path | None = None, said: object = (), scene: bool = False) -> str:
-    """Return the description of a result file of any kind; by one process.
-
-    Raises `InputError` if what it holds does not fit together.
-    """
+    """Return the description of a result file of any kind; by one process. Raises `InputError` if what it holds does
+    not fit together."""
     if scene:
         return found.record.scene_toml.rstrip()
     record, path = found.record, found.path
@@ -206,10 +203,10 @@ def _datasets(found: Contents) -> str:
         name = full_name.removeprefix("/")
         if name.startswith("timings/"):
             continue
-        series, number, rest = _of_lengths(name)
-        if number:
-            continue
-        name = f"{series}/<models of all lengths>/{rest}" if series else name
+        if of_lengths := re.match(r"lengths/(\d+)(?:/|$)", name):
+            if int(of_lengths[1]):
+                continue
+            name = f"lengths/<models of all lengths>/{name[of_lengths.end() :]}"
         group, _, last = name.rpartition("/")
         description = data.description
         if last.isdigit():
@@ -222,14 +219,6 @@ def _datasets(found: Contents) -> str:
     widths = [max((len(row[column]) for row in rows), default=0) for column in range(3)]
     padded = [[f"{text:<{width}}" for text, width in zip(row, [*widths, 0])] for row in rows]
     return "\n".join("  ".join(row).rstrip() for row in padded)
-
-
-def _of_lengths(name: str) -> tuple[str, int, str]:
-    """Return the group of models of several lengths that a data set is in, the number of its model, and its name there;
-    nothing where it is in none."""
-    group, _, inside = name.partition("/")
-    number, _, rest = inside.partition("/")
-    return (group, int(number), rest) if group == "lengths" and number.isdigit() else ("", 0, "")
 
 
 def _figures(found: Contents, scene: bool) -> Mapping[str, object]:

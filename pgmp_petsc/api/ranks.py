@@ -26,10 +26,8 @@ _seen_to: list[str] = []
 
 
 def ranks_of(comm: Comm | None) -> Comm:
-    """Return the ranks of a call: those that are given, else COMM_WORLD where it has several, else COMM_SELF.
-
-    Raises `InputError` if it is no communicator of mpi4py.
-    """
+    """Return the ranks of a call: those that are given, else COMM_WORLD where it has several, else COMM_SELF; raises
+    `InputError` if it is no communicator of mpi4py."""
     world = start_mpi()
     if comm is None:
         return world if world.size > 1 else alone()

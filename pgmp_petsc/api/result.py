@@ -69,21 +69,12 @@ def variables(record: Record) -> Iterator[tuple[str, Variable]]:
 
 
 class Result:
-    """A result, the same on all ranks; attributes of its data are its own.
+    """A result, the same on all ranks that made it, `comm`; attributes of its data are its own.
 
-    Parameters
-    ----------
-    kind : str
-        One of `files.claims.KINDS`.
-    data
-        A dataclass of `pgmp_petsc.results`, `studies.building.Built`, or `models.component_file.ComponentsFile`: arrays
-        of numpy in the scene's units. None on a rank that was not given it.
-    comm : mpi4py.Comm
-        The ranks that made it.
-    directory : Path
-        Folder that paths of the scene are relative to.
-    path : Path or None
-        The file that it was read from or last written to.
+    The kind is one of `files.claims.KINDS`; the data, None on a rank that was not given it, are a dataclass of
+    `pgmp_petsc.results`, `studies.building.Built`, or `models.component_file.ComponentsFile`: arrays of numpy in the
+    scene's units. Paths of the scene are relative to `directory`; `path` is the file that it was read from or last
+    written to.
     """
 
     def __init__(self, kind: str, data: Any, comm: Comm, directory: Path, path: Path | None = None) -> None:
@@ -175,12 +166,8 @@ class Result:
         """Return its arrays as a dataset of xarray by name, with units and descriptions as attributes.
 
         Outputs have their own names; what else there is begins with its kind and a dot, which no name of a scene has:
-        ``parameter.r1``, ``state.theta``, ``error.crank_angle``. A result declares these names (``label``).
-
-        Raises
-        ------
-        InputError
-            If xarray is not installed, or results of this kind have no dataset.
+        ``parameter.r1``, ``state.theta``, ``error.crank_angle``. A result declares these names (``label``). Raises
+        `InputError` if xarray is not installed, or results of this kind have no dataset.
         """
         xarray = needs_xarray("to_xarray")
         found = self._variables()
@@ -228,14 +215,9 @@ class Result:
     def plot(self, picture: str | None = None, *, exaggerate: float = 1.0, at: float | None = None) -> Figure:
         """Return a picture that ``pgmp plot`` draws of it, as a figure of matplotlib.
 
-        Raises `InputError` where there is no picture of this name, or of results of this kind, or nothing to draw.
-
-        Parameters
-        ----------
-        picture
-            Name of the picture, without .png; by default the first of them, such as ``trajectories``.
-        exaggerate, at
-            As of `pgmp.plot`.
+        The picture is given by its name, without .png; by default the first of them, such as ``trajectories``. The
+        others are as of `pgmp.plot`. Raises `InputError` where there is no picture of this name, or of results of this
+        kind, or nothing to draw.
         """
         from pgmp_petsc.figures.collection import pictures_of  # matplotlib takes a noticeable time
 
@@ -252,13 +234,8 @@ class Result:
         """Write the file that the command writes, on the first rank, and return its path. Collective on `comm`.
 
         A name that ends in .csv gives a table of its columns (`results.summary`), where results of its kind have some.
-
-        Raises
-        ------
-        InputError
-            If there is another file of this name, or it cannot be made there.
-        RunError
-            If the system fails to write.
+        Raises `InputError` if there is another file of this name, or it cannot be made there; `RunError` if the system
+        fails to write.
         """
 
         from pgmp_petsc.results.summary import write_result
@@ -296,7 +273,6 @@ class Rom(Result):
         return super()._own().rom if self.kind == "rom" else super()._own()
 
     def summary(self) -> dict[str, Any]:
-        """Return its figures as plain data, those of ``pgmp build --json``."""
         from pgmp_petsc.results.summary import plain
 
         return plain(self.data.figures() | origin_of(self.record))

@@ -213,7 +213,9 @@ def sweep(origin: Origin, points: PointSet, comm: Comm, on_all_ranks: bool) -> x
             if twice or clashing:
                 why = "given twice" if twice else "the name of an output, or of time, in the dataset"
                 raise InputError(f"parameters: {(twice or clashing)[0]} is {why}; give it another name")
-            return taken, _file(model, taken.columns(), "parameters", "point")
+            file = of_columns(taken.columns(), scene, "parameters", place="point")
+            remarks = check_samples(model.served, file.values, "parameters")
+            return taken, replace(file, remarks=(*file.remarks, *remarks))
 
         taken, file = on_root(comm, looking_at_the_points)
         found = _run(model, file, place, comm, on_all_ranks)
@@ -258,7 +260,8 @@ def histories(
 
     with _prepared(origin, comm, of_ensemble) as (prepared, place):
         columns = {name: values[numbers] for name, values in data.parameters.items()}
-        drawn = _drawn(data, prepared.scene)
+        uncertain = uncertain_names(prepared.scene)
+        drawn = [name for name, values in data.parameters.items() if name in uncertain or np.ptp(values) > 0.0]
         of_samples = si_values(prepared.scene, {name: columns[name] for name in drawn})
         file = SampleFile(Path("samples"), of_samples, "histories")
         found = _run(prepared, file, place, comm, on_all_ranks)
@@ -299,13 +302,6 @@ def _differing(data: Ensemble, numbers: np.ndarray, run: ShardSamples, system: U
     return found
 
 
-def _drawn(ensemble: Ensemble, scene: Scene) -> list[str]:
-    """Return the parameters that samples of an ensemble have values of their own of."""
-    uncertain = set(uncertain_names(scene))
-    values = ensemble.parameters
-    return [name for name in values if name in uncertain or np.ptp(values[name]) > 0.0]
-
-
 def _keeping_outputs(scene: Scene) -> Scene:
     """Return the scene with outputs kept at the ends of all steps of all samples, and nothing estimated unasked."""
     asked = scene.ensemble
@@ -321,12 +317,6 @@ def _prepared(origin: Origin, comm: Comm, changed: Callable[[Scene], Scene]) -> 
     model = origin.settled(comm, changed, many=True)
     with place_on_the_way(comm) as place:
         yield model, place
-
-
-def _file(model: Model, columns: Mapping[str, np.ndarray], what: str, place: str) -> SampleFile:
-    """Return values as samples of a model; refuse those that it cannot run. By one process."""
-    file = of_columns(columns, model.scene, what, place=place)
-    return replace(file, remarks=(*file.remarks, *check_samples(model.served, file.values, what)))
 
 
 def _run(
@@ -360,7 +350,6 @@ def _run(
 
 
 def _failures(status: np.ndarray) -> tuple[Remark, ...]:
-    """Return how many failed, and of what; nothing where none did."""
     counts = Counter(int(one) for one in status if one != Status.FINE)
     if not counts:
         return ()

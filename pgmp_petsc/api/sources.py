@@ -149,10 +149,8 @@ def read_built(path: Path, model: str) -> ReducedOrderModel | ComponentsFile:
 def read_rom(
     path: Path, overrides: Sequence[str], settings: Sequence[str], comm: Comm
 ) -> tuple[Scene, ReducedOrderModel]:
-    """Read a ROM and its scene, changed where a change leaves the tables valid. Collective on `comm`.
-
-    Raises `InputError` if the file is not a whole ROM, or an entry is overridden that the tables were built from.
-    """
+    """Read a ROM and its scene, changed where a change leaves the tables valid. Collective on `comm`. Raises
+    `InputError` if the file is not a whole ROM, or an entry is overridden that the tables were built from."""
 
     def read() -> tuple[Scene, ReducedOrderModel]:
         rom = ReducedOrderModel.read(path)
@@ -348,14 +346,8 @@ def keeping(
     inputs: Iterable[str | PathLike[str] | None] = (),
     plot: str | PathLike[str] | None = None,
 ) -> Iterator[Keeper]:
-    """Claim the file of a result, and yield what keeps it. Collective on `comm`.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written, may not be replaced, or is one of the `inputs`; or the folder for the picture
-        cannot be made.
-    """
+    """Claim the file of a result, and yield what keeps it. Collective on `comm`; raises `InputError` if it cannot be
+    written, may not be replaced, or is one of the `inputs`; or the folder for the picture cannot be made."""
     own, folder = (None if path is None else Path(path) for path in (output, plot))
     if folder is not None:
         on_root(comm, check_folder, folder, own)

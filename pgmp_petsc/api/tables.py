@@ -55,10 +55,8 @@ class PointSet:
         return {str(name): size for one in self.arrays.values() for name, size in one.sizes.items()}
 
     def of(self, parameters: Iterable[str]) -> PointSet:
-        """Return the points with those coordinates that are parameters.
-
-        Raises `InputError` if dimensions of the same name differ in length or labels, or there are no points.
-        """
+        """Return the points with those coordinates that are parameters; raises `InputError` if dimensions of the same
+        name differ in length or labels, or there are no points."""
         taken = {name: one for name, one in self.places.items() if name in set(parameters) and one.ndim}
         found = replace(self, arrays={**self.arrays, **{k: v for k, v in taken.items() if k not in self.arrays}})
         try:
@@ -138,7 +136,6 @@ def _is_frame(value: object) -> bool:
 
 
 def _is_one(value: object) -> bool:
-    """Return whether a value is one number, or the text of one."""
     if isinstance(value, (tuple, list)):
         return False
     return getattr(value, "ndim", 0) == 0 and not isinstance(value, (Sequence, Mapping)) or isinstance(value, str)
@@ -152,7 +149,6 @@ def _names(names: Any) -> list[str]:
 
 
 def _array(xarray: Any, name: str, value: Any) -> Any:
-    """Return the values of one parameter with their dimensions."""
     if hasattr(value, "dims"):
         return value.copy(data=numbers("parameters", name, value.values))
     dims: tuple[Any, ...] = ()

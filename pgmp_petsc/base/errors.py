@@ -50,10 +50,8 @@ class RunError(PgmpError):
 
 
 def plain_reason(error: BaseException) -> str | None:
-    """Return what to say of an error that the system or the machine's size causes, None for a mistake of ours.
-
-    The latter deserves its traceback.
-    """
+    """Return what to say of an error that the system or the machine's size causes, None for a mistake of ours, which
+    deserves its traceback."""
     if isinstance(error, MemoryError):
         detail = f": {error}" if str(error) else ""
         return f"not enough memory{detail}; take a smaller problem or more ranks on more nodes"

@@ -23,15 +23,8 @@ def card(
     remarks: Iterable[object] = (),
     folded: Mapping[str, str] | None = None,
 ) -> str:
-    """Return HTML of something; tables without rows, and entries without a text, are left out.
-
-    Parameters
-    ----------
-    about
-        Entries, a line each.
-    folded
-        HTML by its heading, which opens it.
-    """
+    """Return HTML of something: entries about it, a line each, and HTML folded under headings, which open it; tables
+    without rows, and entries without a text, are left out."""
     lines = [(name.replace("_", " "), text) for name, text in about.items() if text not in ("", None)]
     parts = [f"<div><strong>{escape(title)}</strong></div>", _table((), lines)]
     parts += [_table(*grid) for grid in grids]

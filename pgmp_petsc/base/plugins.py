@@ -75,10 +75,8 @@ def _checksum_installed(name: str) -> str | None:
 
 
 def check_plugins(needed: Mapping[str, str], file: object) -> None:
-    """Refuse a file that was made with plugins that are not in use, or were others.
-
-    Raises `InputError`, naming the plugin, with the cure.
-    """
+    """Refuse a file that was made with plugins that are not in use, or were others; raises `InputError`, naming the
+    plugin, with the cure."""
     for name, checksum in needed.items():
         if any(plugin.sha256 == checksum for plugin in IN_USE.values()) or _checksum_installed(name) == checksum:
             continue

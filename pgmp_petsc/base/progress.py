@@ -45,7 +45,7 @@ _beats: list[Beat] = []  # those that look
 _phases: list[str] = []  # what goes on, the innermost last
 
 
-class Progress:
+class Progress(AbstractContextManager):
     """A count of work, a context manager; what :func:`progress` returns.
 
     The total is None where it is not known before: a search ends when it ends. `initial` units were done before.
@@ -71,9 +71,6 @@ class Progress:
     def _so_far(self) -> float:
         done = self._done + self._part
         return done if self._total is None else min(done, float(max(self._total, self._done)))
-
-    def __enter__(self) -> Progress:
-        return self
 
     def __exit__(self, *error: object) -> None:
         return None

@@ -57,10 +57,8 @@ GROUP = Path("/sys/fs/cgroup")  # where a batch system or a container says what 
 
 
 def free_share(comm: Comm) -> float | None:
-    """Return the free memory of this rank's node over the ranks of `comm` there, bytes. Collective on `comm`.
-
-    None where the system does not tell.
-    """
+    """Return the free memory of this rank's node over the ranks of `comm` there, bytes; None where the system does not
+    tell. Collective on `comm`."""
     n_ranks = 1 if comm.size == 1 else _ranks_of_node(comm)
     free = free_memory()
     return None if free is None else free / n_ranks

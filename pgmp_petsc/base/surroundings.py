@@ -43,10 +43,7 @@ def open_standard_streams() -> None:
 
 
 def check_working_folder() -> None:
-    """Refuse to start in a folder that was removed: neither MPI nor PETSc starts there.
-
-    Raises `InputError` if it was.
-    """
+    """Refuse to start in a folder that was removed, where neither MPI nor PETSc starts; raises `InputError`."""
     try:
         os.getcwd()
     except OSError as error:
@@ -81,10 +78,7 @@ def held_back_stderr() -> Iterator[Callable[[], str]]:
 @cache
 def check_variables() -> None:
     """Refuse environment variables that numba cannot work with, and do without a backend that matplotlib does not have;
-    once a process, before it imports either.
-
-    Raises `InputError`, naming the variable.
-    """
+    once a process, before it imports either. Raises `InputError`, naming the variable."""
     if os.environ.get("MPLBACKEND") and "matplotlib" not in sys.modules:
         _take_backend()
     given = {name: value for name, value in os.environ.items() if name.startswith("NUMBA_") and name != PLAIN_NUMBA}
@@ -160,15 +154,12 @@ def has_petsc() -> bool:
 
 
 def has_mpi() -> bool:
-    """Return whether mpi4py is there."""
     return _is_there("mpi4py")
 
 
 def needs_petsc(what: str) -> None:
-    """Refuse what cannot be done without PETSc, where it is absent: the subject of the message, in the plural.
-
-    Raises `InputError`, naming the packages that are missing; the same on all ranks.
-    """
+    """Refuse what cannot be done without PETSc, where it is absent: the subject of the message, in the plural. Raises
+    `InputError`, naming the packages that are missing; the same on all ranks."""
     absent = missing()
     if absent:
         raise InputError(f"{what} need PETSc and SLEPc, and this Python has no {', '.join(absent)}; {CURE}")
@@ -193,10 +184,8 @@ def is_communicator(value: object) -> bool:
 
 
 def refuse_ranks() -> None:
-    """Refuse to be one of several processes without mpi4py: each would do the whole work, and write the same files.
-
-    Raises `InputError`, whose message is empty but on the first of them.
-    """
+    """Refuse to be one of several processes without mpi4py: each would do the whole work, and write the same files;
+    raises `InputError`, whose message is empty but on the first of them."""
     started = next((int(os.environ[name]) for name in SIZES if os.environ.get(name, "").isdecimal()), 1)
     if started > 1:
         first = next((os.environ[name] for name in NUMBERS if name in os.environ), "0") == "0"

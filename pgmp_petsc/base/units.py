@@ -230,10 +230,8 @@ class UnknownUnit(ValueError):
 
 
 def measure(unit: str) -> tuple[float, Dimension]:
-    """Return how many of the SI unit one of `unit` is, and its dimension; no unit is 1.
-
-    Raises `UnknownUnit` if it is not one, or of something that scenes do not hold, such as a temperature.
-    """
+    """Return how many of the SI unit one of `unit` is, and its dimension; no unit is 1. Raises `UnknownUnit` if it is
+    not one, or of something that scenes do not hold, such as a temperature."""
     known = plain_names().get(plain(unit))
     if known is not None:
         return 1.0, known
@@ -276,10 +274,8 @@ def si_name(dimension: Dimension) -> str:
 
 
 def take_unit(unit: str) -> None:
-    """Take a unit that an effect declares, such as N/m3, among those of scenes.
-
-    Raises `UnknownUnit` if it is none of SI.
-    """
+    """Take a unit that an effect declares, such as N/m3, among those of scenes; raises `UnknownUnit` if it is none of
+    SI."""
     if unit not in UNITS:
         factor, dimension = measure(unit)
         if abs(factor - 1.0) > ROUNDING:
@@ -296,9 +292,7 @@ def named(dimension: Dimension) -> str:
 
 def number_of(text: str, units: Sequence[str], system: UnitSystem) -> float | None:
     """Return a number that is given with its unit, ``"500 mm"``, in the units of a system; None of a text that is none.
-
-    Raises `UnknownUnit` if it is none of the dimensions of some SI units, of which none allows all.
-    """
+    Raises `UnknownUnit` if it is none of the dimensions of some SI units, of which none allows all."""
     found = re.match(QUANTITY, text)
     if found is None:
         return None

@@ -157,7 +157,6 @@ def _nearest(study: Tradeoff, errors: np.ndarray) -> str:
 
 
 def _price(study: Tradeoff, row: int) -> str:
-    """Return ``1.2 ms a sample after 0.7 s``."""
     online, offline = study.times.batch[row], study.times.offline[row]
     after = {"full": "preparation", "components": "condensing", "reduced": "build"}.get(study.families[row], "runs")
     total = study.total_seconds(study.samples)[row]

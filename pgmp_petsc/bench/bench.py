@@ -96,7 +96,6 @@ class Measured:
 
     @classmethod
     def of_arrays(cls, arrays: Arrays) -> Self:
-        """Return what was kept by `arrays`."""
         whole = {name.removeprefix(OF_HISTORY): value for name, value in arrays.items() if name.startswith(OF_HISTORY)}
         kinds = {"n_coordinates": int, "cosine": float, "reason": str, "offline": lambda pair: tuple(map(float, pair))}
         history = History.of_arrays(whole) if whole else None
@@ -282,10 +281,8 @@ class Bench:
         return found
 
     def check_references(self, n_steps: int, loads: tuple[str, ...] | None = None) -> None:
-        """Note which training cases do not count.
-
-        Raises `RunError` if the scene itself, at nominal parameters, cannot be run.
-        """
+        """Note which training cases do not count; raises `RunError` if the scene itself, at nominal parameters, cannot
+        be run."""
         names, title, setting = self._names(loads), self.full_model.title, Setting("reference", n_steps)
         cases = [self.training.case(self.scene, name) for name in names]
         self._run(cases, setting)
@@ -509,7 +506,6 @@ class Bench:
         return self._models[setting.build]
 
     def _prepared(self, setting: Setting) -> tuple[tuple[AnyModel | ResponseSurface, int, float], np.ndarray]:
-        """Do what comes before the first sample, and take its time."""
         start = _now()
         made = self._model(setting)
         shared = self._timed.get(setting.family, 0.0) if setting.refinement == 1 else 0.0
@@ -561,7 +557,6 @@ class Bench:
         return np.array([offline, self._online[setting, self.batch], self._online[setting, 1]])
 
     def n_cells(self, refinement: int) -> int:
-        """Return the number of cells of all bodies."""
         return refinement * sum(mesh.n_cells for mesh in self._subject.meshes.values())
 
 
@@ -577,7 +572,6 @@ def step_price(model: AnyModel) -> float:
 
 
 def _now() -> np.ndarray:
-    """Return the clocks: wall and processor, s."""
     return np.array([perf_counter(), process_time()])
 
 

@@ -222,7 +222,6 @@ def stops_of(scene: Scene) -> list[str]:
 
 
 def with_softer_stops(scene: Scene, factor: float) -> Scene:
-    """Return the scene with its end stops a factor as stiff."""
     effects = scene.plain_effects
     for name in stops_of(scene):
         stop = effects[name]

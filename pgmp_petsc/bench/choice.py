@@ -221,7 +221,6 @@ class ReductionChoice:
         return changed > max(self.allowed["interpolation"], COUNTS * self._error(rung))
 
     def _refine(self) -> None:
-        """Double the angles and begin anew."""
         self._grid, self._looked_at = self._finer, []
         self._take_affordable()
 
@@ -460,7 +459,9 @@ def choose(
         step.fit_reduced(trial)
         rom = bench.rom_of(trial)
         chosen = _chosen_scene(scene, step, trial, rom)
-        found = [*_of_loads(step), *mesh_remark(bench, trial.n_steps), _cost_remark(bench, step, trial)]
+        times = bench.processor_times(trial, step.n_steps, step.n_full)
+        cost = cost_text(times[0], step.n_steps, times[1], step.n_full, bench.full_model.title)
+        found = [*_of_loads(step), *mesh_remark(bench, trial.n_steps), cost]
     asked = {name: getattr(scene, name).tolerance for name in ("reduction", "simulation")}
     used = step.loads if scene.reduction.tolerance is None else [load.name for load in bench.training.loads]
     selection = Selection(
@@ -607,12 +608,6 @@ def mesh_remark(bench: Bench, n_steps: int) -> list[str]:
     return [f"no part of the tolerance: cells cut in two would move {moved}{more}"]
 
 
-def _cost_remark(bench: Bench, step: StepChoice, trial: Trial) -> str:
-    """Say what a sample costs with what was chosen, and what the full-order model costs for the same tolerance."""
-    reduced, full = bench.processor_times(trial, step.n_steps, step.n_full)
-    return cost_text(reduced, step.n_steps, full, step.n_full, bench.full_model.title)
-
-
 def cost_text(reduced: float, n_reduced: int, full: float, n_full: int, title: str) -> str:
     """Say what a sample of both models costs (s) with so many steps, and where reducing does not pay."""
     said = (
@@ -635,10 +630,8 @@ def choose_over_lengths(
     finished: Finished | None = None,
 ) -> Choice:
     """Choose what the tolerances of a scene leave open, with any lengths; see `choose`. Collective on ``group.world``.
-
     Raises `InputError` or `RunError`, as `choose`; with the lengths at which what was chosen does not keep the
-    tolerance.
-    """
+    tolerance."""
     names = length_names(scene)
     if not names:
         return choose(scene, meshes, group, say, finished)

@@ -51,19 +51,15 @@ class History:
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
-        """All of it as arrays, to be kept in a file."""
         return {name: np.array(value) for name, value in vars(self).items()}
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, np.ndarray]) -> Self:
-        """Return what was kept by `arrays`."""
         return cls(**{name: int(value) if name in ("n_steps", "every") else value for name, value in arrays.items()})
 
     def require_fine(self, scene: Scene, values: Mapping[str, np.ndarray]) -> Self:
-        """Return the history, of samples of a scene with some parameter values.
-
-        Raises `RunError` if a sample failed, with the first one's values, time and reason.
-        """
+        """Return the history, of samples of a scene with some parameter values; raises `RunError` if a sample failed,
+        with the first one's values, time and reason."""
         failed = np.flatnonzero(self.status != Status.FINE)
         if not failed.size:
             return self
@@ -76,7 +72,6 @@ class History:
 
 
 def with_steps(scene: Scene, n_steps: int) -> Scene:
-    """Return the scene with so many steps."""
     step = {"step": scene.simulation.duration / n_steps}
     return scene.model_copy(update={"simulation": scene.simulation.model_copy(update=step)})
 
@@ -235,7 +230,6 @@ class Errors:
 
     @property
     def largest(self) -> float:
-        """Largest error of all."""
         return float(self.by_output.max())
 
     @property
@@ -274,7 +268,6 @@ class Trial:
 
     @property
     def setting(self) -> Setting:
-        """It as a setting."""
         return self.at(self.n_steps)
 
     @property
@@ -303,10 +296,8 @@ class ResponseSurface:
             self._interpolate = RBFInterpolator(scaled, data, kernel="cubic", degree=_degree(*nodes.shape))
 
     def evaluate(self, points: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the outputs over time, each of shape (n_t, n), at parameter values of shape (n, n_parameters).
-
-        Where a run of the surface has no number, neither has the surface.
-        """
+        """Return the outputs over time, each of shape (n_t, n), at parameter values of shape (n, n_parameters); no
+        number where a run of the surface has none."""
         scaled = self._scaled(points)
         rows = np.full((len(points), self._known.size), np.nan)
         rows[:, self._known] = self._interpolate(scaled[:, 0] if scaled.shape[1] == 1 else scaled)

@@ -78,7 +78,6 @@ class Price:
 
     @property
     def seconds(self) -> float:
-        """Processor time of all, s."""
         return self.step * self.steps
 
     def __str__(self) -> str:
@@ -145,26 +144,18 @@ class Prospect:
 
     @property
     def text(self) -> str:
-        """The model in words."""
         if self.refused:
             return f"{self.model}: refused, {self.refused}"
         before = f", {duration_text(self.build)} before the first sample" if self.build else ""
-        step = f"{_microseconds(self.step)} us a step and sample"
+        step = f"{float(f'{1e6 * self.step:.2g}'):g} us a step and sample"
         return f"{self.model}: {self.unknowns} unknowns, {step}{before}; {self.why}"
 
 
 def prospects(
     scene: Scene, meshes: Mapping[str, BodyShape], mechanism: Mechanism, n_flexible: int, n_loads: int
 ) -> list[Prospect]:
-    """Return what is predicted of the mesh, of component modes and of a reduced model.
-
-    Parameters
-    ----------
-    mechanism
-        Of the scene's meshes.
-    n_flexible, n_loads
-        Flexible coordinates of the reduced model, and load patterns that static modes could answer.
-    """
+    """Return what is predicted of the mesh, of component modes and of a reduced model: of its flexible coordinates, and
+    of the load patterns that static modes could answer."""
     n_local = sum(effect.local for effect in scene.effects.values())
     n_rigid, fields = len(scene.coordinates), amplitudes(scene, mechanism, scene.reduction.modes)
     answered = scene.reduction.static_modes or not n_loads or scene.reduction.tolerance is not None
@@ -193,10 +184,6 @@ def prospects(
         ),
     ]  # fmt: skip
     return [Prospect(one.model, one.refused) if one.refused else one for one in found]
-
-
-def _microseconds(seconds: float) -> str:
-    return f"{float(f'{1e6 * seconds:.2g}'):g}"
 
 
 def choice(scene: Scene, meshes: Mapping[str, BodyShape], found: Sequence[Prospect], n_steps: int) -> str:

@@ -163,11 +163,9 @@ class Demand:
 def choose_reference(
     scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKinematics, demand: Demand, comm: Comm
 ) -> Reference:
-    """Choose the mesh where it is within the budget, or named, else the component model. Collective on `comm`.
-
-    Raises `InputError` if neither is within the budget and none is named; or if the component model is named and there
-    is none.
-    """
+    """Choose the mesh where it is within the budget, or named, else the component model. Collective on `comm`. Raises
+    `InputError` if neither is within the budget and none is named; or if the component model is named and there is
+    none."""
     wanted, budget, missing = scene.reference.model, scene.reference.budget, why_no_full_model(scene)
     without = missing  # why it is not the mesh
     if not missing:
@@ -403,7 +401,6 @@ class ReferenceSequence:
 
     @property
     def history(self) -> History:
-        """The finest run."""
         return self._runs[self.n_steps]
 
     @property

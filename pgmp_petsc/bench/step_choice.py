@@ -178,12 +178,10 @@ class StepChoice:
 
     @property
     def settled(self) -> bool:
-        """Whether the step is known."""
         return self.kept or self._search.chosen is not None
 
     @property
     def n_steps(self) -> int:
-        """Number of steps, where it is settled."""
         return self.n_given if self.kept else self._n_reduced or self._search.chosen
 
     @property

@@ -217,7 +217,6 @@ def _prepared(
 
 
 def _prices(subject: Subject, reference: Reference, sweep: Sweep) -> Prices:
-    """Return what steps of the families are predicted to take."""
     full = FullModel(subject.scene, subject.meshes, subject.kinematics)
     mechanism = full.kinematics.mechanism
     components = reference.price.step
@@ -298,16 +297,13 @@ class _Study:
         return n_steps
 
     def first(self) -> list[Setting]:
-        """Return what is measured first."""
         finest = [Setting("reference", own_steps(self.scene), self.sweep.finest)] if self.limits.refinable else []
         self._asked = first_settings(self.scene, self.sweep, self.limits)
         return [*finest, *self._missing(1), *self._asked]
 
     def further(self) -> list[Setting]:
-        """Return the lines through the best settings of the first tasks, and runs that the references still need.
-
-        Raises `RunError` if there is no reference on the scene's meshes.
-        """
+        """Return the lines through the best settings of the first tasks, and runs that the references still need;
+        raises `RunError` if there is no reference on the scene's meshes."""
         if not self._sequences[1].usable:
             raise RunError(f"the {self.bench.reference.model.title} reference: {self._sequences[1].failure}")
         worst = [float(np.max(self._errors(setting))) for setting in self._asked]
@@ -647,7 +643,6 @@ def _steps(n: int, finer: int, coarser: int) -> list[int]:
 
 
 def _once(settings: Iterable[Setting]) -> list[Setting]:
-    """Leave out repetitions; the order stays."""
     return list(dict.fromkeys(settings))
 
 

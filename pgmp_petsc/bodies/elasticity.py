@@ -136,26 +136,10 @@ def evaluate_cells(cells, lame, modulus, beta, gain_v, places, rates, damped, fr
         K = sum_q  delta_ij G_a.S G_b + (1 + beta gain_v) (lambda (F G_a)_i (F G_b)_j
                 + mu ((F G_b)_i (F G_a)_j + (F F^T)_ij G_a.G_b))
 
-    What a change of places makes of the damping forces is left out of K.
-
-    Parameters
-    ----------
-    cells
-        Their geometry.
-    lame
-        Both Lame constants over Young's modulus.
-    modulus
-        Young's modulus E_Y, Pa (N/m in the plane).
-    beta, gain_v
-        Damping by stiffness (s), and the derivative of velocities with positions (1/s).
-    places, rates
-        Of the nodes, shape (n_a, d); rates are read where `damped`.
-    damped, fresh
-        Whether the material damps, and whether tangents are wanted.
-    work
-        From `cell_work`.
-    forces, tangents
-        Results: shapes (n_a, d) and (m (m + 1) / 2,) with m = d n_a.
+    What a change of places makes of the damping forces is left out of K. Lame's constants are over the modulus E_Y, Pa
+    (N/m in the plane), beta is the damping by stiffness, s, and gain_v the derivative of velocities with positions,
+    1/s. Places and rates are those of the nodes, (n_a, d); rates are read where the material is `damped`. `work` is
+    from `cell_work`. Filled are forces (n_a, d) and, if `fresh`, tangents (m (m + 1) / 2,) with m = d n_a.
     """
     f, rate, stress, viscous = work.deformation, work.rate, work.stress, work.viscous
     n_q, n_nodes, d = cells.gradients.shape

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import accumulate
 
 import numpy as np
@@ -104,27 +104,26 @@ class Along:
 
     @classmethod
     def of(cls, axis: Axis) -> Along:
-        """Return those of an interpolant's axis."""
         return cls(axis.lower, axis.step, axis.n_cells, count_rows(axis), axis.periodic, axis.basis == B_SPLINE)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Constants:
     """All that a model in C is made of."""
 
-    kind: str  # of model: "reduced" or "tree"
+    kind: str = ""  # of model: "reduced" or "tree"
     name: str  # of the scene
     system: UnitSystem  # its units
-    settings: Mapping[str, int | float]  # whole numbers and numbers of ``sizes.h`` by name
-    tables: Mapping[str, tuple[str, np.ndarray]]  # arrays of ``tables.c`` by name, with their sizes in C
-    lists: Mapping[str, Sequence[str]]  # of the kind's own structures by declaration, entry by entry in C
-    axes: Mapping[str, Sequence[Along]]  # of the tables' coordinates, by name
+    settings: Mapping[str, int | float] = field(default_factory=dict)  # numbers of ``sizes.h`` by name
+    tables: Mapping[str, tuple[str, np.ndarray]] = field(default_factory=dict)  # of ``tables.c``, and their sizes in C
+    lists: Mapping[str, Sequence[str]] = field(default_factory=dict)  # structures of the kind, by declaration, in C
+    axes: Mapping[str, Sequence[Along]] = field(default_factory=dict)  # of the tables' coordinates, by name
     #: weights, load_weights: monomials of the terms and of the load terms
-    weights: tuple[Monomial, ...]
-    load_weights: tuple[Monomial, ...]
-    gap_weights: Sequence[Monomial] | None  # of the terms of what opens joints; None of a kind that has none
-    given: Sequence[Monomial]  # amplitudes of the coordinates that say how far joints are off, the last ones
-    prescribed: Sequence[bool]  # of all coordinates, whether they are given
+    weights: tuple[Monomial, ...] = ()
+    load_weights: tuple[Monomial, ...] = ()
+    gap_weights: Sequence[Monomial] | None = None  # of the terms of what opens joints; None of a kind that has none
+    given: Sequence[Monomial] = ()  # amplitudes of the coordinates that say how far joints are off, the last ones
+    prescribed: Sequence[bool] = ()  # of all coordinates, whether they are given
     laws: Sequence[Sequence[Quantity | AffineSum]]  # parameters of the laws of the local effects
     parameters: Mapping[str, float]  # nominal values, or those that were set, by name
     parameters_in_c: Mapping[str, str]  # in SI units, by name
@@ -134,7 +133,7 @@ class Constants:
     strengths: Mapping[str, Sequence[Piece]]
     motions: Sequence[Sequence[Piece]]
     #: load_of_term, strength_of_load: number of the load of each load term, and of the strength of each load
-    load_of_term: Sequence[int]
+    load_of_term: Sequence[int] = ()
     strength_of_load: Sequence[int]
     coordinate_units: Mapping[str, str]  # of the rigid coordinates, by their names
     #: coordinates, closure, closure_wanted: what measures the coordinates, what holds the bodies together, and the
@@ -142,7 +141,7 @@ class Constants:
     coordinates: Sequence[StatementInC]
     closure: Sequence[TermInC]
     closure_wanted: Sequence[float]
-    constraints: Sequence[TermInC] | None  # of what a tree of joints leaves; None of a kind that has none
+    constraints: Sequence[TermInC] | None = None  # of what a tree of joints leaves; None of a kind that has none
     #: actions, action_slots: local effects, and the slots of their nodes
     actions: Sequence[ActionInC]
     action_slots: Sequence[int]
@@ -151,7 +150,7 @@ class Constants:
     #: counts as zero of the motions that these measure
     controls: Sequence[ControlInC]
     control_actions: Sequence[int]
-    control_origins: Sequence[float]
+    control_origins: Sequence[float] = ()
     outputs: OutputsInC
     #: output_units, strength_units, parameter_units: by name; empty where nothing says which
     output_units: Mapping[str, str]
@@ -173,15 +172,8 @@ class Constants:
 
 
 def constants_of(model: ReducedModel, what: str) -> Constants:
-    """Collect the constants of a reduced model.
-
-    Raises `InputError` if the model has what a model in C does not have, or tables too large for a source file.
-
-    Parameters
-    ----------
-    what
-        What is to be written, for messages.
-    """
+    """Collect the constants of a reduced model. Raises `InputError` if the model has what a model in C does not have,
+    or tables too large for a source file; it names what is to be written."""
     scene = checked_scene(model.scene, what)
     if scene is not model.scene:
         model = ReducedModel(scene, model.rom, model.kinematics)
@@ -229,18 +221,9 @@ def shared_of(
 ) -> Constants:  # fmt: skip
     """Collect what models in C of all kinds have.
 
-    Parameters
-    ----------
-    nodes
-        Nodes whose frames are known, in the order of their slots.
-    actions
-        Local effects.
-    loads
-        Functions of time of the effects that are loads, by name.
-    windings
-        What the angle of each part of an effect grows by with the coordinates.
-    gaps
-        See `ForceInC.of`.
+    Nodes are those whose frames are known, in the order of their slots; actions are local effects, loads functions of
+    time of the effects that are loads, by name, and windings what the angle of each part of an effect grows by with the
+    coordinates; gaps are as of `ForceInC.of`.
     """
     scene, kinematics, held = model.scene, model.kinematics, nodes_of(actions)
     slots, parameters = {node: slot for slot, node in enumerate(nodes)}, tunable(scene)
@@ -257,38 +240,25 @@ def shared_of(
     control_actions = [k for k, action in enumerate(actions) if action.law is ACTING_LAW]
     carried_actions = [k for k, action in enumerate(actions) if action.law is CARRIED_FRICTION]
     found = Constants(
-        kind="",
         name=scene.name,
         system=scene.system,
-        settings={},
-        tables={},
-        lists={},
-        axes={},
-        weights=(),
-        gap_weights=None,
-        load_weights=(),
-        given=(),
-        prescribed=(),
         laws=[action.parameters for action in actions],
         parameters=own_values(scene, parameters),
         parameters_in_c=in_c,
         served={name: _bounds(scene, name) for name in parameters} | model.served,
         strengths={name: function.pieces for name, function in over_time.items()},
         motions=[motions[k].angle.pieces if k in motions else () for k in range(kinematics.n_coordinates)],
-        load_of_term=(),
         strength_of_load=[list(over_time).index(name) for name in loads],
         coordinate_units={c.name: c.unit for c in kinematics.coordinates},
         coordinates=coordinates_of(kinematics, slots),
         closure=closure,
         closure_wanted=wanted,
-        constraints=None,
         actions=[
             action_in_c(number, action, edge, held, slots, list(over_time), windings)
             for number, (action, edge) in enumerate(zip(actions, first_edges))
         ],
         controls=controls,
         control_actions=control_actions,
-        control_origins=(),
         action_slots=[slots[node] for node in held],
         carried_actions=carried_actions,
         outputs=outputs,
@@ -301,7 +271,6 @@ def shared_of(
 
 
 def _counts(found: Constants, model: ReducedModel | ComponentModel, n_nodes: int, n_steps: int) -> dict[str, float]:
-    """Return how many there are of everything in the constants of a model."""
     kinematics, outputs, laws = model.kinematics, found.outputs, [one.law for one in found.controls]
     edges = [len(action.law.edges) for action in found.actions]
     return {
@@ -401,7 +370,6 @@ def _unit_of_strength(name: str, scene: Scene) -> str:
 
 
 def _unit_of(name: str, scene: Scene) -> str:
-    """Return the unit of a parameter: what the scene says, or what the entries that name it take."""
     used = (use.units for use in uses_of(scene) if use.parameter == name)
     taken = next((units[0] for units in used if len(units) == 1), "")
     return scene.system.unit(scene.parameters[name].unit or taken)
@@ -573,15 +541,8 @@ def _steps(scene: Scene) -> dict[str, int | float]:
 
 
 def checked_scene(scene: Scene, what: str, kind: str = "reduced") -> Scene:
-    """Return a scene without the outputs that a model in C does not have; raise `InputError` if it asks for more.
-
-    Parameters
-    ----------
-    what
-        What is to be written, for the message.
-    kind
-        Of model, see `Constants`.
-    """
+    """Return a scene without the outputs that a model in C of a kind (see `Constants`) does not have; raise
+    `InputError` that names what is to be written if it asks for more."""
     check_capabilities(scene, Purpose.EXPORT)
     for entry, text in _of_scene(scene, kind):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")

@@ -58,7 +58,6 @@ class Variable:
 
     @property
     def is_state(self) -> bool:
-        """Whether it is a continuous state."""
         return STATES <= self.reference < DERIVATIVES
 
 
@@ -68,7 +67,6 @@ def quoted(name: str) -> str:
 
 
 def variables_of(constants: Constants) -> list[Variable]:
-    """Return the variables of a model, the independent one left out."""
     # values are in the units of the scene; what a parameter was given in is of its numbers only
     found, units = [], "SI units" if constants.system == SI else str(constants.system)
     for k, (name, value) in enumerate(constants.parameters.items()):
@@ -103,7 +101,6 @@ def variables_of(constants: Constants) -> list[Variable]:
 
 
 def _states(constants: Constants) -> list[Variable]:
-    """Return the states of model exchange, positions and rates of what is free, and their derivatives."""
     free, found = constants.free, []
     known = [constants.coordinate_units.get(name, "") for name in free]  # modal coordinates have units of their own
     inside = [quoted(name) if unit else name for name, unit in zip(free, known)]
@@ -196,7 +193,6 @@ def _define_units(root: Element, units: Sequence[str]) -> None:
 
 
 def _numbers(variable: Variable) -> dict[str, str]:
-    """Return unit, range and value at the start of a variable, as far as it has them."""
     found = {"unit": variable.unit} if variable.unit else {}
     found |= {key: str(end) for key, end in (("min", variable.low), ("max", variable.high)) if math.isfinite(end)}
     return found | ({"start": variable.start} if variable.start else {})
@@ -277,7 +273,8 @@ def write_fmu(constants: Constants, path: str | Path, version: int = 2, compiler
     token = hashlib.sha256("".join(texts.values()).encode()).hexdigest()[:32]
     texts["fmu.h"] = f'{HEAD}#define FMU_GUID "{token}"\n'
     files = (own, "unit.c", *compiled_of(constants.kind))
-    compiler, target = compiler or shutil.which("cc") or shutil.which("gcc"), _platform(version)
+    compiler = compiler or shutil.which("cc") or shutil.which("gcc")
+    target = PLATFORMS.get((platform.system(), platform.machine()), {}).get(version, "")
     with TemporaryDirectory() as folder, replacing(path) as partial:
         library = _compiled(texts, files, Path(folder), identifier, compiler) if compiler and target else None
         with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -290,10 +287,6 @@ def write_fmu(constants: Constants, path: str | Path, version: int = 2, compiler
             if library is not None:
                 archive.write(library, f"binaries/{target}/{library.name}")
     return target if library is not None else ""
-
-
-def _platform(version: int) -> str:
-    return PLATFORMS.get((platform.system(), platform.machine()), {}).get(version, "")
 
 
 def _compiled(texts: Mapping[str, str], files: Sequence[str], folder: Path, identifier: str, compiler: str) -> Path:

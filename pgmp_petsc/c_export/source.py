@@ -46,7 +46,6 @@ def compiled_of(kind: str) -> tuple[str, ...]:
 
 
 def sources_of(constants: Constants) -> dict[str, str]:
-    """Return the text of every file of a model in C by its name."""
     parts = [name for name in compiled_of(constants.kind)[:-1] if name.removesuffix(".c") not in PRINTED]
     return {
         **{name: read_common(name) for name in ("model.h", "tables.h", *parts, "main.c")},
@@ -67,11 +66,9 @@ def read_common(name: str) -> str:
 
 
 def write_sources(constants: Constants, folder: str | Path) -> int:
-    """Write a model in C into a folder, made if there is none, and return the number of bytes; one process.
-
-    Raises `InputError` if the folder cannot be made, or a file in it is not of this program; `RunError` if the system
-    fails to write.
-    """
+    """Write a model in C into a folder, made if there is none, and return the number of bytes; one process. Raises
+    `InputError` if the folder cannot be made, or a file in it is not of this program; `RunError` if the system fails to
+    write."""
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"output folder '{folder}' is a file; give the name of a folder, or of an FMU, NAME.fmu")
@@ -111,7 +108,6 @@ def _number(value: float) -> str:
 
 
 def _array(values: np.ndarray) -> str:
-    """Return nested braces around the numbers of an array."""
     if values.ndim == 1:
         numbers = [repr(x) for x in values.tolist()]
         rows = [", ".join(numbers[k : k + PER_LINE]) for k in range(0, len(numbers), PER_LINE)]
@@ -135,7 +131,11 @@ def _tables(constants: Constants) -> str:
     every = [*constants.closure, *(part.term for part in measured), *(constants.constraints or ())]
     first, last = len(constants.closure), len(constants.closure) + len(measured)
     terms, lasts = list(_terms(every)), list(accumulate(len(action.parts) for action in constants.actions))
-    force_terms = [term for force in constants.outputs.forces for term in force.terms]
+    force_terms = (
+        f"{{{gap}, {_number(float(factor))}, {_statement(statement)}}}"
+        for force in constants.outputs.forces
+        for gap, factor, statement in force.terms
+    )
     lasts_of_forces = list(accumulate(len(force.terms) for force in constants.outputs.forces))
     parts += [
         _strings("pgmp_parameter_names", names),
@@ -160,7 +160,7 @@ def _tables(constants: Constants) -> str:
         _listed("const struct spline_piece spline_pieces[]", _spline_pieces(every), "{0}"),
         _listed("const struct reading readings[]", map(_reading, constants.outputs.readings), "{0}"),
         _listed("const struct force forces[]", map(_force, constants.outputs.forces, lasts_of_forces), "{0}"),
-        _listed("const struct force_term force_terms[]", map(_force_term, force_terms), "{0}"),
+        _listed("const struct force_term force_terms[]", force_terms, "{0}"),
         *dict.fromkeys(action.law.code.C for action in constants.actions),
         *dict.fromkeys(one.law.code.C for one in constants.controls),
         _listed("const struct control controls[]", _controls(constants), "{0}"),
@@ -233,7 +233,6 @@ def _terms(terms: Sequence[TermInC]) -> Iterator[str]:
 
 
 def _spline_pieces(terms: Sequence[TermInC]) -> Iterator[str]:
-    """Yield the pieces of all splines."""
     for function in (term.function for term in terms):
         for begin, end, cubic in zip(function.breaks[:-1], function.breaks[1:], function.coefficients):
             yield f"{{{_number(float(begin))}, {_number(float(end))}, {_numbers(map(float, cubic))}}}"
@@ -250,13 +249,7 @@ def _force(force: ForceInC, last: int) -> str:
     return f"{{{', '.join(map(str, numbers))}, {_number(force.sign)}, {_numbers(force.axis)}, {sides}}}"
 
 
-def _force_term(term: tuple[int, float, StatementInC]) -> str:
-    gap, factor, statement = term
-    return f"{{{gap}, {_number(float(factor))}, {_statement(statement)}}}"
-
-
 def _combine(constants: Constants) -> str:
-    """Return the function that makes outputs of readings."""
     arrays = "double (*bases)[3], double (*readings)[3], double (*acting)[3], double outputs[], double counted[]"
     head = f"void combine(double time, const double *p, {arrays}) {{"
     unused = "(void)time, (void)p, (void)bases, (void)readings, (void)acting, (void)outputs, (void)counted;"
@@ -268,7 +261,6 @@ def _count(count: CountInC) -> str:
 
 
 def _weigh_counts(counts: Sequence[CountInC]) -> str:
-    """Return the function that evaluates the curves of what is counted."""
     lines = ["void weigh_counts(const double *p, double (*curves)[MOST_PARTS][3], double ultimates[]) {"]
     lines.append("    (void)p, (void)curves, (void)ultimates;")
     for k, count in enumerate(counts):
@@ -305,7 +297,6 @@ def _controls(constants: Constants) -> Iterator[str]:
 
 
 def _weigh(constants: Constants) -> str:
-    """Return the function that evaluates the monomials."""
     numbers = constants.parameters_in_c
     lines = ["void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given,"]
     lines.append("           double (*controls)[AT_LEAST_ONE(N_CONTROL)]) {")
@@ -326,7 +317,6 @@ def _weigh(constants: Constants) -> str:
 
 
 def _weigh_gaps(weights: Sequence[Monomial], numbers: Mapping[str, str]) -> str:
-    """Return the function that evaluates the monomials of the terms of gaps."""
     lines = (f"    weights[{k}] = {monomial_in_c(one, numbers)};" for k, one in enumerate(weights))
     head = ["void weigh_gaps(const double *p, double *weights) {", "    (void)p, (void)weights;"]
     return "\n".join([*head, *lines, "}", ""])

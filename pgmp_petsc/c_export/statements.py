@@ -199,15 +199,8 @@ class OutputsInC:
 
 
 class Combiner:
-    """Writes what makes outputs of readings: arrays of a value, its rate and its acceleration.
-
-    Parameters
-    ----------
-    bases
-        Motions of the base.
-    values
-        Of the parameters: numbers, or what they are in C.
-    """
+    """Writes what makes outputs of readings: arrays of a value, its rate and its acceleration; for motions of the base,
+    and values of the parameters that are numbers, or what they are in C."""
 
     def __init__(
         self, bases: Sequence[Base], values: Mapping[str, str | float], forces: Sequence[ForceOutput]
@@ -220,7 +213,6 @@ class Combiner:
         self._names: dict[AnyReading, str] = {}
 
     def of(self, reading: AnyReading) -> str:
-        """Return the array of a reading."""
         if isinstance(reading, Rate):
             return f"({self.of(reading.of)} + {reading.order})"
         if reading not in self._names:
@@ -280,7 +272,6 @@ class Combiner:
 
 
 def coordinates_of(kinematics: RigidKinematics, slots: Mapping[int, int]) -> list[StatementInC]:
-    """Return what measures the coordinates."""
     return [StatementInC.of_reading(Reading.of_coordinate(c, kinematics), slots) for c in kinematics.coordinates]
 
 

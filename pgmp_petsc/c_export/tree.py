@@ -118,7 +118,6 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
 
 
 def _tables(model: ComponentModel, system: JointBatch, parts: Parts) -> dict[str, tuple[str, np.ndarray]]:
-    """Return the tables of a model, each with its shape in C."""
     own, tree, state = system.own, system.own.joints.tree, system.start()
     return {
         "moments": ("[N_TERMS][AT_LEAST_ONE(N_WORDS)]", parts.moments),
@@ -138,7 +137,6 @@ def _tables(model: ComponentModel, system: JointBatch, parts: Parts) -> dict[str
 
 
 def _sizes(system: JointBatch, parts: Parts) -> dict[str, float]:
-    """Return the sizes of a tree, and what is typical of it."""
     own, tree, equations = system.own, system.own.joints.tree, system.own.equations
     return {
         "N": own.n,
@@ -245,7 +243,6 @@ def _faces(own: JointEquations) -> Iterator[str]:
 
 
 def _pushes(own: JointEquations, equations: FullEquations) -> list[str]:
-    """Return the entries of all loads in C."""
     loads, tree, unknowns = own.problem.loads, own.joints.tree, equations.unknowns
     n_frame, found = unknowns.frame(0).size, []
     of_frames = n_frame * unknowns.mechanism.n_nodes

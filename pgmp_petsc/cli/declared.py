@@ -24,7 +24,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn, TextIO
+from typing import Any, TextIO
 
 import click
 from click.shell_completion import CompletionItem
@@ -62,18 +62,6 @@ def say(context: click.Context, text: str) -> None:
     """Print ``text`` on rank 0, at once, unless the session is quiet; not collective."""
     if context.obj.comm.rank == 0 and not context.obj.quiet:
         click.echo(for_terminal(text, False) if at_terminal() else text)
-
-
-def take_json(context: click.Context, option: click.Parameter, wanted: bool) -> None:
-    """Take ``--json``."""
-    if wanted:
-        context.obj.json = context.obj.quiet = True
-
-
-def take_verbose(context: click.Context, option: click.Parameter, wanted: bool) -> None:
-    """Take ``--verbose``."""
-    if wanted:
-        context.obj.verbose = True
 
 
 #: What is coloured in lines, and how.
@@ -128,13 +116,6 @@ def _wrapped(line: str, width: int) -> str:
     indent = len(line) - len(line.lstrip())
     is_row = indent and not re.match(r" *(note|warning):", line)
     return line if is_row else click.wrap_text(line, width, "", " " * (indent + 2))
-
-
-def take_quiet(context: click.Context, option: click.Parameter, wanted: bool) -> None:
-    """Take ``--quiet``."""
-    if wanted:
-        context.obj.quiet = True
-        context.with_resource(without_progress())
 
 
 def run_command(context: click.Context, command: Command, given: Mapping[str, Any]) -> None:
@@ -258,7 +239,6 @@ class PathName(click.Path):
         super().__init__(path_type=Path)
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path of a word."""
         if not str(value):
             self.fail("it is empty; a name is needed, or . for the current folder", param, ctx)
         return super().convert(value, param, ctx)
@@ -268,40 +248,28 @@ class Whole(click.IntRange):
     """A whole number in a range; whatever else comes, the message says which numbers are allowed."""
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Return the number of a word."""
-        try:
-            number = int(value)
-        except ValueError:
-            _refuse(self, value, "whole number", param, ctx)
-        return super().convert(number, param, ctx)
+        return super().convert(_number(int, "whole number", self, value, param, ctx), param, ctx)
 
 
 class Number(click.FloatRange):
     """A finite number in a range: click takes nan for one in every range, as it is neither below nor above an end."""
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the number of a word."""
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
-            _refuse(self, value, "number", param, ctx)
-        return super().convert(number, param, ctx)
+        return super().convert(_number(float, "number", self, value, param, ctx), param, ctx)
 
 
-def _refuse(
-    kind: click.IntRange | click.FloatRange,
-    value: object,
-    what: str,
-    param: click.Parameter | None,
-    ctx: click.Context | None,
-) -> NoReturn:
-    """Refuse a word that is no number, with the range as click writes it: ``x>=2``, ``0<=x<=1``."""
+def _number(
+    read: Callable[[object], Any], what: str, kind: click.IntRange | click.FloatRange, value: object, *at: Any
+) -> Any:
+    """Return a word's number; refuse one that is none, with the range as click writes it: ``x>=2``, ``0<=x<=1``."""
+    with suppress(ValueError):
+        number = read(value)
+        if abs(number) < math.inf:
+            return number
     low, high = ("" if is_open else "=" for is_open in (kind.min_open, kind.max_open))
     shown = f"x>{low}{kind.min}" if kind.max is None else f"{kind.min}<{low}x<{high}{kind.max}"
     within = "" if kind.min is None else f" in the range {shown}"
-    kind.fail(f"{str(value)!r} is not a {what}{within}", param, ctx)
+    kind.fail(f"{str(value)!r} is not a {what}{within}", *at)
 
 
 class Declared(click.Command):
@@ -316,20 +284,27 @@ class Declared(click.Command):
         options.append(
             click.Option(["--plugin", "plugins"], multiple=True, metavar="FILE.py", type=PathName(), help=PLUGIN)
         )
-        if command.has_figures:
-            options.append(_of_session("--json", JSON, take_json))
-        if command.then:
-            options.append(_of_session("--verbose", VERBOSE, take_verbose))
-        options.append(_of_session("--quiet", QUIET, take_quiet))
+        own = {
+            "--json": JSON if command.has_figures else "",
+            "--verbose": VERBOSE if command.then else "",
+            "--quiet": QUIET,
+        }
+        options += [click.Option([name], is_flag=True, help=text) for name, text in own.items() if text]
         super().__init__(command.name, params=[*words, *options], help=command.description, callback=self._called)
 
-    def _called(self, plugins: tuple[Path, ...], **values: object) -> None:
+    def _called(
+        self, plugins: tuple[Path, ...], quiet: bool, json: bool = False, verbose: bool = False, **values: object
+    ) -> None:
         context = click.get_current_context()
+        session = context.obj
+        session.json, session.verbose, session.quiet = json, verbose, session.quiet or quiet or json
+        if quiet:
+            context.with_resource(without_progress())
         if plugins:
             from pgmp_petsc.api.scenes import use  # few calls have some
 
             for file in plugins:
-                use(file, comm=context.obj.comm)
+                use(file, comm=session.comm)
         typed = {
             name: value
             for name, value in values.items()
@@ -346,10 +321,6 @@ class Declared(click.Command):
             if argument.listed is not None:
                 with formatter.section(f"{argument.word.capitalize()}s"):
                     formatter.write_dl(list(argument.listed().items()))
-
-
-def _of_session(option: str, text: str, take: Callable[..., None]) -> click.Option:
-    return click.Option([option], is_flag=True, expose_value=False, callback=take, help=text)
 
 
 def _parameters(argument: Argument, command: Command) -> Iterator[click.Parameter]:

@@ -60,14 +60,11 @@ class LazyGroup(click.Group):
     """The group of `COMMANDS`."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names in the order of the group's help."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        """Import a command, after starting PETSc if it needs that.
-
-        Raises `click.UsageError` if there is no such command, or it was given options for PETSc and does not use it.
-        """
+        """Import a command, after starting PETSc if it needs that; raises `click.UsageError` if there is no such
+        command, or it was given options for PETSc and does not use it."""
         if cmd_name not in COMMANDS:
             raise click.UsageError(f"no command '{cmd_name}'{nearest_name(cmd_name, COMMANDS)}", ctx)
         command = COMMANDS[cmd_name]
@@ -89,7 +86,6 @@ class LazyGroup(click.Group):
         return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, command.head.help) for name, command in COMMANDS.items()])
 
@@ -158,7 +154,8 @@ def _run(arguments: list[str], session: Session) -> tuple[int, str | None]:
             status = pgmp.main(args=arguments, prog_name="pgmp", standalone_mode=False, obj=session)
         # a reader of the output that has gone (`pgmp ... | head`) wants no more of it; the files are written
         if output is not None and output.failure is not None and not isinstance(output.failure, BrokenPipeError):
-            return 1, _output_message(output.failure)
+            done = "what was printed is incomplete, files that were written are complete"
+            return 1, f"standard output: {output.failure.strerror}; {done}"
         return status if isinstance(status, int) else 0, None
     except PgmpError as error:
         return error.exit_status, str(error)
@@ -198,10 +195,6 @@ def _standard_output(comm: Comm) -> Iterator[LastingOutput | None]:
         output = LastingOutput(descriptor, painter(at_terminal()))
         with output.text(sys.stdout.encoding) as stream, redirect_stdout(stream):
             yield output
-
-
-def _output_message(failure: OSError) -> str:
-    return f"standard output: {failure.strerror}; what was printed is incomplete, files that were written are complete"
 
 
 def _warn(session: Session, status: int) -> None:

@@ -80,42 +80,20 @@ def condense(
     stressed: bool = False,
     large: bool = False,
 ) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
-    """Condense a body. Collective on `comm`.
+    """Condense a body where `frames` hold it, and for `points`, parameter values of which the nominal ones are first.
+    Collective on `comm`, the ranks that share it.
 
-    Raises `RunError` if an eigenproblem fails, or the interface's answers do not settle.
+    Of n_modes flexible modes that the mechanism's basis takes, a coarse mesh may have fewer. `timings` get the wall
+    time of the phases assembly, modes, answers (of the frames, the growing subspace included) and projection. A factor
+    beyond `memory`, bytes on this rank, is kept in files. Where stresses are asked for (`stressed`), the subspace holds
+    the static answers to all inertia forces of rigid motion too, and the component keeps T and the mesh whatever their
+    size; otherwise for pictures, where they are small (`MOST_KEPT`) and there is no scaled cross-section. Where what is
+    of second order in the deformation will be (`large`, see `large_deformation.with_second_order`), it answers the
+    inertia forces of the rigid motion as well.
 
-    Parameters
-    ----------
-    frames
-        Where joints, effects and outputs hold it, by name.
-    points
-        Parameter values that the subspace is to serve, the nominal ones first.
-    n_modes
-        Number of flexible modes that the mechanism's basis takes.
-    comm
-        Ranks that share the body.
-    timings
-        Gets the wall time of the phases assembly, modes, answers (of the frames, the growing subspace included) and
-        projection.
-    memory
-        What a factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
-    stressed
-        Whether stresses are asked for: the subspace then holds the static answers to all inertia forces of rigid
-        motion too, and the component keeps T and the mesh whatever their size. Otherwise it keeps them, for pictures,
-        where they are small (`MOST_KEPT`) and there is no scaled cross-section.
-    large
-        Whether what is of second order in the deformation will be asked for (`large_deformation.with_second_order`):
-        the subspace then answers the inertia forces of the rigid motion as well.
-
-    Returns
-    -------
-    component
-        The condensed body, on all ranks.
-    recovery
-        The displacements on the mesh of unit coordinates, local rows, shape (n_local, n); with a scaled cross-section
-        of unit ``T(s) y``.
-    section
-        T(s); None without a scaled cross-section.
+    Returns the body, on all ranks; the displacements on the mesh of unit coordinates, local rows, (n_local, n), with a
+    scaled cross-section of unit ``T(s) y``; and T(s), None without one. Raises `RunError` if an eigenproblem fails, or
+    the interface's answers do not settle.
     """
     timings = timings or Timings()
     d, n_nodes = solid.mesh.dimension, solid.mesh.n_nodes

@@ -118,14 +118,9 @@ def condensed(
             bar.update()
     for part in group.world.allgather(found if group.comm.rank == 0 else {}):
         done.update(part)
-    return {name: _floating(shape, scene) for name, shape in done.items()}
-
-
-def _floating(shape: BodyShape, scene: Scene) -> BodyShape:
-    """Return a condensed body with what it is in a floating frame."""
-    if not is_condensed(shape, flexible=True):
-        return shape
-    return replace(shape, floating=in_floating_frame(shape, scene.nominal))
+    for name in [name for name, shape in done.items() if is_condensed(shape, flexible=True)]:
+        done[name] = replace(done[name], floating=in_floating_frame(done[name], scene.nominal))
+    return done
 
 
 def check_slender(scene: Scene, meshed: FramedSolid, cure: str = 'take "dynamic"') -> None:

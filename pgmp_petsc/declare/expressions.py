@@ -46,7 +46,6 @@ class Printed:
 
     @property
     def file(self) -> str:
-        """The file that declares it."""
         return self.place.rpartition(":")[0]
 
     @property
@@ -67,17 +66,8 @@ def check_names(entry: str, names: Iterable[str], taken: Iterable[str], place: s
 
 
 def check(entry: str, text: object, names: Iterable[str], place: str) -> None:
-    """Raise `InputError` if a text is no expression over some names.
-
-    Parameters
-    ----------
-    entry
-        What the expression is, for the message.
-    names
-        What it may name.
-    place
-        File and line of the declaration.
-    """
+    """Raise `InputError` if a text is no expression over some names: what it is and where it is declared, for the
+    message."""
     names = list(names)
     listed = ", ".join((*names, *FUNCTIONS))
     allowed = f"an expression has numbers, {listed}, + - * / **, comparisons and 'a if b else c'"
@@ -178,22 +168,13 @@ def printed(expressions: Sequence[Any], in_c: bool = False) -> tuple[list[str], 
 
 
 def kept(name: str, key: str, beside: Path, text: Callable[[], str]) -> types.ModuleType:
-    """Return a module of printed code: from a file, or printed and kept in one.
+    """Return the module of a name of printed code, of which the text depends on the key alone: from a file, or printed
+    and kept in one.
 
-    Files lie where numba's cache is: in ``NUMBA_CACHE_DIR`` if that is set, otherwise in the folder ``__pycache__`` of
-    what declares, or in the user's cache. Where none can be written, the module has no file, and numba says so. Several
-    processes may print the same one at once: each writes a file of its own and moves it into place.
-
-    Parameters
-    ----------
-    name
-        Of what is printed.
-    key
-        All that the text depends on.
-    beside
-        The file that declares it.
-    text
-        Prints it.
+    Files lie where numba's cache is: in ``NUMBA_CACHE_DIR`` if that is set, otherwise in the folder ``__pycache__``
+    beside the file that declares it, or in the user's cache. Where none can be written, the module has no file, and
+    numba says so. Several processes may print the same one at once: each writes a file of its own and moves it into
+    place.
     """
     stem = f"pgmp_printed_{name}_{hashlib.sha256(key.encode()).hexdigest()[:16]}"
     if stem in sys.modules:

@@ -40,21 +40,11 @@ def at(letter: str) -> str:
 
 @dataclass(frozen=True)
 class Term:
-    """A row of a Lagrangian.
+    """A row of a Lagrangian: its text, the expression of its letters of where an entry is, and the name of the table.
 
-    Attributes
-    ----------
-    text
-        The row.
-    place
-        Expression of its letters: where an entry is.
-    table
-        Name of the table, for what prints the loops.
-    kind
-        ``kinetic``; ``potential``, which the Lagrangian has with the other sign; ``load``, its work; ``force``, whose
-        changes with theta do no work; or ``dissipation``, a function of rates u whose derivatives are forces.
-    only
-        When there are such terms, a name among `Loops.conditions`; always if empty.
+    The kind is ``kinetic``; ``potential``, which the Lagrangian has with the other sign; ``load``, its work; ``force``,
+    whose changes with theta do no work; or ``dissipation``, a function of rates u whose derivatives are forces. There
+    are such terms only with a name among `Loops.conditions`; always if empty.
     """
 
     text: str
@@ -97,18 +87,11 @@ class Term:
 
 @dataclass(frozen=True)
 class Part:
-    """What is added to a row of the equations, or to the derivative of one.
+    """What is added to a row of the equations, or to the derivative of one: a source times a factor.
 
-    Attributes
-    ----------
-    row, column
-        Letters, `ANY` for every theta; no column in the equations themselves.
-    source
-        ``value`` of the entry, ``drift``, its rate T', or ``slopes``, its derivatives.
-    factor
-        What that is multiplied by.
-    order
-        With which of q, v and a it is the derivative; empty in the equations.
+    Row and column are letters, `ANY` for every theta; there is no column in the equations themselves. The source is the
+    ``value`` of the entry, ``drift``, its rate T', or ``slopes``, its derivatives; the order says with which of q, v
+    and a it is the derivative.
     """
 
     row: str
@@ -119,7 +102,6 @@ class Part:
 
 
 def equations(term: Term, bound: Sequence[str]) -> Iterator[Part]:
-    """Yield what an entry adds to the rows of the equations."""
     p = term.factor_of(bound)
     for x in dict.fromkeys(bound):
         if term.kind == "dissipation":
@@ -144,7 +126,6 @@ def tangents(term: Term, bound: Sequence[str]) -> Iterator[Part]:
 
 
 def derivative(p: Polynomial, factor: str) -> Polynomial:
-    """Return the derivative of a polynomial with a factor."""
     result: Polynomial = {}
     for factors, number in p.items():
         if factor in factors:
@@ -155,7 +136,6 @@ def derivative(p: Polynomial, factor: str) -> Polynomial:
 
 
 def in_time(p: Polynomial) -> Polynomial:
-    """Return the derivative of a polynomial with time."""
     result: Polynomial = {}
     for factors, number in p.items():
         for k, one in enumerate(factors):
@@ -176,14 +156,10 @@ def total(*parts: tuple[Fraction | int, Polynomial], by: Sequence[str] = ()) -> 
 
 @dataclass(frozen=True)
 class Target:
-    """Where something is added: an array and a place in it.
+    """Where something is added: an array and a place in what is printed.
 
-    Attributes
-    ----------
-    array, place
-        In what is printed. For derivatives with all theta the place is the first one.
-    stride
-        From one theta to the next; empty for one number.
+    For derivatives with all theta the place is the first one, and the stride from one to the next; empty for one
+    number.
     """
 
     array: str
@@ -215,18 +191,9 @@ Outputs = Callable[[Term, Sequence[str]], Iterable[tuple[Target, str, Polynomial
 class Loops:
     """Prints loops over the entries of tables.
 
-    Attributes
-    ----------
-    outputs
-        What each entry adds: target, source, factor, and in which condition.
-    entries
-        Texts that take up the value of an entry and its derivatives, of its place `{}`; by table.
-    conditions
-        Of `Term.only`.
-    first
-        An array that the first loops fill, in place of adding to it.
-    read, add
-        Text that takes up a coordinate, of its array and place, and that adds a number.
+    Outputs are what each entry adds: target, source, factor, and in which condition, of `Term.only`. Entries are texts
+    by table that take up the value of an entry and its derivatives, of its place `{}`. The first loops fill `first`, in
+    place of adding to it; `read` takes up a coordinate, of its array and place, and `add` adds a number.
     """
 
     outputs: Outputs
@@ -271,7 +238,6 @@ class Loops:
         return lines, [one for one in found if one not in inside]
 
     def _loop(self, states: Sequence[_State], letter: str, count: str) -> tuple[list[str], list[_Sum]]:
-        """Return a loop, with what it adds up for the ones around it."""
         body, found = self._level(states, letter)
         if not body and not found:
             return [], []
@@ -368,12 +334,10 @@ class _State:
         return letter, self.bound[-1] if follows else "", may_equal
 
     def bind(self, letter: str) -> _State:
-        """Return the term with its next letter bound."""
         return replace(self, bound=(*self.bound, letter))
 
 
 def _product(source: str, p: Polynomial, letter: str = "") -> str:
-    """Return a multiple of something."""
     text = _text(p, letter)
     if text in ("1.0", "-1.0"):
         return source if text == "1.0" else f"-{source}"
@@ -406,7 +370,6 @@ def _monomials(inner: Sequence[str], outer: Polynomial) -> str:
 
 
 def _under(condition: str, lines: list[str]) -> list[str]:
-    """Return lines under a condition, if there is one."""
     return [f"if {condition}:", *_indented(lines)] if condition and lines else lines
 
 
@@ -415,12 +378,10 @@ def _indented(lines: Iterable[str]) -> list[str]:
 
 
 def in_python(lines: Iterable[str]) -> Iterator[str]:
-    """Yield lines in Python."""
     return (re.sub(r"^( *)(let|all) ", r"\1", line) for line in lines)
 
 
 def in_c(lines: Iterable[str]) -> Iterator[str]:
-    """Yield lines in C."""
     open_at: list[int] = []
     for line in [*lines, ""]:
         text = line.strip()

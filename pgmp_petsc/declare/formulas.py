@@ -57,14 +57,8 @@ class FormulaError(ValueError):
 def declared(text: str, names: Mapping[str, str], words: str) -> tuple[str, set[str]]:
     """Return a formula in the language of declarations, and which names it has.
 
-    Raises `FormulaError` where it has what is not allowed.
-
-    Parameters
-    ----------
-    names
-        What it may name, and what they are in a declaration.
-    words
-        These in words, for messages.
+    Given are the names that it may have with what they are in a declaration, and these in words, for messages. Raises
+    `FormulaError` where it has what is not allowed.
     """
     allowed = f"a formula has numbers, {words}, {ALLOWED}"
     if len(text) > LONGEST:
@@ -170,14 +164,8 @@ def _literal(node: ast.expr) -> float | None:
 
 
 def evaluated(text: str, names: Mapping[str, Any], algebra: Any) -> Any:
-    """Return a formula in the language of declarations for values of its names.
-
-    Parameters
-    ----------
-    algebra
-        What numbers, comparisons, conditions, cases and functions are: `SeriesAlgebra`, `Dimensions`, or one of
-        :mod:`~pgmp_petsc.declare.own_units`.
-    """
+    """Return a formula in the language of declarations for values of its names, in an algebra of numbers, comparisons,
+    conditions, cases and functions: `SeriesAlgebra`, `Dimensions`, or one of :mod:`~pgmp_petsc.declare.own_units`."""
     operations = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
                   ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos}  # fmt: skip
     ordering = {ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge}
@@ -283,24 +271,19 @@ class SeriesAlgebra:
     order: int
 
     def number(self, value: float) -> Series:
-        """Return a constant."""
         return Series([np.array(value), *(np.zeros(()) for _ in range(self.order))])
 
     def compared(self, ordering: Callable[..., Any], a: Series, b: Series) -> np.ndarray:
-        """Return where a comparison holds."""
         return ordering(a.parts[0], b.parts[0])
 
     def joined(self, word: str, tests: Iterable[np.ndarray]) -> np.ndarray:
-        """Return where conditions hold together."""
         joins = {"and": np.logical_and, "or": np.logical_or}
         return reduce(joins[word], tests) if word in joins else np.logical_not(*tests)
 
     def chosen(self, test: np.ndarray, body: Series, orelse: Series) -> Series:
-        """Return one where a condition holds, and the other elsewhere."""
         return Series([np.where(test, a, b) for a, b in zip(body.parts, orelse.parts)])
 
     def called(self, name: str, *given: Series) -> Series:
-        """Return a function."""
         if name in ("max", "min"):
             a, b = given
             return self.chosen((a.parts[0] > b.parts[0]) == (name == "max"), a, b)
@@ -384,20 +367,16 @@ class Dimensions:
     """Formulas of `Measured`."""
 
     def number(self, value: float) -> Measured:
-        """Return a number."""
         return Measured((0.0, 0.0, 0.0), value=value)
 
     def compared(self, ordering: Callable[..., Any], a: Measured, b: Measured) -> bool:
-        """Return anything, where both may be compared."""
         a.with_(b)
         return True
 
     def joined(self, word: str, tests: Iterable[bool]) -> bool:
-        """Return anything, where each may be a condition."""
         return all(tests)
 
     def chosen(self, test: bool, body: Measured, orelse: Measured) -> Measured:
-        """Return what both are."""
         return body + orelse
 
     def called(self, name: str, *given: Measured) -> Measured:

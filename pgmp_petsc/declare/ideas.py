@@ -21,7 +21,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
@@ -57,9 +57,7 @@ def refuse(cls: type, why: str) -> InputError:
 @contextmanager
 def blaming(cls: type) -> Iterator[None]:
     """Name a class of a plugin where what it hands out cannot be worked with; what fails in its own lines names these.
-
-    Raises `InputError`, with its file and line.
-    """
+    Raises `InputError`, with its file and line."""
     try:
         yield
     except (ArithmeticError, AttributeError, LookupError, NotImplementedError, TypeError, ValueError) as error:
@@ -92,9 +90,7 @@ class Family:
 
     def take(self, cls: type[BaseModel]) -> bool:
         """Take a class into the family if it has a ``type`` (or another `key`) of its own; return whether it has.
-
-        Raises `InputError` if the type is no literal text, or another idea has it.
-        """
+        Raises `InputError` if the type is no literal text, or another idea has it."""
         if self.key not in cls.model_fields:
             return False
         names = get_args(cls.model_fields[self.key].annotation)
@@ -149,10 +145,8 @@ def look_through() -> None:
 WHEN_GROWN: list[Callable[[], object]] = []
 
 
-@cache
-def _installed() -> EntryPoints:
-    """Return the entry points of all installed packages, which are many: they are looked through once."""
-    return entry_points()
+#: Entry points of all installed packages, which are many: they are looked through once.
+_installed = cache(entry_points)
 
 
 def _load(point: EntryPoint, group: str) -> None:
@@ -195,10 +189,8 @@ def _validator_of(cls: type[BaseModel]) -> Callable[[Any, ValidationInfo], BaseM
 
 
 def take(file: Path) -> None:
-    """Take the ideas of a file into their families; see `api.scenes.use`.
-
-    Raises `InputError` if it cannot be read, is not Python, fails, has no idea in it, or has one that is not whole or
-    whose name is taken; with the file and line.
+    """Take the ideas of a file into their families; see `api.scenes.use`. Raises `InputError` if it cannot be read, is
+    not Python, fails, has no idea in it, or has one that is not whole or whose name is taken; with the file and line.
     """
     look_through()  # the package's own come first: their names are taken
     try:

@@ -66,7 +66,6 @@ class Part:
         return lambda found: _times(self.write(found), self.system.solved(between, found))
 
     def joined(self, sign: str, other: Part, power: Power, right: Callable[[Solution], str] | None = None) -> Part:
-        """Return both with a sign between them."""
         right = right or other.write
         return Part(self.system, power, lambda found: f"({self.write(found)} {sign} {right(found)})")
 
@@ -106,12 +105,10 @@ class OwnUnits:
     equations: list[Power] = field(default_factory=list)  # which are zero
 
     def unknown(self, kind: int) -> Power:
-        """Return an unknown of a kind."""
         self.n_unknown += 1
         return {(kind, self.n_unknown): Fraction(1)}
 
     def equal(self, a: Power, b: Power) -> None:
-        """Ask for equal powers."""
         self.equations.append(_sum(a, b, -1))
 
     def named(self, name: str, power: Power, is_own: bool) -> Part:
@@ -119,12 +116,10 @@ class OwnUnits:
         return Part(self, power, lambda found: _times(name, -self.solved(power, found)) if is_own else name)
 
     def number(self, value: float) -> Part:
-        """Return a number."""
         power = self.unknown({0.0: OF_NAMES, 1.0: OF_ONE}.get(abs(value), OF_NUMBERS))
         return Part(self, power, lambda found: repr(shifted(value, -self.solved(power, found))), value)
 
     def compared(self, ordering: Callable[..., Any], a: Part, b: Part) -> Part:
-        """Return a comparison."""
         return a.joined(SIGNS[ordering], b, {}, b.at(a.power))
 
     def joined(self, word: str, tests: Iterable[Part]) -> Part:
@@ -135,12 +130,10 @@ class OwnUnits:
         return Part(self, {}, lambda found: f"({f' {word} '.join(test.write(found) for test in tests)})")
 
     def chosen(self, test: Part, body: Part, orelse: Part) -> Part:
-        """Return one of two by a condition."""
         other = orelse.at(body.power)
         return Part(self, body.power, lambda f: f"({body.write(f)} if {test.write(f)} else {other(f)})")
 
     def called(self, name: str, *given: Part) -> Part:
-        """Return a function."""
         first, powers = given[0], {"sqrt": Fraction(1, 2), "abs": Fraction(1), "max": Fraction(1), "min": Fraction(1)}
         keeps = name in powers
         power = {key: powers[name] * factor for key, factor in first.power.items()} if keeps else {}
@@ -186,15 +179,9 @@ def in_si(
 ) -> InSi:
     """Write formulas in the language of declarations anew for SI units; those of which no number changes stay.
 
-    Parameters
-    ----------
-    texts
-        Formulas by keys. All names that are not `known` are numbers of any unit, the same in all of them.
-    known
-        By which power of ten what has a name is larger in the units of the formulas; None of a value that is of any
-        unit as well, and stays in these.
-    wanted
-        The same of the formulas, by their keys, or the name of what they are to be as; without an entry it follows.
+    Known is by which power of ten what has a name is larger in the units of the formulas; None of a value that is of
+    any unit as well, and stays in these. All other names are numbers of any unit, the same in all formulas. Wanted is
+    the same of the formulas, or the name of what they are to be as; without an entry it follows.
     """
     if not any(known.values()) and not any(power for power in wanted.values() if not isinstance(power, str)):
         return InSi(dict(texts), {}, dict.fromkeys(texts, Fraction(0)))

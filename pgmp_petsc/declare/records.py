@@ -167,7 +167,6 @@ class Context(NamedTuple):
         return unit if around is None or around.own.internal else around.own.record.system.unit(unit)
 
     def text(self, template: str) -> str:
-        """Return a text of a declaration."""
         return _FORMAT.vformat(template, (), {**self.words, "own": self.own}) if "{" in template else template
 
 
@@ -175,7 +174,6 @@ class _Format(string.Formatter):
     """Texts with ``!p``."""
 
     def convert_field(self, value: Any, conversion: str | None) -> Any:
-        """Convert shares to per cent."""
         return f"{100 * value:g} %" if conversion == "p" else super().convert_field(value, conversion)
 
 
@@ -199,12 +197,10 @@ class Holding(NamedTuple):
 
     @property
     def is_record(self) -> bool:
-        """Whether its values are records."""
         return isinstance(self.value, type) and issubclass(self.value, Record)
 
     @property
     def is_attribute(self) -> bool:
-        """Whether it is an attribute."""
         return "@" in self.place
 
     def place_of(self, place: str, key: str) -> str:
@@ -271,11 +267,8 @@ class Record:
 
     @classmethod
     def take(cls, group: h5py.Group, words: Mapping[str, Any] | None = None) -> Self:
-        """Read what `put` wrote.
-
-        Raises `ValueError` or `LookupError` or `TypeError` if it does not fit together; see
-        :func:`~pgmp_petsc.files.hdf5.shapes_of`.
-        """
+        """Read what `put` wrote. Raises `ValueError` or `LookupError` or `TypeError` if it does not fit together; see
+        :func:`~pgmp_petsc.files.hdf5.shapes_of`."""
         taken: dict[str, Any] = {}
         for one in declared(cls):
             taken[one.name] = _Reader(cls, group, taken).take(one, dict(words or {}), one.place, one.depth)
@@ -335,10 +328,8 @@ class Result(Record):
         return self if self.record.system.is_si or self.internal else self.converted(convert)
 
     def write(self, path: str | os.PathLike[str], *parts: Callable[[h5py.File], None]) -> None:
-        """Write the file, to which `parts` add; by one process only.
-
-        Raises as :func:`~pgmp_petsc.files.hdf5.write_file`.
-        """
+        """Write the file, to which `parts` add; by one process only. Raises as
+        :func:`~pgmp_petsc.files.hdf5.write_file`."""
         in_si = {"computed_in": "SI"} if self.internal and not self.record.system.is_si else {}
         with write_file(path, self.kind, in_si) as file:
             self.record.write(file)
@@ -469,7 +460,6 @@ def _put_attribute(group: h5py.Group, leaf: Leaf) -> None:
 
 
 def _put_rows(group: h5py.Group, leaf: Leaf) -> None:
-    """Write rows as columns."""
     rows, sizes = leaf.value, check_sizes(leaf.context.own)
     for place, holdings in _columns(leaf.one.value).items():
         entry = holdings[0].entry
@@ -558,7 +548,6 @@ class _Reader(NamedTuple):
         return [name.replace(":", "/") for name in names] if entry.colons else names
 
     def array(self, one: Holding, group: h5py.Group, place: str, name: str) -> Any:
-        """Read an array."""
         entry = one.entry
         if entry.each is not None:
             numbered = group_at(group, place)
@@ -591,7 +580,6 @@ class _Reader(NamedTuple):
         return None
 
     def _rows(self, one: Holding, place: str) -> tuple[Record, ...]:
-        """Read rows from columns."""
         columns: dict[str, Iterable[Any]] = {}
         for where, holdings in _columns(one.value).items():
             first, (path, _, key) = holdings[0], joined(place, where).partition("@")
@@ -614,7 +602,6 @@ class _Reader(NamedTuple):
 
 
 def _decoded(one: Holding, value: Any) -> Any:
-    """Return an attribute, or an entry of a column, as the field has it."""
     if one.entry.code is not None:
         return one.entry.code[1](value)
     if isinstance(value, h5py.Empty):

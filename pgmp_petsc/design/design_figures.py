@@ -34,29 +34,15 @@ class Question:
 
 
 class DesignFigures:
-    """Goal and constraints over designs.
+    """Goal and constraints over designs, of which each makes `n_samples` runs.
 
-    Attributes
-    ----------
-    scene
-        The scene of the model.
-    start, scale, limits
-        Values at the start, sizes and limits of the parameters, (n_parameters,) twice and (n_parameters, 2).
-    narrowed
-        Spread of the samples, what it leaves of the limits, and where the search begins if not where it was to, in
-        words, by parameters whose limits it narrows.
-    n_samples
-        Runs of every design.
-    tried, goals
-        Designs that were asked for and could be run, and the goal there, which is minimised.
-    turned_back
-        Designs that could not.
-    count
-        Called with a number of runs after they were made.
-    off
-        Of runs on this rank whose derivatives are differences, the largest share that those of second order are off.
-    of_samples
-        Goal and constraints of every sample of the last design that could be run, (n_samples, n_figures).
+    Start, scale and limits are values, sizes and limits of the parameters, (n_parameters,) twice and (n_parameters, 2);
+    `narrowed` is, by parameters whose limits it narrows, the spread of the samples, what it leaves, and where the
+    search begins if not where it was to, in words. Designs that were asked for and could be run are `tried`, with the
+    `goals` there, which are minimised; others are `turned_back`. `count` is called with a number of runs after they
+    were made. `off` is, of runs on this rank whose derivatives are differences, the largest share that those of second
+    order are off; `of_samples` are goal and constraints of every sample of the last design that could be run,
+    (n_samples, n_figures).
     """
 
     def __init__(self, model: ReducedModel, question: Question, comm: Comm) -> None:
@@ -117,7 +103,6 @@ class DesignFigures:
         self.start = np.clip(self.start, *self.limits.T)
 
     def _values_of(self, design: np.ndarray, sample: int) -> dict[str, float]:
-        """Return the values of all parameters of a sample; of a nominal design there is one."""
         at = dict(zip(self._question.names, map(float, design)))
         if self._offsets is None:
             return self._model.scene.values | at
@@ -205,10 +190,8 @@ class DesignFigures:
         return Dual(mean + times * std, slopes.mean(axis=0) + times * spread)
 
     def intervals(self, confidence: float) -> np.ndarray:
-        """Return the intervals of goal and constraints of the last design over other samples, (n_figures, 2).
-
-        NaN of nominal ones. Samples of every sampler count as independent.
-        """
+        """Return the intervals of goal and constraints of the last design over other samples, independent ones by
+        whichever sampler, (n_figures, 2); NaN of nominal ones."""
         if self._offsets is None:
             return np.full((self.of_samples.shape[1], 2), np.nan)
         times = self._question.deviations

@@ -64,8 +64,6 @@ OF_STANDARD_ERROR = 0.5  # what the model's own error may move an estimate by be
 
 @dataclass(frozen=True)
 class _Solution:
-    """Where the least squares ended: values, runs and residuals."""
-
     values: dict[str, float]
     run: DifferentiatedRun
     converged: bool
@@ -274,7 +272,6 @@ class _Fitting:
         return run
 
     def _spline(self, run: DifferentiatedRun, output: str) -> CubicSpline:
-        """Return the spline of an output and its derivatives, values of shape (n_parameters + 1,)."""
         from scipy.interpolate import CubicSpline  # as above
 
         rows = [run.outputs[output], *(run.derivatives[output][name] for name in self._names)]
@@ -303,7 +300,6 @@ class _Fitting:
         return condensed.rows(self._spline(run, output)), condensed.rest
 
     def _size(self, run: DifferentiatedRun) -> np.ndarray:
-        """Return the root mean squares of what the run differs by from what was measured, shape (n_outputs,)."""
         parts = [(*self._rows(run, name), n) for name, n in self._n.items()]
         return np.sqrt([(np.sum(rows[:, 0] ** 2) + rest) / n for rows, rest, n in parts])
 

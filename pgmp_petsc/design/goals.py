@@ -98,7 +98,6 @@ class Duals:
     n_parameters: int
 
     def number(self, value: float) -> Dual:
-        """Return a constant."""
         return Dual(value, np.zeros(self.n_parameters))
 
 
@@ -110,7 +109,6 @@ class Expression:
     parts: Mapping[str, Callable[[Outcome], Dual]]  # what it names: figures and parameters
 
     def __call__(self, outcome: Outcome) -> Dual:
-        """Return its value and derivatives."""
         parts = {name: part(outcome) for name, part in self.parts.items()}
         return evaluated(self.text, parts, Duals(len(outcome.names)))
 
@@ -175,13 +173,7 @@ Powers = Mapping[str, int]
 def read_goal(
     text: str, outputs: Collection[str], parameters: Collection[str], powers: Powers = MappingProxyType({})
 ) -> Goal:
-    """Read a goal.
-
-    Raises
-    ------
-    InputError
-        With the position marked.
-    """
+    """Read a goal; raises `InputError` with the position marked."""
     parser = _Parser("goal", text, outputs, parameters, powers)
     word = parser.token
     if word not in SENSES:
@@ -212,13 +204,8 @@ def read_constraint(
 
 
 class _Parser:
-    """Reads one text, token by token, and writes its sums in the language of declarations.
-
-    Attributes
-    ----------
-    powers
-        By which power of ten what these name is larger in the units of the scene.
-    """
+    """Reads one text, token by token, and writes its sums in the language of declarations; `powers` are those of ten by
+    which what these name is larger in the units of the scene."""
 
     def __init__(
         self, entry: str, text: str, outputs: Collection[str], parameters: Collection[str], powers: Powers
@@ -248,7 +235,6 @@ class _Parser:
         raise InputError(f"{self._entry}: {reason}\n  {self._text}\n  {' ' * self._begin}^")
 
     def end(self) -> None:
-        """Check that all was read."""
         if self.token:
             self.refuse(f"'{self.token}' is too much; an operator or the end is needed")
 
@@ -288,7 +274,6 @@ class _Parser:
         self._written.append(f"** ({sign * self._value()!r})")
 
     def _value(self) -> float:
-        """Read a number."""
         value = float(self.token)
         if not np.isfinite(value):
             self.refuse(f"{self.token} is no finite number")
@@ -369,7 +354,6 @@ class TurnedBack:
     first: str = ""  # the first place and the reason, in words
 
     def add(self, error: PgmpError) -> None:
-        """Take in one more."""
         self.count, self.first = self.count + 1, self.first or str(error)
 
     @property

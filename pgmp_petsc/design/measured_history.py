@@ -53,13 +53,7 @@ class MeasuredHistory:
 
 def read_history(path: Path, outputs: OutputSet, duration: float, system: UnitSystem = SI) -> MeasuredHistory:
     """Read a file in the units of a system, and check that it fits the outputs of a scene and a run of some duration
-    (s); return it in SI units.
-
-    Raises
-    ------
-    InputError
-        Naming line and column.
-    """
+    (s); return it in SI units. Raises `InputError` naming line and column."""
     try:
         with open(path, encoding="utf-8-sig", newline="") as stream:
             names, rows = csv_table(

@@ -56,15 +56,9 @@ def designed_parameters(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
 
 
 def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
-    """Find a design. Collective on `comm`; the same on all ranks.
-
-    Raises
-    ------
-    InputError
-        If robust figures are asked for and nothing varies, or too much for the limits.
-    RunError
-        If a run stops before its end where the search begins; it turns back from others.
-    """
+    """Find a design. Collective on `comm`; the same on all ranks. Raises `InputError` if robust figures are asked for
+    and nothing varies, or too much for the limits; `RunError` if a run stops before its end where the search begins. It
+    turns back from others."""
     timings = Timings()
     with agreed(comm, "samples"):
         figures = DesignFigures(model, question, comm)
@@ -212,14 +206,14 @@ def _of_idle(question: Question, *designs: Sequence[Dual]) -> Iterator[Remark]:
 
 @gathered
 def _of_robust(question: Question, figures: DesignFigures, ends: np.ndarray, confidence: float) -> Iterator[Remark]:
-    """Return what robust figures are of, and which constraints these samples do not show to be met.
-
-    `ends` are the intervals of goal and constraints, (n_figures, 2).
-    """
+    """Return what robust figures are of, and which constraints these samples do not show to be met, by the intervals of
+    goal and constraints, (n_figures, 2)."""
     if question.deviations is None:
         return
     met = [(constraint, constraint.size * own) for constraint, own in zip(question.constraints, ends[1:])]
-    open_ones = [f"'{constraint.text}' (missed by {interval_text(of)})" for constraint, of in met if of[0] <= 0.0 < of[1]]
+    open_ones = [
+        f"'{constraint.text}' (missed by {interval_text(of)})" for constraint, of in met if of[0] <= 0.0 < of[1]
+    ]
     if open_ones:
         what = f"{figures.n_samples} samples leave open whether the design meets {', '.join(open_ones)}"
         cure = "take a larger --samples, or ask for more room"

@@ -30,10 +30,8 @@ ROUND_OFF = 1e-9  # of an output's largest value
 
 
 def chosen_parameters(scene: Scene, asked: Sequence[str], known: Iterable[str], without: str) -> tuple[str, ...]:
-    """Return the parameters that are asked for, each once, all that are known where none is.
-
-    Raises `InputError` if there is no parameter, with what is to be done `without`, or none of a name.
-    """
+    """Return the parameters that are asked for, each once, all that are known where none is; raises `InputError` if
+    there is no parameter, with what is to be done `without`, or none of a name."""
     for name in asked:
         if name not in scene.parameters:
             raise InputError(f"--parameter {name}: there is no such parameter{nearest_name(name, scene.parameters)}")
@@ -45,10 +43,8 @@ def chosen_parameters(scene: Scene, asked: Sequence[str], known: Iterable[str], 
 
 def sensitivities(model: ReducedModel, asked: Sequence[str], comm: Comm) -> Derivatives | None:
     """Run a sample, and differentiate it with the parameters of these names, all where there are none; one rank does,
-    the others wait, and have None. Collective on `comm`.
-
-    Raises `InputError` and `RunError` as `differentiate` and `chosen_parameters`.
-    """
+    the others wait, and have None. Collective on `comm`. Raises `InputError` and `RunError` as `differentiate` and
+    `chosen_parameters`."""
     with agreed(comm, "sensitivities"):
         names = chosen_parameters(
             model.scene, asked, model.scene.parameters, "the scene has none; give a number a name, such as "
@@ -67,6 +63,9 @@ def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Deriv
     units = {name: scene.parameters[name].unit or "1" for name in names} | dict(model.outputs.units)
     idle = [name for name in names if not any(found[name].any() for found in run.derivatives.values())]
     without = [note(f"no output depends on {', '.join(idle)} in this run")] if idle else []
+    # zero where one has no distribution
+    matrix = correlation_matrix(scene, names)
+    uncertain = np.array([scene.parameters[name].distribution is not None for name in names], dtype=float)
     return Derivatives(
         RunRecord(
             scene_to_toml(scene), own_values(scene), None, comm.size, timings.as_dict(),
@@ -77,14 +76,13 @@ def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Deriv
         run.derivatives,
         units,
         {name: _change(scene, name) for name in names},
-        _correlation(scene, names),
+        (np.eye(len(names)) if matrix is None else matrix) * np.outer(uncertain, uncertain),
         run.steps_divided,
         _instants(run.contacts),
     )  # fmt: skip
 
 
 def _instants(contacts: Sequence[Contact]) -> Instants | None:
-    """Return contacts as a file keeps them."""
     if not contacts:
         return None
     met, time, turning = (np.array([getattr(c, name) for c in contacts]) for name in ("met", "time", "turning"))
@@ -132,13 +130,6 @@ def _moved(scene: Scene, name: str) -> float:
     value, change = scene.values[name], _change(scene, name)[0] or SHARE
     bounds = scene.parameters[name].bounds
     return value - change if bounds is not None and value + change > bounds[1] else value + change
-
-
-def _correlation(scene: Scene, names: Sequence[str]) -> np.ndarray:
-    """Return the correlation of parameters, zero where one has no distribution."""
-    matrix = correlation_matrix(scene, names)
-    uncertain = np.array([scene.parameters[name].distribution is not None for name in names], dtype=float)
-    return (np.eye(len(names)) if matrix is None else matrix) * np.outer(uncertain, uncertain)
 
 
 def step_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> list[Remark]:

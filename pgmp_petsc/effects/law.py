@@ -89,10 +89,7 @@ _FOUND = types.NamedUniTuple(_NUMBER, len(Found._fields), Found)
 class Law(Printed):
     """A force law on a measure s.
 
-    Raises
-    ------
-    InputError
-        If an expression is none, or names what is not declared.
+    Raises `InputError` if an expression is none, or names what is not declared.
     """
 
     name: str  # of the law

@@ -130,7 +130,9 @@ class Force(OverTime):
             else:
                 statement = along(np.array(self.direction))
                 if point.at_node and self.over is None:
-                    return FixedForce(name, self, other, point, _is_guided(mechanism, point))
+                    at_point = (c for c in mechanism.connections if c.b.node == point.node)
+                    guided = any(not share_position(c.statements) for c in at_point)
+                    return FixedForce(name, self, other, point, guided)
             place = {"statement": statement, "a": other, "b": point}
         if self.over is not None:
             return load_over_joint(name, self, mechanism, place, scale)
@@ -174,15 +176,11 @@ class Gravity(EffectEntry):
         return Weights(name, self.direction, Quantity.of(self.acceleration), mechanism)
 
 
-def _is_guided(mechanism: Mechanism, point: Attachment) -> bool:
-    """Return whether a point slides along a line or a plane, which takes up a part of a force on it."""
-    return any(c.b.node == point.node and not share_position(c.statements) for c in mechanism.connections)
-
-
 class FixedForce(Effect):
     """A force on a node that keeps its direction in space, from the ground's origin.
 
-    Where a guide takes up a part of it there is no answer to both axes of the body, but to the force as it is.
+    Where the node is guided along a line or a plane, which takes up a part of the force, there is no answer to both
+    axes of the body, but to the force as it is.
     """
 
     def __init__(self, name: str, entry: Force, ground: Attachment, point: Attachment, guided: bool) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Protocol, Self
+from typing import Self
 from weakref import finalize
 
 import numpy as np
@@ -124,10 +124,8 @@ class Checkpoint:
         self._folder.put(COUNTS, {COUNTS: counts})
 
     def columns(self) -> Columns:
-        """Return what all pieces hold as columns ``<kind>.<name>``, with ``status`` and ``failure_time``.
-
-        Raises `RunError`, as `batches`, or if the system fails to write.
-        """
+        """Return what all pieces hold as columns ``<kind>.<name>``, with ``status`` and ``failure_time``; raises
+        `RunError`, as `batches`, or if the system fails to write."""
         begin = self._plan.samples[0]
         columns = Columns(self.folder, self._end - begin)
         for batch in self.batches(IN_ALL):
@@ -138,9 +136,7 @@ class Checkpoint:
 
     def bands(self, n: int) -> dict[str, np.ndarray]:
         """Return the outputs of the first n samples at the instants of the bands, each (n, n_t); NaN where one failed.
-
-        Raises `RunError`, as `batches`.
-        """
+        Raises `RunError`, as `batches`."""
         within = takewhile(lambda batch: batch.first < n, self.batches(("bands",)))
         return joined({name: values[: n - batch.first] for name, values in batch.bands.items()} for batch in within)
 
@@ -149,10 +145,8 @@ class Checkpoint:
         return self._all(CHECKED, NAMED)
 
     def batches(self, parts: Sequence[str] = NAMED) -> Iterator[Batch]:
-        """Yield parts of the pieces in the order of their samples, which are those of the plan, each once.
-
-        Raises `RunError` if samples are missing, there twice, or damaged.
-        """
+        """Yield parts of the pieces in the order of their samples, which are those of the plan, each once; raises
+        `RunError` if samples are missing, there twice, or damaged."""
         (begin, _), end = self._plan.samples, self._end
         place = begin
         for batch in self._all(SAMPLES, parts):
@@ -236,10 +230,7 @@ class Columns(Mapping[str, np.ndarray]):
         finalize(self, self._file.close)
 
     def put(self, first: int, columns: Mapping[str, np.ndarray]) -> None:
-        """Put in what is known of samples first, first + 1, and so on.
-
-        Raises `RunError` if the system fails to write.
-        """
+        """Put in what is known of samples first, first + 1, and so on; raises `RunError` if the system cannot write."""
         with self._written():
             for name, values in columns.items():
                 if name not in self._places:
@@ -301,28 +292,13 @@ class _Part(Mapping[str, np.ndarray]):
         return sum(1 for _ in self)
 
 
-class Kept(Protocol):
-    """Samples that are finished: a `Checkpoint`, or what the files of shards have of one."""
-
-    remarks: tuple[Remark, ...]
-
-    def columns(self) -> Columns:
-        """See `Checkpoint.columns`."""
-
-    def bands(self, n: int) -> Mapping[str, np.ndarray]:
-        """See `Checkpoint.bands`; of those samples that are known."""
-
-
 CHECKSUM = 64  # characters
 OUTPUTS = "outputs."  # before the names of columns that are outputs
 
 
 class Shards:
     """Shards that are `all` of an ensemble, in their order; in place of a checkpoint. Their columns are put together in
-    a folder.
-
-    Raises `InputError` if they are not all shards of one ensemble, each once.
-    """
+    a folder. Raises `InputError` if they are not all shards of one ensemble, each once."""
 
     def __init__(self, paths: Sequence[Path], shards: Sequence[ShardSamples], folder: Path) -> None:
         _check(paths, [shard.place for shard in shards])
@@ -364,6 +340,9 @@ class Shards:
     def bands(self, n: int) -> Mapping[str, np.ndarray]:
         """Return the outputs of the first n samples at the instants of the bands, each (n, n_t)."""
         return joined(shard.bands for shard in self.all if shard.place.first < n)
+
+
+Kept = Checkpoint | Shards  # samples that are finished
 
 
 def _check(paths: Sequence[Path], places: Sequence[Place]) -> None:

@@ -359,7 +359,6 @@ class Origin:
 
     @classmethod
     def of(cls, model: Model) -> Origin:
-        """Return that of a model."""
         scene, share = model.scene, share_of(model)
         if isinstance(model, REDUCED):
             absent = (*own_error.absence_of_estimates(scene, ensemble=True), *own_error.truncated_stresses(scene))

@@ -105,7 +105,8 @@ def design_points(
     while in_vain < IN_VAIN:
         if found:
             starts = starts[tangents.beyond(starts, np.zeros(len(starts))) > 0.0]
-            is_bent = not len(starts) and _beyond(inside, found) < BEYOND_PLANES
+            explained = np.any([inside @ alpha >= u @ alpha for u, alpha in found], axis=0)
+            is_bent = bool(not len(starts) and len(inside) and np.mean(explained) < BEYOND_PLANES)
             if is_bent:
                 break
             if not len(starts):
@@ -212,12 +213,6 @@ class _Searches:
         merits = np.array([_merit(*one) for one in zip(halved, g, weight)])
         best = np.arange(n), np.argmin(np.where(np.isnan(merits), np.inf, merits), axis=1)
         return halved[best], merits[best]
-
-
-def _beyond(inside: np.ndarray, found: list[tuple[np.ndarray, np.ndarray]]) -> float:
-    """Return the share of points (m, d) that lie beyond the planes of design points; 1 of none."""
-    is_beyond = [inside @ alpha >= u @ alpha for u, alpha in found]
-    return float(np.mean(np.any(is_beyond, axis=0))) if len(inside) else 1.0
 
 
 def _explained(u: np.ndarray, g: np.ndarray, slope: np.ndarray, k: int) -> bool:

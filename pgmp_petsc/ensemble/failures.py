@@ -169,10 +169,8 @@ def has_steps_left(status: np.ndarray, divisors: np.ndarray) -> bool:
 
 
 def read_earlier(path: Path, model: Model) -> Earlier:
-    """Return what a file says, without its samples. By one process.
-
-    Raises `InputError` if it is no ensemble of this scene and model, or nothing in it can be tried again.
-    """
+    """Return what a file says, without its samples. By one process. Raises `InputError` if it is no ensemble of this
+    scene and model, or nothing in it can be tried again."""
     found = Ensemble.read(path).in_si_units()
     n_failed = int(np.sum(found.status != Status.FINE))
     if not n_failed:

@@ -395,7 +395,6 @@ def lie_apart(points: np.ndarray, weights: np.ndarray, random: np.random.Generat
 
 
 def _labels(points: np.ndarray, weights: np.ndarray, n_clusters: int, random: np.random.Generator) -> np.ndarray:
-    """Return the numbers of the clusters that points are in, shape (m,)."""
     from scipy.cluster.vq import kmeans2
 
     if n_clusters == 1:

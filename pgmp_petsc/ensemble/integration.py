@@ -84,10 +84,8 @@ class Integration:
             self._watching = Watching(model)
 
     def up_to(self, n: int) -> int:
-        """Integrate what is missing of the plan's samples before sample n; return how many these were.
-
-        Raises `RunError` if the system fails to write.
-        """
+        """Integrate what is missing of the plan's samples before sample n; return how many these were. Raises
+        `RunError` if the system fails to write."""
         model, group, comm, first = self.model, self._group, self.comm, self.plan.samples[0]
         todo = missing([(first, n)], self._finished.samples)
         to_check = within(checked(self._watching.share, n, self._watching.block), first, n)
@@ -139,7 +137,6 @@ class Integration:
 
     @property
     def n_finished(self) -> int:
-        """How many samples are finished."""
         return sum(last - first for first, last in self._finished.samples)
 
 

@@ -84,7 +84,6 @@ class Estimate:
         return own if self.apart is None else float(np.hypot(own, self.apart[1] * self.apart[0].reach(confidence)))
 
     def interval(self, confidence: float) -> np.ndarray:
-        """Return the interval (low, high)."""
         return self.value + self.reach(confidence) * np.array([-1.0, 1.0])
 
 

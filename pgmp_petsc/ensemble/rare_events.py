@@ -116,7 +116,6 @@ class RareSamples:
 
     @property
     def reached(self) -> bool:
-        """Whether the event was reached and weighed."""
         if self.is_plain:
             return bool(self.contributions.any())
         is_open = self.design is not None and self.may_have_lost_parts
@@ -372,7 +371,6 @@ class _Chains:
 
     @property
     def left(self) -> int:
-        """Number of evaluations that are left."""
         return self._n_samples - sum(part.size for part in self.values) - self._n_differentiated
 
     def go_on(
@@ -559,7 +557,6 @@ class _Chains:
         return [root * of_round for root, of_round in zip(roots, weights[1:])]
 
     def random(self) -> np.random.Generator:
-        """Return the next stream."""
         self._number += 1
         return stream(self._seed, OF_RARE, self._number)
 

@@ -80,10 +80,8 @@ def event_of(text: str, scene: Scene) -> Event:
 
 def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: Comm) -> RareEvent | None:
     """Find the probability of an event with at most n samples, on the first rank; None elsewhere. Collective on `comm`.
-
     Raises `InputError` if no parameter has a distribution, or there are too few samples; `RunError` if samples cannot
-    be integrated at all.
-    """
+    be integrated at all."""
     if n_samples < FEWEST:
         raise InputError(f"-n {n_samples}: with --rare at least {FEWEST} samples are needed, of which levels are made")
     timings = Timings()
@@ -162,7 +160,6 @@ class _Runs:
         return g, found
 
     def _differentiated(self, values: dict[str, float]) -> tuple[float, np.ndarray]:
-        """Return the output that the event is of, and its derivatives with the parameters that are drawn."""
         try:
             run = differentiate(self._model, values, self.names)
         except PgmpError:

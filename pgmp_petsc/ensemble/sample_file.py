@@ -43,11 +43,9 @@ def called(samples: Path | Columns | None) -> str:
 
 
 def read_samples(path: Path | Columns, scene: Scene, n_samples: int | None) -> SampleFile:
-    """Read the first `n_samples` samples of a file, or of columns, or all. By one process.
-
-    Raises `InputError` if the file cannot be read, lacks the column of an uncertain parameter, has fewer samples, or
-    one that is no finite number within the parameter's bounds, with its line.
-    """
+    """Read the first `n_samples` samples of a file, or of columns, or all. By one process. Raises `InputError` if the
+    file cannot be read, lacks the column of an uncertain parameter, has fewer samples, or one that is no finite number
+    within the parameter's bounds, with its line."""
     where = called(path)
     if not isinstance(path, Path):
         columns = {name: np.asarray(path[name], dtype=float) for name in _used(where, list(path), scene)}

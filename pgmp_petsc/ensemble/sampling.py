@@ -45,7 +45,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -126,7 +125,6 @@ def _stepped(state: tuple[np.ndarray, np.ndarray], increment: tuple[np.ndarray, 
 
 
 def _sum(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sum in 128 bits."""
     low = one[1] + other[1]
     return one[0] + other[0] + (low < one[1]), low
 
@@ -145,32 +143,20 @@ MOST_OF_LATIN_HYPERCUBE = 100_000_000  # samples: every rank holds 4 bytes a par
 OF_ORDER, OF_SCRAMBLE, OF_BLOCKS, OF_RARE = 0, 1, 2, 3  # first keys of streams that are no sample's
 
 
-class Design(Protocol):
-    """Uniform numbers between 0 and 1 of numbered samples."""
-
-    extends: bool  # whether a longer run has the samples of a shorter one
-
-    def uniform(self, first: int, last: int) -> np.ndarray:
-        """Return those of samples first to last - 1, shape (last - first, d)."""
-
-
 class Independent:
     """Independent random samples of d parameters; the seed is that of all streams."""
-
-    extends = True
 
     def __init__(self, seed: int, d: int) -> None:
         self._seed, self._d = seed, d
 
     def uniform(self, first: int, last: int) -> np.ndarray:
+        """Return uniform numbers between 0 and 1 of samples first to last - 1, shape (last - first, d)."""
         return first_numbers(self._seed, np.arange(first, last), self._d)
 
 
 class LatinHypercube:
     """A Latin hypercube of n samples; see `Independent`. Raises `InputError` if its permutations would not fit in
     memory."""
-
-    extends = False
 
     def __init__(self, seed: int, d: int, n: int) -> None:
         if n > MOST_OF_LATIN_HYPERCUBE:
@@ -182,15 +168,12 @@ class LatinHypercube:
         self._slices = [stream(seed, OF_ORDER, k).permutation(np.arange(n, dtype=np.uint32)) for k in range(d)]
 
     def uniform(self, first: int, last: int) -> np.ndarray:
-        """Return the uniform numbers; see `Design`."""
         slices = np.array([order[first:last] for order in self._slices], dtype=float).T
         return (slices + self._within.uniform(first, last)) / self._n
 
 
 class Replicates:
     """Scrambled Sobol sequences that take turns, by streams whose first key is the `purpose`; see `Independent`."""
-
-    extends = True
 
     def __init__(self, seed: int, d: int, n_replicates: int, purpose: int = OF_SCRAMBLE) -> None:
         self._n, self._d = n_replicates, d
@@ -209,13 +192,10 @@ class Replicates:
 class Blocks:
     """Saltelli's blocks, of scrambled Sobol sequences that take turns; see `Replicates`."""
 
-    extends = True
-
     def __init__(self, seed: int, d: int, n_replicates: int) -> None:
         self._d, self._base = d, Replicates(seed, 2 * d, n_replicates, OF_BLOCKS)
 
     def uniform(self, first: int, last: int) -> np.ndarray:
-        """Return the uniform numbers; see `Design`."""
         d, size = self._d, self._d + 2
         if first == last:
             return np.empty((0, d))
@@ -274,14 +254,12 @@ class Sampler:
         self.kind = "file" if plan.file is not None else scene.ensemble.sampler
         self.names = drawn_names(scene) if plan.file is None else sorted(plan.file.values)
         self._design = None if plan.file is not None else self._designed()
-        self.extends = self._design is None or self._design.extends
+        self.extends = self.kind != "latin_hypercube"
         self._mixing = mixing_of(scene, self.names) if plan.file is None else None
 
     def draw(self, first: int, last: int) -> dict[str, np.ndarray]:
-        """Return samples first to last - 1: values of all parameters, each (last - first,).
-
-        Parameters that are not drawn keep the value of the run.
-        """
+        """Return samples first to last - 1: values of all parameters, each (last - first,); those that are not drawn
+        keep that of the run."""
         if self._plan.file is not None:
             given = {name: column[first:last] for name, column in self._plan.file.values.items()}
             return {name: np.full(last - first, value) for name, value in self._scene.values.items()} | given
@@ -321,7 +299,7 @@ class Sampler:
         n = ROUNDS_NAMED * n_replicates * self._size
         return kind, identity(self._design.uniform(0, n if self.extends else min(n, self._plan.n_samples)))
 
-    def _designed(self) -> Design:
+    def _designed(self) -> Independent | LatinHypercube | Replicates | Blocks:
         seed, d, n, asked = self._plan.seed, len(self.names), self._plan.n_samples, self._scene.ensemble
         if self.kind == "saltelli" and self._plan.is_limited and n % (d + 2):
             near = max(n - n % (d + 2), d + 2)
@@ -455,7 +433,6 @@ def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _percent(share: float) -> str:
-    """Return a share in percent; one that no ensemble notices is nothing."""
     return f"{100 * share:.2g} %" if share > 1e-9 or share == 0.0 else "less than 1e-7 %"
 
 

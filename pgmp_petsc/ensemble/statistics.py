@@ -359,10 +359,8 @@ def of_blocks(values: np.ndarray, names: list[str], confidence: float, n_replica
 
 
 def of_given(values: np.ndarray, parameters: Mapping[str, np.ndarray], confidence: float) -> Sensitivity | None:
-    """Return the first indices of an output from any samples (N,), of the first that are fine.
-
-    None where they are too few, or nothing varies.
-    """
+    """Return the first indices of an output from any samples (N,), of the first that are fine; None where they are too
+    few, or nothing varies."""
     from scipy.special import ndtri
 
     chosen = np.flatnonzero(np.isfinite(values))[:MOST_GIVEN]

@@ -212,10 +212,8 @@ MOST = 10**9
 
 @dataclass(frozen=True)
 class Stop:
-    """The end of an ensemble before its last sample: rules that are met, or a budget of wall time (s) that is spent.
-
-    `start` is the instant (`time.monotonic`) from which the budget counts.
-    """
+    """The end of an ensemble before its last sample: rules that are met, or a budget of wall time (s) since `start`
+    (`time.monotonic`) that is spent."""
 
     rules: tuple[Rule, ...] = ()
     budget: float | None = None
@@ -262,7 +260,6 @@ def see(rules: tuple[Rule, ...], scene: Scene, sampler: Sampler, kept: Kept, n: 
 
 
 def are_met(rules: tuple[Rule, ...], seen: Seen) -> np.ndarray:
-    """Return which rules the figures meet, (n_rules,)."""
     wanted, relative = np.array([rule.wanted for rule in rules]), np.array([rule.relative for rule in rules], bool)
     return reach_of(seen.estimates, seen.intervals, relative) <= wanted
 

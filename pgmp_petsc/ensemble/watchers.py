@@ -97,7 +97,6 @@ class CoarserWatcher(Watcher):
         self._model, self.names = model, _errors_of(model)
 
     def watch(self, begun: Begun) -> Watch:
-        """Begin to watch a run."""
         record, model = OutputRecord(self._model, begun.system), self._model
 
         def found(status: np.ndarray) -> Found:
@@ -125,7 +124,6 @@ class ValidityWatcher(Watcher):
         self._model = model
 
     def watch(self, begun: Begun) -> Watch:
-        """Begin to watch a run."""
         seen = Validity(self._model, begun.system, begun.values, begun.simulation)
         return Watch(seen, lambda status: {"validity": {k: v[begun.samples] for k, v in seen.extremes.items()}})
 
@@ -136,7 +134,6 @@ class BalanceWatcher(Watcher):
     names = {"balance": BALANCE}
 
     def watch(self, begun: Begun) -> Watch:
-        """Begin to watch a run."""
         run = _BalanceWatch(begun.system, begun.samples)
         return Watch(run, run.found)
 
@@ -150,11 +147,9 @@ class _BalanceWatch(Observer):
         self._sums = RunningBalance()
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Take in the states after many steps of reduced samples."""
         self._over(times, trail.__getitem__)
 
     def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        """Take in the states after many steps of other samples."""
         self._over(times, states.at)
 
     def _over(self, times: np.ndarray, states: Callable[[slice], np.ndarray | State]) -> None:
@@ -168,13 +163,11 @@ class _BalanceWatch(Observer):
                 self._add(float(time), energies[n * k : n * (k + 1)])
 
     def __call__(self, number: int, time: float, state: State) -> None:
-        """Take in the state after a step."""
         with np.errstate(all="ignore"):  # as above
             energies = self._system.energies(time, state)
         self._add(time, energies)
 
     def _add(self, time: float, energies: Energies) -> None:
-        """Sum up to the next instant."""
         with np.errstate(all="ignore"):  # as above
             residual, exchanged = self._sums.add(time, energies)
             self._residual = np.maximum(self._residual, np.abs(residual))
@@ -194,7 +187,6 @@ class RangeWatch(Observer):
         self._time = np.full(system.n_samples, np.inf)
 
     def __call__(self, number: int, time: float, state: State) -> None:
-        """Take in the state after a step."""
         left = self._model.left_range(self._system, state)
         self._time[left & np.isinf(self._time)] = time
 
@@ -212,10 +204,8 @@ LARGEST = 1 << 16  # states of reduced samples that are evaluated together
 
 
 def band_steps(simulation: Simulation, most: int) -> np.ndarray:
-    """Return the numbers of the steps at whose ends outputs are described: the start, the end, equally many between.
-
-    At most `most` of them, none for 0.
-    """
+    """Return the numbers of the steps at whose ends outputs are described: the start, the end, equally many between; at
+    most `most`, none for 0."""
     if not most:
         return np.zeros(0, dtype=int)
     n_steps = count_steps(simulation.duration, simulation.step)
@@ -242,12 +232,10 @@ class OverTimeWatcher(Watcher):
         return bool(self._outputs) and bool(wanted)
 
     def empty(self, n: int) -> Found:
-        """Return what is known of n samples before their runs: nothing."""
         bands = {name: np.full((n, self._steps.size), np.nan) for name in self._outputs if self._steps.size}
         return super().empty(n) | {"bands": bands}
 
     def watch(self, begun: Begun) -> Watch:
-        """Begin to watch a run."""
         scene = self._model.scene.simulation
         divisor = count_steps(begun.simulation.duration, begun.simulation.step) // count_steps(
             scene.duration, scene.step
@@ -277,14 +265,12 @@ class _OverTimeWatch(Observer):
         self._n_waiting = 0
 
     def __call__(self, number: int, time: float, state: State) -> None:
-        """Take in the state after a step."""
         if isinstance(self._model, REDUCED):
             self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
         else:
             self.over_states(np.array([number]), np.array([time]), State.along([state]))
 
     def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        """Take in the states after many steps of full-order or component samples; see `Observer`."""
         looked_at, system = self._looked_at(numbers), self._begun.system
         for first in range(0, looked_at.size, system.instants_at_once):
             some = looked_at[first : first + system.instants_at_once]
@@ -294,7 +280,6 @@ class _OverTimeWatch(Observer):
             self._take(numbers[some], times[some], {name: row.reshape(some.size, -1) for name, row in found.items()})
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Take in the states after many steps of reduced samples; see `Observer`."""
         looked_at = self._looked_at(numbers)
         # what is observed of reduced samples is cheap for many at once, so a few states wait for others
         together = max(1, LARGEST // self._begun.system.n_samples)
@@ -312,7 +297,6 @@ class _OverTimeWatch(Observer):
                 self._evaluate()
 
     def _evaluate(self) -> None:
-        """Evaluate the outputs in the states that wait."""
         if not self._waiting:
             return
         numbers, times, trails, forces = zip(*self._waiting)
@@ -338,7 +322,6 @@ class _OverTimeWatch(Observer):
             band[:, places] = outputs[name][of_bands].T
 
     def _looked_at(self, numbers: np.ndarray) -> np.ndarray:
-        """Return which of these steps are looked at."""
         return np.arange(numbers.size) if self._looks_always else self._of_bands(numbers)[0]
 
     def _of_bands(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -406,7 +389,6 @@ class _Passage:
         self._before: tuple[float, np.ndarray] | None = None
 
     def take(self, times: np.ndarray, values: np.ndarray) -> None:
-        """Take in values (n_t, n) at some instants (n_t,)."""
         excess = self._sign * (values - self.event.level)
         for time, now in zip(times, excess):
             passed = (now > 0.0) & np.isnan(self.time)

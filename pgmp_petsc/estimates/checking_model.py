@@ -75,7 +75,6 @@ class CheckingModel:
         return self._reconstruction.unknowns(paths)
 
     def batch(self, values: Mapping[str, np.ndarray], n: int) -> FullBatch:
-        """Return n samples."""
         start = self.full.start_of_samples(values, n)
         return FullBatch(self.full.kinematics, self._effects, values, start, n, self._motions)
 
@@ -164,7 +163,6 @@ class ErrorSystem(SecondOrderSystem):
 
     @property
     def beside(self) -> Beside | None:
-        """See `SecondOrderSystem`."""
         return self.full.beside
 
     def whole(self, time: float, state: State) -> State:

@@ -232,7 +232,6 @@ class Bands:
 
     @classmethod
     def of(cls, spectral_radius: float, n_steps: int) -> Bands:
-        """Return the bands for a run."""
         length = int(np.clip(2 ** int(np.log2(max(n_steps / PER_WINDOW, 1.0))), SHORTEST, LONGEST))
         exact, rates = _amplifications(spectral_radius)
         seen = np.minimum(2.0 * np.pi * np.arange(length // 2 + 1) / length, rates.imag[-1])

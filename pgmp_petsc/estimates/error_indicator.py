@@ -350,7 +350,6 @@ class MemberIndicator:
         return other
 
     def watch(self, system: ReducedSystem, samples: np.ndarray) -> WatchedSamples:
-        """Begin to watch a run of a batch; see `ErrorIndicator.watch`."""
         return WatchedSamples([self._of(system, int(sample)) for sample in samples], list(self.model.outputs.functions))
 
     def _of(self, system: ReducedSystem, sample: int) -> WatchedRun | None:

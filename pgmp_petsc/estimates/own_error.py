@@ -52,10 +52,8 @@ def is_estimated(scene: Scene, of_step: bool = False) -> bool:
 
 
 def absence_of_estimates(scene: Scene, ensemble: bool = False, of_step: bool = False) -> tuple[Remark, ...]:
-    """Return why the errors of a scene's run or ensemble are not estimated; nothing where they are.
-
-    Those of a reduced model, or, `of_step`, of the time step of another one.
-    """
+    """Return why the errors of a scene's run or ensemble, or `of_step` those of its time step, are not estimated;
+    nothing where they are."""
     what, cure = ("errors of the time step", "compare with a smaller simulation.step") if of_step else ("errors", "")
     cure = cure or comparing(scene)
     if not scene.outputs:

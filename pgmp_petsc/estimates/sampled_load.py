@@ -87,7 +87,6 @@ class SampledMotion:
         self._motion, self._times, self._interval = motion, step * steps, interval
 
     def at(self, time: float | np.ndarray) -> Instant:
-        """Return the motion at the nearest evaluation."""
         return self._motion.at(self._times[np.rint(np.divide(time, self._interval)).astype(int)])
 
 

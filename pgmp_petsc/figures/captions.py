@@ -99,10 +99,8 @@ def read_scenes(
     files: Sequence[Path], readers: Mapping[str, type], done: str
 ) -> tuple[list[list[tuple[Path, Any, str]]], list[str]]:
     """Return results with their files before and the programs' versions behind, one list a scene, in the order in which
-    they come, and a line for each file given twice, of what is done once.
-
-    Raises `InputError` if a file is damaged, or none of those that there are readers for.
-    """
+    they come, and a line for each file given twice, of what is done once; raises `InputError` if a file is damaged, or
+    none of those that there are readers for."""
     scenes: dict[tuple, list[tuple[Path, Any, str]]] = {}
     lines, seen = [], set()
     for path in files:

@@ -74,10 +74,8 @@ def pictures_of(result: Result, path: Path, exaggeration: float, at: float | Non
 
 
 def draw_result(result: Result, directory: Path) -> str:
-    """Draw a result that has one picture into ``directory``, and return its path; by one process only.
-
-    Raises `InputError` if the directory cannot be made or written to; `RunError` if the system fails to write.
-    """
+    """Draw a result that has one picture into ``directory``, and return its path; by one process only. Raises
+    `InputError` if the directory cannot be made or written to; `RunError` if the system fails to write."""
     _make(directory)
     name, picture = ALONE[type(result)]
     return str(save(picture(result), check_output(directory / f"{name}.png", "picture")))

@@ -97,7 +97,6 @@ def _notes(ensembles: Sequence[Ensemble], labels: Sequence[str]) -> list[str]:
 
 
 def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, colours: Sequence[str]) -> None:
-    """Draw the densities of one quantity and, with two of them, their difference."""
     known = [ensemble.statistics[name] for ensemble in ensembles]
     factor, unit = style.axis_unit(ensembles[0].units.get(name, "1"), *(s.edges for s in known))
     samples = [factor * values_of(ensemble, name) for ensemble in ensembles]
@@ -246,7 +245,6 @@ def bands(ensemble: Ensemble, label: str = "") -> Figure:
 
 
 def _draw(axes: Axes, band: Band, factor: float, colour: str) -> None:
-    """Draw one output."""
     pairs, middle = pairs_of(band.probabilities)
     for low, high in pairs:
         ends = factor * band.quantiles[:, [low, high]]

@@ -128,10 +128,8 @@ def frequency_maps(table: ModesTable, label: str = "") -> Figure:
 
 @style.styled
 def coordinate_path(trajectory: Trajectory, label: str = "") -> Figure:
-    """Draw the path of a run through the plane of its two coordinates, coloured by time, and their ranges in the scene.
-
-    Raises `InputError` if the run has not two coordinates.
-    """
+    """Draw the path of a run through the plane of its two coordinates, coloured by time, and their ranges in the scene;
+    raises `InputError` if the run has not two coordinates."""
     if len(trajectory.coordinate_units) != 2:
         raise InputError(f"a path needs two coordinates, the run has {len(trajectory.coordinate_units)}")
     figure = style.new_figure(6.4, 5.2)

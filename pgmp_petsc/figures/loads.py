@@ -91,7 +91,6 @@ def arrows_of(run: Trajectory) -> tuple[list[Arrow], list[str]]:
 
 
 def _place(run: Trajectory, connect: Sequence[str]) -> np.ndarray | None:
-    """Return where a joint's second point is at the frames, shape (n_f, 3); None where the run does not say."""
     paths = [paths_of(run.frames, run.record, name, run.frames.positions) for name in connect]
     first, second = (np.pad(path, ((0, 0), (0, 0), (0, 3 - path.shape[2]))) for path in paths)
     if second.shape[1] == 1:
@@ -104,9 +103,7 @@ def _place(run: Trajectory, connect: Sequence[str]) -> np.ndarray | None:
 
 def draw_force(axes: Axes, run: Trajectory, load: Load) -> str:
     """Draw the force in a joint over the run on polar axes: how large, and where it points; a dot at the largest.
-
-    Returns the diagram's title, as the other diagrams do.
-    """
+    Return the title."""
     x, y = (run.outputs[name] for name in load.names)
     factor, unit = style.axis_unit(run.units.get(load.names[0], "N"), x, y)
     angle, size = np.arctan2(y, x), factor * np.hypot(x, y)

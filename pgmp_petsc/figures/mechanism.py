@@ -61,7 +61,6 @@ class TimeColours:
         return 1.0 - strength * (1.0 - np.array(self.colours(self.scale(instant))[:3]))
 
     def add_bar(self, axes: Axes) -> None:
-        """Draw the bar of the colours beside axes."""
         bar = axes.figure.colorbar(ScalarMappable(self.scale, self.colours), ax=axes, pad=0.01, aspect=32)
         bar.outline.set_visible(False)
         bar.set_label("time (s)")
@@ -99,7 +98,6 @@ class Shapes:
 
     @property
     def axis_names(self) -> tuple[str, str]:
-        """Names of the picture's axes."""
         names = []
         for shares in self.view.T:
             parts = [(name, share) for name, share in zip("xyz", shares) if share]
@@ -122,7 +120,6 @@ class Shapes:
         return low - margin, high + margin
 
     def draw_paths(self, axes: Axes) -> None:
-        """Draw the paths of the bodies' ends."""
         for body, cells in self.frames.cells.items():
             for node in filter(lambda node: is_followed(self.positions[body][:, node]), ends(cells)):
                 axes.plot(*self.positions[body][:, node].T, color=PATH_COLOUR, linewidth=0.8, zorder=1)
@@ -264,7 +261,6 @@ def _view(positions: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def _term(name: str, share: float) -> str:
-    """Return a term of an axis' name: ``x``, `` − 0.45 z``."""
     sign = "+" if share > 0.0 else "\N{MINUS SIGN}"
     return name if share == 1.0 else f" {sign} {abs(share):g} {name}"
 
@@ -438,7 +434,6 @@ def _labels(shown: Assembly, placed, size: float) -> tuple[list[_Label], int]:
 
 
 def _draw_bodies(axes: Axes, shapes: Shapes) -> list[tuple[str, np.ndarray, str]]:
-    """Draw the bodies; return name, middle and colour of each."""
     found = []
     for number, (body, cells) in enumerate(shapes.frames.cells.items()):
         colour = style.PALETTE[number % len(style.PALETTE)]
@@ -483,7 +478,6 @@ def _write(axes: Axes, place: np.ndarray, text: str, look: dict, hidden: _Hidden
 
 
 def _extent(note: Annotation) -> tuple[float, float]:
-    """Return width and height of a text, points."""
     figure = note.figure
     box = super(Annotation, note).get_window_extent(figure.canvas.get_renderer())
     return 72.0 * box.width / figure.dpi, 72.0 * box.height / figure.dpi

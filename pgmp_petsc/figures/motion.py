@@ -172,7 +172,6 @@ class Motion:
         return arrow.place + arrow.force / self.per_metre
 
     def only(self, number: int) -> Motion:
-        """Return one instant alone."""
         one = slice(number, number + 1) if number >= 0 else slice(len(self.captions) + number, len(self.captions))
         skins = (
             replace(skin, points=skin.points[one], values=None if skin.values is None else skin.values[one])
@@ -193,11 +192,9 @@ class Motion:
 
 
 def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None, label: str = "") -> Motion:
-    """Return what is drawn of a run, which `label` tells from others, in one of the colours of `WORDS`.
-
-    Raises `InputError` if the run has no frames, or nothing of it is known in the colour. `scale` is the factor on the
-    deformation; None is one that shows it.
-    """
+    """Return what is drawn of a run, which `label` tells from others, in one of the colours of `WORDS`. Raises
+    `InputError` if the run has no frames, or nothing of it is known in the colour. `scale` is the factor on the
+    deformation; None is one that shows it."""
     frames = run.frames
     if frames is None or not len(frames.time):
         raise InputError("the trajectory has no frames to draw; use --override simulation.frames=100")
@@ -256,10 +253,8 @@ def _scaled(arrows: Sequence[Arrow], skins: Sequence[Skin], newton: str, metre: 
 
 def vibration_of(shape: ModeShape, colour: str, scale: float | None) -> Motion:
     """Return what is drawn of one period of a mode, whose size means nothing; its colours are shares of the largest.
-
     Raises `InputError` if nothing of it is known in the colour. `scale` is its largest displacement over that of a
-    picture nobody asks another one of.
-    """
+    picture nobody asks another one of."""
     places = np.concatenate([own.positions.reshape(-1, own.positions.shape[2]) for own in shape.fields.values()])
     reach = LARGEST_SHOWN * float(np.ptp(places, axis=0).max()) * (1.0 if scale is None else scale)
     swing = np.sin(2.0 * np.pi * np.arange(N_PHASES) / N_PHASES)
@@ -349,7 +344,6 @@ def uncoloured(fields: Mapping[str, BodyField], colour: str = "mises") -> list[s
 
 
 def in_space(points: np.ndarray) -> np.ndarray:
-    """Return points (..., 2 or 3) in space."""
     found = np.zeros((*points.shape[:-1], 3))
     found[..., : points.shape[-1]] = points
     return found

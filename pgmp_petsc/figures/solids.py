@@ -9,7 +9,7 @@ import ctypes
 import os
 import subprocess
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -62,10 +62,8 @@ SPLIT = 35.0  # degrees between neighbouring faces beyond which an edge is sharp
 
 
 def drawing() -> ModuleType:
-    """Return pyvista, ready to draw without a screen.
-
-    Raises `InputError` if it cannot be imported, or cannot draw here; with the cure.
-    """
+    """Return pyvista, ready to draw without a screen. Raises `InputError` if it cannot be imported, or cannot draw
+    here; with the cure."""
     try:
         if not os.environ.get("DISPLAY"):
             # VTK looks for a display first, and complains of none; without the library that it needs it crashes
@@ -111,7 +109,7 @@ def view_of(points: np.ndarray, flat: bool) -> np.ndarray:
     return np.array([right, np.cross(eye, right), eye])
 
 
-class Stage:
+class Stage(AbstractContextManager):
     """Bodies in front of a camera that sees all of their motion, in a picture of so many pixels; to be closed.
 
     `metre` is in pixels a metre across the line of sight.
@@ -158,9 +156,6 @@ class Stage:
         """Free what VTK holds."""
         self._plotter.close()
 
-    def __enter__(self) -> Stage:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
 
@@ -204,7 +199,6 @@ class _Drawn:
         self._actor = plotter.add_mesh(self._mesh, smooth_shading=True, show_scalar_bar=False, **look, **colour)
 
     def show(self, number: int) -> None:
-        """Put the body where it is at an instant."""
         skin = self._skin
         if not len(skin.triangles):
             self._mesh.copy_from(self._solid(number))
@@ -240,7 +234,6 @@ class _Drawn:
         return tube
 
     def _rgb(self, number: int, nodes: np.ndarray) -> np.ndarray:
-        """Return colours of nodes as bytes, shape (n, 3); grey where the value is not known."""
         values = self._skin.values[number][nodes]
         found = matplotlib.colormaps[COLOURS](values / max(self._largest, 1e-300))[:, :3]
         found[~np.isfinite(values)] = to_rgb(QUIET)
@@ -248,7 +241,6 @@ class _Drawn:
 
 
 def _counted(cells: np.ndarray) -> np.ndarray:
-    """Return cells (n, k) as VTK has them, each behind its number of nodes."""
     return np.column_stack([np.full(len(cells), cells.shape[1]), cells]).ravel()
 
 
@@ -263,7 +255,6 @@ class _Pointed:
         plotter.add_mesh(self._mesh, color=FORCE, lighting=False)
 
     def show(self, number: int) -> None:
-        """Put the arrow where it is at an instant."""
         self._mesh.copy_from(self._shape(number))
 
     def _shape(self, number: int) -> pyvista.PolyData:
@@ -317,10 +308,8 @@ def still(motion: Motion, number: int, why: str = "") -> Figure:
 
 @styled
 def images(motion: Motion, numbers: np.ndarray, resolution: int = RESOLUTION) -> Iterator[np.ndarray]:
-    """Return an iterator over the pictures of instants, all of one size, as bytes of shape (height, width, 3).
-
-    Raises `InputError` if there is nothing to draw with.
-    """
+    """Return an iterator over the pictures of instants, all of one size, as bytes of shape (height, width, 3); raises
+    `InputError` if there is nothing to draw with."""
     drawing()
     return _images(motion, numbers, Surround(motion, "", resolution))
 
@@ -433,11 +422,8 @@ class Pace:
 
 
 def write_film(motion: Motion, path: Path, pace: Pace) -> int:
-    """Write a film, whole or not at all, and return how many pictures it has; by one process.
-
-    Raises `InputError` if there is nothing to draw or to write it with; `RunError` if the system, or what makes the
-    film, fails.
-    """
+    """Write a film, whole or not at all, and return how many pictures it has; by one process. Raises `InputError` if
+    there is nothing to draw or to write it with; `RunError` if the system, or what makes the film, fails."""
     ending = path.suffix.lower()
     if ending == GIF and 1.0 / pace.rate > SLOWEST:
         raise InputError(

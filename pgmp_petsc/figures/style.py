@@ -121,10 +121,8 @@ def panel_grid(
 
 
 def save(figure: Figure, path: str | os.PathLike[str]) -> Path:
-    """Write a figure as PNG (or what the suffix says), whole or not at all, and return the path.
-
-    Raises `RunError` if the system fails to write (a full disk, say); an older picture is left as it was.
-    """
+    """Write a figure as PNG (or what the suffix says), whole or not at all, and return the path. Raises `RunError` if
+    the system fails to write (a full disk, say); an older picture is left as it was."""
     path = Path(path)
     with matplotlib.rc_context(_SETTINGS):
         # tells `check_output` that the picture is ours to replace
@@ -169,7 +167,6 @@ def top_legend(figure: Figure, handles: Sequence[Artist], title: str | None, not
 
 
 def _wrapped(text: str, width: float, look: Mapping[str, Any]) -> list[str]:
-    """Return the lines of a text over a picture of the given width (inches)."""
     return textwrap.wrap(text, int((width - 0.24) * look["characters_per_inch"]))
 
 
@@ -191,7 +188,6 @@ class PlainNumbers(Formatter):
             self.digits = int(np.clip(np.floor(np.log10(largest)) - np.floor(np.log10(apart)) + 1, 6, 15))
 
     def __call__(self, value: float, pos: int | None = None) -> str:
-        """Return the number at a tick."""
         return f"{value:.{self.digits}g}"
 
 
@@ -215,7 +211,6 @@ def scene_of(record: RunRecord) -> dict[str, Any]:
 
 
 def scene_name(record: RunRecord) -> str:
-    """Return the scene's name; an empty text if it has none."""
     try:
         return str(scene_of(record)["scene"]["name"])
     except (KeyError, TypeError):

@@ -94,7 +94,6 @@ def _keys_of_errors(study: Tradeoff) -> list[Line2D]:
 
 
 def _keys_of_times(study: Tradeoff) -> list[Line2D]:
-    """Return the keys of times over meshes, of what is drawn alone."""
     looks = (("full", style.FULL_COLOUR, "s"), ("reduced", style.REDUCED_COLOUR, "o"))
     run = [look for look in looks if _over_meshes(study, look[0]).size]
     keys = [
@@ -270,7 +269,6 @@ def _keys(study: Tradeoff, drawn: np.ndarray, cost: np.ndarray) -> list[Line2D |
 
 
 def _kind(study: Tradeoff, row: int) -> str:
-    """Return what a setting is called in the keys; settings of one name look alike."""
     at = study.columns
     if row == 0:
         return "the scene as it is"
@@ -286,7 +284,6 @@ def _kind(study: Tradeoff, row: int) -> str:
 
 
 def _on_meshes(study: Tradeoff, family: str) -> str:
-    """Return what was run on all meshes, shortly."""
     rows = _over_meshes(study, family)
     step = f"{1e3 * study.columns['step'][rows[0]]:.4g} ms"
     return f"full order, {step}" if family == "full" else f"reduced, {study.modes(rows[0])} modes, {step}"

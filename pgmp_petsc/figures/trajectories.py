@@ -37,7 +37,6 @@ class Comparison:
 
     @property
     def runs(self) -> tuple[Trajectory, ...]:
-        """The runs that are there."""
         return tuple(run for run in (self.full, self.reduced) if run is not None)
 
     @property
@@ -205,7 +204,6 @@ def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: s
 
 
 def _draw_errors(axes: Axes, comparisons: Sequence[Comparison], output: str) -> None:
-    """Draw the errors of one output and write their largest value above them."""
     largest = []
     for comparison, colour in zip(comparisons, style.distinct_colours(len(comparisons))):
         error = comparison.error_percent(output)

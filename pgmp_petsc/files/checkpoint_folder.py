@@ -83,13 +83,9 @@ class CheckpointFolder:
     def open(self, resume: bool) -> tuple[Remark, ...]:
         """Start anew, or take up what is there if that is asked for. By one process.
 
-        Raises `InputError` if what is there belongs to another run (and is to be taken up), or is no folder of this
-        program's; `RunError` if the folder cannot be made.
-
-        Returns
-        -------
-        tuple of Remark
-            What of an older run was removed, or that there is nothing to take up.
+        Returns what of an older run was removed, or that there is nothing to take up. Raises `InputError` if what is
+        there belongs to another run (and is to be taken up), or is no folder of this program's; `RunError` if the
+        folder cannot be made.
         """
         remarks: tuple[Remark, ...] = ()
         found = self._label()
@@ -120,10 +116,8 @@ class CheckpointFolder:
             waiting.write_text(json.dumps({"program": PROGRAM, **self._run, **self._growing}))
 
     def put(self, name: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Store a piece; any process may, each its own names. The arrays are not to be changed any more.
-
-        Raises `RunError` if the system fails to write; pieces that are there stay.
-        """
+        """Store a piece; any process may, each its own names. The arrays are not to be changed any more. Raises
+        `RunError` if the system fails to write; pieces that are there stay."""
         target, archive = self.path / f"{name}.npz", io.BytesIO()
         np.savez(archive, **arrays)  # not into the file: zipfile complains once more when the disk is full
         content = sealed(archive.getbuffer(), KIND, 1, self._identity)
@@ -146,10 +140,8 @@ class CheckpointFolder:
         return sorted(self.path.glob(f"{pattern}.npz"))
 
     def take(self, path: Path, read: Callable[[Mapping[str, np.ndarray]], Content]) -> Content:
-        """Return what ``read`` makes of the arrays of a piece.
-
-        Raises `BrokenSeal` if the piece is damaged or belongs to another run.
-        """
+        """Return what ``read`` makes of the arrays of a piece; raises `BrokenSeal` if the piece is damaged or belongs
+        to another run."""
         try:
             stamp, arrays = self._at_hand.get(path, ((), {}))
             if stamp and stamp == _stamp(path):
@@ -189,10 +181,8 @@ class CheckpointFolder:
                 self.path.rmdir()
 
     def _label(self) -> dict[str, object] | None:
-        """Return what the folder's label says, None where there is no folder or nothing in it.
-
-        Raises `InputError` if it has no label of this program, or a damaged one.
-        """
+        """Return what the folder's label says, None where there is no folder or nothing in it; raises `InputError` if
+        it has no label of this program, or a damaged one."""
         if not os.path.lexists(self.path):
             return None
         refused = f"'{self.path}' is in the way of this run's checkpoint: "
@@ -306,10 +296,8 @@ class Steps:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Make the folder and keep it from other jobs within the block; one in which nothing begins is removed.
-
-        Raises `InputError` if it cannot be made, holds files of somebody else, or another job works in it.
-        """
+        """Make the folder and keep it from other jobs within the block; one in which nothing begins is removed. Raises
+        `InputError` if it cannot be made, holds files of somebody else, or another job works in it."""
         self.make()
         try:
             with locked(self.folder / LEDGER, f"folder '{self.folder}'"):
@@ -370,14 +358,11 @@ class Steps:
         return str(self._finished(name).get("failure", ""))
 
     def checksum(self, name: str) -> str:
-        """Return the checksum of a file that is finished."""
         return str(self._finished(name)["sha256"])
 
     def check_files(self, names: Iterable[str]) -> None:
-        """Check that the files are those that the job took or made.
-
-        Raises `RunError` if another program has written one of them since.
-        """
+        """Check that the files are those that the job took or made; raises `RunError` if another program has written
+        one of them since."""
         for name in names:
             if not self.is_finished(name, self._finished(name)["key"]):
                 raise self._changed(name)
@@ -393,10 +378,8 @@ class Steps:
         return RunError(f"{why}; run it again, and give the other program another folder")
 
     def _read(self) -> dict[str, dict[str, Any]]:
-        """Return what is known of each file; nothing where there is no ledger, or one of another version.
-
-        Raises `InputError` if there is something else in its place.
-        """
+        """Return what is known of each file; nothing where there is no ledger, or one of another version. Raises
+        `InputError` if there is something else in its place."""
         path = self.folder / LEDGER
         try:
             text = path.read_text(encoding="utf-8")

@@ -79,7 +79,8 @@ def _taken(path: Path, output: Path, named: str) -> int | None:
         # its last owner may have removed the name since: others see another file then
         if not os.path.samestat(os.fstat(descriptor), os.stat(path)):
             raise FileNotFoundError
-        _remove_left(descriptor, output)
+        with suppress(OSError, ValueError, KeyError, TypeError):  # what an owner that was killed had begun to write
+            partial_path(output, int(json.loads(os.pread(descriptor, os.fstat(descriptor).st_size, 0))["pid"])).unlink()
         _sign(descriptor)
     except OSError as error:
         if error.errno in _NO_LOCKS:
@@ -94,19 +95,12 @@ def _taken(path: Path, output: Path, named: str) -> int | None:
 
 
 def lock_path(output: Path) -> Path:
-    """Return the file of the lock on an output."""
     return output.with_name(f".{output.name}.lock")
 
 
 def partial_path(output: Path, process: int) -> Path:
     """Return the file that a process writes before it takes the output's place."""
     return output.with_name(f".{output.name}.{process}.partial")
-
-
-def _remove_left(descriptor: int, output: Path) -> None:
-    """Remove what an owner of the lock that was killed had begun to write."""
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        partial_path(output, int(json.loads(os.pread(descriptor, os.fstat(descriptor).st_size, 0))["pid"])).unlink()
 
 
 def _sign(descriptor: int) -> None:
@@ -196,18 +190,10 @@ def check_output(
 ) -> Path:
     """Check that a result may be written, and return its full path; symbolic links are followed.
 
-    Raises `InputError` if the output is one of the inputs, exists and is no result of this program or one of another
-    kind, is a directory, device or pipe, has an ending of another format, or cannot be made where it is to be.
-
-    Parameters
-    ----------
-    output
-        The file to be written.
-    kind
-        One of :data:`KINDS`, or of those that are no HDF5 files (``xdmf``, ``picture``, ``film``, ``report``, ``fmu``,
-        ``code``, ``table``, ``schema``, ``reference``, ``scaling``, ``beams``).
-    inputs
-        Files that are read for it.
+    The kind is one of :data:`KINDS`, or of those that are no HDF5 files (``xdmf``, ``picture``, ``film``, ``report``,
+    ``fmu``, ``code``, ``table``, ``schema``, ``reference``, ``scaling``, ``beams``). Raises `InputError` if the output
+    is one of the inputs that are read for it, exists and is no result of this program or one of another kind, is a
+    directory, device or pipe, has an ending of another format, or cannot be made where it is to be.
     """
     try:
         target = Path(os.path.realpath(output))
@@ -225,11 +211,9 @@ def check_output(
 
 
 def check_folder(folder: str | os.PathLike[str], output: str | os.PathLike[str] | None = None) -> None:
-    """Check that a folder for pictures is there, or can be made with those above it, before a run; make nothing.
-
-    Raises `InputError` if it is the output of the same command or something that is no folder, lies in such, or may not
-    be written in.
-    """
+    """Check that a folder for pictures is there, or can be made with those above it, before a run; make nothing. Raises
+    `InputError` if it is the output of the same command or something that is no folder, lies in such, or may not be
+    written in."""
     if output is not None and os.path.realpath(folder) == os.path.realpath(output):
         raise InputError(f"output directory '{folder}' is the output file too; give another name")
     target = Path(os.path.abspath(folder))
@@ -257,7 +241,6 @@ def named(kind: str) -> str:
 
 
 def _status(path: Path) -> os.stat_result | None:
-    """Return the status of a file, None where there is none."""
     try:
         return os.stat(path)
     except FileNotFoundError:

@@ -42,7 +42,7 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
@@ -59,7 +59,14 @@ from pgmp_petsc.files.claims import KINDS, check_output, first_line, named, repl
 from pgmp_petsc.files.seal import MAGIC, SIGNATURE, SIZE, BrokenSeal, check_seal, seal
 
 
-class GuardedStream:
+def _through(name: str, instead: Callable[..., int]) -> Callable[..., int]:
+    def guarded(stream: GuardedStream, *args: Any) -> int:
+        return stream._guarded(getattr(stream._stream, name), *args, instead=instead(*args))
+
+    return guarded
+
+
+class GuardedStream(AbstractContextManager):
     """A new file under an `h5py.File` (driver ``fileobj``) whose failures come out in :meth:`finish` alone.
 
     Used in a ``with`` block, which closes it. What HDF5 then makes of what it reads back, and raises, is the failure's.
@@ -78,29 +85,10 @@ class GuardedStream:
                 self._failure = error
         return instead
 
-    def write(self, data: Any) -> int:
-        """Write at the current position."""
-        return self._guarded(self._stream.write, data, instead=len(data))
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Move the position, which may push earlier data to the disk."""
-        return self._guarded(self._stream.seek, offset, whence, instead=offset)
-
-    def truncate(self, size: int) -> int:
-        """Set the length."""
-        return self._guarded(self._stream.truncate, size, instead=size)
-
-    def flush(self) -> None:
-        """Push data to the system."""
-        self._guarded(self._stream.flush, instead=0)
-
-    def tell(self) -> int:
-        """Return the position."""
-        return self._guarded(self._stream.tell, instead=0)
-
-    def readinto(self, buffer: Any) -> int:
-        """Read into a buffer."""
-        return self._guarded(self._stream.readinto, buffer, instead=len(buffer))
+    write, readinto = _through("write", len), _through("readinto", len)
+    seek = _through("seek", lambda offset, whence=os.SEEK_SET: offset)
+    truncate = _through("truncate", lambda size: size)
+    flush, tell = _through("flush", lambda: 0), _through("tell", lambda: 0)
 
     def finish(self) -> None:
         """Push everything to the disk; raise the first `OSError` of this or any earlier operation."""
@@ -108,9 +96,6 @@ class GuardedStream:
         self._guarded(os.fsync, self._stream.fileno(), instead=0)
         if self._failure is not None:
             raise self._failure
-
-    def __enter__(self) -> GuardedStream:
-        return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: object) -> None:
         # Closing flushes what a failure has left in the buffer and fails again.
@@ -186,10 +171,8 @@ class RunRecord:
 
     @classmethod
     def read(cls, file: h5py.File) -> RunRecord:
-        """Read the record of a file opened with :func:`open_file`.
-
-        Raises `InputError` if it was made with a plugin that is not in use, or with another one of that name.
-        """
+        """Read the record of a file opened with :func:`open_file`; raises `InputError` if it was made with a plugin
+        that is not in use, or with another one of that name."""
         with shapes_of(file):
             needed = json.loads(file.attrs.get("plugins", "{}"))
             needed = {str(name): str(sha256) for name, sha256 in needed.items()}
@@ -218,20 +201,12 @@ class RunRecord:
 def write_file(
     path: str | os.PathLike[str], kind: str, attributes: Mapping[str, Any] | None = None
 ) -> Iterator[h5py.File]:
-    """Open a new HDF5 file for writing; it appears under ``path`` when the block ends without an error.
+    """Open a new HDF5 file of one of :data:`KINDS` with further root attributes for writing; it appears under ``path``
+    when the block ends without an error.
 
     To be called by one process only. The block calls :meth:`RunRecord.write`. Raises `InputError` if `path` cannot be
     written (see :func:`~pgmp_petsc.files.claims.check_output`); `RunError` if the system fails to write (a full disk,
-    say); an older file under `path` is left as it was.
-
-    Parameters
-    ----------
-    path : path-like
-        Target; an existing file of the same kind is replaced.
-    kind : str
-        One of :data:`KINDS`.
-    attributes : mapping, optional
-        Further root attributes.
+    say); an older file of the same kind is replaced, or left as it was.
     """
     if kind not in KINDS:
         raise ValueError(f"kind of file '{kind}'; allowed: {', '.join(KINDS)}")
@@ -251,21 +226,13 @@ def write_file(
 
 
 def version_of(kind: str) -> int:
-    """Return the format version of files of a kind."""
     return VERSIONS.get(kind, FORMAT_VERSION)
 
 
 def open_file(path: str | os.PathLike[str], kinds: str | Collection[str]) -> h5py.File:
-    """Open a result file for reading, after checking that it is whole and of one of ``kinds``.
-
-    Raises `InputError` if the file is missing, not HDF5, damaged, cut off, of another kind or format version, or lacks
-    attributes.
-
-    Returns
-    -------
-    h5py.File
-        Use it in a ``with`` block, with :func:`shapes_of` around what is read.
-    """
+    """Open a result file for reading, after checking that it is whole and of one of ``kinds``; for a ``with`` block,
+    with :func:`shapes_of` around what is read. Raises `InputError` if the file is missing, not HDF5, damaged, cut off,
+    of another kind or format version, or lacks attributes."""
     kinds = (kinds,) if isinstance(kinds, str) else tuple(kinds)
     path = Path(path)
     _check_sealed(path, kinds)
@@ -322,10 +289,8 @@ def _of_datasets(ascii_names: bool) -> tuple[Any, Any, Any, Any]:
 
 
 def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -> np.ndarray:
-    """Read a dataset of numbers, or of texts, and check its number of dimensions.
-
-    Raises `ValueError` if it is missing, has another number of dimensions, or holds something else; see `shapes_of`.
-    """
+    """Read a dataset of numbers, or of texts, and check its number of dimensions. Raises `ValueError` if it is missing,
+    has another number of dimensions, or holds something else; see `shapes_of`."""
     why = None
     if not isinstance(group, h5py.Group):  # a dataset would be searched for the name, number by number
         why = f"is missing: '{group.name}' is no group"
@@ -407,19 +372,12 @@ OTHERS = {";": "semicolons", "\t": "tabs"}
 def csv_table(
     stream: TextIO, where: str, units: Mapping[str, str]
 ) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
-    """Return the names of the columns, and the rows with the numbers of their lines, read one by one.
+    """Return the names of the columns of a stream, opened with ``encoding="utf-8-sig", newline=""``, and the rows with
+    the numbers of their lines, read one by one.
 
-    Raises `InputError` if columns are separated otherwise, a column is in another unit, or a row has more or fewer
-    entries.
-
-    Parameters
-    ----------
-    stream
-        Opened with ``encoding="utf-8-sig", newline=""``.
-    where
-        How messages name the file.
-    units
-        By name, the unit of each column that has a part; empty where only the scene's units are known.
+    Units are by name those of each column that has a part; empty where only the scene's units are known. Raises
+    `InputError`, in which `where` names the file, if columns are separated otherwise, a column is in another unit, or a
+    row has more or fewer entries.
     """
     rows = csv.reader(stream, skipinitialspace=True)
     first = [name.strip() for name in next(rows, [])]

@@ -110,10 +110,8 @@ class Seal:
 
 
 def seal(path: Path, kind: str, format_version: int, run: str = "") -> None:
-    """Seal a finished file whose first `SIZE` bytes are free, and push it to the disk.
-
-    Raises `OSError` if the system fails to read or write.
-    """
+    """Seal a finished file whose first `SIZE` bytes are free, and push it to the disk; raises `OSError` if the system
+    fails to read or write."""
     with open(path, "r+b") as stream:
         n_bytes = stream.seek(0, os.SEEK_END)
         unsigned = Seal(kind, format_version, run, n_bytes)
@@ -140,11 +138,8 @@ def seal_of(path: Path) -> Seal:
 
 
 def check_seal(path: Path) -> Seal:
-    """Check a file as a whole, and return what its seal says.
-
-    Raises `BrokenSeal` if it has no seal, is cut off or too long, or differs from its checksum; `OSError` if the system
-    fails to read.
-    """
+    """Check a file as a whole, and return what its seal says. Raises `BrokenSeal` if it has no seal, is cut off or too
+    long, or differs from its checksum; `OSError` if the system fails to read."""
     with open(path, "rb") as stream:
         found = Seal.unpacked(stream.read(SIZE))
         n_bytes = os.fstat(stream.fileno()).st_size

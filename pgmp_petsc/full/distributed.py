@@ -36,11 +36,9 @@ from pgmp_petsc.full.parts import mass_on_diagonal
 from pgmp_petsc.full.problem import FullEquations, Sources
 from pgmp_petsc.full.rank_solver import RankSolver
 from pgmp_petsc.full.systems import FullSystem, Gains
-from pgmp_petsc.stepping.second_order_system import Energies, Scheme, Settled, State
+from pgmp_petsc.stepping.second_order_system import Energies, Settled, State
 from pgmp_petsc.stepping.static_equilibrium import LONGEST, cause_of, iterate_at_rest, put_on
 from pgmp_petsc.stepping.status import Status
-
-ITSELF = np.empty((0, 1))  # no residual but c
 
 
 class FullDistributed(FullSystem):
@@ -69,6 +67,7 @@ class FullDistributed(FullSystem):
         self._solver = RankSolver(layout, np.concatenate([self._own, self._multipliers]), self._rows_of_all(), comm)
         self._typical_mass = comm.allreduce(float(mass_on_diagonal(self._problem, equations.size)[0, 0])) / self.n_dofs
         self._typical_stiffness = 0.0
+        self._itself = np.empty((0, 1))  # no residual but c
         self._solver_failed = False
         self.bends = any(comm.allgather(any_bend(self._problem.actions.laws)))
         self._counted_edges = np.flatnonzero(self._problem.actions.counted[equations.edges])
@@ -102,7 +101,7 @@ class FullDistributed(FullSystem):
         if not self._typical_stiffness:
             self._typical_stiffness = self._find_typical_stiffness()
         static = (0.0, 0.0, 1.0)
-        step, multipliers = self._solve(0.0, state, static, self._typical_stiffness, ITSELF, True, share)
+        step, multipliers = self._solve(0.0, state, static, self._typical_stiffness, self._itself, True, share)
         size = self._size_of(step)
         if np.isfinite(size):
             shortened = min(1.0, longest / size) if size > 0.0 else 1.0
@@ -115,10 +114,6 @@ class FullDistributed(FullSystem):
         q, theta = self._equations.start[0], self._equations.initial[0]
         state = self._state(q[:, None], v[:, None], self._equations.turns(theta[:, None]))
         return float(self.energies(0.0, state).kinetic[0])
-
-    def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
-        """Do one Newton correction; see `SecondOrderSystem.correct`."""
-        return self._correct(time, state, (scheme.gain_v, scheme.gain_a, 1.0), ITSELF, active, fresh)
 
     def _correct(
         self, time: float, state: State, gains: Gains, residual: np.ndarray, active: np.ndarray, fresh: bool

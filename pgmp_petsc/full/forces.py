@@ -24,42 +24,23 @@ def evaluate_actions(
     actions, width, entries, amplitudes, y, rates, known, gain_v, with_tangents, about, forces, slopes, stiffness,
     tangents, powers, stored, depths
 ):  # fmt: skip
-    """Evaluate all actions for all samples: statements side by side, in lanes, and laws one by one.
+    """Evaluate all actions for all samples: statements side by side, in lanes (`lane_items`), and laws one by one.
 
-    Parameters
-    ----------
-    actions, amplitudes
-        As from `compile_actions`, `amplitudes_over`.
-    width
-        As many numbers as there are samples; see `lane_items`.
-    entries
-        Which entries of the tangents are wanted: first one of each action (n_actions + 1,), rows and columns among the
-        unknowns of the nodes of its terms, each (n_entries,).
-    y, rates
-        Unknowns of both nodes and their rates, zero on the ground, shape (n_terms, 2 m, n_samples), m = 3 in the plane
-        or 12.
-    known
-        What angles are nearest to, rad, shape (n_terms, n_samples).
-    gain_v
-        Derivative of velocities with positions in the iteration, 1/s.
-    with_tangents
-        Whether the tangents are wanted, whose second derivatives cost more than all the rest.
-    about
-        Of an iteration, the rates at which laws were evaluated last, shape (n_actions, n_samples): NaN before the
-        first, and where one is limited (`Law.about_zero`); brought up to date. None, (0, n_samples), where laws are
-        to be taken as they are.
-    forces, slopes
-        Results: force on the unknowns, and derivatives of the terms in these, shape (n_terms, 2 m, n_samples).
-    stiffness
-        Result: minus the derivative of each force with the measure and its rate, shape (n_actions, n_samples).
-    tangents
-        Result: minus the derivative of the force on the unknowns, the mean of each
-        entry and its mirror, shape (n_entries, n_samples). Derivatives of forces that are led with what leads them are
-        left out: they are not symmetric, and between other nodes.
-    powers, stored
-        Results: power of what is not elastic (W) and potential energy of what is (J), shape (n_actions, n_samples).
-    depths
-        Result: how far each edge of a law is crossed, negative where it is not, shape (n_samples, n_edges).
+    Given are `actions` and `amplitudes` as from `compile_actions` and `amplitudes_over`; which `entries` of the
+    tangents are wanted, first one of each action (n_actions + 1,), and rows and columns among the unknowns of the nodes
+    of its terms, each (n_entries,); the unknowns y of both nodes and their rates, zero on the ground, (n_terms, 2 m,
+    n_samples), m = 3 in the plane or 12; what angles are nearest to, `known`, rad, (n_terms, n_samples); and gain_v,
+    the derivative of velocities with positions in the iteration, 1/s. Second derivatives, of which tangents are made,
+    cost more than all the rest. `about` has the rates at which laws were evaluated last in an iteration, (n_actions,
+    n_samples), NaN before the first and where one is limited (`Law.about_zero`), and is brought up to date; None, (0,
+    n_samples), where laws are to be taken as they are.
+
+    Filled are forces on the unknowns, and `slopes`, derivatives of the terms in these, (n_terms, 2 m, n_samples);
+    `stiffness`, minus the derivative of each force with the measure and its rate, (n_actions, n_samples); `tangents`,
+    minus the derivative of the force on the unknowns, the mean of each entry and its mirror, (n_entries, n_samples),
+    without derivatives of forces that are led with what leads them, which are not symmetric, and between other nodes;
+    the power of what is not elastic (W) and the potential energy of what is (J), (n_actions, n_samples); and how far
+    each edge of a law is crossed, negative where it is not, `depths`, (n_samples, n_edges).
     """
     starts, rows, columns = entries
     firsts, statements, m, n_lanes, most = actions.firsts, actions.statements, y.shape[1], y.shape[2], 1

@@ -20,7 +20,7 @@ from pgmp_petsc.full.batched_ldl import Pattern
 from pgmp_petsc.full.joint_kernel import Joints, carry_in_joints, correct_in_joints, count_turns_in_joints, unknowns_of
 from pgmp_petsc.full.joint_map import N_TURNED, Room
 from pgmp_petsc.full.joint_matrix import N_SPARE, column_size
-from pgmp_petsc.full.joint_tree import BALL, BY_AXES, FREE, coordinates_of, held_by, motions_of, tree_of
+from pgmp_petsc.full.joint_tree import BALL, FREE, coordinates_of, held_by, motions_of, tree_of
 from pgmp_petsc.full.kernel import Factors
 from pgmp_petsc.full.node_constraints import ConstraintParts
 from pgmp_petsc.full.part_reference import Reference
@@ -29,7 +29,7 @@ from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.full.systems import FullBatch, Gains
 from pgmp_petsc.lanes.lane_items import SampleBlocks, aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
-from pgmp_petsc.mechanism.constraint_set import ConstraintSet, null_space
+from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
@@ -51,10 +51,10 @@ class Held(NamedTuple):
 class JointEquations:
     """The equations of a mechanism in joint coordinates for some samples.
 
-    There are n coordinates, and `n_left` constraints: `n_statements` with statements, and behind them driven
-    coordinates. `equations` are all equations in the unknowns; `problem` those with the constraints alone that are
-    left, and `joints` what compiled functions take beside them; `references` both, as these take them. `motions` says
-    how the bodies move, in the order of the tree.
+    There are n coordinates, which move the bodies by `motions`, in the order of the tree, and n_left constraints: those
+    with statements, n_statements, which are `chosen` from the `set` of all, and behind them driven coordinates
+    (`Joints.driven`). `equations` are all equations in the unknowns, and `problem` those with the constraints alone
+    that are left; `joints` is what compiled functions take beside them, and `references` both, as these take them.
     """
 
     def __init__(self, equations: FullEquations, blocks: SampleBlocks) -> None:
@@ -66,22 +66,22 @@ class JointEquations:
         dofs = problem.masses.dofs[:, 0] // 12 if d == 3 else problem.lumps.dofs // 3
         self._tree = tree_of(unknowns, self.motions, q, dofs)
         self.n = int(self._tree.firsts[:, 4].max())
-        self._set = equations.constraints
+        self.set = equations.constraints
         directors = self._directors() if d == 3 else np.zeros(0, dtype=int)
         self._in_tree = held_by(unknowns.mechanism, self.motions)
         held = np.flatnonzero(~self._in_tree)
-        n_own = self._set.n_constraints - self._set.n_driven
+        n_own = self.set.n_constraints - self.set.n_driven
         self._of_tree = self._coordinates_of_tree()
-        self._driven = self._driven_coordinates()
-        drives = [n_own + k for k in range(self._set.n_driven) if k not in self._driven[:, 1]]
+        self.driven = self._driven_coordinates()
+        drives = [n_own + k for k in range(self.set.n_driven) if k not in self.driven[:, 1]]
         every = np.sort(np.concatenate([held, directors, drives]).astype(int))
         self._take(every)
         if every.size:
             kept = self._independent(q, every, n_own)
             if kept.size < every.size:
                 self._take(kept)
-        self.n_statements = self._chosen.size
-        self.n_left = self.n_statements + len(self._driven)
+        self.n_statements = self.chosen.size
+        self.n_left = self.n_statements + len(self.driven)
 
     @cached_property
     def held(self) -> Held:
@@ -91,8 +91,8 @@ class JointEquations:
         parts = [(i, part) for i, holder in enumerate(mechanism.holders) for part in holder.holding(moving=True)]
         found = [(place, order[parts[place][0]], parts[place][1]) for place in np.flatnonzero(self._in_tree)]
         prescribed = [(one.statement, one.sides) for one in mechanism.coordinates if one.prescribed]
-        bodies = np.searchsorted(self._tree.firsts[:, 5], self._driven[:, 0], side="right") - 1
-        found += [(len(parts) + k, body, prescribed[k]) for body, k in zip(bodies, self._driven[:, 1])]
+        bodies = np.searchsorted(self._tree.firsts[:, 5], self.driven[:, 0], side="right") - 1
+        found += [(len(parts) + k, body, prescribed[k]) for body, k in zip(bodies, self.driven[:, 1])]
         places, bodies, parts = zip(*found) if found else ((), (), ())
         rows = StatementRows(*(list(zip(*parts)) or ([], [])), unknowns.frame, unknowns.dimension)
         bodies = np.array(bodies, dtype=int)
@@ -106,9 +106,9 @@ class JointEquations:
         Arguments are the unknowns, shape (n_dofs, n_samples), multipliers of the constraints that are left, shape
         (n_left, n_samples), and loads as in `carry_in_joints`, shape (n_bodies, d (d + 1), n_samples).
         """
-        every, d, held = np.zeros((self._set.n_constraints, q.shape[1])), self._unknowns.dimension, self.held
-        every[self._chosen] = left[: self.n_statements]
-        found = self._set.of_joints(every)
+        every, d, held = np.zeros((self.set.n_constraints, q.shape[1])), self._unknowns.dimension, self.held
+        every[self.chosen] = left[: self.n_statements]
+        found = self.set.of_joints(every)
         if not held.places.size:
             return found
         frames = self._unknowns.frames(q)[self._tree.nodes[:, 1]]
@@ -160,10 +160,10 @@ class JointEquations:
 
     def _take(self, chosen: np.ndarray) -> None:
         """Make the equations, and what is beside them, with chosen constraints."""
-        self._chosen = chosen
+        self.chosen = chosen
         equations, tree, d = self.equations, self._tree, self._unknowns.dimension
         problem, n_dofs, lanes = equations.problem, equations.n_dofs, self._blocks.n_lanes
-        parts = ConstraintParts(self._set, chosen, equations.size)
+        parts = ConstraintParts(self.set, chosen, equations.size)
         bound = parts.placed(equations.layout, np.ones(chosen.size, dtype=bool))
         curved, pairs = bound.rows.curved, bound.pairs
         bound = bound._replace(
@@ -173,8 +173,8 @@ class JointEquations:
         starts, _, unknowns = bound.rows.entries
         firsts = np.searchsorted(bound.places, np.arange(chosen.size + 1))
         row_starts = starts[firsts]
-        n_own = self._set.n_constraints - self._set.n_driven
-        lengths = self._set.lengths_among(np.concatenate([chosen, n_own + self._driven[:, 1]]))
+        n_own = self.set.n_constraints - self.set.n_driven
+        lengths = self.set.lengths_among(np.concatenate([chosen, n_own + self.driven[:, 1]]))
         weights = np.where(lengths, 1.0, equations.size**2)
         floating = problem.floating
         n_packed = int(floating.firsts[-1, 2]) if floating.body.size else 0
@@ -201,7 +201,7 @@ class JointEquations:
             constraints=bound, actions=actions, floating=floating,
             pattern=Pattern(turn, nothing, nothing, problem.pattern.products),
         )  # fmt: skip
-        joints = Joints(tree, room, self._units(), turn, row_starts, unknowns, n_packed, weights, self._driven,
+        joints = Joints(tree, room, self._units(), turn, row_starts, unknowns, n_packed, weights, self.driven,
                         self._counted())  # fmt: skip
         self.problem, self.joints = contiguous(changed), contiguous(joints)
         self.references = Reference(self.problem), Reference(self.joints)
@@ -231,9 +231,9 @@ class JointEquations:
         """Return the slopes of all constraints in the coordinates at unknowns (n_dofs,), shape (n_constraints, n)."""
         y = np.repeat(self.coordinates(q[:, None], np.zeros_like(q)[:, None])[0], self.n, axis=1)
         ways = self.mapped_columns(y, np.zeros_like(y), np.eye(self.n))[2]
-        rows, columns = self._set.jacobian_pattern
-        jacobian = sp.csr_matrix((self._set.jacobian_values(q[:, None])[:, 0], (rows, columns)),
-                                 shape=(self._set.n_constraints, q.size))  # fmt: skip
+        rows, columns = self.set.jacobian_pattern
+        jacobian = sp.csr_matrix((self.set.jacobian_values(q[:, None])[:, 0], (rows, columns)),
+                                 shape=(self.set.n_constraints, q.size))  # fmt: skip
         return jacobian @ ways
 
     def mapped(self, y: np.ndarray, y1: np.ndarray, y2: np.ndarray) -> list[np.ndarray]:
@@ -255,40 +255,7 @@ class JointEquations:
     def left(self, rows: np.ndarray, driven_rows: np.ndarray) -> np.ndarray:
         """Return what is of the constraints that are left, (n_left, n), of rows of all (n_constraints, n) and of what
         driven coordinates have (n_driven, n)."""
-        return np.concatenate([rows[self._chosen], driven_rows])
-
-    @property
-    def driven_rows(self) -> np.ndarray:
-        """The numbers of the motions of `drives`."""
-        n_own = self._set.n_constraints - self._set.n_driven
-        return np.concatenate([self._chosen[self._chosen >= n_own] - n_own, self._driven[:, 1]])
-
-    @property
-    def drives(self) -> np.ndarray:
-        """The places of driven angles among the constraints that are left, shape (n_driven,)."""
-        n_own = self._set.n_constraints - self._set.n_driven
-        return np.concatenate([np.flatnonzero(self._chosen >= n_own), np.arange(self.n_statements, self.n_left)])
-
-    @property
-    def directors(self) -> np.ndarray:
-        """The coordinates that are places and directors, shape (n_directors,)."""
-        chosen = np.flatnonzero(self._tree.kinds != BY_AXES)
-        return np.concatenate([np.arange(*self._tree.firsts[k, 2:4]) for k in chosen] + [np.zeros(0, dtype=int)])
-
-    @property
-    def set(self) -> ConstraintSet:
-        """All constraints of the mechanism."""
-        return self._set
-
-    @property
-    def chosen(self) -> np.ndarray:
-        """Numbers of the constraints with statements that are left, among those of `set`."""
-        return self._chosen
-
-    @property
-    def driven(self) -> np.ndarray:
-        """See `Joints.driven`."""
-        return self._driven
+        return np.concatenate([rows[self.chosen], driven_rows])
 
 
 class JointBatch(FullBatch):
@@ -342,9 +309,11 @@ class JointBatch(FullBatch):
 
     def _in_unknowns(self, state: State) -> State:
         """Return a state of the same samples in their unknowns, with the multipliers of driven angles alone."""
-        own = self.own
+        own, n_own = self.own, self.own.set.n_constraints - self.own.set.n_driven
+        rows = np.concatenate([own.chosen[own.chosen >= n_own] - n_own, own.driven[:, 1]])
+        places = np.concatenate([np.flatnonzero(own.chosen >= n_own), np.arange(own.n_statements, own.n_left)])
         forces = np.zeros((*state.q.shape[:-2], own.set.n_driven, state.q.shape[-1]))
-        forces[..., own.driven_rows, :] = state.multipliers[..., own.drives, :]
+        forces[..., rows, :] = state.multipliers[..., places, :]
         return State(*own.mapped(state.q, state.v, state.a), forces, state.turns, state.beside)
 
     def multipliers_of_joints(self, times: Sequence[float], states: State) -> np.ndarray:

@@ -128,7 +128,9 @@ class FullEquations:
         n, n_driven = self.constraints.n_constraints, self.constraints.n_driven
         self.chosen = np.arange(n - n_driven, n) if in_joints else _touching(self.constraints, share)
         self.owned_constraints = share.owns(self.owners[self.chosen])
-        loads = self._loads_of(effects)
+        masses = MassesOnDemand(kinematics.mechanism.bodies, unknowns.in_mechanism(self.rows))
+        # a couple that is constant in body frames is none in space
+        loads = [one for one in loads_of(effects, masses) if unknowns.dimension == 2 or not one.in_bodies]
         falling = [e for e in effects if isinstance(e, Weights) and any(body.n_amplitudes for body in unknowns.bodies)]
         gravity = list(enumerate(falling, len(loads)))
         by_name = {effect.name: effect for effect in effects}
@@ -242,11 +244,6 @@ class FullEquations:
             frames[body.tied_nodes] = FRAMES
         levels[self.n_dofs :] = np.where(self.constraints.of_ties, TIES, JOINTS)
         return WholeLayout(analyse(whole, levels), self.n_dofs)
-
-    def _loads_of(self, effects: Sequence[Effect]) -> list[Load]:
-        """Return the load terms; a couple that is constant in body frames is none in space."""
-        matrices = MassesOnDemand(self._kinematics.mechanism.bodies, self.unknowns.in_mechanism(self.rows))
-        return [one for one in loads_of(effects, matrices) if self.unknowns.dimension == 2 or not one.in_bodies]
 
     def _entries_of(
         self, loads: Sequence[Load], n_falling: int, values: Mapping[str, np.ndarray], blocks: SampleBlocks

@@ -23,38 +23,19 @@ def take_steps(
     problem, joints, factors, strengths, probed, scheme, typical_mass, step, reference, behind, before, samples, after,
     lost, n_corrections,
 ):  # fmt: skip
-    """Take equal steps of the samples of all blocks, up to one in which an iteration fails; return their number.
+    """Take equal steps (s) of the samples of all blocks, up to one in which an iteration fails; return their number.
 
-    Parameters
-    ----------
-    problem, joints, factors
-        The equations, the mechanism in joint coordinates or None, and the matrices of the iteration.
-    strengths
-        What acts at the ends of the steps, one a row.
-    probed
-        Which steps are corrected as if nothing were known of the contraction, shape (n_steps,).
-    scheme
-        ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)``.
-    typical_mass
-        As for `correct`.
-    step
-        s.
-    reference
-        Positions, velocities and accelerations of a motion at the ends of the steps, (n_steps, n_blocks, n_dofs,
-        n_lanes), about which the states below are; of no steps where they are the motion itself.
-    behind
-        Accelerations one step before the beginning, shape (n_blocks, n_dofs, n_lanes).
-    before
-        ``(q, v, a, multipliers, turns, auxiliary)`` at the beginning, shapes (n_blocks, n_dofs, n_constraints or
-        n_turns, n_lanes), and the contraction to be expected, (n_blocks, n_lanes).
-    samples
-        Which to advance, shape (n_blocks, n_lanes); others stay as they are.
-    after
-        Results, as `before` with a leading axis of steps.
-    lost
-        Result: the samples whose iteration failed in the last step, shape (n_blocks, n_lanes).
-    n_corrections
-        Result: Newton corrections of each step, all samples together, shape (n_steps,).
+    `joints` is the mechanism in joint coordinates or None, `factors` the matrices of the iteration, `strengths` what
+    acts at the ends of the steps, one a row, and `probed` which of these are corrected as if nothing were known of the
+    contraction, (n_steps,). The scheme is ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)``, and typical masses are
+    as for `correct`. States are about a `reference`: positions, velocities and accelerations of a motion at the ends of
+    the steps, (n_steps, n_blocks, n_dofs, n_lanes); of no steps where they are the motion itself. `behind` are
+    accelerations one step before the beginning, (n_blocks, n_dofs, n_lanes), and `before` ``(q, v, a, multipliers,
+    turns, auxiliary)`` there, (n_blocks, n_dofs, n_constraints or n_turns, n_lanes), and the contraction to be
+    expected, (n_blocks, n_lanes). Only `samples` advance, (n_blocks, n_lanes).
+
+    Filled are `after`, as `before` with a leading axis of steps, the samples whose iteration failed in the last step,
+    `lost`, (n_blocks, n_lanes), and the Newton corrections of each step, all samples together, (n_steps,).
     """
     n_steps = n_taken = strengths.loads.shape[0]
     n_blocks, n_lanes = samples.shape

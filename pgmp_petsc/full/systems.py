@@ -72,6 +72,7 @@ class FullSystem(SecondOrderSystem):
         built_in: tuple[np.ndarray, np.ndarray] | None,
     ) -> None:
         self.comm, self.n_samples, self.settled, self.built_in = comm, n_samples, settled, built_in
+        self.values = equations.values  # of the parameters, each of shape (n_samples,)
         self._equations, self._sources, self._reference = equations, sources, Reference(equations.problem)
         self._actions = Reference(equations.problem.actions)
         self.n_dofs, self.n_constraints = equations.n_dofs, equations.constraints.n_constraints
@@ -84,11 +85,6 @@ class FullSystem(SecondOrderSystem):
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    @property
-    def values(self) -> dict[str, np.ndarray]:
-        """Parameter values of the samples, each of shape (n_samples,)."""
-        return self._equations.values
 
     def unpack(self, array: np.ndarray) -> np.ndarray:
         """Return a state's array of unknowns as (n, n_samples), on every rank."""
@@ -208,10 +204,14 @@ class FullSystem(SecondOrderSystem):
         """Lay out the residual in place of c, of all constraints, (n_constraints, 1 or n_samples)."""
         raise NotImplementedError
 
+    def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
+        """Do one Newton correction; see `SecondOrderSystem.correct`."""
+        return self._correct(time, state, (scheme.gain_v, scheme.gain_a, 1.0), self._itself, active, fresh)
+
     def _correct(
         self, time: float, state: State, gains: Gains, residual: np.ndarray, active: np.ndarray, fresh: bool
     ) -> np.ndarray:
-        """Correct a state in place; `residual` replaces c where given. Return the sizes."""
+        """Correct a state in place; `residual` replaces c where it is not `_itself`. Return the sizes."""
         raise NotImplementedError
 
     def _accelerated(self, time: float, state: State, drift: np.ndarray, samples: np.ndarray, fresh: bool) -> State:
@@ -290,6 +290,7 @@ class FullBatch(FullSystem):
             aligned_zeros((blocks.n_blocks, n + equations.layout.n_lower, blocks.n_lanes)),
             aligned_zeros((n, blocks.n_lanes)),
         )
+        self._itself = np.empty((blocks.n_blocks, 0, blocks.n_lanes))  # no residual but c
         self._size = np.empty((blocks.n_blocks, blocks.n_lanes))
         self._typical_mass = mass_on_diagonal(equations.problem, equations.size) / self.n_dofs
 
@@ -337,11 +338,6 @@ class FullBatch(FullSystem):
     def _state(self, q: np.ndarray, v: np.ndarray, turns: np.ndarray) -> State:
         nothing, unbound = np.zeros((self.n_dofs, 1)), np.zeros((self.n_constraints, 1))
         return State(*(self.pack(part) for part in (q, v, nothing, unbound, turns)))
-
-    def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
-        """Do one Newton correction; see `SecondOrderSystem.correct`."""
-        itself = np.empty((self._blocks.n_blocks, 0, self._blocks.n_lanes))
-        return self._correct(time, state, (scheme.gain_v, scheme.gain_a, 1.0), itself, active, fresh)
 
     def _correct(
         self, time: float, state: State, gains: Gains, residual: np.ndarray, active: np.ndarray, fresh: bool

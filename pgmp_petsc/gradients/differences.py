@@ -38,17 +38,9 @@ def why_differences(model: AnyModel) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """Values of a run and of those beside it, and what makes derivatives of them.
-
-    Attributes
-    ----------
-    values
-        Of every parameter, each (n_runs,); the first run is the one that is differentiated.
-    weights, coarse
-        Of the runs' outputs in the derivatives, (n_parameters, n_runs), and in those of second order.
-    sizes
-        Of the parameters, (n_parameters,).
-    """
+    """Values of every parameter, (n_runs,), in a run that is differentiated, the first one, and in those beside it, and
+    what makes derivatives of them: weights of the runs' outputs in these, (n_parameters, n_runs), and in those of
+    second order, `coarse`; sizes of the parameters are (n_parameters,)."""
 
     values: dict[str, np.ndarray]
     weights: np.ndarray
@@ -87,7 +79,6 @@ class Differences:
 
     @property
     def n_runs(self) -> int:
-        """Number of runs."""
         return self.weights.shape[1]
 
     def of_outputs(

@@ -291,11 +291,6 @@ class RigidKinematics:
         """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, 3, n_theta, n_theta, n), from poses and their rates."""
         return self._closure.curvatures(poses, rates)
 
-    def positions(self, node: int, theta: np.ndarray) -> np.ndarray:
-        """Return the frame of one node of the rigid mechanism, shape (3, n), at theta of shape (n, n_theta)."""
-        body, point = self.mechanism.body_of(node)
-        return self.mechanism.space.place(self.poses(theta)[body], point[None])[0]
-
     def within_reach(self, theta: np.ndarray) -> np.ndarray:
         """Return where the rigid mechanism can be placed: in the range, or a little (`REACH`) outside it.
 

@@ -55,25 +55,12 @@ class CadPart:
 
 
 def read_part(path: Path, received: str, unit: float, size: float | None = None, coarser: float = 1.0) -> CadPart:
-    """Return the part of a STEP file.
+    """Return the part of a STEP file in a unit of length of so many m; messages begin with the scene's entry and its
+    value.
 
-    Parameters
-    ----------
-    path
-        The file.
-    received
-        The scene's entry and its value, with which messages begin.
-    unit
-        How many m the unit of length is that the part is wanted in.
-    size
-        The largest size of a cell, in that unit; by the thickness of the walls where it is not given.
-    coarser
-        How many times as large cells are to be made.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, it is no STEP file or has no solid or several, gmsh is not there, or cannot mesh it.
+    The size is the largest one of a cell, in that unit; by the thickness of the walls where it is not given. Cells are
+    made `coarser` times as large. Raises `InputError` if there is no such file, it is no STEP file or has no solid or
+    several, gmsh is not there, or cannot mesh it.
     """
     check_file(path, received, "a STEP file of one solid is needed (paths are relative to the scene's directory)")
     content = path.read_bytes()
@@ -93,7 +80,6 @@ def _by_gmsh(content: str, path: Path, size: float, coarser: float) -> dict[str,
 
 
 def _part(found: dict[str, np.ndarray], received: str, scale: float) -> CadPart:
-    """Return the part that gmsh has made, with lengths times `scale`."""
     faces = {name: own for name, own in found.items() if name.startswith("face") and name[4:].isdecimal()}
     extent = float(np.ptp(found["nodes"], axis=0).max())
     round_off = ROUND_OFF * extent
@@ -139,10 +125,8 @@ def _clean(place: np.ndarray, round_off: float) -> np.ndarray:
 
 
 def with_groups(mesh: SolidMesh, wanted: dict[str, str | tuple[str, ...]], entry: str) -> SolidMesh:
-    """Return a mesh with further groups of faces, each one or several of its own; `entry` is the scene's.
-
-    Raises `InputError` if a group is missing, or has a name that the mesh has already.
-    """
+    """Return a mesh with further groups of faces, each one or several of its own; `entry` is the scene's. Raises
+    `InputError` if a group is missing, or has a name that the mesh has already."""
     groups = dict(mesh.groups)
     for name, own in wanted.items():
         if name in mesh.groups:

@@ -47,9 +47,7 @@ class LineMesh(Counted):
 
     def point(self, name: str, entry: str) -> int:
         """Return the node of the point `name`, or of that index: a decimal integer, from zero, that is no named point.
-
-        Raises `InputError` if the mesh has neither; `entry` is the dotted name of the scene's entry that asks.
-        """
+        Raises `InputError` if the mesh has neither; `entry` is the dotted name of the scene's entry that asks."""
         if name in self.points:
             return self.points[name]
         if name in self.groups:

@@ -70,11 +70,8 @@ class MatrixFile:
 
 def read_matrix(path: Path, received: str, kind: str = "stiffness") -> MatrixFile:
     """Read a matrix; messages begin with `received`, the scene's entry and its value. Of a file that holds several it
-    is that of `kind`, ``"stiffness"``, ``"mass"`` or ``"modes"``, which need not be square.
-
-    Raises `InputError` if there is no such file, it is of another format, damaged, not square, or has entries that are
-    not finite.
-    """
+    is that of `kind`, ``"stiffness"``, ``"mass"`` or ``"modes"``, which need not be square. Raises `InputError` if
+    there is no such file, it is of another format, damaged, not square, or has entries that are not finite."""
     check_file(path, received, f"a matrix is needed ({FORMATS}; paths are relative to the scene's directory)")
     try:
         found = _read(path, received, kind)
@@ -128,7 +125,6 @@ def _by_library(form: str, kind: str, path: Path) -> MatrixFile:
 
 
 def _from_npz(path: Path, received: str) -> sp.csr_matrix:
-    """Read what ``scipy.sparse.save_npz`` wrote."""
     with np.load(path, allow_pickle=False) as file:
         if "format" not in file:
             names = ", ".join(file.files)
@@ -191,7 +187,6 @@ def _from_abaqus(lines: list[str], received: str) -> MatrixFile:
 
 
 def _whole(entries: sp.coo_matrix) -> sp.csr_matrix:
-    """Return a matrix from its entries, of which one triangle will do."""
     _check_size(entries)
     matrix = entries.tocsr()
     if matrix.shape[0] != matrix.shape[1]:
@@ -215,10 +210,8 @@ def is_harwell_boeing(head: Sequence[str]) -> bool:
 
 
 def read_harwell_boeing(lines: Sequence[str]) -> sp.coo_matrix:
-    """Return the entries that the lines of a file list, of a symmetric matrix often one triangle.
-
-    Raises `NotTaken` if the matrix is complex, a pattern, skew, or not assembled; `ValueError` if the file is damaged.
-    """
+    """Return the entries that the lines of a file list, of a symmetric matrix often one triangle. Raises `NotTaken` if
+    the matrix is complex, a pattern, skew, or not assembled; `ValueError` if the file is damaged."""
     cards = [int(lines[1][start : start + 14] or 0) for start in (14, 28, 42)]  # of pointers, indices and values
     n_right_hand = int(lines[1][56:70].strip() or 0)
     value_type, structure, storage, *counts = TYPE.match(lines[2].upper()).groups()
@@ -230,7 +223,8 @@ def read_harwell_boeing(lines: Sequence[str]) -> sp.coo_matrix:
     widths = [int(width) for _, width in FIELD.findall(re.sub(r"\d*P\s*,?", "", lines[3], flags=re.IGNORECASE))]
     first, parts = 5 if n_right_hand else 4, []
     for n_lines, width in zip(cards, widths[:3]):
-        parts.append(_fields(lines[first : first + n_lines], width))
+        of_part = lines[first : first + n_lines]
+        parts.append([line[at : at + width] for line in of_part for at in range(0, len(line.rstrip()), width)])
         first += n_lines
     pointers, rows = (np.array(part, dtype=np.int64) - 1 for part in parts[:2])
     values = np.array([text.upper().replace("D", "E") for text in parts[2]], dtype=float)
@@ -243,11 +237,6 @@ def read_harwell_boeing(lines: Sequence[str]) -> sp.coo_matrix:
     return sp.coo_matrix((values, (rows, columns)), shape=(n_rows, n_columns))
 
 
-def _fields(lines: Sequence[str], width: int) -> list[str]:
-    """Return fields of one width, which need no blanks between them."""
-    return [line[at : at + width] for line in lines for at in range(0, len(line.rstrip()), width)]
-
-
 NODE_AND_DIRECTION = re.compile(r"\d+\.[1-6]")  # a line of CalculiX' list of rows
 DIRECTIONS = {"UX": 1, "UY": 2, "UZ": 3, "ROTX": 4, "ROTY": 5, "ROTZ": 6}
 SHOWN = 3
@@ -258,16 +247,12 @@ TURNING = (
 
 
 def read_rows(path: Path, received: str) -> np.ndarray:
-    """Read lines of a row's number from 1, its node and its direction (1, 2, 3 or UX, UY, UZ), such as those of Ansys'
-    ``.mapping``, or of node and direction as ``12.3`` alone, row after row, as CalculiX' ``.dof``; lines that do not
-    begin with a number are passed over.
+    """Return node and direction of every row, shape (n, 2), int.
 
-    Raises `InputError` if there is no such file, a line is none of the kind, or rows are missing or there twice.
-
-    Returns
-    -------
-    ndarray of int, shape (n, 2)
-        Node and direction of every row.
+    Lines have a row's number from 1, its node and its direction (1, 2, 3 or UX, UY, UZ), such as those of Ansys'
+    ``.mapping``, or node and direction as ``12.3`` alone, row after row, as CalculiX' ``.dof``; lines that do not begin
+    with a number are passed over. Raises `InputError` if there is no such file, a line is none of the kind, or rows are
+    missing or there twice.
     """
     check_file(path, received, "a list of rows is needed (row, node, direction)")
     found, lines = {}, path.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -325,7 +310,6 @@ def in_order_of_nodes(
 
 
 def _check(rows: np.ndarray, nodes: NodeFile, d: int, received: str, of_nodes: str) -> None:
-    """Refuse rows that are not of displacements of the nodes."""
     internal, turning, across = rows[:, 0] < 1, rows[:, 1] > 3, rows[:, 1] > d
     if internal.any():
         raise InputError(
@@ -386,11 +370,9 @@ class NodeFile:
 
 
 def read_nodes(path: Path, dimension: int, received: str) -> NodeFile:
-    """Read nodes from a mesh, or a file ending in .csv or .npz, in the plane z = 0 (2) or in space (3).
-
-    Raises `InputError` if the file is missing or unreadable, nodes have one number, are not finite, or off the plane;
-    or if its mesh is not sound. Messages begin with `received`.
-    """
+    """Read nodes from a mesh, or a file ending in .csv or .npz, in the plane z = 0 (2) or in space (3). Raises
+    `InputError` if the file is missing or unreadable, nodes have one number, are not finite, or off the plane; or if
+    its mesh is not sound. Messages begin with `received`."""
     suffix = path.suffix.lower()
     if suffix not in (".csv", ".npz"):
         return _of_mesh(path, dimension, received)

@@ -63,7 +63,6 @@ def chosen(names: list[str], kind: str) -> str:
 
 
 def entries(matrix: object, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
-    """Return a matrix as its entries."""
     found = sp.coo_matrix(matrix)
     arrays = {"row": found.row, "column": found.col, "value": found.data, "size": np.array(found.shape)}
     return arrays if rows is None else arrays | {"rows": rows}
@@ -96,7 +95,6 @@ def dmig(path: str, kind: str) -> dict[str, np.ndarray]:
 
 
 def op2(path: str, kind: str) -> dict[str, np.ndarray]:
-    """Read a matrix of a file of OUTPUT2."""
     from pyNastran.op2.op2 import read_op2
 
     matrices = read_op2(path, build_dataframe=False, debug=None).matrices
@@ -104,7 +102,6 @@ def op2(path: str, kind: str) -> dict[str, np.ndarray]:
 
 
 def op4(path: str, kind: str) -> dict[str, np.ndarray]:
-    """Read a matrix of a file of OUTPUT4, text or binary."""
     from pyNastran.op4.op4 import read_op4
 
     matrices = read_op4(path, debug=False)
@@ -112,7 +109,6 @@ def op4(path: str, kind: str) -> dict[str, np.ndarray]:
 
 
 def full(path: str, kind: str) -> dict[str, np.ndarray]:
-    """Read a matrix of a .full file."""
     from ansys.mapdl.reader import read_binary
 
     file = read_binary(path)
@@ -165,7 +161,6 @@ def cdb(path: str, kind: str) -> dict[str, np.ndarray]:
 
 
 def urdf(path: str, kind: str) -> dict[str, np.ndarray]:
-    """Read links and joints of a robot."""
     from xml.etree import ElementTree
 
     from yourdfpy import URDF

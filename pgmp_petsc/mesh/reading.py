@@ -64,21 +64,17 @@ class Counted:
 
     @property
     def n_nodes(self) -> int:
-        """Number of nodes."""
         return len(self.nodes)
 
     @property
     def n_cells(self) -> int:
-        """Number of cells."""
         return len(self.cells)
 
 
 def read_mesh(path: Path, received: str) -> meshio.Mesh:
-    """Read a file through meshio; messages begin with `received`, such as ``bodies.crank.mesh = "crank.msh"``.
-
-    Raises `InputError` if there is no such file, it is a directory, pipe or device, of a format that meshio does not
-    know, meshio cannot read it, or does not come to an end.
-    """
+    """Read a file through meshio; messages begin with `received`, such as ``bodies.crank.mesh = "crank.msh"``. Raises
+    `InputError` if there is no such file, it is a directory, pipe or device, of a format that meshio does not know,
+    meshio cannot read it, or does not come to an end."""
     check_file(path, received, "a mesh file that meshio reads is needed (paths are relative to the scene's directory)")
     if path.suffix.lower() == ABAQUS:
         with usable(received):
@@ -159,10 +155,8 @@ def usable(received: str) -> Iterator[None]:
 
 
 def check_file(path: Path, received: str, needed: str) -> None:
-    """Refuse what is no file, before anything is read from it, and say what is needed.
-
-    Raises `InputError` if there is no such file, it cannot be read, or it is a directory, pipe or device.
-    """
+    """Refuse what is no file, before anything is read from it, and say what is needed; raises `InputError` if there is
+    no such file, it cannot be read, or it is a directory, pipe or device."""
     try:
         mode = path.stat().st_mode
     except FileNotFoundError as error:
@@ -204,11 +198,8 @@ def shown(numbers: np.ndarray, most: int = 8) -> str:
 
 def read_abaqus(path: Path, received: str) -> tuple[meshio.Mesh, np.ndarray, list[str]]:
     """Return what an input file holds, with a block of cells for each type; the numbers of its nodes, shape (n_nodes,);
-    and the types of elements that are not known, which are left out.
-
-    Raises `InputError` if it has no nodes, or two of one number; or if an element or a set names what is not there.
-    `received` begins messages.
-    """
+    and the types of elements that are not known, which are left out. Raises `InputError` if it has no nodes, or two of
+    one number; or if an element or a set names what is not there. `received` begins messages."""
     deck = _Deck(received)
     for keyword, options, lines in _cards(path, received):
         deck.take(keyword, options, lines)
@@ -264,7 +255,6 @@ class _Deck:
             _set(self._sets["ELSET"], options["ELSET"]).extend(label for label, *_ in own)
 
     def mesh(self) -> meshio.Mesh:
-        """Return all of it as a mesh, nodes in the order of the file."""
         import meshio
 
         if not self.places:
@@ -296,7 +286,6 @@ def kind_of(name: str) -> str | None:
 
 
 def _set(sets: dict[str, list[int]], name: str) -> list[int]:
-    """Return the members of a set, made where it is new; capitals do not matter."""
     known = next((own for own in sets if own.upper() == name.upper()), name)
     return sets.setdefault(known, [])
 

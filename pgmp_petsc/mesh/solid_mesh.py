@@ -101,7 +101,6 @@ class ReferenceElement:
 
     @property
     def n_nodes(self) -> int:
-        """Number of nodes of a cell."""
         return len(self.nodes)
 
 
@@ -122,15 +121,8 @@ def reference_element(kind: str) -> ReferenceElement:
 
 
 def shape_gradients(kind: str, points: np.ndarray) -> np.ndarray:
-    """Return the gradients of an element's shape functions in reference coordinates, shape (n_points, d, n_nodes).
-
-    Parameters
-    ----------
-    kind : str
-        meshio's name of the cell type.
-    points : ndarray of float, shape (n_points, d)
-        Reference coordinates.
-    """
+    """Return the gradients of the shape functions of an element of meshio's cell type at points (n_points, d) in
+    reference coordinates, shape (n_points, d, n_nodes)."""
     return _tabulated(kind, reference_element(kind).nodes, points)[1]
 
 
@@ -210,11 +202,8 @@ class SolidMesh(Counted):
         return self.nodes.shape[1]
 
     def faces(self, name: str, entry: str) -> np.ndarray:
-        """Return the faces of the group `name`, shape (n_faces, n_face_nodes).
-
-        Raises `InputError` if the name is unknown or holds no face; `entry` is the dotted name of the scene's entry
-        that asks.
-        """
+        """Return the faces of the group `name`, shape (n_faces, n_face_nodes). Raises `InputError` if the name is
+        unknown or holds no face; `entry` is the dotted name of the scene's entry that asks."""
         return self._named(name, entry, ("group of faces", self.groups), ("region", "cells", self.regions))
 
     def region(self, name: str, entry: str) -> np.ndarray:

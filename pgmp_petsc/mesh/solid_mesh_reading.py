@@ -175,7 +175,6 @@ def _listed(counts: dict[str, int]) -> str:
 
 
 def _check_nodes(points: np.ndarray, kind: str, cells: np.ndarray, received: str) -> None:
-    """Refuse cells with nodes that are not there."""
     lost = np.flatnonzero(((cells < 0) | (cells >= len(points))).any(axis=1))
     if lost.size:
         raise InputError(
@@ -198,7 +197,7 @@ def renumbered(mesh: SolidMesh) -> SolidMesh:
     node_numbers[order] = np.arange(len(order))
     cells = node_numbers[mesh.cells]
     cell_order = np.argsort(cells.min(axis=1), kind="stable")
-    cell_numbers = _inverse(cell_order)
+    cell_numbers = np.argsort(cell_order)
     groups = {name: _in_order(node_numbers[faces]) for name, faces in mesh.groups.items()}
     regions = {name: np.sort(cell_numbers[region]) for name, region in mesh.regions.items()}
     return SolidMesh(mesh.kind, mesh.nodes[order], cells[cell_order], groups, regions, mesh.small_groups)
@@ -219,12 +218,6 @@ def compact_order(n_nodes: int, cells: np.ndarray) -> np.ndarray:
     graph = undirected_graph(np.hstack([edges, loops, [[end], [start]]]), start + 1)
     order = reverse_cuthill_mckee(graph, symmetric_mode=True)
     return order[order < n_nodes].astype(int)
-
-
-def _inverse(order: np.ndarray) -> np.ndarray:
-    numbers = np.empty_like(order)
-    numbers[order] = np.arange(len(order))
-    return numbers
 
 
 def _in_order(faces: np.ndarray) -> np.ndarray:
@@ -250,10 +243,8 @@ def complete_physical_groups(mesh: meshio.Mesh, path: Path) -> None:
 
 
 def entity_groups(path: Path) -> dict[tuple[int, int], np.ndarray]:
-    """Return the tags of the physical groups, without signs, by dimension and tag of the entity.
-
-    Nothing is returned for files of other formats, or that do not tell entities.
-    """
+    """Return the tags of the physical groups, without signs, by dimension and tag of the entity; nothing for files of
+    other formats, or that do not tell entities."""
     groups: dict[tuple[int, int], np.ndarray] = {}
     with path.open("rb") as file:
         if not _found(file, b"$MeshFormat"):
@@ -382,13 +373,11 @@ def _numbers(mesh: meshio.Mesh, members: list[np.ndarray], kind: str) -> np.ndar
 
 
 def _n_nodes(mesh: meshio.Mesh, members: list[np.ndarray]) -> int:
-    """Return how many nodes a group's cells have."""
     parts = [np.ravel(block.data[numbers]) for block, numbers in zip(mesh.cells, members) if numbers.size]
     return len(np.unique(np.concatenate(parts))) if parts else 0
 
 
 def _check_face_types(mesh: meshio.Mesh, members: list[np.ndarray], kind: str, beginning: str) -> None:
-    """Refuse faces of another type than the cells have."""
     element = reference_element(kind)
     for block, numbers in zip(mesh.cells, members):
         if numbers.size and block.dim == element.dimension - 1 and block.type != element.face_kind:
@@ -399,7 +388,6 @@ def _check_face_types(mesh: meshio.Mesh, members: list[np.ndarray], kind: str, b
 
 
 def _check_found(places: np.ndarray, faces: np.ndarray, kind: str, beginning: str) -> None:
-    """Refuse faces that are in no cell."""
     lost = np.flatnonzero(places < 0)
     if lost.size:
         raise InputError(

@@ -386,8 +386,7 @@ class FullModel:
 
         Stresses alone need the unknowns (n_dofs, n), outputs that read rates or accelerations those, and forces in
         joints their multipliers (`FullSystem.joint_multipliers`), those of controllers all that is beside (n_names, n).
-        Times and parameter values are numbers, or of shape
-        (n,).
+        Times and parameter values are numbers, or of shape (n,).
         """
         stresses = np.empty((0, frames.shape[2])) if self._stresses is None else self._stresses.of(q, values)
         nodes, unknowns = list(self.outputs.nodes), Unknowns(self.kinematics.mechanism)

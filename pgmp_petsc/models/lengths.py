@@ -75,20 +75,14 @@ def why_of_one_mesh(scene: Scene, drawn: Iterable[str]) -> str:
 
 
 class SeparateLengths:
-    """Full-order or component samples one by one, each with a model of its own lengths; see `Model`.
-
-    Attributes
-    ----------
-    model
-        That with the lengths of the scene's run.
-    """
+    """Full-order or component samples one by one, each with a `model` of its own lengths; see `Model`."""
 
     largest_batch = 1
 
     def __init__(self, model: FullModel) -> None:
         self.model = model
         self.name, self.title, self.identity = model.name, model.title, model.identity
-        self.scene, self.kinematics = model.scene, model.kinematics
+        self.scene, self.kinematics, self.limited = model.scene, model.kinematics, model.limited
         self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts)
         self.lengths = length_names(model.scene)
         self._models: WeakKeyDictionary[SecondOrderSystem, FullModel] = WeakKeyDictionary()
@@ -107,11 +101,6 @@ class SeparateLengths:
         system = own.single(values, comm)
         self._models[system] = own
         return system
-
-    @property
-    def limited(self) -> bool:
-        """See `FullModel`."""
-        return self.model.limited
 
     def left_range(self, system: SecondOrderSystem, state: State) -> np.ndarray:
         """See `FullModel`. Collective on the system's communicator."""
@@ -148,21 +137,15 @@ class LengthLanes(Observing):
     """Reduced samples side by side: terms are affine in monomials of the lengths, as in other parameters; see `Model`.
 
     Outputs, displacements and angles of joints are interpolated as the tables are (`reduction.sample_grid`): they are
-    evaluated in the model of each point of the grid.
-
-    Attributes
-    ----------
-    effects, start, motions, actions, terms, stiffness_changes, meshes
-        As of `ReducedModel`; rigid motions and shapes of the scene's own lengths have no part in them.
-    members
-        The models at the points of the grid.
+    evaluated in the model of each point of the grid, its `members`. Effects, start and so on are as of `ReducedModel`;
+    rigid motions and shapes of the scene's own lengths have no part in them.
     """
 
     name, title = ReducedModel.name, ReducedModel.title
 
     def __init__(self, model: ReducedModel) -> None:
         self._model, self.scene, self.kinematics = model, model.scene, model.kinematics
-        self.identity, self.meshes = model.identity, model.meshes
+        self.identity, self.meshes, self.largest_batch = model.identity, model.meshes, model.largest_batch
         self.effects, self.start, self.motions = model.effects, model.start, model.motions
         self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts, model.outputs.takes_beside)
         self.lengths = length_names(model.scene)
@@ -195,29 +178,21 @@ class LengthLanes(Observing):
 
     def _require_alike(self, actions: Sequence[Action]) -> None:
         """Raise `InputError` where one action at the points of the grid differs in what no table has."""
-        factors = [[function.factor for _, function in one.statement.terms] for one in actions]
-        arms = [
-            [
-                side.arm
-                for (part, _), *pair in zip(one.statement.terms, one.sides[::2], one.sides[1::2])
-                for side in pair
-                if part.kind != ANGLE
-            ]
-            for one in actions
-        ]
-        if np.ptp(factors, axis=0).any() or np.ptp(arms, axis=0).any():
+        own = []
+        for action in actions:
+            numbers = [np.ravel([parameter.at(self.scene.nominal) for parameter in action.parameters])]
+            for (part, function), *pair in zip(action.statement.terms, action.sides[::2], action.sides[1::2]):
+                arms = [] if part.kind == ANGLE else [side.arm for side in pair]
+                numbers += [[function.factor], part.axes.ravel(), *arms]
+            own.append(np.concatenate(numbers))
+        if np.ptp(own, axis=0).any():
             name, tables = actions[0].effect, ("effects", "joints", "controllers")
             table = next(table for table in tables if name in getattr(self.scene, table))
             raise InputError(
-                f"{table}.{name}: acts on a ratio, or on a point of a rigid body, that {', '.join(self.lengths)} "
-                "change; reduced samples that differ in these have no such force; give numbers (--override) or values "
-                "(--set), make the body flexible, or take --full"
+                f"{table}.{name}: acts on a ratio or a point of a rigid body, or by a number, that "
+                f"{', '.join(self.lengths)} change; reduced samples that differ in these have no such force; give "
+                "numbers (--override) or values (--set), make the body flexible, or take --full"
             )
-
-    @property
-    def largest_batch(self) -> int:
-        """Most samples that a batch has."""
-        return self._model.largest_batch
 
     @property
     def n_places(self) -> int:

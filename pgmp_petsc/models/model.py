@@ -105,18 +105,10 @@ MultipliersOf = Callable[[float, State, np.ndarray], np.ndarray]
 class Measures:
     """The motions that a scene's controllers measure, with their rates.
 
-    Attributes
-    ----------
-    nodes, order
-        Whose frames are read, and whether with their rates: 1 where they are.
-    carried
-        Forces in joints that effects hang on.
-    known
-        Whether actions of the mechanics measure all motions (`controllers.acting.motion_of`).
-    rows
-        Of each of these, its number among the parts of all forces that are given (`controllers.running.rows_of`).
-    origins
-        What counts as zero of each, where actions measure it, a number for each of these parts.
+    They are read from the frames of `nodes`, of order 1 with their rates, and forces in joints that effects hang on,
+    `carried`. Whether actions of the mechanics measure them all (`controllers.acting.motion_of`) is `known`. `rows` are
+    their numbers among the parts of all forces that are given (`controllers.running.rows_of`), and `origins`, a number
+    for each of these parts, what counts as zero where actions measure it.
     """
 
     def __init__(self, scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> None:

@@ -63,6 +63,7 @@ class ReducedModel(Observing):
     def __init__(self, scene: Scene, rom: ReducedOrderModel, kinematics: RigidKinematics | None = None) -> None:
         rom = rom.at_lengths(scene)
         self.scene, self.rom = scene, rom
+        self.largest_batch = scene.ensemble.batch
         self.identity = rom.identity
         self.meshes = rom.meshes
         self.kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, rom.meshes), rom.branch)
@@ -133,11 +134,6 @@ class ReducedModel(Observing):
         other.multipliers = self.multipliers and self.multipliers.under(other.effects)
         return other
 
-    @property
-    def largest_batch(self) -> int:
-        """Most samples that a batch has."""
-        return self.scene.ensemble.batch
-
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
         """Return a batch of samples on this rank, all with the lengths of the scene's run."""
         require_lengths(self.scene, values)
@@ -159,9 +155,8 @@ class ReducedModel(Observing):
         """Return what the outputs are made of, shape (n_observed, n), in states of reduced coordinates (n, n_eta).
 
         Outputs of controllers, and multipliers under control, take ``states.forces`` of all that is beside, (n, 2,
-        n_names), as of `ReducedSystem.forces_beside`.
-        Times (s) and parameter values are numbers, or of shape (n,). Where `cells_of` are other reduced coordinates
-        (n, n_eta), next to these, tables are continued from their cells.
+        n_names), as of `ReducedSystem.forces_beside`. Times (s) and parameter values are numbers, or of shape (n,).
+        Where `cells_of` are other reduced coordinates (n, n_eta), next to these, tables are continued from their cells.
         """
         frames = self.reconstruction.jets((states.q, states.v, states.a), self.outputs.order, cells_of)
         return self.observed_at(frames, time, states, values)

@@ -49,22 +49,18 @@ class _Gap:
     between: float
 
     @cached_property
-    def _values(self) -> tuple[StatementRows, StatementRows]:
-        return _statements(self.above), _statements(self.below)
-
-    @cached_property
-    def _jacobians(self) -> tuple[ConstraintJacobian, ConstraintJacobian]:
-        return ConstraintJacobian(self.above), ConstraintJacobian(self.below)
+    def _sides(self) -> tuple[tuple[StatementRows, ConstraintJacobian], ...]:
+        return tuple((_statements(side), ConstraintJacobian(side)) for side in (self.above, self.below))
 
     def at(self, poses: np.ndarray) -> np.ndarray:
         """Return by how much the constraints change at poses (n_bodies, n_pose), m or 1 per unit."""
-        above, below = (rows.values(poses.ravel()) for rows in self._values)
+        above, below = (rows.values(poses.ravel()) for rows, _ in self._sides)
         return (above - below) / self.between
 
     def slopes_at(self, poses: np.ndarray) -> sp.csr_matrix:
         """Return by how much their derivatives with unknowns in body frames change, (n_constraints, n_dofs)."""
-        above, below = (jacobian.at(poses) for jacobian in self._jacobians)
-        return (above - below)[: self._values[0].n] / self.between
+        above, below = (jacobian.at(poses) for _, jacobian in self._sides)
+        return (above - below)[: self._sides[0][0].n] / self.between
 
 
 @dataclass(frozen=True, eq=False)

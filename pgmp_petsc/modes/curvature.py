@@ -105,24 +105,14 @@ class CurvatureProblem:
     def solve(
         self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray, loose: np.ndarray | None = None, n_open: int = 0
     ) -> Curvature:
-        """Compute the curvature of the vectors of a basis.
+        """Compute the curvature of the flexible vectors of a basis, `shape`, local rows, (n_local, m), that holds the
+        modes at the configuration that the problem is at.
 
-        Raises `RunError` if the refinement of an answer does not converge.
-
-        Parameters
-        ----------
-        modes
-            Modes at the configuration that the problem is at; the basis holds them.
-        shape
-            The flexible vectors of the basis, local rows, shape (n_local, m), the answers to offsets last.
-        answered
-            The load that each of them answers, as from `answered_loads` and combinations of them, zero where none is
-            known (joints then take of its elastic forces what they can), shape (n_local, m).
-        loose
-            Which of them are without strain, as elastic joints allow them, shape (m,); none by default.
-        n_open
-            How many of the last ones answer gaps of constraints, which are the same wherever the mechanism is; without
-            offsets alone.
+        Each of them answers a load, `answered`, (n_local, m), as from `answered_loads` and combinations of them, zero
+        where none is known (joints then take of its elastic forces what they can). Those that are `loose`, (m,), are
+        without strain, as elastic joints allow them; none by default. The last ones answer offsets, or without any
+        n_open of them gaps of constraints, which are the same wherever the mechanism is. Raises `RunError` if the
+        refinement of an answer does not converge.
         """
         loose = np.zeros(shape.shape[1], dtype=bool) if loose is None else loose
         problem, pairs = self._problem, np.tril_indices(shape.shape[1])

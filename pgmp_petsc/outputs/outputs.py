@@ -101,17 +101,13 @@ class OutputSet:
         return lambda beside: self._evaluated(beside, poses)
 
     def _evaluated(self, observed: np.ndarray, poses: Callable[[Frames], np.ndarray] | None) -> dict[str, np.ndarray]:
-        seen = self._seen(observed)
-        if poses is not None:
-            seen = replace(seen, poses=poses(seen.frames[0]))
+        seen = self._seen(observed, poses)
         return {name: reading.jet(seen, 0)[0] for name, reading in self.functions.items()}
 
     def jets(self, observed: np.ndarray, readings: Sequence[tuple[AnyReading, bool]]) -> list[Jet]:
         """Return the values and rates of readings of these outputs, each (n,), for what a model observes; rates are
         zero of those that none is asked for of."""
-        seen = self._seen(observed)
-        if self.rigid is not None:
-            seen = replace(seen, poses=self.rigid.poses(seen.frames[0]))
+        seen = self._seen(observed, self.rigid and self.rigid.poses)
         found = [reading.jet(seen, int(with_rate)) for reading, with_rate in readings]
         return [[*jet, np.zeros_like(jet[0])][:2] for jet in found]
 
@@ -134,15 +130,17 @@ class OutputSet:
         """Return the outputs under the loads of another scene."""
         return replace(self, bases=_bases(scene)) if self.bases else self
 
-    def _seen(self, observed: np.ndarray) -> Seen:
+    def _seen(self, observed: np.ndarray, poses: Callable[[Frames], np.ndarray] | None = None) -> Seen:
         n, n_nodes = observed.shape[1], len(self.nodes)
         sizes = [self.n_frame, *(self.n_pose for _ in range(self.order))]
         counts = (*(n_nodes * size for size in sizes), len(self.stresses) + self.n_forces, self.reads_time)
         ends = pairwise((*accumulate(counts, initial=0), len(observed)))  # a tenth of the time of numpy's split
         *moving, stresses, time, values = (observed[first:end] for first, end in ends)
+        frames = tuple(dict(zip(self.nodes, part.reshape(n_nodes, size, n))) for part, size in zip(moving, sizes))
         return Seen(
-            tuple(dict(zip(self.nodes, part.reshape(n_nodes, size, n))) for part, size in zip(moving, sizes)),
+            frames,
             self.rigid,
+            poses and poses(frames[0]),
             of_model=dict(zip((*(one.name for one in (*self.stresses, *self.forces)), *self.beside), stresses)),
             time=time[0] if self.reads_time else None,
             values=dict(zip(self.parameters, values)),

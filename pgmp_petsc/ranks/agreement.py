@@ -33,23 +33,10 @@ SOON, NOW_AND_THEN = 5e-3, 1e-3
 def agreed(comm: Comm, activity: str) -> Iterator[None]:
     """Raise on every rank what any rank raised within the block. Collective on ``comm``.
 
-    The block itself must contain no collective operation on ``comm``: a rank that fails skips the rest of it.
-
-    Parameters
-    ----------
-    comm : mpi4py.Comm
-        The ranks that run the block.
-    activity : str
-        What the block does, as a noun phrase ("reading the mesh"); part of the message of a `RunError`.
-
-    Raises
-    ------
-    PgmpError
-        That of the lowest failing rank, with its type and message. The failing rank keeps its own traceback.
-    InputError
-        Where that rank failed with any other exception below a line of a plugin.
-    RunError
-        Where it did elsewhere; its traceback is printed to stderr there.
+    The block itself must contain no collective operation on ``comm``: a rank that fails skips the rest of it. Raised is
+    the `PgmpError` of the lowest failing rank, with its type and message; that rank keeps its own traceback. Any other
+    exception there is an `InputError` below a line of a plugin, else a `RunError` that names the activity, a noun
+    phrase ("reading the mesh"), with the traceback on stderr.
     """
     failure: PgmpError | None = None
     try:
@@ -71,10 +58,8 @@ def agreed(comm: Comm, activity: str) -> Iterator[None]:
 
 
 def on_root(comm: Comm, function: Callable[..., Result], *args: Any) -> Result:
-    """Call ``function(*args)`` on rank 0 and return its result on every rank. Collective on ``comm``.
-
-    Raises `PgmpError`, as :func:`agreed`; a result that cannot be pickled counts as a failure of rank 0.
-    """
+    """Call ``function(*args)`` on rank 0 and return its result on every rank. Collective on ``comm``. Raises
+    `PgmpError`, as :func:`agreed`; a result that cannot be pickled counts as a failure of rank 0."""
     result, packed = None, None
     with agreed(comm, getattr(function, "__name__", "work on rank 0").replace("_", " ").strip()):
         if comm.rank == 0:

@@ -176,15 +176,12 @@ class LastingOutput(io.RawIOBase):
         self.failure: OSError | None = None
 
     def writable(self) -> bool:
-        """It is."""
         return True
 
     def fileno(self) -> int:
-        """Return the descriptor."""
         return self._descriptor
 
     def isatty(self) -> bool:
-        """Return whether somebody looks at it."""
         return os.isatty(self._descriptor)
 
     def write(self, data: bytes) -> int:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,7 @@ UNKNOWNS_PER_RANK = 3000  # of a run that is shared by ranks
 
 
 @dataclass(frozen=True)
-class RankGroup:
+class RankGroup(AbstractContextManager):
     """This rank's place among groups of ranks; in a ``with`` block, which frees the groups' communicators."""
 
     world: Comm  # all ranks
@@ -64,9 +64,6 @@ class RankGroup:
         for comm in (self.roots, self.comm):
             if comm is not None:
                 comm.Free()
-
-    def __enter__(self) -> RankGroup:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -109,19 +106,9 @@ FAILED, LEAVES = -1, -2  # in place of the number of a piece
 def deal(comm: Comm, n_pieces: int, work: Work, take: Take) -> None:
     """Work off pieces 0 to n_pieces - 1, in about this order. Collective on `comm`.
 
-    Parameters
-    ----------
-    work
-        Computes a piece, given by its number, on any rank; calls what it is given besides now and then. Its result is
-        pickled.
-    take
-        Takes in number and result of a piece, on rank 0.
-
-    Raises
-    ------
-    Exception
-        What `work` or `take` raised, on the rank where it was; the others return early. To be called where ranks agree
-        on failures (`ranks.agreement.agreed`).
+    A piece, given by its number, is computed on any rank by `work`, which calls what it is given besides now and then;
+    `take` takes in its number and its result, which is pickled, on rank 0. What these raise is raised on the rank where
+    it was; the others return early. To be called where ranks agree on failures (`ranks.agreement.agreed`).
     """
     in_hand = 2 if n_pieces >= MANY * comm.size else 1
     if comm.rank == 0:
@@ -222,7 +209,6 @@ class _First:
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
-        """Remember the first failure, which is raised once all others have left."""
         self._stopped, self._failure = True, self._failure or error
 
 
@@ -271,7 +257,6 @@ class _Other:
                 self._in_hand.clear()
 
     def _answer(self) -> int:
-        """Wait for an answer."""
         while not self._comm.iprobe(0, ANSWER):
             self._pulse()
             time.sleep(NOW_AND_THEN)

@@ -158,10 +158,8 @@ def options_of(prefix: str) -> dict[str, str | None]:
 
 
 def option_names(arguments: Sequence[str]) -> list[str]:
-    """Return the names of options as PETSc stores them, without the dash and with pushed prefixes.
-
-    Raises `InputError`, at a word that is neither an option nor the value of one; PETSc would pass over it in silence.
-    """
+    """Return the names of options as PETSc stores them, without the dash and with pushed prefixes. Raises `InputError`,
+    at a word that is neither an option nor the value of one; PETSc would pass over it in silence."""
     names: list[str] = []
     pushed, words = [], iter(arguments)
     previous: str | None = None
@@ -224,10 +222,8 @@ def unused_remark(names: Sequence[str]) -> str:
 @contextmanager
 def petsc_solver(prefix: str, activity: str) -> Iterator[None]:
     """Turn what PETSc raises in a block into an error of ours, which says what the block does, with the configuration.
-
     Raises `InputError` if PETSc refuses the value of one of the options with the prefix of the object that the block
-    works on; `RunError` if anything else fails in PETSc.
-    """
+    works on; `RunError` if anything else fails in PETSc."""
     from petsc4py import PETSc
 
     try:

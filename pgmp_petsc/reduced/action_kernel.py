@@ -112,39 +112,17 @@ def act(
     local, chosen, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, limiting, work, kept, acting, known,
     depths
 ):  # fmt: skip
-    """Evaluate some actions on a block.
+    """Evaluate the `chosen` actions on a block, with amplitudes now, vectors (n_actions, LANES), at q and v, (n_eta,
+    LANES).
 
-    Parameters
-    ----------
-    chosen
-        Those to be evaluated.
-    grid
-        Cells of the tables.
-    amplitudes
-        Of the actions now, vectors (n_actions, LANES).
-    q, v
-        Vectors (n_eta, LANES).
-    samples
-        Number of the sample in each lane, shape (LANES,).
-    lanes
-        A set of them, whose laws are evaluated; others have no forces.
-    gain_v
-        Derivative of eta' with eta within a step, a vector.
-    with_tangent
-        Whether `acting.tangent` is wanted.
-    limiting
-        Whether laws are limited (`Law.about_zero`).
-    work
-        See `LocalWork`.
-    kept
-        `KeptPlaces` of the block.
-    acting
-        Result, of this block.
-    known
-        Result: power of what is not elastic (W), potential energy (J) and force (N or N m); shape (n_samples, 3,
-        n_actions). In a fourth row, rates are kept for the next iterate.
-    depths
-        Result: how far each edge of a law is crossed, negative where it is not, shape (n_samples, n_edges).
+    The samples in its lanes have the numbers `samples`, (LANES,); laws are evaluated in a set of `lanes`, others have
+    no forces, and limited (`Law.about_zero`) where `limiting`. gain_v is the derivative of eta' with eta within a step,
+    a vector; `acting.tangent` is filled where it is wanted (`with_tangent`). `work` and `kept` are those of the block,
+    `LocalWork` and `KeptPlaces`.
+
+    Filled are `acting`, of this block; `known`, power of what is not elastic (W), potential energy (J) and force (N or
+    N m), (n_samples, 3, n_actions), in whose fourth row rates are kept for the next iterate; and how far each edge of a
+    law is crossed, negative where it is not, `depths`, (n_samples, n_edges).
     """
     places, actions = local.places, local.actions
     n, r = q.shape[0], len(grid)

@@ -205,22 +205,12 @@ def _put(kept, row, lanes, x):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"}, counted=False)
 def refill(table, cell, weights, slots, first, end, lanes, kept):
-    """Put the weighted sums of a cell's terms into some lanes of kept polynomials.
+    """Put the weighted sums of a cell's terms into those lanes of kept polynomials, (n_slots * n_coefficients, LANES),
+    that enter the cell; see `Cells.polynomials`, and the place there.
 
-    Parameters
-    ----------
-    table, cell
-        See `Cells.polynomials`, and the place there.
-    weights
-        Of the terms, vectors (n_terms, LANES).
-    slots
-        Which group of coefficients each term is added to, in increasing order, shape (n_terms,).
-    first, end
-        Coefficients to fill, multiples of N_POWERS: so many have their sums side by side.
-    lanes
-        The lanes that enter the cell.
-    kept
-        Vectors (n_slots * n_coefficients, LANES).
+    Weights of the terms are vectors (n_terms, LANES), and each is added to one of the groups of coefficients, `slots`,
+    increasing, (n_terms,). Coefficients are filled from `first` to `end`, multiples of N_POWERS: so many have their
+    sums side by side.
     """
     t = 0
     while t < slots.size:

@@ -277,22 +277,12 @@ def inertia_of(layout, kept, entry, place):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"}, counted=False)
 def evaluate(layout, kept, place, gain_v, gain_a, fresh, loaded, work, matrix):
-    """Evaluate the residual into ``work.balance`` and, if `fresh`, the iteration matrix.
+    """Evaluate the residual into ``work.balance`` and, if `fresh`, the iteration matrix; see `Work` and `Matrix`.
 
-    Parameters
-    ----------
-    kept
-        Polynomials of the cell of every sample, weighted with its parameters: rows of `polynomial`.
-    place
-        In the cell, a tuple of vectors.
-    gain_v, gain_a
-        Derivatives of eta' and eta'' with eta within a step, vectors.
-    loaded
-        Whether there are loads.
-    work, matrix
-        See `Work` and `Matrix`; its positions are those of the iterate, ``v`` and ``a`` what the inertia forces see.
-
-    The terms are inlined: to hand the many arrays on would take as long as to evaluate some of them.
+    `kept` are polynomials of the cell of every sample, weighted with its parameters: rows of `polynomial`; `place` is
+    that in the cell, a tuple of vectors. The positions of `work` are those of the iterate, ``v`` and ``a`` what the
+    inertia forces see; gain_v and gain_a are the derivatives of eta' and eta'' with eta within a step, vectors. The
+    terms are inlined: to hand the many arrays on would take as long as to evaluate some of them.
     """
     velocity = load_rows(work.v, 0, 1, place)
     _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix)

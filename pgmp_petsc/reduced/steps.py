@@ -170,30 +170,15 @@ def advance(
 ):  # fmt: skip
     """Take some samples through several equal steps, each until it is done or something happens to it.
 
-    A lane goes from step to step by itself: where one searches the edge of a law within a step, others go on.
-
-    Parameters
-    ----------
-    strengths, functions
-        At the ends of all steps; and what gives them at any time, `TimeFunctions` of each effect with loads, action and
-        coordinate, which edges of laws alone ask for.
-    scheme
-        ``(alpha_m, alpha_f, beta, gamma)``.
-    steps
-        Number of the first step in the run, ends of all steps (n_t,) and length of each, s.
-    state
-        ``(q, v, a, auxiliary, before, contraction, beside)``, each (n_samples, n_eta), with the auxiliary accelerations
-        and the accelerations one step before, the contraction to be expected (n_samples, 1), and numbers beside,
-        (n_samples, n_beside); advanced in place. A sample to which something happens stays at the beginning of that
-        step.
-    bounds
-        Range of each coordinate in which the tables hold, (n_theta, 2).
-    lanes
-        Sets of those to advance, shape (n_blocks,).
-    progress
-        Result.
-    control
-        The controllers, a reference to `control.Control`.
+    A lane goes from step to step by itself: where one searches the edge of a law within a step, others go on. Strengths
+    are those at the ends of all steps; `functions` give them at any time, `TimeFunctions` of each effect with loads,
+    action and coordinate, which edges of laws alone ask for. The scheme is ``(alpha_m, alpha_f, beta, gamma)``, `steps`
+    the number of the first step in the run, ends of all, (n_t,), and length of each, s. The state ``(q, v, a,
+    auxiliary, before, contraction, beside)``, each (n_samples, n_eta), has the auxiliary accelerations and those one
+    step before, the contraction to be expected, (n_samples, 1), and numbers beside, (n_samples, n_beside). It is
+    advanced in place; a sample to which something happens stays at the beginning of that step. Tables hold in the range
+    `bounds` of each coordinate, (n_theta, 2). `lanes` are sets of those to advance, (n_blocks,), `progress` is a
+    result, and `control` a reference to `control.Control`.
     """
     for block in range(lanes.size):
         if lanes[block] == 0:

@@ -169,7 +169,8 @@ class _Build:
                 with timings.phase("second order"):
                     manifold = Manifold(problem, loads, static_loads, scene.static_stretching, built_in)
                     basis = sampling.curve(store, basis, manifold)
-            if _forces_change(scene, self._mechanism):
+            weights = (*self._mechanism.mass_weights, *self._mechanism.stiffness_weights)
+            if stressed_bodies(scene) and any(weight.powers for weight in weights):
                 with timings.phase("section forces"):
                     missed = sampling.missed(store, basis, static_loads)
             if self._opened_rows.size:
@@ -221,12 +222,6 @@ class _Build:
             missed=found.missed,
             gaps=gaps,
         )
-
-
-def _forces_change(scene: Scene, mechanism: Mechanism) -> bool:
-    """Return whether stress outputs are asked for of bodies that parameters change."""
-    weights = (*mechanism.mass_weights, *mechanism.stiffness_weights)
-    return bool(stressed_bodies(scene)) and any(weight.powers for weight in weights)
 
 
 @gathered

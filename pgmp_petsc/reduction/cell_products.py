@@ -173,19 +173,14 @@ def products_of(
     The table has rows over the grid of every coordinate, shape (n_rows, n_in, n_out). Factors are the vectors, shape
     (k, m); where there are more, they are products of pairs of these.
     """
-    (_, n_in, n_out), (cells, order) = table.shape, by_cells(theta, axes)
+    (_, n_in, n_out), cells = table.shape, cells_of(theta, axes)
+    # equal ones side by side; in so few bits it is fast, and were there more, some would share fewer loads of the table
+    order = np.argsort(cells.astype(np.uint16), kind="stable")
     result = np.empty((len(theta), n_out))
     work = tuple(aligned_zeros((n, LANES)) for n in (N_ROWS ** len(axes), N_ROWS, n_in, n_out))
     vectors = np.require(vectors, requirements="CW")  # one kind of array, one compiled function
     _fill_products(theta, axes, table, vectors, derivative, cells, order, work, result)
     return result
-
-
-def by_cells(theta: np.ndarray, axes: tuple[Axis, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the cell of every theta (k, n_theta), and an order that puts equal ones side by side, (k,) each."""
-    cells = cells_of(theta, axes)
-    # in so few bits it is fast; were there more cells, some would only share fewer loads of the table
-    return cells, np.argsort(cells.astype(np.uint16), kind="stable")
 
 
 def cells_of(theta: np.ndarray, axes: tuple[Axis, ...]) -> np.ndarray:

@@ -48,18 +48,12 @@ class Reconstruction:
         if internal:
             mechanism = kinematics.mechanism
             rows = np.append(rows, np.arange(per_node * mechanism.n_nodes, mechanism.n_dofs))
-        self._curved, self._shapes = rom.curvature is not None, rom.displacements(scheme, rows)
+        #: displacements and rotations of the nodes in body frames, as `ReducedOrderModel.displacements` has them
+        self.displacements: Interpolant = rom.displacements(scheme, rows)
+        self._curved = rom.curvature is not None
         bodies = kinematics.mechanism.bodies
         self._bodies = np.repeat(np.arange(len(bodies)), [body.n_nodes for body in bodies])[self._nodes]
         self._points = np.concatenate([body.mesh.nodes for body in bodies])[self._nodes]
-
-    @property
-    def displacements(self) -> Interpolant:
-        """Displacements and rotations of the nodes in body frames, values of shape (n_factors, n_unknowns).
-
-        Factors are the flexible coordinates and, where the model is curved, the products of their pairs.
-        """
-        return self._shapes
 
     def frames(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of the nodes, shape (n_nodes, 3, n), for eta of shape (n, n_eta).
@@ -137,7 +131,7 @@ class Reconstruction:
     def _displacement_jets(self, states: Sequence[np.ndarray], cells_of: np.ndarray) -> list[np.ndarray]:
         """Return displacements in body frames and their derivatives over time, each (n, n_unknowns)."""
         r, order, (n, _) = self._kinematics.n_coordinates, len(states) - 1, states[0].shape
-        deltas, shapes = [part[:, r:] for part in states], self._shapes
+        deltas, shapes = [part[:, r:] for part in states], self.displacements
         factors = deltas
         if self._curved:
             i, j = np.tril_indices(deltas[0].shape[1])
@@ -200,12 +194,12 @@ class Reconstruction:
     def _changes(self, theta: np.ndarray, delta: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return what gives the exact derivative of displacements, (n, n_unknowns), along directions (n, n_eta)."""
         n_theta = theta.shape[1]
-        slopes = [self._shapes.product(theta, delta, k) for k in range(n_theta)]
+        slopes = [self.displacements.product(theta, delta, k) for k in range(n_theta)]
 
         def along(direction: np.ndarray) -> np.ndarray:
             bending = direction[:, n_theta:]
             changes = np.hstack([bending, pair_changes(delta, bending)]) if self._curved else bending
-            rates = self._shapes.product(theta, np.ascontiguousarray(changes))
+            rates = self.displacements.product(theta, np.ascontiguousarray(changes))
             for k, slope in enumerate(slopes):
                 rates += direction[:, k, None] * slope
             return rates
@@ -214,7 +208,7 @@ class Reconstruction:
 
     def _displacements(self, eta: np.ndarray) -> np.ndarray:
         n_theta = self._kinematics.n_coordinates
-        return self._shapes.product(eta[:, :n_theta], eta[:, n_theta:])
+        return self.displacements.product(eta[:, :n_theta], eta[:, n_theta:])
 
     def _fill_in_space(self, theta: np.ndarray, poses: np.ndarray, local: np.ndarray, frames: np.ndarray) -> None:
         """Fill frames from displacements and rotations (n, 6 n_nodes) in body frames at poses (n_bodies, 12, n)."""

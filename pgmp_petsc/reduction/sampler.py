@@ -30,9 +30,8 @@ class Sample:
     """Results of a group of ranks at one configuration, in the eigensolver's own basis.
 
     The kept vectors are the eigenmodes, ascending, after them what elastic joints allow, and the static modes of the
-    loads. Snapshots of every
-    parameter point follow, M-orthogonal to them: candidates, of which the build takes a few combinations. Tables are of
-    all these, and last of what joints that are off build in.
+    loads. Snapshots of every parameter point follow, M-orthogonal to them: candidates, of which the build takes a few
+    combinations. Tables are of all these, and last of what joints that are off build in.
     """
 
     eigenvalues: np.ndarray  # full-order eigenvalues at the nominal parameters, shape (n_modes,), (rad/s)^2

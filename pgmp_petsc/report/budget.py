@@ -81,7 +81,6 @@ class ModelError:
 
 
 def _worst(shares: Mapping[str, float]) -> str | None:
-    """Return the name of the largest share; None where none is known."""
     known = {name: share for name, share in shares.items() if np.isfinite(share)}
     return max(known, key=known.__getitem__) if known else None
 
@@ -129,7 +128,6 @@ def _estimated(sources: Sequence[Source]) -> ModelError | None:
 
 
 def _share(source: Source, name: str) -> Datum:
-    """Return the estimated error of an output of a run, as a share of its largest value."""
     share = source.result.errors.share(name)
     return Datum(share, share_text(share), source.name, f"/errors/{name}@share")
 
@@ -258,7 +256,6 @@ def n_nodes(run: Trajectory) -> int:
 
 
 def _of_mesh(sources: Sequence[Source], studies: Sequence[Source]) -> Iterator[Line]:
-    """Yield the discretisation error."""
     measured = mesh_errors(sources)
     for name, (share, how) in measured.items():
         yield Line(f"mesh: {name}", [Datum(share, share_text(share))], f"measured: {how}")
@@ -279,7 +276,6 @@ def _of_mesh(sources: Sequence[Source], studies: Sequence[Source]) -> Iterator[L
 
 
 def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:
-    """Yield the half widths of intervals."""
     for source in of_kind(sources, Ensemble):
         result = source.result
         for label, chance in result.probabilities.items():
@@ -298,7 +294,6 @@ def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:
 
 
 def _of_balance(sources: Sequence[Source]) -> Iterator[Line]:
-    """Yield what is left over of the balances of energy."""
     for source in sources:
         balance = source.result.balance if isinstance(source.result, Trajectory) else None
         if balance is not None and balance.exchanged > 0.0:

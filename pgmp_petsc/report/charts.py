@@ -318,7 +318,6 @@ def accuracy_and_time(study: Tradeoff, output: str) -> Chart:
 
 
 def _keys(axes: Axes) -> None:
-    """Put the keys above the axes, where they hide nothing."""
     handles, labels = axes.get_legend_handles_labels()
     if handles:
         needed = [len(label) + 6 for label in labels]

@@ -54,7 +54,6 @@ class FilmBody:
     note: str = ""  # what of the body is left out, empty where nothing is
 
     def at(self, frames: np.ndarray) -> FilmBody:
-        """Return the body at some of the frames."""
         chosen = {name: getattr(self, name)[frames] for name in ("points", "deformation", "known")}
         return replace(self, **chosen, values=None if self.values is None else self.values[frames])
 
@@ -235,7 +234,6 @@ class _Picture:
         return self.unit * (vectors @ self.view.T) * [1.0, -1.0, 1.0]
 
     def places(self, points: np.ndarray) -> np.ndarray:
-        """Return places (..., 3)."""
         return self.directions(points) + self.shift
 
 
@@ -338,7 +336,6 @@ class _Shots:
 
 
 def _picture(bodies: list[FilmBody]) -> tuple[_Picture, int]:
-    """Return where a picture has the bodies, and how tall it is without its foot."""
     points = np.concatenate([body.points.reshape(-1, 3) for body in bodies])
     extents = np.ptp(points, axis=0)
     flat = bool(extents[2] < FLAT * extents.max())
@@ -392,7 +389,6 @@ def _packed(body: FilmBody, picture: _Picture, stress: Stress | None) -> dict[st
 
 
 def _text(numbers: np.ndarray, kind: str) -> str:
-    """Return numbers as base64 of little-endian ones."""
     return base64.b64encode(np.ascontiguousarray(numbers, dtype=kind).tobytes()).decode("ascii")
 
 
@@ -429,7 +425,6 @@ def _paths(run: Trajectory, joints: dict[str, np.ndarray], picture: _Picture, mo
 
 
 def _notes(run: Trajectory, bodies: list[FilmBody], enlarged: bool) -> list[str]:
-    """Return what has to be known of the picture."""
     said = uncoloured(run.fields) if run.fields else []
     if run.fields and run.model == "reduced":
         said += filter(None, [truncated(run.record.scene_toml)])

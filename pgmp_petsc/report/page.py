@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path, PurePath
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
 from pgmp_petsc.files.claims import check_output, named, replacing
 from pgmp_petsc.files.hdf5 import KINDS
 from pgmp_petsc.report import charts
-from pgmp_petsc.report.budget import Decision, Line, decision, error_budget, mesh_twins, model_error, verdict
+from pgmp_petsc.report.budget import decision, error_budget, mesh_twins, model_error, verdict
 from pgmp_petsc.report.charts import Chart, Curve
 from pgmp_petsc.report.film import Film, film_of
 from pgmp_petsc.report.sources import (
@@ -68,39 +69,8 @@ class Table:
     note: str = ""
 
 
-@dataclass(frozen=True)
-class Section:
-    """The page's section on a scene; the names are those of the template."""
-
-    name: str
-    description: str
-    decision: Decision
-    verdict: list[Sentence]
-    film: Film | None
-    film_of: str
-    parameters: Table
-    outputs: list[Chart]
-    statistics: list[Table]
-    distributions: list[Chart]
-    rankings: list[tuple[str, list[Chart]]]
-    loads: list[Chart]
-    sizing: list[Table]
-    budget: list[Line]
-    energies: list[Chart]
-    tradeoffs: list[tuple[Table, list[Chart], list[str]]]
-    rare_events: list[Table]
-    fits: list[tuple[Table, list[Chart]]]
-    failures: list[Table]
-    remarks: list[tuple[str, str, str]]
-    cost: Table
-    origins: Table
-    commands: list[str]
-    downloads: list[Download]
-    absent: list[str]
-
-
-def section_of(sources: Sequence[Source]) -> Section:
-    """Return the part of a scene."""
+def section_of(sources: Sequence[Source]) -> SimpleNamespace:
+    """Return the part of a scene; the names are those of the template."""
     scene = scene_of(sources[0].record)
     header = scene.get("scene", {})
     meshes = [other for _, other in mesh_twins(sources)]  # the error budget has these
@@ -112,7 +82,7 @@ def section_of(sources: Sequence[Source]) -> Section:
     filmed = next((source for source in runs if source.result.frames is not None), None)
     film = None if filmed is None else film_of(filmed.result, filmed.name)
     labels = labels_of(comparisons, {id(source.result): source.path for source in runs})
-    return Section(
+    return SimpleNamespace(
         name=str(header.get("name", "scene without a name")),
         description=str(header.get("description", "")),
         decision=decision(sources, error),
@@ -226,7 +196,6 @@ def film_words(source: Source, scene: Mapping[str, Any], among_samples: bool) ->
 
 
 def _parameters(scene: Mapping[str, Any], source: Source) -> Table:
-    """Return the parameters with their units, values and distributions."""
     rows = []
     for name, value in source.record.parameters.items():
         entry = scene.get("parameters", {}).get(name, {})
@@ -283,7 +252,6 @@ def _outputs(
 
 
 def _statistics(source: Source, several: bool) -> Table:
-    """Return the figures of an ensemble with their intervals."""
     ensemble = source.result
     head = ["", "mean", "deviation", "samples"]
     first = next(iter(ensemble.statistics.values()))
@@ -344,7 +312,6 @@ def _distributions(scene: Mapping[str, Any], ensembles: Sequence[Source]) -> Ite
 
 
 def _title(ensemble: Ensemble, name: str) -> str:
-    """Return a quantity of an ensemble in words."""
     return name + (", first passage" if name in ensemble.first_passages else "")
 
 
@@ -446,7 +413,6 @@ def _tradeoff(source: Source) -> tuple[Table, list[Chart], list[str]]:
 
 
 def _failures(source: Source) -> Table:
-    """Return which samples failed, where and why."""
     ensemble = source.result
     failed = np.flatnonzero(ensemble.status)
     names = list(ensemble.parameters)
@@ -463,7 +429,6 @@ def _failures(source: Source) -> Table:
 
 
 def _rare_event(source: Source) -> Table:
-    """Return the probability of a rare event, and where it is most likely."""
     found = source.result
     rows: list[list[Sentence]] = [[["probability"], chance_of(source) or ["not reached"], [""]]]
     likely = found.most_likely
@@ -498,7 +463,6 @@ def _fit(source: Source) -> Table:
 
 
 def _remarks(sources: Sequence[Source]) -> list[tuple[str, str, str]]:
-    """Return the files, kind and text of every remark, once, warnings first."""
     found: dict[tuple[str, str], list[str]] = {}
     for source in sources:
         for remark in source.record.remarks:
@@ -517,7 +481,6 @@ def _cost(sources: Sequence[Source]) -> Table:
 
 
 def _origins(sources: Sequence[Source]) -> Table:
-    """Return what each file is and which program wrote it."""
     rows = []
     for source in sources:
         kind, model = KINDS[source.result.kind], getattr(source.result, "model", "")
@@ -671,7 +634,6 @@ def _largest_of_units(results: Sequence[object]) -> dict[str, float]:
 
 
 def page_of(scenes: Sequence[Sequence], lines: Sequence[str]) -> str:
-    """Return the page's text."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # only this command needs it
 
     environment = Environment(

@@ -57,15 +57,12 @@ class Source:
 
     @property
     def record(self) -> RunRecord:
-        """Where the result comes from."""
         return self.result.record
 
 
 def read_sources(files: Sequence[Path]) -> tuple[list[list[Source]], list[str]]:
-    """Return the sources, one list a scene, in the order in which they come, and a line for each file given twice.
-
-    Raises `InputError` if a file is damaged, or none of those that a page shows.
-    """
+    """Return the sources, one list a scene, in the order in which they come, and a line for each file given twice;
+    raises `InputError` if a file is damaged, or none of those that a page shows."""
     scenes, lines = read_scenes(files, READERS, "shown")
     paths = [path for scene in scenes for path, *_ in scene]
     names = dict(zip(paths, short_names(paths)))
@@ -73,7 +70,6 @@ def read_sources(files: Sequence[Path]) -> tuple[list[list[Source]], list[str]]:
 
 
 def of_kind(sources: Iterable[Source], kind: type | tuple[type, ...]) -> list[Source]:
-    """Return the sources with results of a kind."""
     return [source for source in sources if isinstance(source.result, kind)]
 
 
@@ -157,7 +153,6 @@ def chance_of(source: Source) -> Sentence:
 
 
 def failed_of(source: Source) -> str:
-    """Return how many samples of an ensemble failed."""
     status = source.result.status
     return f"{source.name}: {np.count_nonzero(status)} of {len(status)} samples failed"
 

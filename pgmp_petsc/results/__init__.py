@@ -6,30 +6,16 @@ A kind of result is imported when it is first asked for: a command has use for o
 from importlib import import_module
 from typing import Any
 
-_MODULES = {
-    "Attempt": "selection",
-    "Balance": "estimates",
-    "Band": "statistics",
-    "BodyField": "trajectory",
-    "Chance": "statistics",
-    "Derivatives": "gradients",
-    "Design": "gradients",
-    "EffectSizes": "selection",
-    "Ensemble": "ensemble",
-    "EstimatedErrors": "estimates",
-    "Fit": "gradients",
-    "Frames": "trajectory",
-    "MeshErrors": "tradeoff",
-    "ModesTable": "trajectory",
-    "RareEvent": "statistics",
-    "References": "tradeoff",
-    "Selection": "selection",
-    "Sensitivity": "statistics",
-    "Statistics": "statistics",
-    "Times": "tradeoff",
-    "Tradeoff": "tradeoff",
-    "Trajectory": "trajectory",
+_NAMES = {
+    "ensemble": ("Ensemble",),
+    "estimates": ("Balance", "EstimatedErrors"),
+    "gradients": ("Derivatives", "Design", "Fit"),
+    "selection": ("Attempt", "EffectSizes", "Selection"),
+    "statistics": ("Band", "Chance", "RareEvent", "Sensitivity", "Statistics"),
+    "tradeoff": ("MeshErrors", "References", "Times", "Tradeoff"),
+    "trajectory": ("BodyField", "Frames", "ModesTable", "Trajectory"),
 }
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
 #: Results of files of their own, whose kind is what reads them; reduced models and shards have readers of their own.
 _OF_FILES = ("ModesTable", "Trajectory", "Ensemble", "Tradeoff", "Derivatives", "Fit", "Design", "RareEvent")
 __all__ = [*_MODULES]

@@ -169,7 +169,6 @@ class Derivatives(Result):
         return tuple(self.changes)
 
     def unit(self, output: str, parameter: str) -> str:
-        """Return the unit of a derivative."""
         above, below = (self.units.get(name, "1") for name in (output, parameter))
         if below == "1":
             return above
@@ -213,13 +212,8 @@ class Vertex:
 
 
 def vertex(values: np.ndarray, sign: float) -> Vertex:
-    """Return where a history of equally distant instants, shape (n_t,), has its largest value, or its smallest.
-
-    Parameters
-    ----------
-    sign
-        1 for the largest, -1 for the smallest.
-    """
+    """Return where a history of equally distant instants, shape (n_t,), has its largest value (sign 1), or its smallest
+    (-1)."""
     at = int(np.argmax(sign * values))
     if not 0 < at < len(values) - 1:
         return Vertex(at, 0.0)
@@ -273,7 +267,6 @@ class Fit(Result):
 
     @property
     def unit(self) -> str:
-        """Units of the parameters."""
         return ", ".join(parameter.unit for parameter in self.parameters)
 
 
@@ -311,7 +304,6 @@ class DesignConstraint(Record):
 
 
 def _goal(number: int) -> float:
-    """Declare the goal at the start (0) or of the design (1)."""
 
     def found(file: h5py.Group, _: dict[str, Any]) -> float:
         values = check_known(file, "goal", take(file, "goal", 1))
@@ -362,5 +354,4 @@ class Design(Result):
 
     @property
     def unit(self) -> str:
-        """Units of the parameters."""
         return ", ".join(parameter.unit for parameter in self.parameters)

@@ -54,7 +54,6 @@ class EffectSizes(Record):
     )  # fmt: skip
 
     def lines(self) -> list[str]:
-        """Return the report, line by line."""
         per = {name: f"{self.units.get(name, 'rad')}/s" for name in self.largest_speed}
         speeds = ", ".join(f"{name} up to {speed:.3g} {per[name]}" for name, speed in self.largest_speed.items())
         lines = [
@@ -152,7 +151,8 @@ class Selection(Record):
         """Say what was chosen and why, what was tried (if `attempts`), and on what."""
         asked = " and ".join(f"{table}.tolerance = {value:g}" for table, value in self.tolerances.items())
         lines = [f"chosen for {asked}"]
-        lines += [f"  {name} = {json.dumps(value)}{self._why(name)}" for name, value in self.chosen.items()]
+        chosen = {f"  {name} = {json.dumps(value)}": self.reasons.get(name) for name, value in self.chosen.items()}
+        lines += [f"{text}: {reason}" if reason else text for text, reason in chosen.items()]
         if self.kept:
             given = ", ".join(f"{name} = {json.dumps(value)}" for name, value in self.kept.items())
             lines.append(f"  kept as given: {given}")
@@ -165,10 +165,6 @@ class Selection(Record):
             lines.append(f"  trained on {name} = {', '.join(f'{value:.4g}' for value in values)}")
         lines += [f"  trained on load '{name}': {about}" for name, about in self.loads.items()]
         return lines + [f"  {remark}" for remark in self.remarks]
-
-    def _why(self, name: str) -> str:
-        reason = self.reasons.get(name, "")
-        return f": {reason}" if reason else ""
 
 
 def _attempt_text(attempt: Attempt) -> str:

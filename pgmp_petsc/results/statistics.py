@@ -273,10 +273,8 @@ class RareEvent(Result):
 
     @property
     def reached(self) -> bool:
-        """Whether the event was reached."""
         return bool(np.isfinite(self.estimate))
 
     @property
     def n_failed(self) -> int:
-        """Number of samples that failed."""
         return int(np.count_nonzero(self.status))

@@ -114,7 +114,6 @@ def _shard(shard: ShardSamples) -> dict[str, Any]:
 
 
 def _rows(keys: str, *columns: Iterable[Any]) -> list[dict[str, Any]]:
-    """Return the rows of columns with names."""
     return [dict(zip(keys.split(), row)) for row in zip(*columns)]
 
 
@@ -220,10 +219,8 @@ Columns = dict[str, tuple[str, np.ndarray]]
 
 
 def columns_of(result: Any) -> Columns:
-    """Return the columns of a trajectory, an ensemble, a table of modes, a trade-off study or sensitivities.
-
-    Raises `TypeError` if it is something else.
-    """
+    """Return the columns of a trajectory, an ensemble, a table of modes, a trade-off study or sensitivities; raises
+    `TypeError` if it is something else."""
     kind = getattr(result, "kind", "")
     if kind not in _COLUMNS:
         raise TypeError(f"{type(result).__name__} has no table")
@@ -240,20 +237,9 @@ def csv_text(columns: Mapping[str, tuple[str, np.ndarray]], rows: int | None = N
 
 
 def write_result(result: Any, path: str | os.PathLike[str], *parts: Any) -> None:
-    """Write a result: as a table where the file's name ends in .csv, else as HDF5. By one process only.
-
-    Raises `InputError` if the file cannot be made there, or is there and may not be replaced; `RunError` if the system
-    fails to write.
-
-    Parameters
-    ----------
-    result
-        Of any kind that `write` is a method of; of one with columns for a table.
-    path
-        File to write.
-    parts
-        What adds itself to the HDF5 file.
-    """
+    """Write a result, and what adds itself to the file: of any kind that `write` is a method of as HDF5, of one with
+    columns as a table where the file's name ends in .csv. By one process only. Raises `InputError` if the file cannot
+    be made there, or is there and may not be replaced; `RunError` if the system fails to write."""
     if not is_table(path):
         result.write(path, *parts)
         return

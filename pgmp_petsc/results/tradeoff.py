@@ -159,7 +159,6 @@ class Tradeoff(Result):
 
     @property
     def outputs(self) -> list[str]:
-        """Names of the outputs."""
         return list(self.units)
 
     @property

@@ -165,7 +165,6 @@ class Frames(Record):
     STORED = FrameTable
 
     def converted(self, convert: Callable[[Any, str], Any], outer: Any = None) -> Self:
-        """Return the frames in other units."""
         found = {key: {name: convert(part, "m") for name, part in getattr(self, key).items()} for key in _LENGTHS}
         return replace(self, **found)
 

@@ -67,7 +67,6 @@ class Setpoint(Table):
         return self.constant is None
 
     def changed(self, value: Callable[[Any], Any]) -> Setpoint:
-        """Return it with other values."""
         wave = self.harmonic
         found = {
             "constant": None if self.constant is None else value(self.constant),

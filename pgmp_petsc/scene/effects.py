@@ -91,10 +91,8 @@ class EffectEntry(Table):
             _check(cls)
 
     def forces(self, name: str, mechanism: Any) -> Any:
-        """Return what acts in the models, an `effects.effect.Effect`, on a `mechanism.mechanism.Mechanism`.
-
-        Raises `InputError` if a body's mesh does not have a point that it is at.
-        """
+        """Return what acts in the models, an `effects.effect.Effect`, on a `mechanism.mechanism.Mechanism`; raises
+        `InputError` if a body's mesh does not have a point that it is at."""
         raise NotImplementedError
 
     def jumps_within(self, step: float) -> bool:
@@ -246,7 +244,6 @@ class OverTime(EffectEntry):
             yield Use(f"{entry}.{key}", value, "any", (self.unit_of_values,))
 
     def jumps_within(self, step: float) -> bool:
-        """Return whether its table does."""
         return self.is_over_time and jumps_within(self.table or (), step)
 
     def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:

@@ -131,10 +131,8 @@ def notes_on(field: FieldInfo, kind: type[Note]) -> list[Note]:
 
 @cache
 def quantities_of(table: type[Table]) -> dict[str, tuple[Sign, Unit]]:
-    """Return the entries of a table that may name a parameter, with their signs and units.
-
-    Raises `ValueError` if one of them has no unit.
-    """
+    """Return the entries of a table that may name a parameter, with their signs and units; raises `ValueError` if one
+    of them has no unit."""
     found = {}
     for name, field in table.model_fields.items():
         signs, units = notes_on(field, Quantified), notes_on(field, Unit)

@@ -306,6 +306,11 @@ class JointTable(Table):
     #: Whether in the motion it holds to the run of nodes along its first axis, as they bend.
     rides: ClassVar[bool] = False
 
+    @property
+    def gives_way(self) -> str:
+        """The entry by which it releases directions in the motion, empty where it is rigid."""
+        return "elastic" if self.elastic is not None else "clearance" if self.clearance is not None else ""
+
     @classmethod
     def motions_in(cls, dimension: int) -> tuple[str, ...]:
         """Return the motions that it leaves free in the plane or in space, that which effects mean first."""
@@ -380,14 +385,8 @@ class JointEntry(JointTable):
         return found
 
     def measured(self, scene: AnyScene, entry: str) -> Iterator[tuple[str, Any, str]]:
-        """As of `JointTable`."""
         if self.clearance is not None:
             yield from self.clearance.of_stiffness(entry, True)
-
-    @property
-    def gives_way(self) -> str:
-        """The entry by which it releases directions in the motion, empty where it is rigid."""
-        return "elastic" if self.elastic is not None else "clearance" if self.clearance is not None else ""
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
@@ -403,7 +402,6 @@ class JointEntry(JointTable):
         raise NotImplementedError
 
     def n_constraints(self, dimension: int) -> int:
-        """Return the number of statements in the plane or in space."""
         return len(self.statements(np.eye(dimension), np.eye(dimension)))
 
     def without_spin(self, axes: np.ndarray) -> str:
@@ -453,6 +451,7 @@ class CouplingEntry(JointTable):
     #: Whether the sum keeps the value that it has as the bodies are placed; it is zero otherwise.
     from_placements: ClassVar[bool] = True
     offset: ClassVar[None] = None
+    connect: ClassVar[tuple[str, ...]] = ()  # the points that it holds
     elastic: ElasticCoupling | None = Field(None, description="how it gives way in the motion")
     clearance: Backlash | None = Field(None, description="backlash, of type gear alone")
 
@@ -461,18 +460,7 @@ class CouplingEntry(JointTable):
         if JOINTS.take(cls) and cls.shares is CouplingEntry.shares:
             raise refuse(cls, "a coupling has the method shares(self, motion), which returns what it couples")
 
-    @property
-    def gives_way(self) -> str:
-        """As of `JointEntry`."""
-        return "elastic" if self.elastic is not None else "clearance" if self.clearance is not None else ""
-
-    @property
-    def connect(self) -> tuple[str, ...]:
-        """The points that it holds: none."""
-        return ()
-
     def n_constraints(self, dimension: int) -> int:
-        """Return 1, the sum."""
         return 1
 
     def shares(self, motion: Callable[[str, str | None], str | None]) -> list[Share]:
@@ -499,7 +487,6 @@ class CouplingEntry(JointTable):
         return self.shares(motion)
 
     def measured(self, scene: AnyScene, entry: str) -> Iterator[tuple[str, Any, str]]:
-        """As of `JointTable`."""
         if self.clearance is not None:
             yield from self.clearance.of_stiffness(entry, self.shares_in(scene)[0].motion == "sliding")
 

@@ -39,6 +39,9 @@ class Law:
 
     has_atoms = False  # whether single values have shares
 
+    def support(self) -> tuple[float, float]:
+        return float(self._values[0]), float(self._values[-1])
+
     def median(self) -> float:
         return float(self.ppf(0.5))
 
@@ -131,9 +134,6 @@ class Discrete(Law):
         used = self._shares > 0.0
         self._values, self._shares, self._sums = self._values[used], self._shares[used], self._sums[used]
 
-    def support(self) -> tuple[float, float]:
-        return float(self._values[0]), float(self._values[-1])
-
     def mean(self) -> float:
         return float(self._shares @ self._values)
 
@@ -159,9 +159,6 @@ class Empirical(Law):
     def __init__(self, values: np.ndarray) -> None:
         self._values = np.sort(values)
         self._shares = (np.arange(len(values)) + 0.5) / len(values)
-
-    def support(self) -> tuple[float, float]:
-        return float(self._values[0]), float(self._values[-1])
 
     def mean(self) -> float:
         return float(self._values.mean())

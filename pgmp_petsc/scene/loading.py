@@ -38,10 +38,8 @@ SHOWN_KEYS = 4  # of a path that is too deep
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a scene's file.
-
-    Raises `InputError` if there is none, it is a directory, pipe or device, too large, or no text in UTF-8.
-    """
+    """Return the text of a scene's file; raises `InputError` if there is none, it is a directory, pipe or device, too
+    large, or no text in UTF-8."""
     try:
         kind = path.stat()
         if irregular(kind.st_mode):
@@ -75,10 +73,8 @@ def parse(text: str, source: str) -> dict[str, Any]:
 
 
 def check_tables(data: Mapping[str, Any]) -> None:
-    """Refuse tables that are too deep, and texts too long or with characters that are none.
-
-    Raises `InputError`, naming the entry.
-    """
+    """Refuse tables that are too deep, and texts too long or with characters that are none; raises `InputError`, naming
+    the entry."""
     waiting: list[tuple[tuple[str | int, ...], object]] = [((), data)]
     while waiting:
         keys, value = waiting.pop()
@@ -223,7 +219,6 @@ def _cells_of(name: str, entry: str, directory: Path) -> Iterator[tuple[int, lis
 
 
 def _finite(text: str) -> float | None:
-    """Return the finite number that a text is; None where it is none."""
     try:
         number = float(text)
     except ValueError:
@@ -232,18 +227,11 @@ def _finite(text: str) -> float | None:
 
 
 def load_scene(path: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()) -> Scene:
-    """Read and validate a scene file.
+    """Read and validate a scene file; meshes are relative to its directory.
 
-    Raises `InputError` if the file cannot be read, is no TOML, or says what a scene may not say (one line a problem).
-
-    Parameters
-    ----------
-    path : Path or str
-        The TOML file; paths of meshes are relative to its directory.
-    overrides : sequence of str
-        ``dotted.key=VALUE`` with a TOML value: creates or replaces any entry before validation.
-    settings : sequence of str
-        ``NAME=VALUE``: the value of a parameter in a single run; its nominal value stays.
+    Overrides are ``dotted.key=VALUE`` with a TOML value: each creates or replaces any entry before validation. Settings
+    are ``NAME=VALUE``: the value of a parameter in a single run; its nominal value stays. Raises `InputError` if the
+    file cannot be read, is no TOML, or says what a scene may not say (one line a problem).
     """
     path = Path(path)
     return scene_from_tables(parse(read_text(path), str(path)), path.parent, overrides, settings)
@@ -259,10 +247,8 @@ def scene_from_toml(
 def scene_from_tables(
     data: dict[str, Any], directory: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()
 ) -> Scene:
-    """Validate a scene given as the tables of a TOML text, with paths relative to `directory`; see `load_scene`.
-
-    The tables are changed.
-    """
+    """Validate a scene given as the tables of a TOML text, which are changed, with paths relative to `directory`; see
+    `load_scene`."""
     directory = Path(directory)
     apply_overrides(data, overrides)
     check_tables(data)
@@ -288,10 +274,8 @@ def scene_to_toml(scene: Scene) -> str:
 
 
 def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
-    """Put the value of each ``dotted.key=VALUE`` into `data`, creating tables on the way; later ones win.
-
-    Raises `InputError` if the key or the value is not TOML, or if the key leads through something that is not a table.
-    """
+    """Put the value of each ``dotted.key=VALUE`` into `data`, creating tables on the way; later ones win. Raises
+    `InputError` if the key or the value is not TOML, or if the key leads through something that is not a table."""
     for override in overrides:
         keys, value = _parse_override(override)
         table = data
@@ -305,10 +289,8 @@ def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:
 
 
 def apply_settings(data: dict[str, Any], settings: Sequence[str], system: UnitSystem = SI) -> None:
-    """Put the value of each ``NAME=VALUE`` into `data` as that parameter's value of the run; later ones win.
-
-    Raises `InputError` if there is no such parameter or the value is no finite number, which may have its unit.
-    """
+    """Put the value of each ``NAME=VALUE`` into `data` as that parameter's value of the run; later ones win. Raises
+    `InputError` if there is no such parameter or the value is no finite number, which may have its unit."""
     for setting in settings:
         name, equals, text = (part.strip() for part in setting.partition("="))
         if not (name and equals):
@@ -346,7 +328,6 @@ def _parse_override(override: str) -> tuple[list[str], Any]:
 
 
 def _parse_key(text: str) -> list[str]:
-    """Return the keys of a dotted TOML key, empty if it is none."""
     if "\n" in text:
         return []
     try:

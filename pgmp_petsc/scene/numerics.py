@@ -129,10 +129,8 @@ class Reduction(Table):
 
     def fitting(self, n_available: int, n_static: int = 0) -> Self:
         """Return these settings with as many modes as a mesh has, where the scene says no number and the mesh has no
-        more than they and static ones are: all of them answer every load.
-
-        Raises `InputError` if the scene says a number, and they are too many.
-        """
+        more than they and static ones are: all of them answer every load; raises `InputError` if the scene says a
+        number, and they are too many."""
         if self.modes + n_static + self.parameter_modes <= n_available:
             return self
         if "modes" not in self.model_fields_set:

@@ -104,10 +104,8 @@ class OutputEntry(Table):
 
     def reading(self, name: str, start: Any, kinematics: Any) -> Any:
         """Return what is read, a `Reading` of frames or another of `outputs.readings`, from coordinates at the start,
-        shape (n_theta,), rad, and a `mechanism.kinematics.RigidKinematics`.
-
-        Raises `InputError`, with the output's dotted name, if a body's mesh does not have a point that it is at.
-        """
+        shape (n_theta,), rad, and a `mechanism.kinematics.RigidKinematics`; raises `InputError`, with the output's
+        dotted name, if a body's mesh does not have a point that it is at."""
         raise NotImplementedError
 
     def kinked_in(self, scene: AnyScene) -> bool:

@@ -143,7 +143,8 @@ class Distribution(Table):
             return self
         if self._simple is not None:
             return self
-        shapes = _shapes(_continuous(self.name))
+        named = _continuous(self.name).shapes
+        shapes = named.split(", ") if named else []
         allowed = [*shapes, "loc", "scale"]
         for key in self.arguments:
             if key not in allowed:
@@ -159,7 +160,6 @@ class Distribution(Table):
         return self
 
     def _check_own(self, needed: str, allowed: tuple[str, ...]) -> None:
-        """Refuse keys and numbers that a law of our own does not have."""
         for key in self.arguments:
             raise refusal(f"no key of {self.name}; its keys are {', '.join(allowed)}", key)
         parts = getattr(self, needed)
@@ -275,10 +275,6 @@ def _continuous(name: str) -> rv_continuous:
     if len(nearest) >= 50:
         nearest = f"; known are norm, uniform, lognorm, truncnorm, weibull_min, ..., and {', '.join(OWN)}"
     raise refusal(f"no continuous distribution of scipy.stats{nearest}", "name")
-
-
-def _shapes(distribution: rv_continuous) -> list[str]:
-    return distribution.shapes.split(", ") if distribution.shapes else []
 
 
 ARCHIMEDEAN = ("clayton", "gumbel", "frank")

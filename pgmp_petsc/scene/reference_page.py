@@ -51,7 +51,6 @@ def editor_schema() -> dict[str, Any]:
 
 
 def schema_text() -> str:
-    """Return the schema as the text of a file."""
     return json.dumps(editor_schema(), indent=1, ensure_ascii=False) + "\n"
 
 
@@ -148,8 +147,10 @@ def reference_page() -> str:
             place = f"[{name}]" if entry.get("allOf") else f"[{name}.NAME]"
             parts.append(_table(models[kind], place, kind if len(kinds) > 1 else "", waiting))
             done.add(kind)
-        if not kinds:
-            parts.append(_free(name, entry))
+        if not kinds:  # a table of the scene's own names in tables of such names
+            (inner,) = entry["patternProperties"].values()
+            (value,) = inner["patternProperties"].values()
+            parts.append(f"`[{name}]` holds `NAME = {{ OTHER_NAME = {allowed(value)} }}`.\n")
     parts.append("## Tables within these\n")
     while waiting:
         kind, place = waiting.pop(0)
@@ -160,13 +161,6 @@ def reference_page() -> str:
     if missing:
         raise ValueError(f"models that the page does not reach: {', '.join(sorted(missing))}")
     return "\n".join(parts).rstrip() + "\n"
-
-
-def _free(name: str, entry: Mapping[str, Any]) -> str:
-    """Return what a table of the scene's own names in tables of such names holds."""
-    (inner,) = entry["patternProperties"].values()
-    (value,) = inner["patternProperties"].values()
-    return f"`[{name}]` holds `NAME = {{ OTHER_NAME = {allowed(value)} }}`.\n"
 
 
 def _table(model: Mapping[str, Any], place: str, kind: str, waiting: list[tuple[str, str]]) -> str:

@@ -46,24 +46,28 @@ STEPS_A_PERIOD = 8  # fewest steps in a period of a harmonic
 def effect_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each entry of an effect that does not fit."""
     for name, effect in scene.effects.items():
-        entry = f"effects.{name}"
-        if effect.joints and effect.joint is not None:
-            fitting = joints_with(*effect.joints, dimension=scene.dimension)
-            yield from joint_problems(scene, f"{entry}.joint", effect.joint, fitting)
-            yield from motion_problems(scene, entry, effect, effect.joints)
-        for key, ground_allowed in (("point", False), ("towards", True)):
-            point = getattr(effect, key, None)
-            if point is not None:
-                yield from point_problems(scene, f"{entry}.{key}", point, ground_allowed)
-        points = getattr(effect, "points", None)
-        if points is not None:
-            yield from points_problems(scene, f"{entry}.points", points)
+        yield from _place_problems(scene, f"effects.{name}", effect)
         yield from effect.problems(scene, name)
         if effect.single:
             others = [other for other, rival in scene.effects.items() if type(rival) is type(effect)]
             if name != others[0]:
-                yield problem(entry, f"effects.{others[0]} is of the same type; a scene has one at most")
+                yield problem(f"effects.{name}", f"effects.{others[0]} is of the same type; a scene has one at most")
     yield from _ends_apart(scene)
+
+
+def _place_problems(scene: AnyScene, entry: str, table: EffectEntry | OutputEntry) -> Iterator[str]:
+    """Yield a line for each joint and point that an effect or an output is at and that there is not."""
+    if table.joints and table.joint is not None:
+        fitting = joints_with(*table.joints, dimension=scene.dimension)
+        yield from joint_problems(scene, f"{entry}.joint", table.joint, fitting)
+        yield from motion_problems(scene, entry, table, table.joints)
+    for key, ground_allowed in (("point", False), ("towards", True)):
+        point = getattr(table, key, None)
+        if point is not None:
+            yield from point_problems(scene, f"{entry}.{key}", point, ground_allowed)
+    points = getattr(table, "points", None)
+    if points is not None:
+        yield from points_problems(scene, f"{entry}.points", points)
 
 
 def joint_problems(scene: AnyScene, entry: str, joint: str, allowed: tuple[type, ...]) -> Iterator[str]:
@@ -499,14 +503,7 @@ def _outputs(scene: AnyScene) -> Iterator[str]:
             yield problem(f"outputs.{name}", "a parameter has the same name; give the output another one")
         if name == "time":
             yield problem("outputs.time", "result files keep instants under this name; give the output another one")
-        if output.joints and output.joint is not None:
-            fitting = joints_with(*output.joints, dimension=scene.dimension)
-            yield from joint_problems(scene, f"outputs.{name}.joint", output.joint, fitting)
-            yield from motion_problems(scene, f"outputs.{name}", output, output.joints)
-        if getattr(output, "points", None) is not None:
-            yield from points_problems(scene, f"outputs.{name}.points", output.points)
-        if getattr(output, "point", None) is not None:
-            yield from point_problems(scene, f"outputs.{name}.point", output.point, ground_allowed=False)
+        yield from _place_problems(scene, f"outputs.{name}", output)
         for other, key in output.made_in(scene).items():
             if other not in scene.outputs:
                 yield unknown(f"outputs.{name}.{key}", "output", other, [one for one in scene.outputs if one != name])

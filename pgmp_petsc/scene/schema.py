@@ -96,7 +96,6 @@ class Scene(Table):
 
     @property
     def name(self) -> str:
-        """The scene's name."""
         return self.scene.name
 
     @property
@@ -246,15 +245,9 @@ class Scene(Table):
         return self._directory / mesh
 
     def number(self, entry: float | str, values: Mapping[str, float] | None = None) -> float:
-        """Return the number behind an entry that is a number or a parameter's name.
-
-        Parameters
-        ----------
-        entry : float or str
-            Such as ``scene.bodies["crank"].section.radius``.
-        values : mapping of str to float, optional
-            Value of each parameter; those of a single run (`values`) if not given.
-        """
+        """Return the number behind an entry that is a number or a parameter's name, such as
+        ``scene.bodies["crank"].section.radius``, at values of the parameters; those of a single run (`values`) if not
+        given."""
         if isinstance(entry, str):
             return (self.values if values is None else values)[entry]
         return entry

@@ -46,18 +46,15 @@ def said_system(data: Mapping[str, Any]) -> UnitSystem:
 
 
 def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, str]:
-    """Convert parameters given in other units than the scene's, in place on raw tables.
+    """Convert parameters given in other units than the scene's, in place on raw tables; return the unit that each of
+    them was given in.
 
-    Raises `InputError` if a number is a text with another unit than the rest of its parameter.
-
-    Returns
-    -------
-    dict
-        The unit that each converted parameter was given in. What is no number, or has an unknown unit, is left for the
-        validation to refuse.
+    What is no number, or has an unknown unit, is left for the validation to refuse. Raises `InputError` if a number is
+    a text with another unit than the rest of its parameter.
     """
     parameters = data.get("parameters")
     given: dict[str, str] = {}
+    own_names = {"", "-"} | {plain(system.unit(label)) for label in UNITS}
     for name, parameter in parameters.items() if isinstance(parameters, dict) else ():
         if not isinstance(parameter, dict):
             continue
@@ -74,7 +71,7 @@ def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, st
                 raise InputError(problem(f"parameters.{name}", str(error), texts[0])) from error
             continue
         label, own = label_of(unit, dimension, system), abs(factor / system.size(dimension) - 1.0) < ROUNDING
-        if not texts and (plain(unit) in _own_names(system) or own and dimension not in UNITS.values()):
+        if not texts and (plain(unit) in own_names or own and dimension not in UNITS.values()):
             continue
         given[name] = unit
         # numbers beside a text are in the scene's units, where the parameter says no other
@@ -94,10 +91,7 @@ def label_of(unit: str, dimension: Dimension, system: UnitSystem) -> str:
 
 def setting_of(text: str, parameter: dict[str, Any], system: UnitSystem) -> float | None:
     """Return a value with its own unit, in those of the scene, for a raw parameter that is converted; None if it has
-    none. A parameter without a unit is given it.
-
-    Raises `UnknownUnit` if it is none, or none of the parameter's.
-    """
+    none. A parameter without a unit is given it. Raises `UnknownUnit` if it is none, or none of the parameter's."""
     value = number_of(text, (), system) if _unit_behind(text) else None
     if value is None:
         return None
@@ -183,18 +177,12 @@ def _strings(value: object) -> Iterator[str]:
             yield from _strings(one)
 
 
-def _own_names(system: UnitSystem) -> set[str]:
-    """Return the units of a system without the signs of products and powers."""
-    return {"", "-"} | {plain(system.unit(label)) for label in UNITS}
-
-
 def _unit_behind(text: str) -> str:
     found = re.match(QUANTITY, text)
     return found[2].strip() if found else ""
 
 
 def _texts_in(parameter: Mapping[str, Any]) -> list[str]:
-    """Return the numbers of a raw parameter that are texts."""
     found: list[object] = []
     _converted(parameter, found.append)
     return [value for value in found if isinstance(value, str) and re.match(QUANTITY, value)]

@@ -89,28 +89,17 @@ def judge(iteration, size, last, expected, active, lost):
 
 
 class AlphaStep:
-    """Steps of any length of a system.
+    """Steps of any length of a system, all samples together, of a scheme with a spectral radius at infinite frequency.
 
     The scheme multiplies what velocities have against the constraints by minus the spectral radius in a step, and
     accelerations have it with the number of steps as a factor. Without numerical damping it stays: as long as the
-    constraints are always the same nothing comes of it, but where they turn or move it grows until it destroys the
-    run. In a system with ``moving_constraints`` each step without enough damping (`DAMPED`) therefore ends with a
-    projection (``project``): velocities that the constraints allow, and accelerations that follow from the equations.
+    constraints are always the same nothing comes of it, but where they turn or move it grows until it destroys the run.
+    In a system with ``moving_constraints`` each step without enough damping (`DAMPED`) therefore ends with a projection
+    (``project``): velocities that the constraints allow, and accelerations that follow from the equations.
 
-    Parameters
-    ----------
-    system
-        The system; all its samples advance together.
-    spectral_radius
-        Of the scheme at infinite frequency.
-    patient
-        Whether an iteration that fails with factors of its own is tried again with limited corrections.
-
-    Attributes
-    ----------
-    counted
-        Newton corrections so far, all samples together; those of them that found a matrix and its factors anew, known
-        of a single sample; and calls of the system, for steps or for a correction.
+    Where it is `patient`, an iteration that fails with factors of its own is tried again with limited corrections.
+    `counted` has the Newton corrections so far, all samples together; those of them that found a matrix and its factors
+    anew, known of a single sample; and calls of the system, for steps or for a correction.
     """
 
     def __init__(self, system: SecondOrderSystem, spectral_radius: float, patient: bool = True) -> None:
@@ -393,15 +382,8 @@ def first_accelerations(
     after the first steps, times minus the spectral radius in each, and in forces in joints. Without numerical damping
     it stays, as energy does.
 
-    Parameters
-    ----------
-    system, start
-        The system, and its state at time 0.
-    step, spectral_radius
-        Length of the steps of the run, s, and spectral radius of its scheme.
-    samples
-        Mask of the samples to advance, shape (n_samples,). Others, and those that such a step is too much for, begin
-        with their accelerations.
+    `step` is the length of the steps of the run, s, and `samples` a mask of those to advance, (n_samples,): others, and
+    those that such a step is too much for, begin with their accelerations.
     """
     stepper, lost, ends = _ImplicitStep(system, 0.0), ~samples, []
     for length in (share * step for share in LENGTHS):

@@ -119,22 +119,11 @@ class StateRecord(Observer):
 class GeneralisedAlpha:
     """Steps a `SecondOrderSystem` from stop to stop, as `drivers` call it.
 
-    Attributes
-    ----------
-    status
-        Status of every sample, shape (n_samples,).
-    failure_time
-        Time at which a sample failed, NaN where it did not, shape (n_samples,), s.
-    instants
-        Of the start and the ends of all steps, shape (n_steps + 1,), s.
-    stops
-        Numbers of the steps at which the driver sees the state, 0 and the last one included.
-    n_done
-        Steps that are behind it.
-    divided
-        Steps that were taken in parts, in order: their numbers, and masks of the samples, shape (n_samples,).
-    counted
-        See `AlphaStep`.
+    Every sample has a `status` and the time (s) at which it failed, NaN where it did not, (n_samples,). `instants` are
+    those of the start and the ends of all steps, (n_steps + 1,), s, of which n_done are behind it; `stops` are the
+    numbers of steps at which the driver sees the state, 0 and the last one included. `divided` has the steps that were
+    taken in parts, in order: their numbers, and masks of the samples, (n_samples,). See `AlphaStep` of what is
+    `counted`.
     """
 
     def __init__(

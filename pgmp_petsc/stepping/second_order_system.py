@@ -174,14 +174,8 @@ class Observer:
 
 
 class PooledObserver(Observer):
-    """Sees states of a run, with a leading axis of instants, as many at once as a system is quickest with; `pulse` is
-    called with numbers of steps.
-
-    Attributes
-    ----------
-    times
-        Instants so far, s.
-    """
+    """Sees states of a run, with a leading axis of instants, as many at once as a system is quickest with; `times` (s)
+    are the instants so far, and `pulse` is called with numbers of steps."""
 
     def __init__(self, at_once: int, pulse: Callable[[int], object] = lambda n_steps: None) -> None:
         self._at_once, self._pulse, self._waiting = at_once, pulse, []

@@ -49,7 +49,6 @@ class Built:
     checkpoint: SceneCheckpoint | None = None
 
     def write(self, path: Path) -> None:
-        """Write ROM.h5; by one process."""
         parts = [] if self.selection is None else [self.selection.put]
         parts += [] if self.sizes is None else [self.sizes.put]
         self.rom.write(path, *parts)
@@ -127,9 +126,7 @@ def build(
 
 def build_components(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) -> ComponentsFile | None:
     """Condense the bodies of a scene to its component model: on the first rank, None elsewhere. Collective on `comm`.
-
-    Raises `InputError`, `RunError`; on all ranks, whichever rank met it.
-    """
+    Raises `InputError`, `RunError`; on all ranks, whichever rank met it."""
     timings = Timings()
     with timings.phase("components"):
         bodies = condensed_bodies(scene, meshes, comm)

@@ -44,10 +44,8 @@ AWAY = 1e-3  # rad, or of the mechanism's size, from which on a start is elsewhe
 
 
 def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
-    """Return the report of ``pgmp check``.
-
-    Raises `InputError` if the mechanism cannot be closed or controlled, or points are missing.
-    """
+    """Return the report of ``pgmp check``; raises `InputError` if the mechanism cannot be closed or controlled, or
+    points are missing."""
     check_capabilities(scene, Purpose.CHECK, meshes)
     mechanism = Mechanism.from_scene(scene, meshes)
     for framed in (framed for body in mechanism.bodies for framed in body.to_condense):

@@ -259,10 +259,7 @@ def estimate_effects(
 def remarks_on_sizes(
     scene: Scene, meshes: Mapping[str, BodyShape], branch: PoseBranch | None = None
 ) -> tuple[Remark, ...]:
-    """Return which effects a scene leaves out although they matter, or why their sizes are not known; on one rank.
-
-    Parameters are those of `estimate_effects`.
-    """
+    """Return which effects a scene leaves out although they matter, or why their sizes are not known; on one rank."""
     continuum = ", ".join(f"bodies.{name}" for name, body in scene.bodies.items() if body.continuum)
     if continuum:
         why = f"with bodies of continuum elements ({continuum}) that takes them condensed with terms of second order"
@@ -443,10 +440,7 @@ def _is_missing(scene: Scene, size: EffectSize) -> bool:
 def choose_effects(
     scene: Scene, meshes: Mapping[str, BodyShape], shapes: Mapping[str, BodyShape]
 ) -> tuple[Scene, EffectSizes]:
-    """Return the scene with the effects that matter, and the estimate that chose them; on one rank.
-
-    Parameters are those of `estimate_effects`. Raises `InputError` or `RunError`, as `estimate_effects`.
-    """
+    """Return the scene with the effects that matter, and the estimate that chose them; raises as `estimate_effects`."""
     sizes = estimate_effects(scene, meshes, shapes=shapes)
     keeps = {kind: False for kind in TERMS} | {size.kind: size.keeps for size in sizes.sizes if size.kind in TERMS}
     kept = {size.name for size in sizes.sizes if size.name and size.keeps and size.kind not in TERMS}

@@ -68,9 +68,7 @@ def fields_over(fields: ReducedFields, eta: np.ndarray, values: Mapping[str, flo
 
 def fields_at(model: ReducedModel, run: Trajectory, times: Sequence[float]) -> dict[str, BodyField]:
     """Return the fields at any instants (n,), s, of a run of a reduced model; between steps its coordinates are linear.
-
-    Raises `InputError` if the run is not of this model, an instant is outside it, or no mesh is known.
-    """
+    Raises `InputError` if the run is not of this model, an instant is outside it, or no mesh is known."""
     instants, tables = np.atleast_1d(np.asarray(times, dtype=float)), model.rom.tables
     n_eta = tables.n_coordinates + tables.n_modes
     columns = run.coordinates if run.modal is None else np.hstack([run.coordinates, run.modal])
@@ -168,10 +166,8 @@ def _rotation_vectors(shape: np.ndarray) -> np.ndarray:
 
 
 def assembly_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> Assembly:
-    """Return where bodies, joints and named points are at the start.
-
-    Raises `InputError` if the mechanism cannot be assembled.
-    """
+    """Return where bodies, joints and named points are at the start; raises `InputError` if the mechanism cannot be
+    assembled."""
     mechanism = Mechanism.from_scene(scene, meshes)
     kinematics = RigidKinematics(mechanism)
     theta = start_of(scene, mechanism)[0]
@@ -238,17 +234,13 @@ def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> Mod
     }
     where = words_of(mechanism.coordinates, theta, 4)
     fields = {name: field.converted(rom.record.system.converting) for name, field in fields.items()}
-    return ModeShape(rom.record, number, float(frequencies[number - 1]), where, fields, _left_out(model, seen))
-
-
-def _left_out(model: ReducedModel, seen: FieldSet) -> tuple[str, ...]:
     springs = dict.fromkeys(action.effect for action in model.actions.actions if action.stiffness)
     said = [f"{', '.join(springs)}: springs have no part in this mode"] if springs else []
-    return (*said, *(f"{name} is not drawn: {why}" for name, why in seen.left_out.items()))
+    said += [f"{name} is not drawn: {why}" for name, why in seen.left_out.items()]
+    return ModeShape(rom.record, number, float(frequencies[number - 1]), where, fields, tuple(said))
 
 
 def _configuration(model: ReducedModel, at: Mapping[str, float]) -> np.ndarray:
-    """Return the coordinates of a configuration, shape (n_theta,)."""
     names = [coordinate.name for coordinate in model.kinematics.coordinates]
     unknown = sorted(at.keys() - set(names))
     if unknown:

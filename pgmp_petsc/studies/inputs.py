@@ -31,11 +31,8 @@ def read_scene(
     source: Scene | str | PathLike[str], overrides: Sequence[str], settings: Sequence[str], comm: Comm, purpose: Purpose
 ) -> tuple[Scene, dict[str, BodyShape]]:
     """Return a scene, of a file or of a program, with other entries and with remarks on what it says that probably is
-    not meant, and its meshes. Collective on `comm`.
-
-    Raises `InputError` if the scene or a mesh cannot be read, says what cannot be meant, or has what the purpose cannot
-    do with it.
-    """
+    not meant, and its meshes. Collective on `comm`. Raises `InputError` if the scene or a mesh cannot be read, says
+    what cannot be meant, or has what the purpose cannot do with it."""
 
     def reading_the_scene() -> tuple[Scene, dict[str, BodyShape]]:
         is_file = isinstance(source, (str, PathLike))

@@ -237,10 +237,8 @@ def reduced_frequencies(
     theta: np.ndarray,
     free: Sequence[int] | None = None,
 ) -> np.ndarray:
-    """Return the frequencies of the reduced model at any configurations (n, n_theta), shape (n, n_modes), Hz.
-
-    `free` are the numbers of the coordinates that are not prescribed; all by default.
-    """
+    """Return the frequencies of the reduced model at any configurations (n, n_theta), shape (n, n_modes), Hz; `free`
+    are the coordinates that are not prescribed, all by default."""
     at_theta = replace(
         tables,
         mass=interpolant(tables.samples, tables.mass, scheme)(theta),

@@ -79,7 +79,6 @@ def scene_of_part(source: Path, file: Path) -> PartScene:
 
 
 def _name(stem: str) -> str:
-    """Return a name for a body that a scene takes."""
     word = "".join(c if c.isascii() and (c.isalnum() or c == "_") else "_" for c in stem).strip("_")
     return word if word[:1].isalpha() else f"part_{word}".rstrip("_")
 
@@ -126,18 +125,18 @@ _exact = partial(_numbers, digits=12)
 
 
 def _text(part: CadPart, name: str, file: Path, source: Path, hold: _Place, load: _Place, step: float) -> str:
-    """Return the text of the scene."""
     axis, across = _directions(hold, load)
     extent = float(np.ptp(part.mesh.nodes, axis=0).max())
     across_part = part.volume / extent
     bending = 0.35 * STEEL["yields"] * across_part**1.5 / 6.0 / max(_apart(load, hold), 0.1 * extent)
     force = float(f"{bending:.1g}")
     mesh = source.name if source.parent.resolve() == file.parent.resolve() else str(source.resolve())
+    mesh = f'"{mesh}"' if '"' not in mesh and "\\" not in mesh else f"'{mesh}'"
     duration = float(f"{PERIODS * STEPS_A_PERIOD * step:.2g}")
     entries = {
         "source": source.name, "file": file.name, "name": name, "hold": hold.name, "loaded": load.name,
         "n_faces": part.n_faces, "cylinders": "\n".join(f"#   {line}" for line in _cylinder_lines(part)) or "#   none",
-        "mesh": _quoted(mesh), "centre": _numbers(hold.centre), "axis": _numbers(axis), "across": _numbers(-across),
+        "mesh": mesh, "centre": _numbers(hold.centre), "axis": _numbers(axis), "across": _numbers(-across),
         "force": f"{force:g}", "ramp": f"{0.3 * duration:.2g}", "duration": f"{duration:g}", "step": f"{step:g}",
         "damping": f"{2.0 * step:.1g}", "deflection": "xyz"[int(np.argmax(np.abs(across)))],
     }  # fmt: skip
@@ -149,10 +148,6 @@ def _filled(name: str, entries: Mapping[str, object]) -> str:
     return Template((_BEGINNINGS / name).read_text(encoding="utf-8")).substitute(entries)
 
 
-def _quoted(path: str) -> str:
-    return f'"{path}"' if '"' not in path and "\\" not in path else f"'{path}'"
-
-
 def _cylinder_lines(part: CadPart) -> list[str]:
     return [
         f"{one.name}: radius {one.radius:.6g}, {one.length:.6g} long, middle {_numbers(one.centre)}, "
@@ -162,7 +157,6 @@ def _cylinder_lines(part: CadPart) -> list[str]:
 
 
 def _lines(part: CadPart, name: str, hold: _Place, load: _Place) -> list[str]:
-    """Return what to say of a part: size, mass properties of steel, cylinders."""
     mesh, density = part.mesh, STEEL["rho"] * 1e3
     box = " x ".join(f"{extent:.4g}" for extent in np.ptp(mesh.nodes, axis=0))
     centre = ", ".join(f"{x:.5g}" for x in part.centre)
@@ -193,8 +187,6 @@ WHOLE_TURN = 6.283185307179586
 
 @dataclass
 class _Body:
-    """A body that links make up, or the ground (without a name)."""
-
     name: str
     place: np.ndarray  # of its frame in that of the ground, shape (4, 4)
     link: Mapping[str, Any]
@@ -304,7 +296,8 @@ def _placed(links: Mapping, joints: Sequence, root: str, received: str) -> tuple
                     f"{received}: the link {child} moves in the joint {joint['name']} and has no mass; give it an "
                     "inertial entry, or make the joint fixed"
                 )
-            if kind in ("revolute", "prismatic") and (joint["limit"] is None or not _ordered(joint["limit"])):
+            low, high = joint["limit"] or (None, None)
+            if kind in ("revolute", "prismatic") and (None in (low, high) or not low < high):
                 raise InputError(
                     f"{received}: the joint {joint['name']} has no limits that are a range ({joint['limit']}); give "
                     "lower and upper, or make it continuous"
@@ -317,10 +310,6 @@ def _placed(links: Mapping, joints: Sequence, root: str, received: str) -> tuple
             axis = within[:3, :3] @ np.array(joint["axis"], dtype=float)
             kept.append({**joint, "of": owner.name or "ground", "point": point, "body": name, "in_owner": axis})
     return bodies, kept
-
-
-def _ordered(limit: Sequence[float | None]) -> bool:
-    return None not in limit and limit[0] < limit[1]
 
 
 def _free_name(given: str, taken: object) -> str:
@@ -337,7 +326,6 @@ def _points(points: Mapping[str, np.ndarray]) -> str:
 
 
 def _robot_text(file: Path, source: Path, root: str, bodies: Mapping[str, _Body], joints: Sequence[Mapping]) -> str:
-    """Return the text of the scene."""
     own = {id(body): body for body in bodies.values()}.values()
     names, joined, coordinates = set[str](), [], []
     for joint in joints:
@@ -361,12 +349,10 @@ def _robot_text(file: Path, source: Path, root: str, bodies: Mapping[str, _Body]
 
 
 def _grounded(body: _Body, root: str) -> list[str]:
-    """Return the lines of the points of the ground."""
     return [f"# {root}", "[ground]", f"points = {_points(body.points)}  # m", ""] if body.points else []
 
 
 def _rigid(body: _Body) -> list[str]:
-    """Return the lines of a body."""
     link, turn = body.link, Rotation.from_matrix(body.place[:3, :3]).as_rotvec()
     tensor = np.array(link["inertia"])
     return [

@@ -18,7 +18,7 @@ from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import loads_of
 from pgmp_petsc.estimates.coarser_run import CoarserRun, coarser, run_coarser, step_errors
-from pgmp_petsc.estimates.error_indicator import ErrorIndicator, Estimate
+from pgmp_petsc.estimates.error_indicator import ErrorIndicator
 from pgmp_petsc.estimates.own_error import (
     absence_of_estimates,
     few_steps,
@@ -75,11 +75,8 @@ def simulate(model: FullModel | ReducedModel, comm: Comm) -> Trajectory | None:
 
 def simulate_reduced(model: ReducedModel, comm: Comm) -> Trajectory | None:
     """Run the reduced model; one sample needs one rank, which gets the result, others wait for None. Collective on
-    `comm`.
-
-    Raises `RunError` where the computation itself breaks. A run that stops before its end is a trajectory with its
-    status.
-    """
+    `comm`. Raises `RunError` where the computation itself breaks. A run that stops before its end is a trajectory with
+    its status."""
     trajectory = None
     with agreed(comm, "simulation"):
         if comm.rank == 0:
@@ -281,7 +278,9 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
     elif watched is not None:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
-        errors = _errors(estimate, part.outputs, model.outputs.units)
+        absent = {name: why for name, (why,) in estimate.absent.items() if why}
+        sizes = _largest(part.outputs, model.outputs.units)
+        errors = EstimatedErrors(*estimate.histories[0], sizes, absent=absent)
         remarks += [*steps, *large_errors(*errors.of_one_run(), model.outputs.units, system=model.scene.system)]
         remarks += [*not_estimated(errors, model.scene), *few_steps(part.time.size - 1), *left_out_of_estimates(model)]
     else:
@@ -380,13 +379,6 @@ def _described(
     }
 
 
-def _errors(estimate: Estimate, outputs: Mapping[str, np.ndarray], units: Mapping[str, str]) -> EstimatedErrors:
-    """Return the estimate of the only sample."""
-    time, errors = estimate.histories[0]
-    absent = {name: why for name, (why,) in estimate.absent.items() if why}
-    return EstimatedErrors(time, errors, _largest(outputs, units), absent=absent)
-
-
 def _largest(outputs: Mapping[str, np.ndarray], units: Mapping[str, str]) -> dict[str, float]:
     sizes = {name: np.max(np.abs(values)) for name, values in outputs.items()}
     return {name: float(size) for name, size in felt(sizes, units).items()}
@@ -471,7 +463,6 @@ class FullRecord(PooledObserver):
         return joined_fields(self._fields)
 
     def see(self, first: int, states: State) -> None:
-        """Evaluate states."""
         times = self.times[first:]
         every = self._system.frames_over(states)
         self._energies.append(self._system.energies_over(times, states))

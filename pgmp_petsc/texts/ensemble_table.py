@@ -44,7 +44,6 @@ def report_of_shard(shard: ShardSamples, path: Path, said: Sequence[Remark] = ()
 
 
 def lines_of(ensemble: Ensemble) -> list[str]:
-    """Return the tables of an ensemble."""
     lines = list(_moments(ensemble))
     if ensemble.outputs:
         lines += _quantiles(ensemble)
@@ -84,7 +83,6 @@ def _moments(ensemble: Ensemble) -> Iterator[str]:
 
 
 def _quantiles(ensemble: Ensemble) -> Iterator[str]:
-    """Yield the table of the outputs' quantiles, and between what they lie whatever failed samples would have been."""
     failed = bool(np.any(ensemble.status != 0))
     known = [(name, ensemble.statistics[name]) for name in ensemble.outputs]
     known = [(name, s) for name, s in known if s.count and not (s.constant and not failed)]
@@ -101,7 +99,6 @@ def _quantiles(ensemble: Ensemble) -> Iterator[str]:
 
 
 def _sobol(ensemble: Ensemble) -> Iterator[str]:
-    """Yield the table of Sobol indices, the largest first."""
     for number, (name, found) in enumerate(ensemble.sobol.items()):
         interval = f"{_percent(found.confidence)} interval"
         if not number:
@@ -116,7 +113,6 @@ def _sobol(ensemble: Ensemble) -> Iterator[str]:
 
 
 def _corrected(ensemble: Ensemble) -> Iterator[str]:
-    """Yield the table of a better model's figures."""
     joined = ensemble.joined
     if joined is None or not joined.corrected:
         return

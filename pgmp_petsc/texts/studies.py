@@ -33,13 +33,11 @@ def report_of_derivatives(found: Derivatives, path: Path, said: Sequence[Remark]
 
 
 def report_of_fit(found: Fit, path: Path, said: Sequence[Remark] = ()) -> str:
-    """Return the table of a fit, and all remarks."""
     first = f"{path}: {len(found.time)} instants of {', '.join(found.outputs)}, {found.n_runs} runs"
     return "\n".join([first, *fit_lines(found), *closing(found.record, said)])
 
 
 def report_of_design(found: Design, path: Path, said: Sequence[Remark] = ()) -> str:
-    """Return the table of a design, and all remarks."""
     first = f"{path}: {counted(len(found.tried), 'design')} of {counted(found.n_samples, 'run')} each"
     return "\n".join([first, *design_lines(found), *closing(found.record, said)])
 

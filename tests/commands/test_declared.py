@@ -80,7 +80,7 @@ def test_files_are_named_by_the_scene(line, monkeypatch) -> None:
     called, *words = words.split()
     given = {}
     monkeypatch.setattr("pgmp_petsc.cli.declared.run_command", lambda context, command, found: given.update(found))
-    done = CliRunner().invoke(COMMANDS[called].load(), words, standalone_mode=False)
+    done = CliRunner().invoke(COMMANDS[called].load(), words, standalone_mode=False, obj=Session(MPI.COMM_SELF))
     if name.startswith("-"):
         assert str(done.exception) == "--output: missing; the name of the file to write is needed here"
     else:

@@ -12,7 +12,6 @@ from pgmp_petsc.ensemble import sampling
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, Plan
 from pgmp_petsc.ensemble.sampling import (
     Blocks,
-    Design,
     Replicates,
     Sampler,
     draw,
@@ -305,7 +304,7 @@ def test_a_design_is_named_by_what_it_draws(sampler: str, monkeypatch: pytest.Mo
         assert found[0] == named[0] and found[1] != named[1]
 
 
-def of_one_sequence(sampler: str) -> Callable[[int, int, int], Design]:
+def of_one_sequence(sampler: str) -> Callable[[int, int, int], Replicates | Blocks]:
     kind = Replicates if sampler == "sobol" else Blocks
     return lambda seed, d, n_replicates: kind(seed, d, 1)
 
