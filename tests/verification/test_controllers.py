@@ -1,6 +1,5 @@
 """Controllers: closed loops against closed forms, scipy's integrators and exact discretisations, in every model."""
 
-import json
 import os
 import shutil
 import subprocess
@@ -18,10 +17,10 @@ from machine_scenes import MODELS, cart, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
 from runs import (
-    IN_TURN,
     assert_close,
     full_model,
     history,
+    in_turn,
     motion,
     overridden,
     read_meshes,
@@ -726,7 +725,7 @@ def test_check_foretells_what_refuses_controllers() -> None:
 
 
 @pytest.mark.parametrize("n_ranks", [1, 3])
-def test_commands(mpirun, tmp_path: Path, n_ranks: int) -> None:
+def test_commands(tmp_path: Path, n_ranks: int) -> None:
     """A run, which is the same on any number of ranks, and refusals, whose exit status is 2."""
     scene, kept = tmp_path / "wheel.toml", tmp_path / "run.h5"
     scene.write_text(scene_to_toml(wheel('reference=0.8,gains={p="kp",i=300.0,d=1.6,filter=0.01},sample_time=0.01')))
@@ -737,8 +736,7 @@ def test_commands(mpirun, tmp_path: Path, n_ranks: int) -> None:
         "controllers.servo.limits=[1.0,0.0]",
     )
     commands = [command, *([*command[:-1], str(tmp_path / "o.h5"), *overridden(one)] for one in asked)]
-    done = mpirun(n_ranks, "-c", IN_TURN, json.dumps(commands))
-    statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
+    statuses, done = in_turn(n_ranks, commands)
     assert statuses == [[0] * n_ranks, *([[2] * n_ranks] * len(asked))], done.stderr
     assert "Traceback" not in done.stderr and done.stderr.count("error: controllers.servo") == len(asked)
     with h5py.File(kept) as file:
