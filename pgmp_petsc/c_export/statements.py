@@ -22,7 +22,7 @@ from pgmp_petsc.outputs.joint_forces import ForceOutput, OfConnection, OfCouplin
 from pgmp_petsc.outputs.of_outputs import TIME, Combined
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.rainflow import Counted
-from pgmp_petsc.outputs.readings import Absolute, AnyReading, Base, ModelReading, Rate, Reading
+from pgmp_petsc.outputs.readings import Absolute, AnyReading, ModelReading, Rate, Reading
 from pgmp_petsc.scene import Scene
 
 COMPONENTS = ("x", "y", "z", "axial", "radial", "magnitude", "along", "size")
