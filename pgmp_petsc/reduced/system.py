@@ -143,7 +143,8 @@ class ReducedSystem(SecondOrderSystem):
         parameters = self._equations.local.actions.parameters
         before = parameters.copy()
         self.put_forces(list(given[..., None]))
-        find_all_carried(*self._passed, self._strengths.at(time), _parts(state), self._lanes.sets(moved), found)
+        strengths = Reference(self._strengths.at(time))
+        find_all_carried(*self._passed, strengths, _parts(state), self._lanes.sets(moved), found)
         parameters[:] = before
         self._found = state.a.copy(), found
         return found
