@@ -216,8 +216,8 @@ def act_of_states(control, local, grid, amplitudes, q, v, samples, lanes, work, 
     if control.measuring.actions.size == 0:
         return
     act(
-        local, control.measuring, grid, amplitudes, q, v, samples, lanes, spread(0.0), np.bool_(False), np.bool_(False), work,
-        kept, acting, known, depths,
+        local, control.measuring, grid, amplitudes, q, v, samples, lanes, spread(0.0), np.bool_(False), np.bool_(False),
+        work, kept, acting, known, depths,
     )  # fmt: skip
     for lane in range(LANES):
         if not lanes & (1 << lane):

@@ -323,8 +323,10 @@ CORNERED = "controllers.place.reference={table=[[0.0,0.0],[0.0503,0.08],[0.1,0.0
 @pytest.mark.usefixtures("short_tables")
 def test_models_in_c(entries: tuple[str, ...], tmp_path: Path) -> None:
     """Equal to 1e-9 of the largest, over contacts too; a gain that is set is one of the model."""
-    short = "parameters.lead={nominal=30.0}", "simulation.duration=0.15", "reduction.angles=6"
-    model = reduced_model(cart(*entries, *short))
+    # a run does not sample at its end, where a model in C is about to go on
+    short = "parameters.lead={nominal=30.0}", "simulation.duration=0.151", "reduction.angles=6"
+    forces = FORCES if entries[0] is ARM[0] else (FORCES[1].replace("hold", "seer"),)
+    model = reduced_model(cart(*entries, *forces, *short))
     program = compiled(model, tmp_path)
     for lead in (30.0, 20.0) if entries[0] is ARM[0] else (30.0,):
         wanted = history(model, samples(model.scene, 1, lead=np.array([lead])), 1)[1]
