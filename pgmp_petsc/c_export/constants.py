@@ -39,7 +39,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.models import ComponentModel, ReducedModel
-from pgmp_petsc.outputs.joint_forces import InJoint, OfConnection, OfDrive, OfMotion
+from pgmp_petsc.outputs.joint_forces import ControlForce, InJoint, OfConnection, OfDrive, OfMotion
 from pgmp_petsc.outputs.rainflow import Rainflow
 from pgmp_petsc.reduced import action_kernel
 from pgmp_petsc.reduced import steps as reduced_steps
@@ -337,7 +337,8 @@ def in_c(scene: Scene, name: str) -> bool:
         return not (scene.controllers or by_table)
     if isinstance(entry, OfDrive):
         return not scene.controllers
-    return (entry.of_frames() or isinstance(entry, Rainflow)) and all(in_c(scene, one) for one in entry.made_in(scene))
+    known = entry.of_frames() or isinstance(entry, (ControlForce, Rainflow))
+    return known and all(in_c(scene, one) for one in entry.made_in(scene))
 
 
 def tunable(scene: Scene) -> dict[str, float]:
@@ -565,7 +566,8 @@ def left_out(scene: Scene) -> str:
     lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if not in_c(scene, name)]
     if not lacking:
         return ""
-    having = ", ".join(kind for kind, found in zip(OUTPUTS.names, OUTPUTS.found()) if found.of_frames())
+    kinds = zip(OUTPUTS.names, OUTPUTS.found())
+    having = ", ".join(kind for kind, found in kinds if found.of_frames() or found is ControlForce)
     forces = any(isinstance(entry, InJoint) and not in_c(scene, name) for name, entry in scene.outputs.items())
     why = f", drives, and forces in joints {LACKING}" if forces else ""
     why += ", and rainflow of these"

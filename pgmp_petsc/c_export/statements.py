@@ -22,7 +22,7 @@ from pgmp_petsc.outputs.joint_forces import ForceOutput, OfConnection, OfCouplin
 from pgmp_petsc.outputs.of_outputs import TIME, Combined
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.rainflow import Counted
-from pgmp_petsc.outputs.readings import Absolute, AnyReading, Base, ModelReading, Rate, Reading
+from pgmp_petsc.outputs.readings import Absolute, AnyReading, ModelReading, Rate, Reading
 from pgmp_petsc.scene import Scene
 
 COMPONENTS = ("x", "y", "z", "axial", "radial", "magnitude", "along", "size")
@@ -202,12 +202,11 @@ class Combiner:
     """Writes what makes outputs of readings: arrays of a value, its rate and its acceleration; for motions of the base,
     and values of the parameters that are numbers, or what they are in C."""
 
-    def __init__(
-        self, bases: Sequence[Base], values: Mapping[str, str | float], forces: Sequence[ForceOutput]
-    ) -> None:  # fmt: skip
-        self._bases, self._values = bases, values
-        self._forces = {force.name: force for force in forces}
-        self._in_joints = [force.name for force in forces if not isinstance(force, OfMotion)]
+    def __init__(self, outputs: OutputSet, values: Mapping[str, str | float], n_carried: int) -> None:
+        self._bases, self._values = outputs.bases, values
+        self._forces = {force.name: force for force in outputs.forces}
+        self._in_joints = [force.name for force in outputs.forces if not isinstance(force, OfMotion)]
+        self._of_controllers = {name: number - n_carried for name, number in outputs.beside.items()}
         self.readings: list[Reading] = []
         self.lines: list[str] = []
         self._names: dict[AnyReading, str] = {}
@@ -227,6 +226,8 @@ class Combiner:
                 return f"readings[{len(self.readings) - 1}]"
             case ModelReading(name=of) if of in self._in_joints:
                 return f"acting[{self._in_joints.index(of)}]"
+            case ModelReading(name=of) if of in self._of_controllers:
+                return f"acting[{len(self._in_joints)} + R + {self._of_controllers[of]}]"
             case ModelReading(name=of) if of in self._forces:
                 force = self._forces[of]
                 drive = f"acting[{len(self._in_joints) + force.coordinate}][0]"
@@ -326,7 +327,7 @@ def outputs_in_c(
 ) -> OutputsInC:  # fmt: skip
     """Return outputs in units of a system, and before their forces those that friction hangs on, `carried`; see
     `outputs.readings`, and for `gaps` and `actions` `ForceInC.of`."""
-    combiner = Combiner(outputs.bases, values, outputs.forces)
+    combiner = Combiner(outputs, values, len(carried))
     of_units = (
         f"{1.0 / size!r} * " if (size := system.size_of(unit)) != 1.0 else "" for unit in outputs.units.values()
     )

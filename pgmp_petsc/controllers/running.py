@@ -324,8 +324,10 @@ class Controls:
             with np.errstate(all="ignore"):  # samples that fail
                 found = self._find(time, state, self._carried)
                 self._changes[:] = np.abs(found - self._carried)
-                for into, *one in zip(self._carried.T, found.T, self._followed):
+                carried, found = np.ascontiguousarray(self._carried.T), np.ascontiguousarray(found.T)
+                for into, *one in zip(carried, found, self._followed):
                     follow_carried(self._number, *one, into)
+                self._carried[:] = carried.T
             self._number += 1
 
     def _look(self, time: float, state) -> None:

@@ -3,10 +3,11 @@
     python -P read_by_library.py FORMAT KIND FILE OUT.npz
 
 It imports nothing of the package. FORMAT is a function below, KIND is ``stiffness``, ``mass`` or ``modes``, of files
-that may hold several, or ``nodes``. OUT.npz has the entries of a matrix (``row``, ``column``, ``value``, ``size``) with the node and
-direction of each row (``rows``) where the file says them, or ``nodes`` and ``labels``, sets ``set:NAME`` of labels and
-cells ``cells:TYPE`` of labels in meshio's order; of a robot ``links`` and ``joints``, JSON; or, of a file that is
-refused, the array ``refused`` alone. These libraries are large, print, and some end their process on a damaged file.
+that may hold several, or ``nodes``. OUT.npz has the entries of a matrix (``row``, ``column``, ``value``, ``size``)
+with the node and direction of each row (``rows``) where the file says them, or ``nodes`` and ``labels``, sets
+``set:NAME`` of labels and cells ``cells:TYPE`` of labels in meshio's order; of a robot ``links`` and ``joints``, JSON;
+or, of a file that is refused, the array ``refused`` alone. These libraries are large, print, and some end their process
+on a damaged file.
 """
 
 from __future__ import annotations

@@ -305,7 +305,7 @@ def check_pieces(cells: np.ndarray, received: str, filed: np.ndarray | None = No
         aside = int(np.flatnonzero(pieces != pieces[0])[0])
         of_aside = shown((cells if filed is None else filed)[aside])
         raise InputError(
-            f"{received}: the cells form {len(sizes)} separate pieces of {shown(np.sort(sizes)[::-1])} cells; the first "
-            f"that does not hang together with cell 0 is cell {aside} with the nodes {of_aside}; a body is one "
+            f"{received}: the cells form {len(sizes)} separate pieces of {shown(np.sort(sizes)[::-1])} cells; the "
+            f"first that does not hang together with cell 0 is cell {aside} with the nodes {of_aside}; a body is one "
             "connected piece (nodes at the same place must be merged)"
         )

@@ -230,8 +230,8 @@ class _Stacks:
             self._points, self._halves = np.pad(self._points, more), np.pad(self._halves, more)
         damages = np.empty(values.shape)
         count(
-            np.ascontiguousarray(values), self._curve, self._ultimate, self._points, self._halves, self._depths,
-            self._closed, damages, np.zeros((0, 3)),
+            np.require(values, requirements="CW"), self._curve, self._ultimate, self._points, self._halves,
+            self._depths, self._closed, damages, np.zeros((0, 3)),
         )  # fmt: skip
         return damages
 

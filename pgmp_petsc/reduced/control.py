@@ -213,12 +213,11 @@ def _respond(control, law, k, lane, sample, kappa, parameters):
 def act_of_states(control, local, grid, amplitudes, q, v, samples, lanes, work, kept, acting, known, depths):
     """Give the actions the forces of continuous controllers about an iterate of some lanes; see `act`."""
     law, parameters = loaded(control.law), local.actions.parameters
-    measuring = loaded(control.measuring)
-    if measuring.actions.size == 0:
+    if control.measuring.actions.size == 0:
         return
     act(
-        local, measuring, grid, amplitudes, q, v, samples, lanes, spread(0.0), np.bool_(False), np.bool_(False), work,
-        kept, acting, known, depths,
+        local, control.measuring, grid, amplitudes, q, v, samples, lanes, spread(0.0), np.bool_(False), np.bool_(False),
+        work, kept, acting, known, depths,
     )  # fmt: skip
     for lane in range(LANES):
         if not lanes & (1 << lane):
@@ -268,7 +267,7 @@ def sample_states(
     if jumping == 0:
         return 0
     act(
-        local, loaded(control.sampling), grid, amplitudes, q, v, samples, jumping, spread(0.0), np.bool_(False),
+        local, control.sampling, grid, amplitudes, q, v, samples, jumping, spread(0.0), np.bool_(False),
         np.bool_(False), work, kept, acting, known, depths,
     )  # fmt: skip
     for lane in range(LANES):

@@ -287,8 +287,8 @@ class Material(Table):
 
 
 class StraightBeam(Table):
-    """A straight line of equal elements along the x axis of the body's frame. It has the points hinge and tip at its ends,
-    middle where a node is there, and any node by its index from 0 on."""
+    """A straight line of equal elements along the x axis of the body's frame. It has the points hinge and tip at its
+    ends, middle where a node is there, and any node by its index from 0 on."""
 
     length: Annotated[PositiveOrParameter, Unit("m")] = Field(description=f"length (m), {NAMED}; see docs/method.md")
     elements: Annotated[Integer, at_most(MOST_ELEMENTS, "no straight beam needs more, and they fill memory")] = Field(

@@ -6,6 +6,7 @@ import pytest
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import FRICTION, SOURCE, SPRING_DAMPER, Action, compile_actions
 from pgmp_petsc.full.forces import Acted, BlockActions, act
+from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.full.problem import pairs_of
 from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.joints import Attachment
@@ -35,10 +36,11 @@ class LocalForces:
         self._dofs, entries, self.pattern = pairs_of([action], lambda node: n * node + np.arange(n))
         compiled = compile_actions([action], {}, 1, d)
         self.turns = np.zeros((len(self._dofs), 1))
-        self._actions = BlockActions(
+        actions = BlockActions(
             compiled.statements, compiled.laws, compiled.parameters[None], compiled.roles, compiled.firsts, self._dofs,
             entries, self.pattern[0], np.ones(1, dtype=bool),
         )  # fmt: skip
+        self._actions = Reference(actions)
 
     def evaluate(self, q: np.ndarray, v: np.ndarray, gain_v: float) -> Acted:
         """Evaluate it."""

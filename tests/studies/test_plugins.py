@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from hashlib import sha256
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
@@ -454,9 +455,12 @@ def test_commands_take_plugins_and_end_with_one_message(line_spring: Path, tmp_p
         (tmp_path / name / "mine.py").write_text(changed(name))
     check = ["check", str(scene), "--override", "reduction.modes=2", "--override", f"effects.e={TABLE}"]
     commands = [[*check, "--plugin", str(tmp_path / name / "mine.py")] for name in IN_COMMANDS]
-    commands += [check, [*check, "--plugin", str(line_spring)]]
+    own, kept = ["--plugin", str(line_spring)], str(tmp_path / "run.h5")
+    run = ["simulate", *check[1:], "--override", "simulation.duration=0.01", "--full", "-o", kept]
+    commands += [check, [*check, *own], [*run, *own], ["info", kept, *own]]
     statuses, done = in_turn(3, commands)
-    assert statuses == [[2] * 3] * (len(IN_COMMANDS) + 1) + [[0] * 3]
+    assert statuses == [[2] * 3] * (len(IN_COMMANDS) + 1) + [[0] * 3] * 3
+    assert f"plugin     line_spring.py, SHA-256 {sha256(LISTING.encode()).hexdigest()[:12]}" in done.stdout
     messages = [line for line in done.stderr.splitlines() if line.startswith("pgmp: error: ")]
     for name, message in zip(IN_COMMANDS, messages):
         assert re.search(BROKEN[name][1], message)

@@ -24,7 +24,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.floating import first_moments, second_moments
 from pgmp_petsc.components import condensing
 from pgmp_petsc.full.floating import add_floating
-from pgmp_petsc.full.part_reference import Reference, loaded
+from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.models import ComponentModel, FullModel
 from pgmp_petsc.scene import Scene
@@ -146,8 +146,7 @@ def test_frames_are_mean_axes(make) -> None:
 # Python's own calls, and those with another type of a problem than the kernels have, would be compiled: half a minute
 @njit(cache=True, entry=True)
 def add_forces(reference, *of):
-    problem = loaded(reference)
-    add_floating(problem.floating, problem.width, problem.rayleigh, *of)
+    add_floating(reference.floating, reference.width, reference.rayleigh, *of)
 
 
 @pytest.mark.parametrize("effects", [(), STIFFENING], ids=["linear", "stiffened"])

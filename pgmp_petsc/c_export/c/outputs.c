@@ -140,7 +140,7 @@ void pgmp_observe(struct pgmp_model *m) { pgmp_observe_at(m, pgmp_time(m), pgmp_
 
 void pgmp_observe_at(struct pgmp_model *m, double time, double since) {
     double found[AT_LEAST_ONE(N_READINGS)][3] = {{0}}, bases[AT_LEAST_ONE(N_BASES)][3], theta[R];
-    double acting[N_FORCES + R][3] = {{0}};
+    double acting[N_FORCES + R + N_CONTROLS][3] = {{0}};
     struct frame nodes[AT_LEAST_ONE(N_NODES)];
     struct look look;
     look_at(m, &look);
@@ -158,6 +158,9 @@ void pgmp_observe_at(struct pgmp_model *m, double time, double since) {
     struct acting now;
     act(m, time, since, &now);
     find_forces(m, &now, 0, nodes, acting);
+#endif
+#if N_CONTROLS
+    find_held(m, acting + N_FORCES + R);
 #endif
     combine(time, m->parameters, bases, found, acting + N_CARRIED, m->outputs, m->counted);
     show_counts(m, time);

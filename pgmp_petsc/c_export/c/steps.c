@@ -86,6 +86,17 @@ static void look_at_motions(const struct pgmp_model *m, const double q[N], const
     add_actions(m, none, q, v, 0.0, 0, 0, 0, at, r, 0, 0, 0);
 }
 
+/* What controllers put on their joints from now on: those whose time it is are sampled when the next step begins. */
+void find_held(const struct pgmp_model *m, double found[][3]) {
+    struct response now;
+    int jumping = jumps(m);
+    if (jumping) begin_sampling(m, DUE, pgmp_time(m), &now), look_at_motions(m, m->q, m->v, &now);
+    for (int k = 0; k < N_CONTROLS; k++) {
+        int every = controls[k].every, due = jumping && every > 0 && m->number % every == 0;
+        found[k][0] = due ? now.forces[k] : m->beside[controls[k].column + 3 * controls[k].n_states];
+    }
+}
+
 static void look_at_state(struct pgmp_model *m) {
     for (int i = 0; i < N; i++)
         if (!isfinite(m->q[i]) || !isfinite(m->v[i]) || !isfinite(m->a[i])) m->validity |= PGMP_NOT_FINITE;

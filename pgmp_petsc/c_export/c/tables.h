@@ -114,6 +114,7 @@ void begin_response(const struct pgmp_model *m, const struct scheme *s, double h
 void begin_sampling(const struct pgmp_model *m, int who, double time, struct response *at);
 void follow_response(struct pgmp_model *m, const struct scheme *s, const struct response *at);
 int jumps(const struct pgmp_model *m);
+void find_held(const struct pgmp_model *m, double found[][3]);
 
 double evaluate_statement(const struct statement *s, const double z[2 * N_FRAME], double turned, double gradient[],
                           double (*hessian)[2 * N_FRAME]);
