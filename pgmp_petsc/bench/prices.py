@@ -33,6 +33,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.controllers.acting import has_motion, measured_by
 from pgmp_petsc.estimates.reference_motion import OF_BESIDE
 from pgmp_petsc.full.joint_tree import count_of
 from pgmp_petsc.mechanism.capabilities import SECONDS, SECONDS_PER_UNKNOWN, Purpose, why_refused
@@ -43,7 +44,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.references import points_used
-from pgmp_petsc.scene.uses import length_names
+from pgmp_petsc.scene.uses import length_names, n_builds
 
 LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
 # s, of a step of a sample of a component model: a pair of a body's amplitudes, a body in space, and of the matrix
@@ -60,8 +61,8 @@ SETTING_UP = {2: 0.04, 3: 0.4}  # s, of a sample of lengths of its own, by the d
 # s, of a step of a sample of a reduced model: by itself, an entry of its matrices over one coordinate, a local effect
 REDUCED_SAMPLE, REDUCED_ENTRY, REDUCED_EFFECT = 1.0e-7, 2.0e-9, 3.0e-7
 # s, of a step of a sample in a batch: friction by the force that a joint carries, of components and reduced; a
-# controller, of reduced models
-CARRIED_BESIDE, CARRIED_IN_LANES, CONTROLLED_IN_LANES = 2e-4, 4.5e-6, 1e-6
+# controller, of reduced models; both where a controller measures deformations, for each model of a length
+CARRIED_BESIDE, CARRIED_IN_LANES, CONTROLLED_IN_LANES, READ_APART = 2e-4, 4.5e-6, 1e-6, (1e-4, 1e-5)
 MODEL = 0.6  # s, of a build besides its configurations
 CONDENSING, CONDENSING_POWER = 9e-6, 1.3  # s, of a body of cells by its unknowns; measured from 5,850 to 298,134
 STRAIN = 1.6e-8  # s, of a strain at a point of a body of cells, from some 80 coordinates of the body condensed
@@ -162,7 +163,11 @@ def prospects(
     besides, n_carried = STRAIN * n_strains(scene, mechanism), len(scene.carried)
     of_components = component_step(mechanism, fields) + CARRIED_BESIDE * n_carried + besides
     of_components += BESIDE * len(scene.controllers) + _forces(scene, FORCES)
-    in_lanes = CARRIED_IN_LANES * n_carried + CONTROLLED_IN_LANES * len(scene.controllers) + besides
+    measured = (name for one in scene.controllers.values() for name in measured_by(scene, one).motions)
+    of_lanes = all(has_motion(scene, name) for name in measured)
+    beside = np.array((CARRIED_IN_LANES, CONTROLLED_IN_LANES) if of_lanes else READ_APART)
+    beside *= 1 if of_lanes else max(n_builds(scene) - 1, 1)
+    in_lanes = float(beside @ (n_carried, len(scene.controllers))) + besides
     in_lanes += _forces(scene, FORCES_IN_LANES)
     share = "0.1 to 1 % of deformations, with static answers to loads"
     if not answered:
@@ -258,5 +263,5 @@ def condensing(mechanism: Mechanism) -> float:
 def build_seconds(scene: Scene, mechanism: Mechanism) -> float:
     """Return the predicted processor time of the build of a reduced model, s; bodies of cells are condensed first."""
     n_unknowns = sum(body.dofs.size for body in mechanism.bodies if not body.to_condense)
-    n_configurations = scene.reduction.angles ** len(scene.coordinates)
+    n_configurations = scene.reduction.angles ** len(scene.coordinates) * n_builds(scene)
     return MODEL + condensing(mechanism) + n_configurations * (SECONDS + SECONDS_PER_UNKNOWN * n_unknowns)

@@ -187,6 +187,12 @@ def length_names(scene: AnyScene) -> tuple[str, ...]:
     return tuple(sorted({use.parameter for use in length_uses(scene) if use.parameter is not None}))
 
 
+def n_builds(scene: AnyScene) -> int:
+    """Return how many models a build makes: at all points of the lengths, and one more to compare with; else one."""
+    names = length_names(scene)
+    return scene.reduction.length_points ** len(names) + 1 if names else 1
+
+
 def length_range(scene: AnyScene, name: str) -> tuple[float, float]:
     """Return the smallest and largest value (m or 1) of a parameter; infinite where nothing says an end."""
     parameter, (low, high) = scene.parameters[name], (-np.inf, np.inf)
