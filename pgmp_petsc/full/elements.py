@@ -344,8 +344,8 @@ def _fill_energies(columns, lame, rayleigh, work, found):
     found[2] = -alpha * moving
     if beta != 0.0:
         found[2] += evaluate_cells(
-            cells, constants, material[0], beta, 0.0, places, rates, True, False, work, items(columns.forces, WIDE),
-            items(columns.tangents, WIDE),
+            cells, constants, material[0], beta, 0.0, places, rates, np.bool_(True), np.bool_(False), work,
+            items(columns.forces, WIDE), items(columns.tangents, WIDE),
         )  # fmt: skip
 
 

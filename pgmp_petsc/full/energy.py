@@ -116,7 +116,7 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, tur
         if n_actions:
             now = act(
                 problem.actions, problem.width, block, strengths.actions[k], q[k], v[k], turns[k, n_angles:], 0.0,
-                np.bool_(False),
+                np.bool_(False), np.bool_(False),
             )  # fmt: skip
             for action in range(n_actions):
                 if problem.actions.counted[action]:

@@ -260,10 +260,11 @@ def _propagated(
         for begin in range(first, crossing, at_once):
             part = slice(begin, min(begin + at_once, crossing))
             here = linearisation.at(times[part], _part(states, part), scheme)
+            found = np.empty((3, *here.by_parameters.shape))
             propagate(
-                here.by_q, here.by_v, here.by_a, here.by_parameters, astuple(scheme), step, prescribed, moment,
-                result[:, part],
+                here.by_q, here.by_v, here.by_a, here.by_parameters, astuple(scheme), step, prescribed, moment, found
             )  # fmt: skip
+            result[:, part] = found
         if crossing < n_t:
             moment = contacts.through(crossing, moment)
             result[:, crossing] = moment[:3]

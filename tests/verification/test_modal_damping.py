@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.effects.damping import ModalDamping, free_modes, modal_damping
 from pgmp_petsc.full.damping import ModalFactors, add_modal_damping
+from pgmp_petsc.full.part_reference import Reference
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mechanism.space import cross_matrix
 from pgmp_petsc.scene import Scene, scene_from_toml
@@ -21,11 +23,16 @@ def scene_of(kind: str, *more: str) -> Scene:
     return scene_from_toml(KINDS[kind], ".", (*TINY, damping, *more))
 
 
+@njit(cache=True, entry=True)
+def take_damping(*of):  # what the kernels have compiled; a call of Python's own would be compiled for itself
+    add_modal_damping(*of)
+
+
 def damped(damping: ModalDamping, d: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the forces on the unknowns that are damped, and their power, for unknowns and rates (n_dofs, 1)."""
     modal = ModalFactors.of((damping,), d, lambda dofs: dofs, range(len(q)))
     taken, powers = np.zeros_like(q), np.empty((1, 1))
-    add_modal_damping(modal, d, q, v, taken, np.arange(len(q)), powers)
+    take_damping(Reference(modal), d, q, v, taken, np.arange(len(q)), powers)
     return -taken[damping.dofs], powers[0]
 
 
