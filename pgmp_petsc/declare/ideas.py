@@ -212,9 +212,9 @@ def take(file: Path) -> None:
     n_before = len(IN_USE)
     try:
         _run(text, file, module)
-        for one in vars(module).values():
-            if isinstance(one, Printed) and one.file == path:
-                _check_printed(one)
+        printed = [one for one in vars(module).values() if isinstance(one, Printed) and one.file == path]
+        for one in printed:
+            _check_printed(one, printed)
         for family in FAMILIES:
             for cls in family.classes.values():
                 if cls.__module__ == module.__name__:
@@ -244,12 +244,13 @@ def _complete(cls: type[BaseModel]) -> None:
         raise refuse(cls, f"an entry has the type {error.name}, which is not defined") from error
 
 
-def _check_printed(one: Printed) -> None:
-    """Print what a plugin declares by expressions, and refuse a name that the package or another plugin has."""
-    known = {plugin.path for plugin in IN_USE.values()}
-    for other in one.others:
-        if other in known or Path(__file__).parents[1] in Path(other).parents:
-            raise InputError(f"{one.place}: the name '{one.name}' is taken by {other}; take another one")
+def _check_printed(one: Printed, printed: Iterable[Printed]) -> None:
+    """Print what a plugin declares by expressions, `printed`; refuse names that come twice, in the package too."""
+    known, own = {plugin.path for plugin in IN_USE.values()}, (type(one), one.name)
+    places = [other for other in one.others if other in known or Path(__file__).parents[1] in Path(other).parents]
+    places += [other.place for other in printed if other is not one and (type(other), other.name) == own]
+    if places:
+        raise InputError(f"{one.place}: the name '{one.name}' is taken by {places[0]}; take another one")
     one.code  # says what cannot be printed
 
 

@@ -309,21 +309,32 @@ class ReducedSystem(SecondOrderSystem):
         """Return energies and powers at an instant, from the same tables as the equations of motion."""
         return self.energies_over(np.array([time]), np.array([[state.q, state.v, state.a]]))
 
-    def energies_over(self, times: np.ndarray, trail: np.ndarray) -> Energies:
+    def energies_over(self, times: np.ndarray, trail: np.ndarray, values: Mapping[str, Any] | None = None) -> Energies:
         """Return energies and powers at times (n_t,), in states of shape (n_t, 3, n_samples, n_eta): of all samples at
-        one time after the other, each of shape (n_t * n_samples,)."""
+        one time after the other, each of shape (n_t * n_samples,); parameter values may be numbers."""
         n, residual = times.size * self.n_samples, self._residuals(times, trail)
         known = self._known(times, trail).reshape(n, 3, len(self._actions.actions))
-        values = {name: np.tile(value, times.size) for name, value in self.values.items()}
-        *parts, residual = (part.reshape(n, -1) for part in (*np.moveaxis(trail, 1, 0), residual))
-        return self._energies(values, np.repeat(times, self.n_samples), State(*parts, np.zeros(0)), residual, known)
+        values = values or {name: np.tile(value, times.size) for name, value in self.values.items()}
+        instants = np.repeat(times, self.n_samples)
+        q, v, residual = (part.reshape(n, -1) for part in (trail[:, 0], trail[:, 1], residual))
+        energies = Energies(*reduced_energy(self._terms, values, q, v))
+        for action, power, stored in zip(self._actions.actions, known[:, POWER].T, known[:, STORED].T):
+            energies.add_power(action.effect, power)
+            energies.add_potential(action.effect, stored)
+        loads = load_powers(self._terms, values, q, v) if self._load_effects else {}
+        for effect in self._load_effects:
+            energies.add_power(effect.name, effect.amplitude(instants) * loads[effect.name])
+        if self._terms.damping is not None:
+            power = damping_power(self._terms, values, q, v)
+            energies.add_power(self._terms.damping.effect, power - 2.0 * self._terms.damping.mass * energies.kinetic)
+        for k, motion in self._motions.items():
+            energies.add_power(motion.name, residual[:, k] * v[:, k])
+        return energies
 
     def energies_of_run(self, times: np.ndarray, states: State) -> Energies:
         """Return energies and powers of a system of one sample at several instants, each a row of the states."""
-        values = {name: value[0] for name, value in self.values.items()}
         trail = np.stack([states.q, states.v, states.a], axis=1)[:, :, None]
-        residual, known = self._residuals(times, trail)[:, 0], self._known(times, trail)[:, 0]
-        return self._energies(values, times, states, residual, known)
+        return self.energies_over(times, trail, {name: value[0] for name, value in self.values.items()})
 
     def _residuals(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
         """Return the residuals at times (n_t,), shape (n_t, n_samples, n_eta); zeros if no coordinate is prescribed."""
@@ -344,23 +355,6 @@ class ReducedSystem(SecondOrderSystem):
             state = State(*np.moveaxis(trail[some], 1, 0).reshape(3, k * n, -1), np.zeros(0))
             found[some] = many.residuals_at(np.repeat(times[some], n), state).reshape(k, n, -1)
         return found
-
-    def _energies(
-        self, values: Mapping[str, Any], times: np.ndarray, state: State, residual: np.ndarray, known: np.ndarray
-    ) -> Energies:
-        energies = Energies(*reduced_energy(self._terms, values, state.q, state.v))
-        for action, power, stored in zip(self._actions.actions, known[:, POWER].T, known[:, STORED].T):
-            energies.add_power(action.effect, power)
-            energies.add_potential(action.effect, stored)
-        loads = load_powers(self._terms, values, state.q, state.v) if self._load_effects else {}
-        for effect in self._load_effects:
-            energies.add_power(effect.name, effect.amplitude(times) * loads[effect.name])
-        if self._terms.damping is not None:
-            power = damping_power(self._terms, values, state.q, state.v)
-            energies.add_power(self._terms.damping.effect, power - 2.0 * self._terms.damping.mass * energies.kinetic)
-        for k, motion in self._motions.items():
-            energies.add_power(motion.name, residual[:, k] * state.v[:, k])
-        return energies
 
     @property
     def load_weights(self) -> np.ndarray:

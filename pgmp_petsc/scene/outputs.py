@@ -86,8 +86,11 @@ class OutputEntry(Table):
         return {}
 
     def made_in(self, scene: AnyScene) -> Mapping[str, str]:
-        """Return `made_of`, where that hangs on the scene."""
-        return self.made_of
+        """Return `made_of`, where that hangs on the scene. Raises `InputError` if it names no entries."""
+        made = self.made_of
+        if not isinstance(made, Mapping) or not all(key in type(self).model_fields for key in made.values()):
+            raise refuse(type(self), 'made_of gives the entry of every output, as {self.output: "output"}')
+        return made
 
     def combined(self, name: str, parts: Mapping[str, Any], scene: AnyScene) -> Any:
         """Return what is read, if it reads other outputs, of readings of these."""

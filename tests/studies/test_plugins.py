@@ -248,6 +248,16 @@ LATER = {
     ),
     "no inertia": (SECTION, ("def inertia", "def inertias"), r".*mine\.py, line 7: class Square: NotImplementedError"),
     "a section that fails": (SECTION, ("(5 / 6", "(5 / 0"), r"plugin '.*', line 20: ZeroDivisionError: .*; repair the"),
+    "a reach of a number": (
+        SECTION,
+        ("def area", "sizes = ('side',)\n\n    @property\n    def reach(self):\n        return 1.0\n\n    def area"),
+        r".*mine\.py, line 7: class Square: TypeError: its reach is two quantities",
+    ),
+    "made of a list": (
+        OUTPUT,
+        ("def reading", "@property\n    def made_of(self):\n        return [self.point]\n\n    def reading"),
+        r".*mine\.py, line 9: class Along: made_of gives the entry",
+    ),
     "what fails": (
         LISTING,
         ("statement = along", "statement = nothing; along"),
@@ -344,6 +354,10 @@ BROKEN = {
         r"mine\.py:3\d: effects\.line_spring: law spring_damper .* parameters k, c, rest, and is given 2; give one for",
     ),
     "a law of a taken name": (("@", LAW.format("stop", "-k * s")), r"mine\.py:2: the name 'stop' is .*action\.py"),
+    "two laws of one name": (
+        ("@", 2 * LAW.format("own", "-k * s") + "other = Law('own', ('k',), force='k')\n"),
+        r"mine\.py:4: the name 'own' is taken by .*mine\.py:5; take another one$",
+    ),
     "a joint that holds nothing": (("*", JOINT.replace("def statements", "def x")), r"line \d+: .* statements\(self"),
     "a joint of statements that fail": (
         ("*", JOINT.replace("in_a[:, 2]", "in_c")),

@@ -45,6 +45,10 @@ class BeamSection:
                 raise TypeError("its area, inertia and the others are AffineSum, such as AffineSum.of(self.radius)")
             if min(float(part.at(scene.nominal)) for part in parts) < 0.0:
                 raise ValueError("its area, inertia, or another of its coefficients is negative")
+            reach = entry.section.reach
+            fibres = isinstance(reach, tuple) and [isinstance(part, (Quantity, AffineSum)) for part in reach]
+            if reach is not None and fibres != [True, True]:
+                raise TypeError("its reach is two quantities, such as Quantity.of(self.radius), or None")
             return found
 
     @property
