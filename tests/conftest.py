@@ -65,6 +65,8 @@ THOROUGH = (
     "parallel/test_sweep.py::test_every_command_ends_as_it_should[slider_crank_paper-1]",
     "parallel/test_sweep.py::test_every_command_ends_as_it_should[scara-1]",
     "parallel/test_sweep.py::test_every_command_ends_as_it_should[bridge_crane-1]",
+    "parallel/test_sweep.py::test_every_command_ends_as_it_should[geared_five_bar-1]",
+    "parallel/test_sweep.py::test_every_command_ends_as_it_should[slider_crank_solid2d-1]",
     "parallel/test_settled_ranks.py::test_samples_are_those_of_one_rank[reduced.h5-3]",
     "parallel/test_settled_ranks.py::test_samples_are_those_of_one_rank[full.h5-3]",
     "parallel/test_settled_ranks.py::test_solids_that_ranks_share_settle_where_one_rank_does[held.h5-3]",

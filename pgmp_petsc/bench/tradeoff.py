@@ -59,7 +59,7 @@ from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.uses import length_names, n_builds, with_numbers
 
 MORE_MODES = 1.5  # of the component model as a reference, for each that a basis or another component model has
-COARSER = 4  # of the scene's steps, for the distance of the component model from the mesh
+COARSER = 2  # doublings of the scene's step, for the distance of the component model from the mesh
 AS_GOOD = 1.5  # how far above the smallest error a setting is still as good, if it is cheaper
 GOOD_ENOUGH = 0.01  # an error for which the cheapest setting is a second best one
 # power of the angles of one coordinate that are taken along each of several: 48 become 15 of two, 8 of three
@@ -210,7 +210,7 @@ def _prepared(
     reference = choose_reference(scene, meshes, subject.kinematics, demand, comm)
     preparing = comm.allreduce(process_time() - begin)
     say(reference.why)
-    coarse = max(n // COARSER, 1)
+    coarse = _steps(scene, 0, COARSER)[-1]
     reference = distance_from_mesh(reference, meshes, training.values, training.n_samples, coarse, comm)
     return subject, reference, {"reduced": condensing, "surface": preparing}
 
@@ -523,28 +523,28 @@ def first_settings(scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
     """Return the scene's own setting, first, the lines through it, the tensor, the full order and the surfaces."""
     own = own_setting(scene, limits.gridded)
     n = own_steps(scene)
-    settings = [own, *(_reduced_settings(own, sweep, limits) if limits.gridded else ())]
-    settings += [Setting("full", steps) for steps in _steps(n, sweep.finer, sweep.coarser)]
+    settings = [own, *(_reduced_settings(own, scene, sweep, limits) if limits.gridded else ())]
+    settings += [Setting("full", steps) for steps in _steps(scene, sweep.finer, sweep.coarser)]
     settings += [Setting("full", n, refinement) for refinement in (sweep.refinements if limits.refinable else ())]
     settings += [Setting("components", n, component_modes=modes) for modes in sweep.component_modes]
     last = Setting("components", n, component_modes=sweep.component_modes[-1]) if sweep.component_modes else None
-    settings += [replace(last, n_steps=steps) for steps in _steps(n, sweep.finer, sweep.coarser) if last]
+    settings += [replace(last, n_steps=steps) for steps in _steps(scene, sweep.finer, sweep.coarser) if last]
     settings += [Setting("surface", n, nodes=k) for k in node_counts(len(uncertain_names(scene)), sweep.surfaces)]
     return _once(settings)
 
 
-def _reduced_settings(own: Setting, sweep: Sweep, limits: Limits) -> list[Setting]:
+def _reduced_settings(own: Setting, scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
     """Return the lines of reduced models through the scene's own setting, and the tensor."""
-    n, static = own.n_steps, _static(limits)
+    static = _static(limits)
     settings = [own.with_reduction(modes=round(factor * own.reduction.modes)) for factor in sweep.own_modes]
     if sweep.own_others:
         settings += [own.with_reduction(static_modes=value) for value in static]
         settings += _sampled(own, sweep.own_angles, sweep.schemes)
-    settings += [replace(own, n_steps=steps) for steps in _steps(n, sweep.finer - 1, 1)]
+    settings += [replace(own, n_steps=steps) for steps in _steps(scene, sweep.finer - 1, 1)]
     few = own  # with a tolerance angles are added until it holds, which splines alone can do
     if own.reduction.sampling_tolerance is None:
         few = own.with_reduction(angles=min(sweep.tensor_angles, own.reduction.angles), interpolation="spline")
-    coarse = _steps(n, 0, 1)
+    coarse = _steps(scene, 0, 1)
     for modes, value, steps in product(_within(sweep.tensor_modes, limits), static, coarse):
         plain = {"inertia_modes": False, "parameter_modes": 0}
         settings.append(replace(few, n_steps=steps).with_reduction(modes=modes, static_modes=value, **plain))
@@ -553,13 +553,12 @@ def _reduced_settings(own: Setting, sweep: Sweep, limits: Limits) -> list[Settin
 
 def settings_around(best: Sequence[Setting], scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
     """Return lines through the best settings, the best one's first; those of another are of modes and steps alone."""
-    n = own_steps(scene)
     settings: list[Setting] = []
     for number, setting in enumerate(best):
         # what modes at other parameters add to one number of modes need not be independent of another's
         plain = setting.with_reduction(parameter_modes=0)
         settings += [plain.with_reduction(modes=modes) for modes in _within(sweep.modes, limits)]
-        settings += [replace(setting, n_steps=steps) for steps in _steps(n, sweep.finer, sweep.coarser)]
+        settings += [replace(setting, n_steps=steps) for steps in _steps(scene, sweep.finer, sweep.coarser)]
         if number > 0:
             continue
         if limits.second_order:
@@ -635,9 +634,12 @@ def _within(modes: Sequence[int], limits: Limits) -> list[int]:
     return [n for n in modes if n <= limits.n_modes]
 
 
-def _steps(n: int, finer: int, coarser: int) -> list[int]:
-    """Return n, its doubles, and its halves as far as they are whole."""
-    coarse = [n // 2**k for k in range(1, coarser + 1) if n % 2**k == 0]
+def _steps(scene: Scene, finer: int, coarser: int) -> list[int]:
+    """Return the number of a scene's steps, its doubles, and its halves as far as they are whole, with samplings of
+    controllers at ends of steps."""
+    n, sampled = own_steps(scene), [one.sample_time for one in scene.controllers.values() if one.sample_time]
+    parts = [n, *(round(n * time / scene.simulation.duration) for time in sampled)]
+    coarse = [n // 2**k for k in range(1, coarser + 1) if not any(part % 2**k for part in parts)]
     return [n, *(n * 2**k for k in range(1, finer + 1)), *coarse]
 
 

@@ -126,10 +126,6 @@ def _controllers(scene: Scene) -> Iterator[str]:
     return (f"controllers.{name} ({one.type})" for name, one in scene.controllers.items())
 
 
-def _sampled(scene: Scene) -> Iterator[str]:
-    return (f"controllers.{name}.sample_time" for name, one in scene.controllers.items() if one.sample_time)
-
-
 def _beside(scene: Scene) -> Iterator[str]:
     yield from _controllers(scene)
     yield from _carried(scene)
@@ -196,12 +192,6 @@ FEATURES = (
         frozenset({Purpose.SIZES}),
         why_not="sizes of effects are those without control, and without forces that joints carry",
         cure="take pgmp check without --effects",
-    ),
-    Feature(
-        _sampled,
-        frozenset({Purpose.TRADEOFF}),
-        why_not="steps that are compared would miss samplings",
-        cure="compare pgmp simulate SCENE --full with reduced runs",
     ),
     Feature(
         _with(_loose, lambda scene: _given("initial.equilibrium", scene.initial.equilibrium)),

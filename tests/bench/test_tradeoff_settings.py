@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from runs import PAPER_SCENE, paper_scene
 from scipy import stats
 
@@ -73,6 +74,12 @@ def test_a_step_gives_its_number_of_steps(duration: float, n: int) -> None:
     odd = paper_scene("simulation.duration=0.45", "simulation.step=1e-2")  # a coarser one divides the duration
     steps = {setting.n_steps for setting in first_settings(odd, FULL, LIMITS) if setting.family == "full"}
     assert steps == {45, 90, 180}
+
+
+def test_steps_that_are_compared_have_samplings_at_their_ends() -> None:
+    """Every 2 ms, with steps of 1 ms: of 4 ms some would be missed."""
+    settings = first_settings(load_scene(ROOT / "scenes" / "servo_arm.toml", (), ()), FULL, LIMITS)
+    assert {setting.n_steps for setting in settings if setting.family == "full"} == {500, 1000, 2000, 4000}
 
 
 def test_no_more_modes_than_the_mesh_has() -> None:

@@ -708,8 +708,7 @@ def test_a_reduction_is_chosen_under_control(entries: tuple[str, ...]) -> None:
 
 
 PURPOSES = {
-    Purpose.SIZES: (), Purpose.TRADEOFF: ("controllers.place.sample_time=1e-2",),
-    Purpose.BUILD: ('reduction.effects="auto"',),
+    Purpose.SIZES: (), Purpose.BUILD: ('reduction.effects="auto"',),
 }  # fmt: skip
 
 
