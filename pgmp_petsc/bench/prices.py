@@ -43,7 +43,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.references import points_used
-from pgmp_petsc.scene.uses import length_names
+from pgmp_petsc.scene.uses import count_builds, length_names
 
 LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
 # s, of a step of a sample of a component model: a pair of a body's amplitudes, a body in space, and of the matrix
@@ -256,7 +256,9 @@ def condensing(mechanism: Mechanism) -> float:
 
 
 def build_seconds(scene: Scene, mechanism: Mechanism) -> float:
-    """Return the predicted processor time of the build of a reduced model, s; bodies of cells are condensed first."""
+    """Return the predicted processor time of a reduced model's build, s, of all its lengths; bodies of cells are
+    condensed first."""
     n_unknowns = sum(body.dofs.size for body in mechanism.bodies if not body.to_condense)
     n_configurations = scene.reduction.angles ** len(scene.coordinates)
-    return MODEL + condensing(mechanism) + n_configurations * (SECONDS + SECONDS_PER_UNKNOWN * n_unknowns)
+    one = MODEL + condensing(mechanism) + n_configurations * (SECONDS + SECONDS_PER_UNKNOWN * n_unknowns)
+    return count_builds(scene) * one

@@ -238,6 +238,12 @@ def with_numbers(scene: SomeScene, values: Mapping[str, float]) -> SomeScene:
     return held(scene, values).model_copy(update={"bodies": bodies, "ground": ground, "joints": joints})
 
 
+def count_builds(scene: AnyScene) -> int:
+    """Return how many models a build makes: one, or those at all points of its lengths, and one to compare with."""
+    names = length_names(scene)
+    return scene.reduction.length_points ** len(names) + 1 if names else 1
+
+
 def length_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each length, place or ratio that a parameter cannot be as it is given."""
     names = [name for name in length_names(scene) if name in scene.parameters]
