@@ -44,7 +44,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.references import points_used
-from pgmp_petsc.scene.uses import length_names, n_builds
+from pgmp_petsc.scene.uses import count_builds, length_names
 
 LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
 # s, of a step of a sample of a component model: a pair of a body's amplitudes, a body in space, and of the matrix
@@ -166,7 +166,7 @@ def prospects(
     measured = (name for one in scene.controllers.values() for name in measured_by(scene, one).motions)
     of_lanes = all(has_motion(scene, name) for name in measured)
     beside = np.array((CARRIED_IN_LANES, CONTROLLED_IN_LANES) if of_lanes else READ_APART)
-    beside *= 1 if of_lanes else max(n_builds(scene) - 1, 1)
+    beside *= 1 if of_lanes else count_builds(scene)
     in_lanes = float(beside @ (n_carried, len(scene.controllers))) + besides
     in_lanes += _forces(scene, FORCES_IN_LANES)
     share = "0.1 to 1 % of deformations, with static answers to loads"
@@ -261,7 +261,9 @@ def condensing(mechanism: Mechanism) -> float:
 
 
 def build_seconds(scene: Scene, mechanism: Mechanism) -> float:
-    """Return the predicted processor time of the build of a reduced model, s; bodies of cells are condensed first."""
+    """Return the predicted processor time of a reduced model's build, s, of all its lengths; bodies of cells are
+    condensed first."""
     n_unknowns = sum(body.dofs.size for body in mechanism.bodies if not body.to_condense)
-    n_configurations = scene.reduction.angles ** len(scene.coordinates) * n_builds(scene)
-    return MODEL + condensing(mechanism) + n_configurations * (SECONDS + SECONDS_PER_UNKNOWN * n_unknowns)
+    n_configurations = scene.reduction.angles ** len(scene.coordinates)
+    one = MODEL + condensing(mechanism) + n_configurations * (SECONDS + SECONDS_PER_UNKNOWN * n_unknowns)
+    return count_builds(scene) * one

@@ -56,7 +56,7 @@ from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values, values_text
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.scene.parameters import uncertain_names
-from pgmp_petsc.scene.uses import length_names, n_builds, with_numbers
+from pgmp_petsc.scene.uses import count_builds, length_names, with_numbers
 
 MORE_MODES = 1.5  # of the component model as a reference, for each that a basis or another component model has
 COARSER = 2  # doublings of the scene's step, for the distance of the component model from the mesh
@@ -177,9 +177,9 @@ def _of_one_mechanism(scene: Scene) -> Scene:
         return scene
     lengths = {name: scene.values[name] for name in names}
     said = note(
-        f"settings are compared at {values_text(scene, lengths)}, other "
-        f"values with --set; over all lengths a build is {n_builds(scene)} of those that are timed here, and samples "
-        "take somewhat longer (docs/uncertainty.md, lengths, places and ratios)"
+        f"settings are compared at {values_text(scene, lengths)}, other values with --set; over all lengths a build is "
+        f"{count_builds(scene)} of those that are timed here, and samples take somewhat longer "
+        "(docs/uncertainty.md, lengths, places and ratios)"
     )
     return with_numbers(scene, lengths).with_remarks((*scene.remarks, said))
 

@@ -187,12 +187,6 @@ def length_names(scene: AnyScene) -> tuple[str, ...]:
     return tuple(sorted({use.parameter for use in length_uses(scene) if use.parameter is not None}))
 
 
-def n_builds(scene: AnyScene) -> int:
-    """Return how many models a build makes: at all points of the lengths, and one more to compare with; else one."""
-    names = length_names(scene)
-    return scene.reduction.length_points ** len(names) + 1 if names else 1
-
-
 def length_range(scene: AnyScene, name: str) -> tuple[float, float]:
     """Return the smallest and largest value (m or 1) of a parameter; infinite where nothing says an end."""
     parameter, (low, high) = scene.parameters[name], (-np.inf, np.inf)
@@ -242,6 +236,12 @@ def with_numbers(scene: SomeScene, values: Mapping[str, float]) -> SomeScene:
         for name, joint in scene.joints.items()
     }
     return held(scene, values).model_copy(update={"bodies": bodies, "ground": ground, "joints": joints})
+
+
+def count_builds(scene: AnyScene) -> int:
+    """Return how many models a build makes: one, or those at all points of its lengths, and one to compare with."""
+    names = length_names(scene)
+    return scene.reduction.length_points ** len(names) + 1 if names else 1
 
 
 def length_problems(scene: AnyScene) -> Iterator[str]:

@@ -30,7 +30,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import EffectSizes, Selection
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values
-from pgmp_petsc.scene.uses import extremes, length_names
+from pgmp_petsc.scene.uses import count_builds, extremes, length_names
 from pgmp_petsc.stepping.static_equilibrium import require_balance
 from pgmp_petsc.studies.effect_sizes import choose_effects, remarks_on_sizes
 
@@ -151,15 +151,15 @@ def _check_ahead(scene: Scene, meshes: Mapping[str, BodyShape]) -> None:
 def _price(scene: Scene, resume: bool) -> str:
     """Say what lengths as parameters make of the build."""
     names, reduction = length_names(scene), scene.reduction
-    n_points, n = reduction.length_points ** len(names), reduction.angles ** len(scene.coordinates)
+    n_builds, n = count_builds(scene), reduction.angles ** len(scene.coordinates)
     first = ""
     if reduction.sampling_tolerance is not None:
         count = len(list(extremes(scene))) + 1
         first = f"; reduction.sampling_tolerance takes {count} builds before, to find angles, and may add some to all"
     anew = "; a build over lengths keeps nothing on the way, so --resume begins anew" if resume else ""
-    points = f"models at {n_points} points, {reduction.length_points} along each, and one more to compare with"
+    points = f"models at {n_builds - 1} points, {reduction.length_points} along each, and one more to compare with"
     what = f"lengths, places and ratios ({', '.join(names)}): {points}, times {n} configurations"
-    return f"{what} are {(n_points + 1) * n} eigenproblems{first}{anew}"
+    return f"{what} are {n_builds * n} eigenproblems{first}{anew}"
 
 
 def _with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Mapping[str, BodyShape]) -> ReducedOrderModel:

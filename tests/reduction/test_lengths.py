@@ -14,7 +14,7 @@ from runs import built_rom, full_model, read_meshes, rom_of, samples, still
 from sealed import resealed
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.bench.prices import MODEL, prospects, step_seconds
+from pgmp_petsc.bench.prices import prospects, step_seconds
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.affine import Monomial, Place, evaluate_weights
 from pgmp_petsc.ensemble.failures import failure_remarks
@@ -28,7 +28,7 @@ from pgmp_petsc.models import LengthLanes, ReducedModel, SeparateLengths, of_sam
 from pgmp_petsc.reduction import length_family
 from pgmp_petsc.reduction.rom import LengthCheck, ReducedOrderModel, check_samples, check_served, served_ranges
 from pgmp_petsc.reduction.sample_grid import LengthGrid
-from pgmp_petsc.scene.uses import length_names, length_range, with_numbers
+from pgmp_petsc.scene.uses import length_names, length_range
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.inputs import with_meshes
@@ -130,10 +130,8 @@ def test_component_ensembles_and_more_builds_than_are_made_are_refused() -> None
     law = "parameters.rod_length.distribution={name='norm',loc=0.7,scale=0.01}"
     scene, meshes = with_meshes(long_crank(*SMALL, law), Purpose.CHECK)
     mechanism = Mechanism.from_scene(scene, meshes)
-    mesh, refused, reduced = prospects(scene, meshes, mechanism, 6, 0)
+    mesh, refused, _ = prospects(scene, meshes, mechanism, 6, 0)
     assert "component modes are of one mesh" in refused.refused and mesh.step > step_seconds(mechanism)
-    alone = prospects(with_numbers(scene, {"rod_length": 0.7}), meshes, mechanism, 6, 0)[2]
-    assert reduced.build - MODEL == pytest.approx(4 * (alone.build - MODEL))  # at three points, and one to compare with
     spans = [f"parameters.{name}={{nominal=0.0, bounds=[-0.1, 0.1]}}" for name in "xyz"]
     assert re.search(
         "reduction.length_points = 5: of 4 lengths, places and ratios .* make 625 builds; at most",
