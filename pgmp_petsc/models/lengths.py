@@ -20,7 +20,9 @@ from pgmp_petsc.mechanism.statements import ANGLE
 from pgmp_petsc.models.full import ComponentModel, FullModel
 from pgmp_petsc.models.model import Model
 from pgmp_petsc.models.reduced import Observing, ReducedModel, begun
+from pgmp_petsc.outputs.of_outputs import Combined
 from pgmp_petsc.outputs.rainflow import Counted
+from pgmp_petsc.outputs.readings import ModelReading, Needs, Seen
 from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedTerms
@@ -136,7 +138,8 @@ class SeparateLengths:
 class LengthLanes(Observing):
     """Reduced samples side by side: terms are affine in monomials of the lengths, as in other parameters; see `Model`.
 
-    Outputs, displacements and angles of joints are interpolated as the tables are (`reduction.sample_grid`): they are
+    Outputs but formulas, displacements and angles of joints are interpolated as the tables are
+    (`reduction.sample_grid`): they are
     evaluated in the model of each point of the grid, its `members`. Effects, start and so on are as of `ReducedModel`;
     rigid motions and shapes of the scene's own lengths have no part in them.
     """
@@ -148,6 +151,11 @@ class LengthLanes(Observing):
         self.identity, self.meshes, self.largest_batch = model.identity, model.meshes, model.largest_batch
         self.effects, self.start, self.motions = model.effects, model.start, model.motions
         self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts, model.outputs.takes_beside)
+        self.formulas = {
+            name: replace(one, parts={own: ModelReading(own.removeprefix("of_"), Needs()) for own in one.parts})
+            for name, one in model.outputs.functions.items()
+            if isinstance(one, Combined)
+        }
         self.lengths = length_names(model.scene)
         family, scheme = model.rom.family, model.scene.interpolation
         self.grid, self.check = family.grid, family.check
@@ -216,10 +224,15 @@ class LengthLanes(Observing):
     ) -> np.ndarray:
         """Return the outputs in states of reduced coordinates (n, n_eta), at parameters (n,), shape (n_outputs, n); see
         `ReducedModel`."""
-        n = len(states.q)
-        return self._sum(
+        n, units = len(states.q), self.outputs.units
+        rows = self._sum(
             lambda member: _stacked(member.outputs.evaluate(member.observed_of(time, states, values)), n), n, values
         )
+        seen = Seen(({},), of_model=dict(zip(units, rows)), time=np.broadcast_to(time, n), values=values, n=n)
+        for row, name in zip(rows, units):
+            if name in self.formulas:  # they may jump, where what they are of does not
+                row[:] = self.formulas[name].jet(seen, 0)[0]
+        return rows
 
     def local_displacements(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
         """Return displacements and rotations of all nodes in body frames; see `ReducedModel.local_displacements`."""

@@ -51,7 +51,10 @@ BESIDE = {
         SERVO % ("slider_deformation", 0.0, ""), HELD,
         'effects.rub={type="joint_friction", joint="slider", coefficient=0.2, speed=0.05}',
     ),
-    "clearance": ("joints.elbow.clearance={radius=1e-4, stiffness=1e6, restitution=0.5}",),
+    "clearance, a formula that jumps": (
+        "joints.elbow.clearance={radius=1e-4, stiffness=1e6, restitution=0.5}",
+        'outputs.beyond={type="formula", formula="where(slider_position > 0.98, 1, 0)", unit="1"}',
+    ),
 }  # fmt: skip
 STARTS = {
     "undeformed": (),
