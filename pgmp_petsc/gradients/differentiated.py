@@ -490,14 +490,11 @@ class ObservedChanges:
     def __init__(
         self, model: ReducedModel | LengthLanes, values: Mapping[str, float], times: np.ndarray, states: State
     ) -> None:
-        self._model, self._values = model, dict(values)
+        self._model, self._values, self._times = model, dict(values), times
         self._members = [_Member(member, self._values, times, states) for member in model.members]
-
-    @property
-    def outputs(self) -> dict[str, np.ndarray]:
-        """The outputs, each of shape (n_t,)."""
-        shares = self._model.shares(self._values)
-        return _total(_times(share, member.outputs) for share, member in zip(shares, self._members))
+        shares = model.shares(self._values)
+        found = _total(_times(share, member.outputs) for share, member in zip(shares, self._members))
+        self.outputs = model.composed(found, times, self._values, times.size)  # each of shape (n_t,)
 
     def of(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
         """Return the derivatives of all outputs with a parameter, each (n_t,), for those of eta, its rates and
@@ -505,7 +502,25 @@ class ObservedChanges:
         shares, slopes = self._model.shares(self._values), self._model.shares(self._values, name)
         parts = [_times(share, member.changes(name, changes)) for share, member in zip(shares, self._members)]
         parts += [_times(slope, member.outputs) for slope, member in zip(slopes, self._members) if slope]
-        return _total(parts)
+        return self._through_formulas(name, _total(parts))
+
+    def _through_formulas(self, name: str, found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return derivatives with those of formulas by differences along the outputs that they are made of."""
+        model, value = self._model, self._values[name]
+        if not model.formulas:
+            return found
+        sizes = {output: np.abs(values).max() for output, values in self.outputs.items()}
+        shares = [np.abs(found[one]) / size for one, size in sizes.items() if size and one not in model.formulas]
+        largest = np.maximum(np.max(shares, axis=0, initial=0.0), 1.0 / abs(value) if value else 0.0)
+        far = OBSERVED_DIFFERENCE / np.where(largest > 0.0, largest, 1.0)
+        ahead, behind = (
+            model.composed(
+                {one: values + step * found[one] for one, values in self.outputs.items()}, self._times,
+                self._values | {name: value + step}, far.size,
+            )
+            for step in (far, -far)
+        )  # fmt: skip
+        return found | {formula: (ahead[formula] - behind[formula]) / (2.0 * far) for formula in model.formulas}
 
 
 class _Member:

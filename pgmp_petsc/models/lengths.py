@@ -21,8 +21,9 @@ from pgmp_petsc.models.full import ComponentModel, FullModel
 from pgmp_petsc.models.model import Model
 from pgmp_petsc.models.reduced import Observing, ReducedModel, begun
 from pgmp_petsc.outputs.of_outputs import Combined
+from pgmp_petsc.outputs.outputs import in_order
 from pgmp_petsc.outputs.rainflow import Counted
-from pgmp_petsc.outputs.readings import ModelReading, Needs, Seen
+from pgmp_petsc.outputs.readings import AnyReading, ModelReading, Needs
 from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedTerms
@@ -139,9 +140,8 @@ class LengthLanes(Observing):
     """Reduced samples side by side: terms are affine in monomials of the lengths, as in other parameters; see `Model`.
 
     Outputs but formulas, displacements and angles of joints are interpolated as the tables are
-    (`reduction.sample_grid`): they are
-    evaluated in the model of each point of the grid, its `members`. Effects, start and so on are as of `ReducedModel`;
-    rigid motions and shapes of the scene's own lengths have no part in them.
+    (`reduction.sample_grid`): they are evaluated in the model of each point of the grid, its `members`. Effects, start
+    and so on are as of `ReducedModel`; rigid motions and shapes of the scene's own lengths have no part in them.
     """
 
     name, title = ReducedModel.name, ReducedModel.title
@@ -151,10 +151,11 @@ class LengthLanes(Observing):
         self.identity, self.meshes, self.largest_batch = model.identity, model.meshes, model.largest_batch
         self.effects, self.start, self.motions = model.effects, model.start, model.motions
         self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts, model.outputs.takes_beside)
+        # each behind those that it is made of; they may jump where these do not, and are not interpolated
         self.formulas = {
-            name: replace(one, parts={own: ModelReading(own.removeprefix("of_"), Needs()) for own in one.parts})
-            for name, one in model.outputs.functions.items()
-            if isinstance(one, Combined)
+            name: _of_others(self.scene, name)
+            for name in in_order(self.scene)
+            if isinstance(model.outputs.functions[name], (Combined, Counted))
         }
         self.lengths = length_names(model.scene)
         family, scheme = model.rom.family, model.scene.interpolation
@@ -224,15 +225,11 @@ class LengthLanes(Observing):
     ) -> np.ndarray:
         """Return the outputs in states of reduced coordinates (n, n_eta), at parameters (n,), shape (n_outputs, n); see
         `ReducedModel`."""
-        n, units = len(states.q), self.outputs.units
+        n = len(states.q)
         rows = self._sum(
             lambda member: _stacked(member.outputs.evaluate(member.observed_of(time, states, values)), n), n, values
         )
-        seen = Seen(({},), of_model=dict(zip(units, rows)), time=np.broadcast_to(time, n), values=values, n=n)
-        for row, name in zip(rows, units):
-            if name in self.formulas:  # they may jump, where what they are of does not
-                row[:] = self.formulas[name].jet(seen, 0)[0]
-        return rows
+        return _stacked(self.composed(dict(zip(self.outputs.units, rows)), time, values, n), n)
 
     def local_displacements(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
         """Return displacements and rotations of all nodes in body frames; see `ReducedModel.local_displacements`."""
@@ -266,6 +263,12 @@ class _JointAngles:
     def _sum(self, what: str, eta: np.ndarray) -> np.ndarray:
         lanes = self._lanes
         return lanes._sum(lambda one: getattr(one.joint_angles, what)(eta).T, len(eta), self._values).T
+
+
+def _of_others(scene: Scene, name: str) -> AnyReading:
+    """Return what an output reads of others that a model has found."""
+    entry = scene.outputs[name]
+    return entry.combined(f"outputs.{name}", {one: ModelReading(one, Needs()) for one in entry.made_in(scene)}, scene)
 
 
 def _stacked(outputs: Mapping[str, np.ndarray], n: int) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -19,6 +20,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.model import Measures, require_lengths, search_of, velocities_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.outputs.readings import AnyReading, Seen
 from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedDamping, ReducedTerms
@@ -35,7 +37,21 @@ if TYPE_CHECKING:
 
 
 class Observing:
-    """Models that observe what outputs are made of in states of reduced coordinates."""
+    """Models that observe what outputs are made of in states of reduced coordinates; `formulas` are outputs that are
+    made of others once these are found."""
+
+    formulas: Mapping[str, AnyReading] = MappingProxyType({})
+
+    def composed(
+        self, outputs: Mapping[str, np.ndarray], time: np.ndarray | float,
+        values: Mapping[str, np.ndarray | float], n: int,
+    ) -> dict[str, np.ndarray]:  # fmt: skip
+        """Return outputs (n,) with the formulas evaluated of the others."""
+        found = dict(outputs)
+        seen = Seen(({},), of_model=found, time=np.broadcast_to(time, n), values=values, n=n)
+        for name, formula in self.formulas.items():
+            found[name] = formula.jet(seen, 0)[0]
+        return found
 
     def observed(self, system: ReducedSystem, state: State, time: float = 0.0) -> np.ndarray:
         """Return what the outputs are made of at a time (s), shape (n_observed, n_samples)."""

@@ -159,7 +159,7 @@ class OutputSet:
         functions, stresses, needs, order, beside = {}, [], Needs(), 0, []
         numbers = {name: k for k, name in enumerate((*scene.carried, *scene.controllers))}
         forces = _forces(scene, kinematics, start)
-        for name in _in_order(scene):
+        for name in in_order(scene):
             entry = scene.outputs[name]
             if "stresses" in entry.reads:
                 stresses.append(_stress(name, scene, kinematics))
@@ -213,7 +213,7 @@ class OutputSet:
         )  # fmt: skip
 
 
-def _in_order(scene: Scene) -> list[str]:
+def in_order(scene: Scene) -> list[str]:
     """Return the names of outputs, each behind those that it is made of."""
     found: dict[str, None] = {}
 
