@@ -335,7 +335,7 @@ def _carried(machine: str) -> tuple[tuple[str, str, str], ...]:
         names = " and ".join(name for _, name, _ in wheel["processors"])
         _note(
             f"the wheel's compiled code is of numba {wheel['numba']} for processors {names}, and this is numba "
-            f"{numba.__version__} on {binding.get_host_cpu_name()}: what runs need is compiled once, which takes minutes"
+            f"{numba.__version__} on {binding.get_host_cpu_name()}: what runs need is compiled once, and takes minutes"
         )
     return found
 
