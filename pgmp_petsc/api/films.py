@@ -189,7 +189,8 @@ def plot(
     them gives mechanism.png, energies.png, of solids solids.png (surfaces with von Mises' stress in colour), forces.png
     (of joints, polar), torques.png (of drives over their speed), rainflow.png and, with two coordinates,
     coordinate_path.png. Ensembles become densities.png and, each ensemble by itself, bands.png (outputs over time) and
-    sobol.png (which parameters matter), rare events rare_event.png, trade-off studies tradeoff.png, tradeoff_total.png and tradeoff_mesh.png.
+    sobol.png (which parameters matter), rare events rare_event.png, trade-off studies tradeoff.png,
+    tradeoff_total.png and tradeoff_mesh.png.
     """
     comm = ranks_of(comm)
     paths, folder = [Path(file) for file in files], Path(output)

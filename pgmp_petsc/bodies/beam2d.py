@@ -25,7 +25,7 @@ PACKED_ROWS, PACKED_COLUMNS = np.tril_indices(6)
 
 @njit(error_model="numpy", forceinline=True)
 def strains(u, cos, sin, length):
-    """Return ``eps + 1``, gamma and kappa of an element with unknowns u (6,), of cos and sin of psi, and of a length, m."""
+    """Return ``eps + 1``, gamma and kappa of unknowns u (6,), cos and sin of psi, and a length, m."""
     dx, dy, inverse = u[3] - u[0], u[4] - u[1], 1.0 / length
     return (cos * dx + sin * dy) * inverse, (cos * dy - sin * dx) * inverse, (u[5] - u[2]) * inverse
 

@@ -254,7 +254,7 @@ def test_a_wheel_carries_code_for_a_family_of_processors(module: Path) -> None:
     carries(numba.__version__, ("new", "+cx16,+fly"))
     line, hits = said()
     assert hits == "0" and f"is of numba {numba.__version__} for processors new, and this is numba" in line
-    assert "compiled once, which takes minutes" in line
+    assert "compiled once, and takes minutes" in line
     assert said() == ["6 1.0 None", "2"], "that is kept as in a checkout"
     carries("0.1", FAMILY)
     assert said(NUMBA_CACHE_DIR=str(module / "others")) == ["6 1.0 None", "2"]
