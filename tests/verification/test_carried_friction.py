@@ -268,7 +268,8 @@ def test_on_a_beam_that_bends_forces_are_found_in_python():
     found, wanted = (run(model.scene, kind, 1)[1]["way"] for kind in ("reduced", "full"))
     slower = 0.1 + 5.0 * 0.01 - wanted[-1]
     assert slower > 1e-5 and np.abs(found - wanted).max() < 0.05 * slower
-    longer = moving(*ON_BEAM, 'parameters.l={nominal=2.0,unit="m",bounds=[1.9,2.1]}', 'bodies.beam.line.length="l"')
+    length = 'parameters.l={nominal=2.0,unit="m",bounds=[1.9,2.1]}', 'bodies.beam.line.length="l"'
+    longer = moving(*ON_BEAM, *length, "reduction.length_points=3")
     of_any = of_samples(reduced_model(longer), ["l"])
     assert of_any.actions.carried is None
     found, alone = history(of_any, samples(longer, 1), 1)[1]["way"][:, 0], run(model.scene, "reduced", 1)[1]["way"]
