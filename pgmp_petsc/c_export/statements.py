@@ -300,7 +300,7 @@ def action_in_c(
     """Return a local effect by its number; `nodes` are those of all of them, `strengths` the names of what acts over
     time, and `windings`, of which it takes its own, go over the parts of all."""
     parts = []
-    for (statement, function), a, b in zip(action.statement.terms, action.sides[::2], action.sides[1::2]):
+    for (statement, function), (a, b) in zip(action.statement.terms, action.pairs):
         term = TermInC(number, StatementInC(statement, Side.of(a, slots), Side.of(b, slots)), function, -1)
         held = tuple(-1 if side.on_ground else nodes.index(side.node) for side in (a, b))
         parts.append(PartInC(term, held, tuple(map(float, next(windings)))))

@@ -119,6 +119,11 @@ class Action:
         return self.a, self.b, *self.further
 
     @property
+    def pairs(self) -> list[tuple[Attachment, Attachment]]:
+        """The attachments of each term."""
+        return list(zip(self.sides[::2], self.sides[1::2]))
+
+    @property
     def leads(self) -> bool:
         """Whether it does nothing but measure, for the law of the action behind it."""
         return self.law is NOTHING
@@ -162,8 +167,13 @@ def compile_actions(
         Laws.of([action.law for action in actions]),
         parameters,
         np.array([action.role for action in actions], dtype=np.int64),
-        np.cumsum([0, *(len(action.statement.terms) for action in actions)]),
+        first_terms(actions),
     )
+
+
+def first_terms(actions: Sequence[Action]) -> np.ndarray:
+    """Return the number of each action's first term among those of all, and how many there are, (n_actions + 1,)."""
+    return np.cumsum([0, *(len(action.statement.terms) for action in actions)])
 
 
 def counted_from(action: Action, kinematics: RigidKinematics, theta: np.ndarray) -> np.ndarray:

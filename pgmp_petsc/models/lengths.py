@@ -190,7 +190,7 @@ class LengthLanes(Observing):
         own = []
         for action in actions:
             numbers = [np.ravel([parameter.at(self.scene.nominal) for parameter in action.parameters])]
-            for (part, function), *pair in zip(action.statement.terms, action.sides[::2], action.sides[1::2]):
+            for (part, function), pair in zip(action.statement.terms, action.pairs):
                 arms = [] if part.kind == ANGLE else [side.arm for side in pair]
                 numbers += [[function.factor], part.axes.ravel(), *arms]
             own.append(np.concatenate(numbers))

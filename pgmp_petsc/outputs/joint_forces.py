@@ -379,9 +379,8 @@ class Pull:
     @classmethod
     def of(cls, action: Action, space: Space) -> Self:
         """Return that of an action on statements about two frames."""
-        sides = list(zip(action.sides[::2], action.sides[1::2]))
         parts = (part for part, _ in action.statement.terms)
-        return cls(action, tuple(Reading("MEASURE", own, part, space) for own, part in zip(sides, parts)))
+        return cls(action, tuple(Reading("MEASURE", own, part, space) for own, part in zip(action.pairs, parts)))
 
     @property
     def reads_rates(self) -> bool:

@@ -9,7 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.effects.action import NOTHING, Action, amplitudes_over, compile_actions, counted_from
+from pgmp_petsc.effects.action import (
+    NOTHING,
+    Action,
+    amplitudes_over,
+    compile_actions,
+    counted_from,
+    first_terms,
+)
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.effects.time_function import TimeFunction, joined
@@ -142,7 +149,7 @@ class ReducedActions:
 
     def chosen(self, numbers: Sequence[int]) -> Chosen:
         """Return some actions with their nodes."""
-        firsts = np.cumsum([0, *(len(action.statement.terms) for action in self.actions)])
+        firsts = first_terms(self.actions)
         parts = [part for k in numbers for part in range(firsts[k], firsts[k + 1])]
         nodes = np.unique(self.places.sides[parts])
         return Chosen(np.array(numbers, dtype=np.int64), nodes[nodes >= 0])
@@ -159,8 +166,7 @@ def felt_by(actions: Sequence[Action], dimension: int) -> np.ndarray:
     nodes, d, n = nodes_of(actions), dimension, dimension * (dimension + 1)
     found, frames = np.zeros((len(nodes), n // 2), dtype=bool), np.random.default_rng(1).normal(size=(2, n))
     for action in actions:
-        sides = zip(action.sides[::2], action.sides[1::2])
-        for (part, _), pair in zip(action.statement.terms, sides):
+        for (part, _), pair in zip(action.statement.terms, action.pairs):
             slopes = np.ones(2 * n) if part.kind == FOLLOWING else part.generic.gradient(*frames)
             for side, own in zip(pair, slopes.reshape(2, n) != 0.0):
                 if not side.on_ground:
@@ -180,7 +186,7 @@ def rigid_places(
     found = []
     for action in actions:
         near = counted_from(action, kinematics, start[:, None])[:, 0]
-        for (part, _), *sides, at in zip(action.statement.terms, action.sides[::2], action.sides[1::2], near):
+        for (part, _), sides, at in zip(action.statement.terms, action.pairs, near):
             found.append(_counted(part, sides, kinematics, poses, fine, start, at))
     angles, winding = map(np.array, zip(*found))
     return interpolant(fine, np.concatenate([*frames, angles.T], axis=1)[:, None], "spline"), winding

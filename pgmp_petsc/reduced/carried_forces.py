@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.action import Action, first_terms
 from pgmp_petsc.lanes.vectors import LANES, aligned_zeros
 from pgmp_petsc.outputs.joint_forces import OfConnection
 from pgmp_petsc.reduced.carried import Carried, KeptGaps
@@ -112,7 +112,7 @@ def _pulls_of(
     for row, (part, _) in zip(force.rows, force.held):
         found.append((rows.index(row), -1, -1, number))
         terms.append([(statement, function.factor) for statement, function in part.terms])
-    firsts = list(accumulate((len(action.statement.terms) for action in actions), initial=0))
+    firsts = first_terms(actions).tolist()
     own = {pull.action.effect for pull in force.pulls}
     for action in (k for k, one in enumerate(actions) if one.effect in own):
         for k, (statement, _) in enumerate(actions[action].statement.terms):
