@@ -175,9 +175,9 @@ def controller_problems(scene: AnyScene) -> Iterator[str]:
         yield from _limits(scene, entry, one)
         yield from _sampling(scene, entry, one)
         yield from one.problems(scene, name)
-        if scene.initial.equilibrium:
-            words = "controllers begin with a run, and its equilibrium does not know them; leave it out"
-            yield problem("initial.equilibrium", f"with {entry}: {words}", True)
+        if scene.initial.coordinates == "free":
+            words = "controllers begin with a run, and its equilibrium does not know them; leave it out: joints are held"
+            yield problem("initial.coordinates", f"with {entry}: {words}", "free")
 
 
 def _measure(scene: AnyScene, entry: str, measured: str, needs_rate: bool) -> Iterator[str]:
