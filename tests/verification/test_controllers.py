@@ -623,8 +623,8 @@ initial.equilibrium=true & initial.coordinates="free" -> initial.coordinates = "
 effects.servo={type="gravity"} -> controllers.servo: effects.servo has this name
 outputs.u={type="control_force",controller="serv"} -> \
     outputs.u.controller = "serv": there is no such controller; did you mean 'servo'?
-controllers.servo.sample_time=2e-3&simulation={duration=0.4,tolerance=1e-3} -> \
-    controllers.servo.sample_time = 0.002: needs simulation.step
+controllers.servo.sample_time=1.4142136e-3&simulation={duration=0.4,tolerance=1e-3} -> \
+    controllers.servo.sample_time = 0.0014142136: no step that simulation.tolerance finds divides it
 """
 
 
