@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from conftest import MPI_ENVIRONMENT, ROOT, SCRIPTS, TIMEOUT_SECONDS
 
-from pgmp_petsc.ranks.ending import ENDING, ending_on_signals, keep, keep_no_longer, what_is_kept
+from pgmp_petsc.ranks.ending import ENDING, ending_on_signals, keep, keep_no_longer, search_at, what_is_kept
 
 KEPT = "what was finished is kept in '{}'; the same command with --resume goes on from there"
 # s from mpirun's SIGTERM to its SIGKILL, usually one: too little for a message where the machine is busy
@@ -157,3 +157,5 @@ def test_what_is_kept_is_what_is_there(tmp_path: Path) -> None:
         assert what_is_kept() == KEPT.format(tmp_path)
         keep_no_longer(tmp_path)
         assert what_is_kept() == NOTHING
+        search_at({"r1": 5.6e-3, "k": 2e4})
+        assert what_is_kept() == f"{NOTHING} where the search was, with --set r1=0.0056 --set k=20000"

@@ -578,6 +578,7 @@ limits=[-5.0,"up"] -> controllers.servo.limits[1] = "up": there is no such param
 gains={p=1.0,filter=-1e-3} -> controllers.servo.gains.filter = -0.001: a number that is not negative
 gains={p=1.0,kd=1.0} -> controllers.servo.gains.kd = 1.0: unknown key; did you mean 'd'?
 gains={p="kq"} -> controllers.servo.gains.p = "kq": there is no such parameter
+gains={p="5 N m"} -> controllers.servo.gains.p = "5 N m": a number of any quantity is in the units of the scene
 gains={} -> controllers.servo.gains = | one of p, i and d other than 0 is needed
 gains={i=1.0};limits=[-1.0,1.0] -> controllers.servo.tracking: missing: without it p / i leads the integral back
 tracking=0.1 -> controllers.servo.tracking: without limits there is nothing to be led back from
