@@ -90,7 +90,7 @@ def test_the_search_begins_with_four_steps_a_period_and_may_take_one(duration: f
 
 
 def test_steps_of_sampled_controllers_have_samplings_at_their_ends() -> None:
-    """Two controllers sampled every 3 and 2 ms in 0.9 s: multiples of 300 and of 450 steps, whatever is extrapolated."""
+    """Two controllers, sampled every 3 and 2 ms in 0.9 s: multiples of 300 and of 450 steps, also extrapolated."""
     pid = 'controllers.{}={{type="pid",joint="crank_hinge",measures="crank_angle",gains={{p=1.0}},sample_time={}}}'
     measured = 'outputs.crank_angle={type="angle",joint="crank_hinge"}'
     settings = "simulation={duration=0.9,tolerance=1e-3}", measured, pid.format("a", 3e-3), pid.format("b", 2e-3)
