@@ -43,6 +43,7 @@ from pgmp_petsc.bench.reference import (
     distance_from_mesh,
 )
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import why_no_grid
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
@@ -637,9 +638,8 @@ def _within(modes: Sequence[int], limits: Limits) -> list[int]:
 def _steps(scene: Scene, finer: int, coarser: int) -> list[int]:
     """Return the number of a scene's steps, its doubles, and its halves as far as they are whole, with samplings of
     controllers at ends of steps."""
-    n, sampled = own_steps(scene), [one.sample_time for one in scene.controllers.values() if one.sample_time]
-    parts = [n, *(round(n * time / scene.simulation.duration) for time in sampled)]
-    coarse = [n // 2**k for k in range(1, coarser + 1) if not any(part % 2**k for part in parts)]
+    n, every = own_steps(scene), steps_between_samplings(scene, scene.simulation)
+    coarse = [n // 2**k for k in range(1, coarser + 1) if every % 2**k == 0]
     return [n, *(n * 2**k for k in range(1, finer + 1)), *coarse]
 
 

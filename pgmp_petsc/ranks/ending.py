@@ -124,7 +124,8 @@ def _end(number: signal.Signals, rank: int) -> NoReturn:
     if rank == 0:
         # not through sys.stderr, which the other thread may hold; a bar's line is left standing
         start = "\n" if os.isatty(2) else ""
-        os.write(2, f"{start}pgmp: stopped by {number.name}: {what_is_kept()}\n".encode())
+        with suppress(OSError):  # whoever read it may have been ended first
+            os.write(2, f"{start}pgmp: stopped by {number.name}: {what_is_kept()}\n".encode())
     flush = threading.Thread(target=sys.stdout.flush, daemon=True)
     flush.start()
     for path in tuple(_passing):

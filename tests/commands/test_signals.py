@@ -57,6 +57,13 @@ def test_a_run_that_is_ended_says_so(number: signal.Signals) -> None:
         assert ended(job, number) == (128 + number, [f"pgmp: stopped by {number.name}: {NOTHING}"])
 
 
+def test_a_run_ends_whoever_read_its_messages_is_gone() -> None:
+    with waiting(1) as job:
+        job.stderr.close()  # as of `pgmp ... | tail`, both of which are ended
+        job.send_signal(signal.SIGTERM)
+        assert job.wait(TIMEOUT_SECONDS) == 128 + signal.SIGTERM
+
+
 @pytest.mark.parametrize("number", ENDING)
 def test_a_rank_that_waits_in_mpi_says_what_is_kept(tmp_path: Path, number: signal.Signals) -> None:
     output = tmp_path / "many.h5"
