@@ -39,6 +39,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import si_values
 
 AT_ONCE = 2**22  # strains that are evaluated together: 32 MB
+STATES = 2**12  # states in which the models of several lengths are evaluated together
 
 
 class FullStrains:
@@ -180,6 +181,13 @@ class LengthStresses:
 
     def of(self, eta: np.ndarray, values: Values) -> np.ndarray:
         """Return the stresses; see `ReducedStresses.of`."""
+        found = np.empty((len(self.stresses), len(eta)))
+        for first in range(0, len(eta), STATES):  # every model keeps the coordinates of its bodies in these
+            part = slice(first, first + STATES)
+            found[:, part] = self._of(eta[part], values_of(values, part))
+        return found
+
+    def _of(self, eta: np.ndarray, values: Values) -> np.ndarray:
         shares = self._shares(values, len(eta))
         forces = [one.forces(eta, values) for one in self._members]
 
