@@ -71,7 +71,8 @@ class ReducedStrains:
         self._strained = {
             number: _strained(shapes, rom, self.bodies[number], scheme) for number, shapes in self._shapes.items()
         }
-        self._missed = None if rom.missed is None else Missed(rom.missed, rom.tables, scheme)
+        models = () if rom.missed is None else rom.between or ((1.0, rom),)
+        self._missed = [(share, Missed(one.missed, one.tables, scheme)) for share, one in models]
         self._rows = {
             number: np.searchsorted(rom.missed.dofs, self.bodies[number].dofs)
             for number in (() if rom.missed is None else numbers)
@@ -95,7 +96,7 @@ class ReducedStrains:
         nothing of bodies without stress outputs when the model was built."""
         if not self._rows:
             return {}
-        found = self._missed.of(eta, values)
+        found = sum(share * one.of(eta, values) for share, one in self._missed)
         return {number: found[rows] for number, rows in self._rows.items()}
 
     def of(
