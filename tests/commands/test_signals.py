@@ -14,7 +14,7 @@ import pytest
 import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, SCRIPTS, TIMEOUT_SECONDS
 
-from pgmp_petsc.ranks.ending import ENDING, ending_on_signals, keep, keep_no_longer, what_is_kept
+from pgmp_petsc.ranks.ending import ENDING, ending_on_signals, keep, keep_no_longer, search_at, what_is_kept
 
 KEPT = "what was finished is kept in '{}'; the same command with --resume goes on from there"
 # s from mpirun's SIGTERM to its SIGKILL, usually one: too little for a message where the machine is busy
@@ -57,6 +57,13 @@ def ended(job: subprocess.Popen[str], number: signal.Signals) -> tuple[int, list
 def test_a_run_that_is_ended_says_so(number: signal.Signals) -> None:
     with waiting(1) as job:
         assert ended(job, number) == (128 + number, [f"pgmp: stopped by {number.name}: {NOTHING}"])
+
+
+def test_a_run_ends_whoever_read_its_messages_is_gone() -> None:
+    with waiting(1) as job:
+        job.stderr.close()  # as of `pgmp ... | tail`, both of which are ended
+        job.send_signal(signal.SIGTERM)
+        assert job.wait(TIMEOUT_SECONDS) == 128 + signal.SIGTERM
 
 
 @pytest.mark.parametrize("number", ENDING)
@@ -152,3 +159,5 @@ def test_what_is_kept_is_what_is_there(tmp_path: Path) -> None:
         assert what_is_kept() == KEPT.format(tmp_path)
         keep_no_longer(tmp_path)
         assert what_is_kept() == NOTHING
+        search_at({"r1": 5.6e-3, "k": 2e4})
+        assert what_is_kept() == f"{NOTHING} where the search was, with --set r1=0.0056 --set k=20000"
