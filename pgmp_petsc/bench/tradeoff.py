@@ -54,7 +54,7 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.checkpoint import Arrays, Finished
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values, values_text
+from pgmp_petsc.scene.border import own_values, result_units, values_text
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.uses import count_builds, length_names, with_numbers
@@ -347,7 +347,7 @@ class _Study:
             record=record,
             units=units,
             test_values=self.bench.training.values,
-            parameter_units={name: parameter.unit or "1" for name, parameter in self.scene.parameters.items()},
+            parameter_units=result_units(self.scene),
             families=tuple(setting.family for setting in settings),
             columns=columns,
             flags=tuple(_flags(setting, self.scene) for setting in settings),

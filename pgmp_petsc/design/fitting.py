@@ -43,7 +43,7 @@ from pgmp_petsc.ranks.ending import search_at
 from pgmp_petsc.results.gradients import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.results.numbers import plain, with_unit
 from pgmp_petsc.scene import scene_to_toml
-from pgmp_petsc.scene.border import own_values, to_own, values_text
+from pgmp_petsc.scene.border import own_values, result_units, to_own, values_text
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 from pgmp_petsc.scene.uses import length_names
@@ -199,7 +199,7 @@ class _Fitting:
             *difference_remarks(self._model, solution.run.off), *contact_remarks(solution.run), *scene.remarks,
         )  # fmt: skip
         parameters = [
-            FittedParameter(name, scene.parameters[name].unit or "1", *map(float, row))
+            FittedParameter(name, result_units(scene)[name], *map(float, row))
             for name, *row in zip(self._names, self._start, estimate, errors, *self._limits.T)
         ]
         outputs = {

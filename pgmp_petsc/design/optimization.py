@@ -35,7 +35,7 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import Design, DesignConstraint, DesignParameter
 from pgmp_petsc.results.numbers import behind, interval_text, percent, with_unit
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values, to_own
+from pgmp_petsc.scene.border import own_values, result_units, to_own
 
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
@@ -88,7 +88,7 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     (_, at_begin), (time, at_end) = (run.at_steps_of_scene() for run in (begun, ended))
     scene = model.scene
     parameters = [
-        DesignParameter(name, scene.parameters[name].unit or "1", *map(float, row))
+        DesignParameter(name, result_units(scene)[name], *map(float, row))
         for name, *row in zip(question.names, start, best, *figures.limits.T)
     ]
     return Design(

@@ -20,7 +20,7 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values
+from pgmp_petsc.scene.border import own_values, result_units
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import correlation_matrix
 
@@ -60,7 +60,7 @@ def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Deriv
         run = differentiate(model, scene.values, names, bar.update)
     with timings.phase("errors"):
         own = _of_own_error(model, run, names)
-    units = {name: scene.parameters[name].unit or "1" for name in names} | dict(model.outputs.units)
+    units = {name: result_units(scene)[name] for name in names} | dict(model.outputs.units)
     idle = [name for name in names if not any(found[name].any() for found in run.derivatives.values())]
     without = [note(f"no output depends on {', '.join(idle)} in this run")] if idle else []
     # zero where one has no distribution
