@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, SCRIPTS, TIMEOUT_SECONDS
 
 from pgmp_petsc.ranks.ending import ENDING, ending_on_signals, keep, keep_no_longer, search_at, what_is_kept
@@ -23,11 +24,12 @@ NOTHING = "no part of an unfinished result is kept; start it again"
 
 @contextmanager
 def waiting(n: int, *arguments: object) -> Iterator[subprocess.Popen[str]]:
-    """Start the command that waits on n ranks, and give it when it does."""
-    launch = ("mpirun", "-n", str(n)) if n > 1 else ()
+    """Start the command that waits on n ranks, and give it when it does. Of several each is forked by a server, whose
+    process is told what mpirun tells; one alone has signals of its own from the start on."""
+    launch = ("mpirun", "-n", str(n), *warm_start.python()) if n > 1 else (sys.executable,)
     paths = os.pathsep.join(filter(None, [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH")]))
     job = subprocess.Popen(
-        [*launch, sys.executable, SCRIPTS / "commands.py", "waiting", *map(str, arguments)],
+        [*launch, SCRIPTS / "commands.py", "waiting", *map(str, arguments)],
         env=os.environ | MPI_ENVIRONMENT | UNHURRIED | {"PYTHONPATH": paths},
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         # a suite that runs in the background ignores SIGINT, and what it starts would
