@@ -62,7 +62,7 @@ OF_TABLES = {
 }
 IN_TABLES = (*OF_TABLES, *dict.fromkeys(OF_TABLES.values()), "load_effects", "n_given", "second_order", "changes")
 OF_CHANGES = ("gyroscopic", "spread")
-Arrays = TypeVar("Arrays", ReducedTables, SecondOrderTables, ModeChanges, StiffnessChanges, MissedAnswers, JointGaps)
+Arrays = TypeVar("Arrays", ReducedTables, SecondOrderTables, ModeChanges, StiffnessChanges, JointGaps)
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,11 @@ class ReducedOrderModel:
     #: how loads change the stiffness of the modes; None with continuum bodies
     stiffness_changes: StiffnessChanges | None = None
     #: what the basis misses of the forces in bodies with stress outputs away from the nominal parameters; None where no
-    #: parameter changes them, or lengths are parameters
+    #: parameter changes them
     missed: MissedAnswers | None = None
+    #: of a model at other lengths those that it lies between, with their shares. What is missed is theirs: where loads
+    #: depend on each other its equations are nearly singular, and polynomials of these are nothing
+    between: tuple[tuple[float, ReducedOrderModel], ...] = field(default=(), repr=False)
     #: what forces in joints are made of, where outputs of the scene are such; None where none is
     gaps: JointGaps | None = None
     #: models at other lengths, where parameters are lengths, places or ratios; the model itself has the nominal ones
@@ -240,7 +243,7 @@ class LengthFamily:
             stiffness_changes=self._of_parts(
                 scene, [member.stiffness_changes for member in self.members], ("influence", "stiffness")
             ),
-            missed=self._of_parts(scene, [member.missed for member in self.members], MissedAnswers.arrays),
+            between=tuple(zip(self.grid.shares(scene.values).tolist(), self.members)),
             gaps=nominal.gaps and self._of_parts(scene, [member.gaps for member in self.members], nominal.gaps.arrays),
             meshes=at_lengths(scene, nominal.meshes),
         )
