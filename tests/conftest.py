@@ -78,7 +78,6 @@ THOROUGH = (
     "parallel/test_solid_build.py::test_the_condensed_bodies_do_not_depend_on_ranks[3-",
     "parallel/test_solid_build.py::test_frequencies_do_not_depend_on_ranks[3-",
     "parallel/test_solid_build.py::test_tables_are_the_same_but_for_one_constant_rotation[3-",
-    "parallel/test_build_resume.py::test_a_killed_build_is_resumed[solids-",
     "parallel/test_spatial_beam_ranks.py::test_models_do_not_depend_on_ranks[3-3]",
     "commands/test_commands.py::test_three_ranks_give_the_same_numbers",
     "commands/test_component_command.py::test_the_scenes_run_as_they_are[six_joint_arm]",
