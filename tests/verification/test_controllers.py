@@ -43,7 +43,9 @@ from pgmp_petsc.estimates.error_indicator import TOO_OFTEN
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.simulate import simulate, simulate_full
@@ -318,6 +320,18 @@ def test_friction_by_the_force_carried_under_control(entries: tuple[str, ...]) -
     found = differentiate(reduced_model(scene), scene.values, ("lead",)).derivatives["swing"]["lead"]
     before, after = (history(model, {"lead": np.array([30.0 + h])}, 1)[1]["swing"][:, 0] for h in (-0.01, 0.01))
     np.testing.assert_allclose(found, (after - before) / 0.02, rtol=0, atol=1e-5 * np.abs(found).max())
+
+
+def test_friction_under_control_is_the_same_however_many_steps_are_taken_at_once(monkeypatch) -> None:
+    """Bit by bit: how many hangs on the number of samples side by side, and so on that of ranks."""
+    scene = cart(*ARM, *NEAR, RUBBED, "simulation.duration=0.05")
+    model, found = reduced_model(scene), []
+    for n_steps in (7, 1000):
+        monkeypatch.setattr(ReducedSystem, "steps_between_looks", lambda system, every, n=n_steps: n)
+        record = StateRecord(lambda n: None)
+        integrate(model.batch(samples(scene, 3), 3), scene.simulation, observer=record)
+        found.append(record.of_batch()[1].q)
+    assert np.array_equal(*found)
 
 
 #: A reference with corners within steps.
