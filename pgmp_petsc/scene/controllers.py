@@ -179,7 +179,7 @@ def controller_problems(scene: AnyScene) -> Iterator[str]:
         yield from _sampling(scene, entry, one)
         yield from one.problems(scene, name)
         if scene.initial.coordinates == "free":
-            words = "controllers begin with a run, and its equilibrium does not know them; leave it out: joints hold"
+            words = "controllers begin with a run, and its equilibrium does not know them; leave it out to hold joints"
             yield problem("initial.coordinates", f"with {entry}: {words}", "free")
 
 
