@@ -329,10 +329,8 @@ def _reduced_part(
         done = integrate(system, simulation, observer=Together([*watches, record]))
     times, history = record.states()
     with timings.phase("projection"), np.errstate(all="ignore"):
-        if model.outputs.takes_beside:
-            history.forces = system.forces_beside(times)[:, 0]
         outputs = model.observed_of(times, history, model.scene.values)
-        energies = system.energies_of_run(times, history)
+        energies = system.energies_over(*record.of_batch(), model.scene.values)
     part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
     start = State(history.q[:1], history.v[:1], history.a[:1], history.multipliers)
     started = start_remarks(model.scene, system)
