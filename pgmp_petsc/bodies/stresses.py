@@ -45,10 +45,8 @@ class SolidLaw:
     #: in plane stress, and what it is multiplied by, cell by cell
     thickness: tuple[Quantity, Profile] = (Quantity(1.0), Profile())
 
-    def values(
-        self, quantities: Iterable[str], points: SolidStrains, strains: np.ndarray, parameters: Values
-    ) -> dict[str, np.ndarray]:
-        """Return quantities at all points, each of shape (n_points, n), for strains (n_points, n_strains, n)."""
+    def forces(self, points: SolidStrains, strains: np.ndarray, parameters: Values) -> np.ndarray:
+        """Return the stresses of points, shape (n_points, n_strains, n), for strains of that shape."""
         stresses = np.empty(strains.shape)
         of_each = [np.broadcast_to(modulus.at(parameters), strains.shape[2]) for modulus, _ in self.materials]
         lame = np.array([(lame.first, lame.shear) for _, lame in self.materials])
@@ -56,10 +54,14 @@ class SolidLaw:
         _fill_stresses(strains, material, lame, np.array(of_each, dtype=float), stresses)
         if self.profile:
             stresses *= np.expand_dims(self.profile.at(parameters, points.of_cells), 1)
+        return stresses
+
+    def values(
+        self, quantities: Iterable[str], points: SolidStrains, forces: np.ndarray, parameters: Values
+    ) -> dict[str, np.ndarray]:
+        """Return quantities at all points, each of shape (n_points, n), for their stresses."""
         return {
-            quantity: von_mises(stresses)
-            if quantity == "von_mises"
-            else principal(stresses, quantity == "principal_max")
+            quantity: von_mises(forces) if quantity == "von_mises" else principal(forces, quantity == "principal_max")
             for quantity in quantities
         }
 
@@ -91,12 +93,15 @@ class BeamLaw:
     reach: tuple[Quantity, Quantity] | None
     round: bool  # whether the section is a circle
 
+    def forces(self, points: BeamStrains, strains: np.ndarray, parameters: Values) -> np.ndarray:
+        """Return forces and moments in the sections of points, shape (n_points, n_forces, n), for strains (n_points,
+        n_strains, n)."""
+        return points.forces(strains, points.stiffnesses(parameters))
+
     def values(
-        self, quantities: Iterable[str], points: BeamStrains, strains: np.ndarray, parameters: Values
+        self, quantities: Iterable[str], points: BeamStrains, forces: np.ndarray, parameters: Values
     ) -> dict[str, np.ndarray]:
-        """Return quantities at all points, each of shape (n_points, n), for strains (n_points, n_strains, n)."""
-        resists = points.stiffnesses(parameters)
-        forces = points.forces(strains, resists)
+        """Return quantities at all points, each of shape (n_points, n), for their forces and moments."""
         found, fibres = {}, None
         for quantity in quantities:
             if quantity not in OF_FIBRES:
@@ -104,7 +109,7 @@ class BeamLaw:
                 continue
             if fibres is None:
                 # moments at the points: other strains than came
-                fibres = self._of_fibres(points, forces / resists, parameters)
+                fibres = self._of_fibres(points, forces / points.stiffnesses(parameters), parameters)
             found[quantity] = outermost(*fibres, quantity == "stress_max")
         return found
 

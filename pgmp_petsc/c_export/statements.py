@@ -141,7 +141,7 @@ class ForceInC:
 
         if isinstance(force, OfCoupling):
             (number,) = map(gaps.index, force.rows) if force.pull is None else behind(force.pull)
-            read, along = StatementInC.of_reading(force.reading, slots), "size" if force.magnitude else "along"
+            read, along = StatementInC.of_reading(force.reading, slots), "size" if force.is_size else "along"
             terms = [(number, force.function.factor, read)]
             return cls(terms, COMPONENTS.index(along), False, False, 1.0, (0.0,), nowhere, nowhere)
         entry, joint, terms = force.entry, force.connection, []

@@ -171,9 +171,8 @@ def run_remarks(model: AnyModel, run: DifferentiatedRun) -> Iterator[Remark]:
     yield from step_remarks(model, run)
     if isinstance(model, LengthLanes):
         yield polynomials_of_lengths(model, False)
-    stresses = () if why_differences(model) else model.members[0].outputs.stresses
-    if stresses:
-        names = ", ".join(stress.name for stress in stresses)
+    if not why_differences(model) and model.stresses is not None:
+        names = ", ".join(stress.name for stress in model.stresses.stresses)
         yield note(
             f"derivatives of stresses ({names}) follow from central differences along the exact derivatives of the "
             "motion; where a largest value changes its place they have a corner"

@@ -486,11 +486,12 @@ class ObservedChanges:
     def __init__(
         self, model: ReducedModel | LengthLanes, values: Mapping[str, float], times: np.ndarray, states: State
     ) -> None:
-        self._model, self._values, self._times = model, dict(values), times
+        self._model, self._values, self._times, self._states = model, dict(values), times, states
         self._members = [_Member(member, self._values, times, states) for member in model.members]
         shares = model.shares(self._values)
-        found = _total(_times(share, member.outputs) for share, member in zip(shares, self._members))
-        self.outputs = model.composed(found, times, self._values, times.size)  # each of shape (n_t,)
+        self._made_of = _total(_times(share, member.outputs) for share, member in zip(shares, self._members))
+        self._made_of |= model.stressed(states, self._values)
+        self.outputs = model.composed(self._made_of, times, self._values, times.size)  # each of shape (n_t,)
 
     def of(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
         """Return the derivatives of all outputs with a parameter, each (n_t,), for those of eta, its rates and
@@ -498,20 +499,30 @@ class ObservedChanges:
         shares, slopes = self._model.shares(self._values), self._model.shares(self._values, name)
         parts = [_times(share, member.changes(name, changes)) for share, member in zip(shares, self._members)]
         parts += [_times(slope, member.outputs) for slope, member in zip(slopes, self._members) if slope]
-        return self._through_formulas(name, _total(parts))
+        return self._through_formulas(name, _total(parts) | self._of_stresses(name, changes))
+
+    def _of_stresses(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the derivatives of stresses that the model has by itself."""
+        far = OF_STRESSES / _largest(self._model, changes, self._values[name])
+        ahead, behind = (
+            self._model.stressed(_moved(self._states, step, changes), self._values | {name: self._values[name] + step})
+            for step in (far, -far)
+        )
+        return {output: (ahead[output] - behind[output]) / (2.0 * far) for output in ahead}
 
     def _through_formulas(self, name: str, found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return derivatives with those of formulas by differences along the outputs that they are made of."""
+        """Return derivatives with those of formulas by differences along what they are made of."""
         model, value = self._model, self._values[name]
         if not model.formulas:
             return found
-        sizes = {output: np.abs(values).max() for output, values in self.outputs.items()}
-        shares = [np.abs(found[one]) / size for one, size in sizes.items() if size and one not in model.formulas]
-        largest = np.maximum(np.max(shares, axis=0, initial=0.0), 1.0 / abs(value) if value else 0.0)
+        sizes = {one: np.abs(values).max() for one, values in self._made_of.items()}
+        shares = [np.full((1, self._times.size), 1.0 / abs(value) if value else 0.0)]
+        shares += [np.abs(np.atleast_2d(found[one])) / size for one, size in sizes.items() if size]
+        largest = np.max(np.concatenate(shares), axis=0)
         far = OBSERVED_DIFFERENCE / np.where(largest > 0.0, largest, 1.0)
         ahead, behind = (
             model.composed(
-                {one: values + step * found[one] for one, values in self.outputs.items()}, self._times,
+                {one: values + step * found[one] for one, values in self._made_of.items()}, self._times,
                 self._values | {name: value + step}, far.size,
             )
             for step in (far, -far)
@@ -541,12 +552,9 @@ class _Member:
 
     def changes(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
         """Return the derivatives of the outputs with a parameter."""
-        size, value = np.max(np.abs(changes[0]) * self._model.terms.scale, axis=1), self._values[name]
-        # what is multiplied by the parameter itself must not be taken far from its value
-        largest = np.maximum(size, 1.0 / abs(value) if value else 0.0)
-        of_frames, of_line = (np.where(most > 0.0, most, 1.0) for most in (size, largest))
+        of_line = _largest(self._model, changes, self._values[name])
         steps = {
-            "frames": OBSERVED_DIFFERENCE / of_frames,
+            "frames": OBSERVED_DIFFERENCE / _largest(self._model, changes, 0.0),
             "line": OBSERVED_DIFFERENCE / of_line,
             "stresses": OF_STRESSES / of_line,
         }
@@ -567,12 +575,24 @@ class _Member:
 
     def _on_line(self, name: str, far: np.ndarray, changes: np.ndarray, kind: str) -> dict[str, np.ndarray]:
         """Return the outputs where a parameter is by so much (n_t,) from its value, and the states that follow it."""
-        model, states = self._model, self._states
-        moved = (part + far[:, None] * change for part, change in zip(states.parts(), changes))
-        cells = None if kind == "stresses" else states.q
-        at = State(*moved, states.multipliers)
+        model, cells = self._model, None if kind == "stresses" else self._states.q
+        at = _moved(self._states, far, changes)
         observed = model.observed_of(self._times, at, self._values | {name: self._values[name] + far}, cells)
         return self._evaluate(observed) if kind == "stresses" else model.outputs.evaluate(observed)
+
+
+def _moved(states: State, far: np.ndarray, changes: np.ndarray) -> State:
+    """Return states that follow a parameter so far (n_t,) from its value."""
+    moved = (part + far[:, None] * change for part, change in zip(states.parts(), changes))
+    return State(*moved, states.multipliers)
+
+
+def _largest(model: ReducedModel | LengthLanes, changes: np.ndarray, value: float) -> np.ndarray:
+    """Return by how many of what is large reduced coordinates change with a parameter, or the parameter with itself,
+    where it is not zero, shape (n_t,): what it is a factor of must not be taken far from its value."""
+    size = np.max(np.abs(changes[0]) * model.terms.scale, axis=1)
+    largest = np.maximum(size, 1.0 / abs(value) if value else 0.0)
+    return np.where(largest > 0.0, largest, 1.0)
 
 
 def _times(share: float, outputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -46,12 +46,12 @@ class Stresses:
 
     def at_nodes(self, strains: np.ndarray, values: Mapping[str, float]) -> Values:
         """Return all quantities at the nodes, each of shape (n_nodes, n), for strains (n_points, n_strains, n)."""
-        found = self.law.values(self.units, self.nodal, strains, values)
+        found = self.law.values(self.units, self.nodal, self.law.forces(self.nodal, strains, values), values)
         return {quantity: EXTREMES.get(quantity, FURTHEST)(own[self._by_node]) for quantity, own in found.items()}
 
     def at_cells(self, strains: np.ndarray, values: Mapping[str, float]) -> Values:
         """Return all quantities in the middles of the cells, each of shape (n_cells, n), as `at_nodes`."""
-        return self.law.values(self.units, self.inner, strains, values)
+        return self.law.values(self.units, self.inner, self.law.forces(self.inner, strains, values), values)
 
     @cached_property
     def _by_node(self) -> np.ndarray:

@@ -143,7 +143,8 @@ class FullModel(Model):
 
             def carry(time: float, state: State, before: np.ndarray) -> np.ndarray:
                 state = whole(time, state)
-                return measures.loads(frames(state), system.multipliers_of_joints([time], State.along([state])), values)
+                multipliers = system.multipliers_of_joints([time], State.along([state]))
+                return np.linalg.norm(measures.pulls(frames(state), multipliers, values), axis=1)
 
             carried = carry if measures.carried else None
             system.control(Controls(self.scene, values, 1, measure, system.put_forces, carried))

@@ -190,7 +190,7 @@ class ReducedMultipliers:
             return np.zeros((0, len(state.q)))
         jets = ({}, {}) if self._frames is None else self._frames.jets((state.q, state.v), 1)
         at, moving = (dict(zip(self._nodes, part)) for part in jets)
-        return np.array([one.value(at, moving, multipliers, values) for one in self._carried])
+        return np.array([one.made(one.parts(at, moving, multipliers, values)) for one in self._carried])
 
     def _system_of(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
         """Return n samples of the model; the last ones again where they are the same."""

@@ -135,9 +135,10 @@ class SeparateLengths(Model):
 class LengthLanes(Observing):
     """Reduced samples side by side: terms are affine in monomials of the lengths, as in other parameters; see `Model`.
 
-    Outputs but formulas, displacements and angles of joints are interpolated as the tables are
-    (`reduction.sample_grid`): they are evaluated in the model of each point of the grid, its `members`. Effects, start
-    and so on are as of `ReducedModel`; rigid motions and shapes of the scene's own lengths have no part in them.
+    What outputs are made of, displacements and angles of joints are interpolated as the tables are
+    (`reduction.sample_grid`): they are evaluated in the model of each point of the grid, its `members`. What has
+    corners or jumps is made behind: magnitudes, stresses of the forces in their laws, formulas. Effects, start and so
+    on are as of `ReducedModel`; rigid motions and shapes of the scene's own lengths have no part in them.
     """
 
     name, title = ReducedModel.name, ReducedModel.title
@@ -147,16 +148,22 @@ class LengthLanes(Observing):
         self.identity, self.meshes, self.largest_batch = model.identity, model.meshes, model.largest_batch
         self.effects, self.start, self.motions = model.effects, model.start, model.motions
         self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts, model.outputs.takes_beside)
-        # each behind those that it is made of; they may jump where these do not, and are not interpolated
-        self.formulas = {
-            name: _of_others(self.scene, name)
-            for name in in_order(self.scene)
-            if isinstance(model.outputs.functions[name], (Combined, Counted))
-        }
+        functions = model.outputs.functions
+        # each behind those that it is made of
+        of_others = [name for name in in_order(self.scene) if isinstance(functions[name], (Combined, Counted))]
+        self.formulas = {one.name: functions[one.name] for one in model.outputs.forces}
+        self.formulas |= {name: _of_others(self.scene, name) for name in of_others}
         self.lengths = length_names(model.scene)
         family, scheme = model.rom.family, model.scene.interpolation
         self.grid, self.check = family.grid, family.check
         self.members = tuple(self._member(number) for number in range(len(family.members)))
+        self.stresses = None
+        if model.stresses is not None:
+            from pgmp_petsc.models.stresses import LengthStresses  # few scenes have them
+
+            self.stresses = LengthStresses([member.stresses for member in self.members], self._shares_of)
+        for member in self.members:
+            member.outputs, member.stresses = member.outputs.smooth(of_others), None
         merged, dampings = family.merged(model.rom), [member.terms.damping for member in self.members]
         damping = dampings[0]
         if damping is not None:
@@ -222,10 +229,17 @@ class LengthLanes(Observing):
         """Return the outputs in states of reduced coordinates (n, n_eta), at parameters (n,), shape (n_outputs, n); see
         `ReducedModel`."""
         n = len(states.q)
-        rows = self._sum(
-            lambda member: _stacked(member.outputs.evaluate(member.observed_of(time, states, values)), n), n, values
-        )
-        return _stacked(self.composed(dict(zip(self.outputs.units, rows)), time, values, n), n)
+        each = [member.outputs.evaluate(member.observed_of(time, states, values)) for member in self.members]
+        shares = self._shares_of(values, n)
+        found = {name: sum(share * one[name] for share, one in zip(shares, each)) for name in each[0]}
+        found = self.composed(found | self.stressed(states, values), time, values, n)
+        return _stacked({name: found[name] for name in self.outputs.units}, n)
+
+    def stressed(self, states: State, values: Mapping[str, np.ndarray | float]) -> dict[str, np.ndarray]:
+        """Return stress outputs, which need no other, each (n,); see `Observing`."""
+        if self.stresses is None:
+            return {}
+        return dict(zip((one.name for one in self.stresses.stresses), self.stresses.of(states.q, values)))
 
     def local_displacements(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
         """Return displacements and rotations of all nodes in body frames; see `ReducedModel.local_displacements`."""
@@ -236,8 +250,10 @@ class LengthLanes(Observing):
         self, of: Callable[[ReducedModel], np.ndarray], n: int, values: Mapping[str, np.ndarray | float]
     ) -> np.ndarray:
         """Return the polynomial through what members have at n states, arrays (..., n)."""
-        shares = self.shares({name: np.broadcast_to(values[name], n) for name in self.lengths})
-        return sum(share * of(member) for share, member in zip(shares, self.members))
+        return sum(share * of(member) for share, member in zip(self._shares_of(values, n), self.members))
+
+    def _shares_of(self, values: Mapping[str, np.ndarray | float], n: int) -> np.ndarray:
+        return self.shares({name: np.broadcast_to(values[name], n) for name in self.lengths})
 
 
 class _JointAngles:

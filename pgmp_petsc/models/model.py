@@ -185,11 +185,11 @@ class Measures:
             jets = self._set.jets(found, self._read)
         return tuple(np.array([jet[k] for jet in jets]).reshape(-1, n_samples) for k in range(2))
 
-    def loads(
+    def pulls(
         self, frames: Sequence[np.ndarray], multipliers: np.ndarray, values: Mapping[str, np.ndarray]
     ) -> np.ndarray:
-        """Return the forces that joints carry, (n_carried, n_samples), of frames as of `motions`, and multipliers of
-        joints (n_held + n_driven, n_samples)."""
+        """Return the vectors whose magnitudes are the forces that joints carry, (n_carried, d, n_samples), of frames as
+        of `motions`, and multipliers of joints (n_held + n_driven, n_samples)."""
         at, moving, *_ = *(dict(zip(self.nodes, part)) for part in frames), {}
         every = {**self._scene.values, **values}
-        return np.array([one.value(at, moving, multipliers, every) for one in self.carried])
+        return np.array([one.parts(at, moving, multipliers, every) for one in self.carried])

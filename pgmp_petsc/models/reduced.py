@@ -37,16 +37,23 @@ if TYPE_CHECKING:
 
 
 class Observing(Model):
-    """Models that observe what outputs are made of in states of reduced coordinates; `formulas` are outputs that are
-    made of others once these are found."""
+    """Models that observe what outputs are made of in states of reduced coordinates.
+
+    `formulas` are outputs that are made once others are found, or what forces in joints are made of.
+    """
 
     formulas: Mapping[str, AnyReading] = MappingProxyType({})
+
+    def stressed(self, states: State, values: Mapping[str, np.ndarray | float]) -> dict[str, np.ndarray]:
+        """Return stress outputs that are no part of what is observed, each (n,), in states of reduced coordinates (n,
+        n_eta)."""
+        return {}
 
     def composed(
         self, outputs: Mapping[str, np.ndarray], time: np.ndarray | float,
         values: Mapping[str, np.ndarray | float], n: int,
     ) -> dict[str, np.ndarray]:  # fmt: skip
-        """Return outputs (n,) with the formulas evaluated of the others."""
+        """Return outputs, each (n,), with the formulas evaluated of the others and of parts of forces (n_parts, n)."""
         found = dict(outputs)
         seen = Seen(({},), of_model=found, time=np.broadcast_to(time, n), values=values, n=n)
         for name, formula in self.formulas.items():
@@ -280,7 +287,8 @@ def _controls(
         return sum(share * one.motions(time, state) for share, one in zip(shares, readers))
 
     def carry(time: float, state: State, before: np.ndarray) -> np.ndarray:
-        return sum(share * one.loads(time, state, before) for share, one in zip(shares, readers))
+        pulls = sum(share * one.pulls(time, state, before) for share, one in zip(shares, readers))
+        return np.linalg.norm(pulls, axis=1)
 
     carried = (system.carried if of_lanes else carry) if measures.carried else None
     chosen = moved if measures.known else measure
@@ -302,10 +310,10 @@ class _Reader:
         """See `Measures.motions`; both in an array."""
         return np.array(self._measures.motions(self._jets(state), time, self._values))
 
-    def loads(self, time: float, state: State, before: np.ndarray) -> np.ndarray:
-        """See `Measures.loads`; joints were taken to carry what was found before, (n_carried, n_samples)."""
+    def pulls(self, time: float, state: State, before: np.ndarray) -> np.ndarray:
+        """See `Measures.pulls`; joints were taken to carry what was found before, (n_carried, n_samples)."""
         multipliers = self._multipliers(time, state, before)
-        return self._measures.loads(self._jets(state), multipliers, self._values)
+        return self._measures.pulls(self._jets(state), multipliers, self._values)
 
     def _jets(self, state: State) -> list[np.ndarray]:
         # an iterate that is no number is lost with its correction, and closes no mechanism

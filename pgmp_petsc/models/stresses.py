@@ -127,32 +127,68 @@ class FullStresses:
     def of(self, q: np.ndarray, values: Values) -> np.ndarray:
         """Return the stresses, shape (n_stresses, n), for unknowns (n_dofs, n); values are numbers or of shape (n,)."""
 
-        def strains(stress: StressOutput, part: slice) -> np.ndarray:
-            return self._strains.of(stress.body, stress.points, q[:, part], self._linear.get(stress.name))
+        def forces(number: int, part: slice) -> np.ndarray:
+            stress = self._stresses[number]
+            strains = self._strains.of(stress.body, stress.points, q[:, part], self._linear.get(stress.name))
+            return stress.law.forces(stress.points, strains, values_of(values, part))
 
-        return _in_blocks(self._stresses, strains, q.shape[1], values)
+        return _in_blocks(self._stresses, forces, q.shape[1], values)
 
 
 class ReducedStresses:
     """Stresses, outputs of the scene, from coordinates of a reduced model with its projection."""
 
     def __init__(self, scene: Scene, outputs: OutputSet, kinematics: RigidKinematics, rom: ReducedOrderModel) -> None:
-        self._stresses, numbers = outputs.stresses, {stress.body for stress in outputs.stresses}
+        self.stresses, numbers = outputs.stresses, {stress.body for stress in outputs.stresses}
         self._strains = ReducedStrains(kinematics, rom, scene.interpolation, numbers)
         self._linear = _linear_maps(outputs.stresses, kinematics.mechanism.bodies)
 
     def of(self, eta: np.ndarray, values: Values) -> np.ndarray:
         """Return the stresses, shape (n_stresses, n), for eta (n, n_eta); values are numbers, or of shape (n,)."""
+        return _in_blocks(self.stresses, self.forces(eta, values), len(eta), values)
+
+    def forces(self, eta: np.ndarray, values: Values) -> Callable[[int, slice], np.ndarray]:
+        """Return what gives the forces of the law of a stress with a number, shape (n_points, n_forces, k), in k of the
+        states."""
         coordinates, missed = self._strains.strained(eta), self._strains.missed(eta, values)
 
-        def strains(stress: StressOutput, part: slice) -> np.ndarray:
+        def forces(number: int, part: slice) -> np.ndarray:
+            stress, own = self.stresses[number], values_of(values, part)
             unmet = missed.get(stress.body)
-            return self._strains.of(
+            strains = self._strains.of(
                 stress.body, stress.points, stress.law, coordinates[stress.body][:, part],
-                None if unmet is None else unmet[:, part], values_of(values, part), self._linear[stress.name],
+                None if unmet is None else unmet[:, part], own, self._linear[stress.name],
             )  # fmt: skip
+            return stress.law.forces(stress.points, strains, own)
 
-        return _in_blocks(self._stresses, strains, len(eta), values)
+        return forces
+
+
+class LengthStresses:
+    """Stresses of reduced samples with lengths of their own: what laws make of forces that are interpolated as the
+    tables are, between those that the model at each point of the grid has.
+
+    `shares` gives those of the models, shape (n_models, n). A place may lie where two elements meet at some lengths
+    alone: forces there are those of one of them, twice, at the others.
+    """
+
+    def __init__(self, members: Sequence[ReducedStresses], shares: Callable[[Values, int], np.ndarray]) -> None:
+        self._members, self._shares = members, shares
+        self.stresses = tuple(
+            max(each, key=lambda stress: stress.points.n_points) for each in zip(*(one.stresses for one in members))
+        )
+
+    def of(self, eta: np.ndarray, values: Values) -> np.ndarray:
+        """Return the stresses; see `ReducedStresses.of`."""
+        shares = self._shares(values, len(eta))
+        forces = [one.forces(eta, values) for one in self._members]
+
+        def summed(number: int, part: slice) -> np.ndarray:
+            points = np.arange(self.stresses[number].points.n_points)
+            each = (own(number, part) for own in forces)
+            return sum(share[part] * own[np.minimum(points, len(own) - 1)] for share, own in zip(shares, each))
+
+        return _in_blocks(self.stresses, summed, len(eta), values)
 
 
 def _strained(shapes: Interpolant, rom: ReducedOrderModel, body: Body, scheme: str) -> Interpolant:
@@ -203,13 +239,13 @@ def _linear_maps(stresses: Iterable[StressOutput], bodies: Sequence[Body]) -> di
 
 
 def _in_blocks(
-    stresses: Sequence[StressOutput], strains: Callable[[StressOutput, slice], np.ndarray], n: int, values: Values
+    stresses: Sequence[StressOutput], forces: Callable[[int, slice], np.ndarray], n: int, values: Values
 ) -> np.ndarray:
-    """Return stress outputs of n instants, shape (n_stresses, n), from strains of some at a time."""
+    """Return stress outputs of n instants, shape (n_stresses, n), from the forces of some at a time."""
     found = np.empty((len(stresses), n))
-    for row, stress in zip(found, stresses):
+    for number, (row, stress) in enumerate(zip(found, stresses)):
         for part in _blocks(stress, n):
-            row[part] = stress.value(strains(stress, part), values_of(values, part))
+            row[part] = stress.value(forces(number, part), values_of(values, part))
     return found
 
 

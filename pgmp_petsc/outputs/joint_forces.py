@@ -250,10 +250,24 @@ class ForceOutput:
     nodes: frozenset[int]  # nodes whose frames it takes
     reads_rates: bool  # whether it takes their rates
 
-    def value(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
-        """Return the output, shape (n,), for frames of nodes and their rates, multipliers, and parameter values, which
-        are numbers or of shape (n,)."""
+    @property
+    def is_size(self) -> bool:
+        """Whether it is the magnitude of what it is made of, else that itself."""
+        return False
+
+    @property
+    def n_parts(self) -> int:
+        """How many numbers it is made of, which are smooth in the motion."""
+        return 1
+
+    def parts(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
+        """Return what the output is made of, shape (n_parts, n), for frames of nodes and their rates, multipliers, and
+        parameter values, which are numbers or of shape (n,)."""
         raise NotImplementedError
+
+    def made(self, parts: np.ndarray) -> np.ndarray:
+        """Return the output, shape (n,), of its parts."""
+        return np.linalg.norm(parts, axis=0) if self.is_size else parts[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,6 +281,15 @@ class OfConnection(ForceOutput):
     pulls: tuple[Pull, ...]  # what acts in the directions that it releases
     #: force for a unit of each multiplier, shape (d, n_rows), where that is the same everywhere
     shares: np.ndarray | None = None
+
+    @property
+    def is_size(self) -> bool:
+        return self.entry.component in ("magnitude", "radial")
+
+    @property
+    def n_parts(self) -> int:
+        d = self.space.dimension
+        return (d if d == 3 or not self.entry.turning else 1) if self.is_size else 1
 
     @classmethod
     def of(cls, name: str, entry: InJoint, connection: Connection, mechanism: Mechanism) -> Self:
@@ -309,8 +332,8 @@ class OfConnection(ForceOutput):
             gradients.append(-sum(slopes)[:d, 0])
         return np.array(gradients).T
 
-    def value(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
-        """Return the component."""
+    def parts(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
+        """Return the component, or the vector whose magnitude it is."""
         if self.shares is not None:
             # sums of numbers alone: those of matrices hang on what is side by side
             force = sum(share[:, None] * multipliers[row] for share, row in zip(self.shares.T, self.rows))
@@ -343,21 +366,20 @@ class OfConnection(ForceOutput):
         return slopes[:d], _moment(b, slopes, d)
 
     def component(self, acting: np.ndarray, frames: Frames) -> np.ndarray:
-        """Return the component of a force or moment (n_components, n) in the ground's axes."""
+        """Return the component of a force or moment (n_components, n) in the ground's axes, (1, n), or the vector whose
+        magnitude it is."""
         wanted, n = self.entry.component, acting.shape[1]
-        if wanted == "magnitude":
-            return np.linalg.norm(acting, axis=0)
-        if len(acting) == 1:  # about z
-            return acting[0]
+        if wanted == "magnitude" or len(acting) == 1:  # about z
+            return acting
         if wanted in ("axial", "radial"):
             along = self.axis(frames, n)
             axial = np.einsum("cn,cn->n", along, acting)
-            return axial if wanted == "axial" else np.linalg.norm(acting - axial * along, axis=0)
+            return axial[None] if wanted == "axial" else acting - axial * along
         if self.entry.frame == "ground":
-            return acting[AXES[wanted]]
+            return acting[AXES[wanted]][None]
         side = self.connection.a if self.entry.of == "first" else self.connection.b
         d, natural = self.space.dimension, self._natural(side, frames, n)
-        return np.einsum("cn,cn->n", natural[d:].reshape(d, d, n)[AXES[wanted]], acting)
+        return np.einsum("cn,cn->n", natural[d:].reshape(d, d, n)[AXES[wanted]], acting)[None]
 
     def axis(self, frames: Frames, n: int) -> np.ndarray:
         """Return the direction of the joint's first axis, shape (d, n)."""
@@ -421,10 +443,14 @@ def _rate(reading: Reading, frames: Frames, rates: Frames) -> np.ndarray:
 class OfCoupling(ForceOutput):
     """What a coupling does to the motion of one of its joints."""
 
-    magnitude: bool
+    entry: InJoint
     reading: Reading  # of the motion
     function: Function  # of the motion, in the coupling
     pull: Pull | None  # in place of a multiplier
+
+    @property
+    def is_size(self) -> bool:
+        return self.entry.component == "magnitude"
 
     @classmethod
     def of(cls, name: str, entry: InJoint, coupling: Coupling, kinematics: RigidKinematics) -> Self:
@@ -447,18 +473,17 @@ class OfCoupling(ForceOutput):
             pull = Pull(action, tuple(readings))
             rows, nodes = rows[:0], set().union(*(reading.nodes for reading in readings))
         return cls(
-            name, rows, frozenset(nodes), pull is not None and pull.reads_rates, entry.component == "magnitude",
-            readings[number], terms[number][1], pull,
+            name, rows, frozenset(nodes), pull is not None and pull.reads_rates, entry, readings[number],
+            terms[number][1], pull,
         )  # fmt: skip
 
-    def value(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
-        """Return ``-mu df/ds``, or its size."""
+    def parts(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
+        """Return ``-mu df/ds``."""
         if self.pull is None:
             force = -multipliers[self.rows[0]]
         else:
             ((_, force, _),) = acting((self.pull,), frames, rates, values)
-        found = force * self.function.at(self.reading.value(frames))[1]
-        return np.abs(found) if self.magnitude else found
+        return np.reshape(force * self.function.at(self.reading.value(frames))[1], (1, -1))
 
 
 def _motion(part: Statement, pair: tuple[Attachment, Attachment], mechanism: Mechanism, kinematics: RigidKinematics):
@@ -486,9 +511,9 @@ class OfMotion(ForceOutput):
         row, names = kinematics.mechanism.n_held + number, [one.name for one in kinematics.mechanism.coordinates]
         return cls(name, np.array([row]), nodes, entry.with_rate, reading, names.index(coordinate.name))
 
-    def value(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
+    def parts(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
         """Return ``-lambda``, or that times the rate of the coordinate."""
-        torque = -multipliers[self.rows[0]]
+        torque = -multipliers[self.rows]
         return torque if self.speed is None else torque * _rate(self.speed, frames, rates)
 
 
@@ -604,7 +629,7 @@ def _chosen(output: OfConnection, frames: Frames) -> np.ndarray:
     if entry.component in ("axial", "radial"):
         along = output.axis(frames, 1)[:, 0]
         return along[None] if entry.component == "axial" else every - np.outer(along, along)
-    return np.array([output.component(every[:, [k]], frames)[0] for k in range(size)])[None]
+    return np.array([output.component(every[:, [k]], frames)[0, 0] for k in range(size)])[None]
 
 
 def _axes(output: OfConnection, frames: Frames) -> list[np.ndarray]:

@@ -9,7 +9,7 @@ it: frames, rates, accelerations, stresses, forces, the time, parameters.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
@@ -60,8 +60,8 @@ class OutputSet:
 
     @property
     def n_forces(self) -> int:
-        """Number of outputs of forces, which are behind stresses."""
-        return len(self.forces) + len(self.beside)
+        """Number of what outputs of forces are made of, which is behind stresses."""
+        return sum(one.n_parts for one in self.forces) + len(self.beside)
 
     def observed(
         self,
@@ -114,10 +114,19 @@ class OutputSet:
     def forces_of(
         self, frames: Sequence[np.ndarray], multipliers: np.ndarray, values: Mapping[str, np.ndarray | float]
     ) -> np.ndarray:
-        """Return the forces (n_forces, n) for frames of `nodes` with their derivatives, as of `observed`, multipliers
-        of joints and prescribed coordinates (n_held + n_driven, n), and parameter values, numbers or of shape (n,)."""
+        """Return what forces in joints are made of, a row each, for frames of `nodes` with their derivatives, as of
+        `observed`, multipliers of joints and prescribed coordinates (n_held + n_driven, n), and parameter values,
+        numbers or of shape (n,)."""
         by_node, moving, *_ = *(dict(zip(self.nodes, part)) for part in frames), {}
-        return np.array([force.value(by_node, moving, multipliers, values) for force in self.forces])
+        return np.concatenate([force.parts(by_node, moving, multipliers, values) for force in self.forces])
+
+    def smooth(self, apart: Container[str]) -> OutputSet:
+        """Return the outputs without stresses and those in `apart`; forces as what they are made of."""
+        functions = {
+            name: replace(reading, made=None) if isinstance(reading, ModelReading) else reading
+            for name, reading in self.functions.items() if name not in apart and not reading.needs.stresses
+        }  # fmt: skip
+        return replace(self, functions=functions, stresses=())
 
     def left_range(self, observed: np.ndarray) -> np.ndarray:
         """Return where a coordinate is outside the range that a deformation is known in, shape (n,), for what a model
@@ -141,12 +150,18 @@ class OutputSet:
             frames,
             self.rigid,
             poses and poses(frames[0]),
-            of_model=dict(zip((*(one.name for one in (*self.stresses, *self.forces)), *self.beside), stresses)),
+            of_model=self._of_model(stresses),
             time=time[0] if self.reads_time else None,
             values=dict(zip(self.parameters, values)),
             bases=self.bases,
             n=n,
         )
+
+    def _of_model(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+        found = {one.name: row for one, row in zip(self.stresses, rows)}
+        ends = pairwise(accumulate((one.n_parts for one in self.forces), initial=len(found)))
+        found |= {one.name: rows[first:end] for one, (first, end) in zip(self.forces, ends)}
+        return found | dict(zip(self.beside, rows[len(rows) - len(self.beside) :]))
 
     @classmethod
     def of(cls, scene: Scene, kinematics: RigidKinematics, start: np.ndarray | None = None) -> OutputSet:
@@ -170,7 +185,10 @@ class OutputSet:
             elif "multipliers" in entry.reads:
                 force = next(one for one in forces if one.name == name)
                 functions[name] = ModelReading(
-                    name, Needs(frozenset(force.nodes), multipliers=frozenset([name])), int(force.reads_rates)
+                    name,
+                    Needs(frozenset(force.nodes), multipliers=frozenset([name])),
+                    int(force.reads_rates),
+                    force.made,
                 )
             elif "beside" in entry.reads:
                 functions[name] = ModelReading(name, Needs())

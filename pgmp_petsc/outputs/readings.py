@@ -43,7 +43,8 @@ class Seen:
     frames: tuple[Frames, ...]  # of nodes, and as far as outputs read them their rates and accelerations (n_pose, n)
     rigid: RigidReference | None = None  # the rigid mechanism that deformations are taken from
     poses: np.ndarray | None = None  # its poses, shape (n_bodies, n_pose, n)
-    of_model: Mapping[str, np.ndarray] = field(default_factory=dict)  # stresses and forces by the output's name, (n,)
+    #: stresses and other outputs by their name, (n,), and what forces are made of, (n_parts, n)
+    of_model: Mapping[str, np.ndarray] = field(default_factory=dict)
     time: np.ndarray | None = None  # s, shape (n,)
     values: Mapping[str, np.ndarray] = field(default_factory=dict)  # of parameters, each (n,)
     bases: Sequence[Base] = ()  # motions of the base
@@ -265,6 +266,7 @@ class ModelReading:
     name: str  # of the output
     needs: Needs
     order: int = 0  # derivative of frames that it takes
+    made: Callable[[np.ndarray], np.ndarray] | None = None  # makes it of what models observe, where that is not itself
 
     def depth(self, order: int) -> int:
         """Return its own: models do not know how fast it changes."""
@@ -277,7 +279,8 @@ class ModelReading:
 
     def jet(self, seen: Seen, order: int) -> Jet:
         """Return its value."""
-        return [seen.of_model[self.name]]
+        found = seen.of_model[self.name]
+        return [found if self.made is None else self.made(found)]
 
 
 class RigidReference:

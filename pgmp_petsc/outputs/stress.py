@@ -88,14 +88,14 @@ class StressOutput:
     law: SolidLaw | BeamLaw  # what makes the quantity of them
     size: float  # the quantity for a strain of 1: what is small beside it by the round-off of strains is nothing
 
-    def value(self, strains: np.ndarray, parameters: Values) -> np.ndarray:
-        """Return the output, shape (n,), for strains of the points (n_points, n_strains, n).
+    def value(self, forces: np.ndarray, parameters: Values) -> np.ndarray:
+        """Return the output, shape (n,), for what the law makes of strains of the points, (n_points, n_forces, n).
 
         Forces and moments have their sign at a place. Of many sections the magnitude is reported: the largest ones of
         either sign may be equal, and an output that jumped from one to the other would have no error to speak of.
         Parameter values are numbers, or of shape (n,).
         """
-        values = self.law.values([self.entry.quantity], self.points, strains, parameters)[self.entry.quantity]
+        values = self.law.values([self.entry.quantity], self.points, forces, parameters)[self.entry.quantity]
         if self.entry.quantity in EXTREMES:
             return EXTREMES[self.entry.quantity](values)
         return LARGEST(np.abs(values)) if self.entry.at is None else FURTHEST(values)

@@ -33,6 +33,7 @@ import numpy as np
 from pgmp_petsc.base.errors import Remark, RunError, gathered, note, warning
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, Strains
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.continuity import procrustes
 from pgmp_petsc.outputs.stress import StressOutput
@@ -315,8 +316,8 @@ def _largest(output: StressOutput, body: Body, moves: np.ndarray, scene: Scene) 
     Of what is no linear form of the stresses it is a bound of differences: von Mises' stress of these, for one.
     """
     sizes = [np.zeros(0)]
-    for strains in _strains(output.points, body, moves):
-        both = [np.abs(output.value(sign * strains, scene.nominal)) for sign in (1.0, -1.0)]
+    for forces in _forces(output.law, output.points, body, moves, scene):
+        both = [np.abs(output.value(sign * forces, scene.nominal)) for sign in (1.0, -1.0)]
         sizes.append(np.maximum(*both))
     return np.concatenate(sizes).reshape(len(moves), -1).max(axis=0, initial=0.0)
 
@@ -324,21 +325,25 @@ def _largest(output: StressOutput, body: Body, moves: np.ndarray, scene: Scene) 
 def _reference(output: StressOutput, body: Body, moves: np.ndarray, scene: Scene) -> np.ndarray:
     """Return the largest size of what has the output's unit anywhere in the body, under each load, shape (n_loads,)."""
     of_body = body.stresses(scene)
-    points = of_body.everywhere()
+    law, points = of_body.law, of_body.everywhere()
     alike = [key for key, unit in of_body.units.items() if unit == output.entry.unit_of_quantity]
     some, sizes = moves[:: max(1, len(moves) // REFERENCES)], [np.zeros(0)]
-    for strains in _strains(points, body, some):
-        values: Mapping[str, np.ndarray] = of_body.law.values(alike, points, strains, scene.nominal)
+    for forces in _forces(law, points, body, some, scene):
+        values: Mapping[str, np.ndarray] = law.values(alike, points, forces, scene.nominal)
         sizes.append(np.max([np.abs(one).max(axis=0) for one in values.values()], axis=0))
     return np.concatenate(sizes).reshape(len(some), -1).max(axis=0, initial=0.0)
 
 
-def _strains(points: object, body: Body, moves: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield linear strains of points, shape (n_points, n_strains, n), of some columns after the other."""
+def _forces(
+    law: SolidLaw | BeamLaw, points: Strains, body: Body, moves: np.ndarray, scene: Scene
+) -> Iterator[np.ndarray]:
+    """Yield what a law makes of linear strains of points, shape (n_points, n_forces, n), of some columns after the
+    other."""
     columns = np.moveaxis(moves, 1, 0).reshape(moves.shape[1], -1)
     step = max(1, AT_ONCE // max(1, points.width))
     for first in range(0, columns.shape[1], step):
-        yield points.of_displacements(body.displacements(columns[:, first : first + step]))
+        strains = points.of_displacements(body.displacements(columns[:, first : first + step]))
+        yield law.forces(points, strains, scene.nominal)
 
 
 def midpoints(samples: Samples, chosen: np.ndarray | None = None) -> np.ndarray:

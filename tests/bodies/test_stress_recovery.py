@@ -128,7 +128,8 @@ def test_hooke_gives_what_pulls_a_bar() -> None:
         across = -0.3
         strain = np.array([1.0, across, 0.0] if plane else [1.0, across, across, 0, 0, 0])[None, :, None]
         law = SolidLaw(((Quantity(2.0), Lame.of(0.3, plane)),))
-        found = law.values(wanted, SimpleNamespace(material=np.zeros(1, dtype=int)), strain, {})
+        points = SimpleNamespace(material=np.zeros(1, dtype=int))
+        found = law.values(wanted, points, law.forces(points, strain, {}), {})
         # the angle of the principal ones is that of two equal stresses across: round-off has its root there
         np.testing.assert_allclose([found[name][0, 0] for name in wanted], [2.0, 2.0, 0.0], atol=1e-7)
 
@@ -262,7 +263,7 @@ def test_outermost_fibres_of_beams_in_space_are_those_of_all_their_fibres(shape:
     axial, about_2, about_3 = strains[0, 0], strains[0, 4], strains[0, 5]
     every = modulus * (axial + np.outer(fibres[:, 1], about_2) - np.outer(fibres[:, 0], about_3))
     for quantity, expected in (("stress_max", every.max(axis=0)), ("stress_min", every.min(axis=0))):
-        found = law.values([quantity], points, strains, {})[quantity][0]
+        found = law.values([quantity], points, law.forces(points, strains, {}), {})[quantity][0]
         np.testing.assert_allclose(found, expected, rtol=1e-7, err_msg=quantity)
 
 
@@ -287,7 +288,8 @@ def test_a_column_is_the_same_to_the_last_bit_whatever_stands_beside_it(kind: st
         for size in (1, 2, 3, 7, 16):
             parts = [strains(motion[..., k : k + size]) for k in range(0, n, size)]
             np.testing.assert_array_equal(np.concatenate(parts, axis=-1), whole)
-            of_parts = [law.values(quantities, points, part, {}) for part in parts]
-            for quantity, expected in law.values(quantities, points, whole, {}).items():
-                found = np.concatenate([values[quantity] for values in of_parts], axis=-1)
+            every = (law.forces(points, part, {}) for part in (whole, *parts))
+            values, *of_parts = (law.values(quantities, points, forces, {}) for forces in every)
+            for quantity, expected in values.items():
+                found = np.concatenate([part[quantity] for part in of_parts], axis=-1)
                 np.testing.assert_array_equal(found, expected, err_msg=quantity)
