@@ -91,7 +91,7 @@ def test_bands_take_start_end_and_instants_between() -> None:
         ({"extremes": True}, False, True),
     ):
         assert OverTimeWatcher(Model(**asked), with_bands=with_bands).is_asked is looks
-    begun = Begun(SimpleNamespace(n_samples=N), {}, np.arange(N), Model().scene.simulation)
+    begun = Begun(SimpleNamespace(n_samples=N, instants_at_once=1), {}, np.arange(N), Model().scene.simulation)
     assert OverTimeWatcher(Model(bands=5), with_bands=True).watch(begun).observer.every == 25
 
 
@@ -120,7 +120,7 @@ def test_a_sample_that_failed_has_none() -> None:
 
 def test_an_output_that_was_no_number_has_no_extremes() -> None:
     model = Model(extremes=True)
-    model.outputs.evaluate = lambda observed: {"y": np.where(np.arange(N) == 1, np.sqrt(observed[0]), observed[0])}
+    model.outputs.evaluate = lambda observed: {"y": np.where(np.arange(observed[0].size) % N == 1, np.sqrt(observed[0]), observed[0])}
     with np.errstate(invalid="ignore"):
         found = watched(model)["extremes"]
     assert np.isnan(found["y/max"][1]) and np.isnan(found["y/time_of_min"][1]) and np.isfinite(found["y/max"][0])

@@ -15,6 +15,7 @@ from pgmp_petsc.ensemble.watchers import RangeWatch
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run
+from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.simulate import _Part, simulate_full, simulate_reduced
 from scenes import RADIUS
@@ -183,7 +184,7 @@ def test_a_sample_that_left_the_range_before_it_failed_left_the_range() -> None:
     """As a single run; one that fails first has failed."""
     leaving = SimpleNamespace(left_range=lambda system, state: np.array([True, True, True, False]))
     watch = RangeWatch(leaving, SimpleNamespace(n_samples=4))
-    watch(1, 0.1, None)
+    watch.over(np.array([1]), np.array([0.1]), State(*np.zeros((4, 1, 4, 1))))
     lost, fine = Status.NOT_CONVERGED, Status.FINE
     found = watch.judged(Run(None, np.array([lost, fine, lost, lost]), np.array([0.5, np.nan, 0.05, 0.5]), 9, 0))
     assert found.status.tolist() == [Status.LEFT_RANGE, Status.LEFT_RANGE, lost, lost]
