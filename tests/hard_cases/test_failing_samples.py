@@ -184,7 +184,7 @@ def test_a_sample_that_left_the_range_before_it_failed_left_the_range() -> None:
     """As a single run; one that fails first has failed."""
     leaving = SimpleNamespace(left_range=lambda system, state: np.array([True, True, True, False]))
     watch = RangeWatch(leaving, SimpleNamespace(n_samples=4))
-    watch.over(np.array([1]), np.array([0.1]), State(*np.zeros((4, 1, 4, 1))))
+    watch.over(np.array([1]), np.array([0.1]), State(*np.zeros((5, 1, 4, 1))))
     lost, fine = Status.NOT_CONVERGED, Status.FINE
     found = watch.judged(Run(None, np.array([lost, fine, lost, lost]), np.array([0.5, np.nan, 0.05, 0.5]), 9, 0))
     assert found.status.tolist() == [Status.LEFT_RANGE, Status.LEFT_RANGE, lost, lost]
