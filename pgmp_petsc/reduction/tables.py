@@ -62,7 +62,7 @@ over the packed pairs of ``chi_ij delta_i delta_j``, halved where i = j.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -330,19 +330,20 @@ class ReducedTables(Record):
         )  # fmt: skip
 
     def frequencies_hz(
-        self, mass_weights: np.ndarray, stiffness_weights: np.ndarray, free: Sequence[int] | None = None
-    ) -> np.ndarray:
+        self, mass_weights: np.ndarray, stiffness_weights: np.ndarray, free: Sequence[int] | None = None,
+        at: Callable[[np.ndarray], np.ndarray] = np.asarray,
+    ) -> np.ndarray:  # fmt: skip
         """Return the eigenfrequencies of the reduced model at every sample, rigid motion left out, shape (n, n_delta -
-        n_unstrained), Hz.
+        n_unstrained), Hz; or where `at` takes tables to.
 
         Weights have shapes (n_mass_terms,) and (n_stiffness_terms,). `free` are the numbers of the coordinates that are
         not prescribed, which are held; all by default.
         """
         if self.n_given:
-            return self.moving().frequencies_hz(mass_weights, stiffness_weights, free)
+            return self.moving().frequencies_hz(mass_weights, stiffness_weights, free, at)
         r = self.n_coordinates
-        mass = np.einsum("t,ntij->nij", mass_weights, self.mass)
-        stiffness = np.einsum("t,ntij->nij", stiffness_weights, self.stiffness)
+        mass = np.einsum("t,ntij->nij", mass_weights, at(self.mass))
+        stiffness = np.einsum("t,ntij->nij", stiffness_weights, at(self.stiffness))
         # free-free modes: what is free to move without strain is condensed out of the kinetic energy
         free = np.arange(r) if free is None else np.asarray(free, dtype=int)
         free, bent = np.append(free, r + self.unstrained), np.setdiff1d(np.arange(self.n_modes), self.unstrained)

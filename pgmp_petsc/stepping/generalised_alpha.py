@@ -135,6 +135,9 @@ class GeneralisedAlpha:
         self.instants, self.stops, self.n_done = instants(duration, n_steps), stops, 0
         self._step = duration / n_steps
         self._moment = standing(start, start.a.copy(), system.n_samples)
+        begun = State.along([start])
+        if system.beside is not None:
+            begun.forces = system.beside.now[None].copy()
         if self._alive.any():
             first = first_accelerations(system, start, self._step, self._alive, spectral_radius)
             self._stepper.count(first.n_iterations, 0, 0)
@@ -143,10 +146,7 @@ class GeneralisedAlpha:
         self._beyond = np.zeros((0, alive.size), dtype=bool) if self._events is None else self._events.beyond
         self._observer, self._pulse = observer, pulse
         if observer is not None:
-            shown = State.along([start])
-            if system.beside is not None:
-                shown.forces = system.beside.now[None].copy()
-            observer.over(np.array([0]), np.zeros(1), shown)
+            observer.over(np.array([0]), np.zeros(1), begun)
 
     @property
     def state(self) -> State:
