@@ -21,6 +21,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 import types
 from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr, suppress
@@ -34,6 +35,8 @@ PASSED_ON = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGUSR1, signa
 # variables that are read when an interpreter or a library starts: with others than the server's, a process starts cold
 READ_AT_START = ("PYTHON", "NUMBA", "LD_", "OMP_NUM", "OPENBLAS", "MPL")
 NUMBER = 8  # bytes of a number on the connection
+SHARED = "PGMP_TEST_WARM_START"  # the variable with the socket of a server that another process started
+PATIENCE = 600.0  # s, for a server that begins
 #: The environment before a test changed it: a server that started in that of a test would serve no other one.
 BEFORE_TESTS: dict[str, str] = {}
 _ended_with: list[int] = []  # the status of a process that somebody wanted
@@ -80,8 +83,9 @@ def serve(path: str) -> None:
     _preload()
     gc.freeze()  # Python looks through what it will collect when a process ends, and would copy all of it for that
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    listener.bind(path)
+    listener.bind(f"{path}.new")
     listener.listen()
+    os.rename(f"{path}.new", path)  # whoever finds it is heard
     woken, wake = os.pipe()
     os.set_blocking(woken, False)
     os.set_blocking(wake, False)
@@ -91,7 +95,6 @@ def serve(path: str) -> None:
     for file in (listener, woken, sys.stdin):
         events.register(file, selectors.EVENT_READ)
     children: dict[socket.socket, int] = {}
-    print("ready", flush=True)
     while True:
         for key, _ in events.select():
             if key.fileobj is sys.stdin:
@@ -238,17 +241,34 @@ def _rehearse() -> None:
     petsc.log_event.cache_clear()
 
 
+def share() -> None:
+    """Start a server for this process and those that it starts, and do not wait for it."""
+    os.environ[SHARED] = _started(_environment())
+
+
 @cache
 def _server() -> tuple[str, Mapping[str, str]]:
-    """Start the server, which ends with this process; return its socket and its environment."""
+    """Return the socket of the server, once it is there, and its environment; start it unless another process did."""
+    environment = _environment()
+    path = environment.get(SHARED) or _started(environment)
+    until = time.monotonic() + PATIENCE
+    while not os.path.exists(path):
+        assert time.monotonic() < until, "the server of warm starts did not start"
+        time.sleep(0.02)
+    return path, environment
+
+
+def _environment() -> dict[str, str]:
     from conftest import MPI_ENVIRONMENT, ROOT
 
+    return dict(BEFORE_TESTS or os.environ) | MPI_ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
+
+
+def _started(environment: Mapping[str, str]) -> str:
+    """Start the server, which ends with this process; return where its socket will be."""
     folder = Path(tempfile.mkdtemp(prefix="pgmp_warm_"))
     path = str(folder / "socket")
-    environment = dict(BEFORE_TESTS or os.environ) | MPI_ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
-    words = [sys.executable, __file__, path]
-    process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
-    assert process.stdout.readline(), "the server of warm starts did not start"
+    process = subprocess.Popen([sys.executable, __file__, path], stdin=subprocess.PIPE, env=environment)
 
     def leave() -> None:
         process.stdin.close()
@@ -256,7 +276,7 @@ def _server() -> tuple[str, Mapping[str, str]]:
         shutil.rmtree(folder, ignore_errors=True)
 
     atexit.register(leave)
-    return path, environment
+    return path
 
 
 def _number(connection: socket.socket) -> int:

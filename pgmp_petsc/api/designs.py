@@ -25,7 +25,7 @@ from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results.gradients import Design, Fit
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_powers
+from pgmp_petsc.scene.border import parameter_units
 from pgmp_petsc.texts.studies import report_of_design, report_of_fit
 
 
@@ -180,9 +180,8 @@ def _question(
     """Return what is to be designed; raises `InputError` where a text is no goal or constraint of the scene."""
     if not outputs:
         raise InputError("outputs: none is given, so there is nothing to design for; add a table [outputs.NAME]")
-    powers = {name: scene.system.power_of(unit) for name, unit in outputs.items()}
-    powers |= own_powers(scene, {f"parameters.{name}": name for name in scene.parameters})
-    known = outputs, scene.parameters, powers
+    units = {**outputs, **{f"parameters.{name}": unit for name, unit in parameter_units(scene).items()}}
+    known = outputs, scene.parameters, units, scene.system
     constraints = tuple(read_constraint(text, *known) for text in subject_to)
     figures = () if robust is None else (robust.deviations, robust.n, robust.seed)
     return Question(read_goal(goal, *known), constraints, designed_parameters(scene, names), *figures)

@@ -95,6 +95,8 @@ class UnitSystem:
         """Return what numbers are in here that would be in an SI unit, ``mm`` for ``m``, ``t/mm3`` for ``kg/m3``."""
         names = {"m": self.names[0], "kg": self.names[1], "s": self.names[2], "N": self.force, "Pa": self.pressure}
         names["J"] = self.energy or f"{self.force} {self.names[0]}"
+        if "/" in names["kg"] and si != "kg":
+            names["kg"] = f"({names['kg']})"  # of lbf s2/in, which is a quotient itself
         return _WORD.sub(lambda word: names.get(word[0], word[0]), si)
 
     def __str__(self) -> str:

@@ -448,7 +448,7 @@ def choose(
             scene, meshes, subject.kinematics, _demand(scene, training, period, n_modes, entry), group.world
         )
         say(reference.why)
-        coarse = min(first_steps(scene.simulation.duration, period)[1], _given_steps(scene) or MOST_ANYWAY)
+        coarse = min(first_steps(scene, period)[1], _given_steps(scene) or MOST_ANYWAY)
         reference = distance_from_mesh(reference, meshes, training.values, training.n_samples, coarse, group.world)
         bench = Bench(reference, training, group.world, subject, group, bar, finished)
         step = StepChoice(bench, ledger, period, reference.model.name)
@@ -519,8 +519,7 @@ def modes_to_condense(scene: Scene) -> int:
 def _given_steps(scene: Scene) -> int:
     """Return the number of steps of a scene that gives its step; 0 where it is to be chosen."""
     simulation = scene.simulation
-    given = simulation.tolerance is None or "step" in simulation.model_fields_set
-    return count_steps(simulation.duration, simulation.step) if given else 0
+    return 0 if simulation.is_chosen else count_steps(simulation.duration, simulation.step)
 
 
 def _demand(scene: Scene, training: Training, period: float, n_modes: int, entry: str) -> Demand:
@@ -532,7 +531,7 @@ def _demand(scene: Scene, training: Training, period: float, n_modes: int, entry
     else:
         # runs with halved steps, up to the smallest that are tried before the reduction, are together two of these
         early = EARLY_PER_PERIOD // FIRST_PER_PERIOD
-        steps = (n_loads * SEEN + 2 * of_step * early) * first_steps(scene.simulation.duration, period)[1]
+        steps = (n_loads * SEEN + 2 * of_step * early) * first_steps(scene, period)[1]
     cases = f"{training.n_samples} samples under {n_loads} loads"
     cure = "shorten simulation.duration, or let fewer parameters vary"
     tolerance = scene.reduction.tolerance or scene.simulation.tolerance

@@ -29,12 +29,14 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.bench import Bench, step_price
-from pgmp_petsc.bench.cases import Training
+from pgmp_petsc.bench.cases import Training, step_of
 from pgmp_petsc.bench.history import Errors, Trial
 from pgmp_petsc.bench.ledger import STEP, ZERO, Ledger, refuse
 from pgmp_petsc.bench.prices import Price
 from pgmp_petsc.bench.reference import Reference, period_of
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.controllers import steps_of_samplings
 from pgmp_petsc.scene.numerics import Simulation, count_steps
 from pgmp_petsc.scene.parameters import spanning_values
 
@@ -61,6 +63,7 @@ class StepSearch:
     first: int  # steps of the coarsest run that is halved
     allowed: float  # largest error that is allowed
     coarsest: int  # steps of the coarsest run that may be chosen; `first` is a power of two times it
+    multiple: int = 1  # of which numbers of steps are multiples
     chosen: int | None = None
     error: float = np.inf
     finest: int = 0
@@ -115,7 +118,7 @@ class StepSearch:
         wanted = int(np.ceil(self.finest * np.sqrt(error / self.allowed)))
         # not beyond what was seen to be of this order
         if wanted <= 2 * self.finest:
-            self.chosen = max(wanted, self.finest // 4)
+            self.chosen = _at_least(max(wanted, self.finest // 4), self.multiple)
             self.error = error * (self.finest / self.chosen) ** ORDER
 
 
@@ -124,15 +127,20 @@ def fine_enough(n_steps: int, first: int) -> int:
     return max(AHEAD * n_steps, SEEN * first)
 
 
-def first_steps(duration: float, period: float) -> tuple[int, int]:
-    """Return the steps of the coarsest run that may be chosen, and of the first one that is halved, from the run's
-    duration and the period of the first flexible mode, s."""
-    periods = duration / period
-    coarsest = max(int(np.ceil(COARSEST_PER_PERIOD * periods)), FEWEST)
+def first_steps(scene: Scene, period: float) -> tuple[int, int]:
+    """Return the steps of the coarsest run that may be chosen, and of the first one that is halved, from the period of
+    the first flexible mode, s."""
+    periods = scene.simulation.duration / period
+    coarsest = _at_least(max(int(np.ceil(COARSEST_PER_PERIOD * periods)), FEWEST), steps_of_samplings(scene))
     first = coarsest
     while first < FIRST_PER_PERIOD * periods:
         first *= 2
     return coarsest, first
+
+
+def _at_least(n_steps: int, multiple: int) -> int:
+    """Return the first multiple that is no smaller than a number of steps."""
+    return -(-n_steps // multiple) * multiple
 
 
 def rounded_step(duration: float, n_steps: int) -> float:
@@ -161,10 +169,11 @@ class StepChoice:
         self._bench, self._ledger, self._model = bench, ledger, model
         simulation = bench.scene.simulation
         self.tolerance = simulation.tolerance
-        self.kept = "step" in simulation.model_fields_set or self.tolerance is None
+        self.kept = not simulation.is_chosen
         self.n_given = count_steps(simulation.duration, simulation.step)
         self._duration = simulation.duration
-        self._coarsest, self._first = first_steps(simulation.duration, period)
+        self._multiple = steps_of_samplings(bench.scene)
+        self._coarsest, self._first = first_steps(bench.scene, period)
         self._periods = self._first / FIRST_PER_PERIOD
         self.loads = tuple(load.name for load in bench.training.loads if load.for_step)
         self._search: StepSearch | None = None
@@ -209,7 +218,7 @@ class StepChoice:
     @property
     def step(self) -> float:
         """The chosen step, s."""
-        return rounded_step(self._duration, self.n_steps)
+        return self._step_of(self.n_steps)
 
     def begin(self) -> None:
         """Check a given step, or look for one as far as that is quick."""
@@ -218,7 +227,8 @@ class StepChoice:
         if self.kept:
             self._check_given()
             return
-        self._search = StepSearch(self._compare, self._first, STEP * self.tolerance, self._coarsest)
+        allowed = STEP * self.tolerance
+        self._search = StepSearch(self._compare, self._first, allowed, self._coarsest, self._multiple)
         self._search.advance(min(round(EARLY_PER_PERIOD * self._periods), self._most))
 
     def finish(self, others: Mapping[str, float]) -> None:
@@ -319,8 +329,12 @@ class StepChoice:
             part = "round-off" if errors.is_round_off else "step"
             refuse("simulation.tolerance", self.tolerance, part, self.allowed, self._ledger, hints)
 
+    def _step_of(self, n_steps: int) -> float:
+        # samplings are at ends of steps
+        return (rounded_step if self._multiple == 1 else step_of)(self._duration, n_steps)
+
     def _note(self, n_steps: int, errors: Errors, model: str = "") -> None:
-        step = self._bench.scene.simulation.step if self.kept else rounded_step(self._duration, n_steps)
+        step = self._bench.scene.simulation.step if self.kept else self._step_of(n_steps)
         self._ledger.add_step({"step": step, "model": model or self._model}, n_steps, errors)
 
 
@@ -346,7 +360,7 @@ def settle_step(model: AnyModel, comm: Comm, ensemble: bool) -> tuple[AnyModel, 
     step = StepChoice(
         Bench(reference, Training.of_own_loads(model.scene, values, n_samples), comm), ledger, period, model.name
     )
-    fewest = (1 + AHEAD) * step.n_given if step.kept else 2 * SEEN * first_steps(simulation.duration, period)[1]
+    fewest = (1 + AHEAD) * step.n_given if step.kept else 2 * SEEN * first_steps(model.scene, period)[1]
     price, limit = Price(per_step, float(fewest * n_samples)), model.scene.reference
     if limit.model == "auto" and price.seconds > limit.budget:
         raise InputError(

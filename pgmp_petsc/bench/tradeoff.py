@@ -43,6 +43,7 @@ from pgmp_petsc.bench.reference import (
     distance_from_mesh,
 )
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import why_no_grid
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
@@ -53,7 +54,7 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.checkpoint import Arrays, Finished
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values, values_text
+from pgmp_petsc.scene.border import own_values, result_units, values_text
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.uses import count_builds, length_names, with_numbers
@@ -346,7 +347,7 @@ class _Study:
             record=record,
             units=units,
             test_values=self.bench.training.values,
-            parameter_units={name: parameter.unit or "1" for name, parameter in self.scene.parameters.items()},
+            parameter_units=result_units(self.scene),
             families=tuple(setting.family for setting in settings),
             columns=columns,
             flags=tuple(_flags(setting, self.scene) for setting in settings),
@@ -637,9 +638,8 @@ def _within(modes: Sequence[int], limits: Limits) -> list[int]:
 def _steps(scene: Scene, finer: int, coarser: int) -> list[int]:
     """Return the number of a scene's steps, its doubles, and its halves as far as they are whole, with samplings of
     controllers at ends of steps."""
-    n, sampled = own_steps(scene), [one.sample_time for one in scene.controllers.values() if one.sample_time]
-    parts = [n, *(round(n * time / scene.simulation.duration) for time in sampled)]
-    coarse = [n // 2**k for k in range(1, coarser + 1) if not any(part % 2**k for part in parts)]
+    n, every = own_steps(scene), steps_between_samplings(scene, scene.simulation)
+    coarse = [n // 2**k for k in range(1, coarser + 1) if every % 2**k == 0]
     return [n, *(n * 2**k for k in range(1, finer + 1)), *coarse]
 
 

@@ -597,7 +597,8 @@ class _Reader(NamedTuple):
         for where, holdings in _columns(one.value).items():
             first, (path, _, key) = holdings[0], joined(place, where).partition("@")
             if key:
-                columns[first.name] = json.loads(self._attributes(path)[key])
+                if first.entry.absent is NEEDED or key in self._attributes(path):
+                    columns[first.name] = json.loads(self._attributes(path)[key])
                 continue
             n_dimensions = 2 if isinstance(first.entry.part, int) else 1 + len(first.entry.sizes)
             whole = replace(first.entry, sizes=("row",) * n_dimensions, code=None)

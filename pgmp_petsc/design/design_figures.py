@@ -17,7 +17,8 @@ from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
-from pgmp_petsc.scene.border import to_own, values_text
+from pgmp_petsc.ranks.ending import search_at
+from pgmp_petsc.scene.border import own_values, to_own, values_text
 from pgmp_petsc.scene.parameters import uncertain_names
 
 
@@ -128,6 +129,7 @@ class DesignFigures:
                 zeros = np.zeros(design.size)
                 found = [Dual(np.inf, zeros), *(Dual(0.0, zeros) for _ in self._question.constraints)]
             else:
+                search_at(own_values(self.scene, dict(zip(self._question.names, map(float, design)))))
                 self.tried.append(design.copy())
                 self.goals.append(found[0].value)
             self._known = {key: found}

@@ -39,10 +39,11 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
+from pgmp_petsc.ranks.ending import search_at
 from pgmp_petsc.results.gradients import Fit, FittedOutput, FittedParameter
-from pgmp_petsc.results.numbers import plain
+from pgmp_petsc.results.numbers import plain, with_unit
 from pgmp_petsc.scene import scene_to_toml
-from pgmp_petsc.scene.border import own_values, to_own, values_text
+from pgmp_petsc.scene.border import own_values, result_units, to_own, values_text
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 from pgmp_petsc.scene.uses import length_names
@@ -198,7 +199,7 @@ class _Fitting:
             *difference_remarks(self._model, solution.run.off), *contact_remarks(solution.run), *scene.remarks,
         )  # fmt: skip
         parameters = [
-            FittedParameter(name, scene.parameters[name].unit or "1", *map(float, row))
+            FittedParameter(name, result_units(scene)[name], *map(float, row))
             for name, *row in zip(self._names, self._start, estimate, errors, *self._limits.T)
         ]
         outputs = {
@@ -266,6 +267,7 @@ class _Fitting:
         except PgmpError as error:
             where = values_text(self._model.scene, {name: values[name] for name in self._names})
             raise type(error)(f"at {where}: {error}") from error
+        search_at(own_values(self._model.scene, {name: values[name] for name in self._names}))
         self.n_runs += 1
         self._count()
         self._runs = [*self._runs[-3:], (key, run)]
@@ -355,9 +357,9 @@ class _Fitting:
         """Return what errors of the model do to the estimates, by a step of the fit: `slopes` are its Jacobians over
         the noise, (n_k, n_parameters) of each output, standard errors are (n_parameters,)."""
         own = OwnErrors.of_runs(self._model, [self._model.scene.values | solution.values])
-        known = None if own is None else own.over(self._history.time)
+        known = None if own is None else own.over(self._history.time, self._n)
         if known is None:
-            return (not_known(self._model, "the estimates"),)
+            return (not_known(self._model, "the estimates", own, self._n),)
         row = np.concatenate([known[name][self._history.there(name)] / one for name, one in zip(self._n, sigma)])
         scaled = np.concatenate(slopes) * self._scale
         moved = np.linalg.lstsq(scaled, row, rcond=NO_DIRECTION)[0] * self._scale
@@ -391,8 +393,9 @@ class _Fitting:
                     "standard errors allow for it (a sandwich with an autoregression of what is left)"
                 )
             if name in self._noise and size > 2.0 * row.size * sigma[k] ** 2:
-                larger = np.sqrt(size / row.size)
-                yield warning(f"what is left of {name}, {larger:.3g}, is more than its noise, {sigma[k]:.3g} (--noise)")
+                named, unit = self._model.scene.system.named, self._model.outputs.units[name]
+                larger, noise = (with_unit(*named(float(one), unit), 3) for one in (np.sqrt(size / row.size), sigma[k]))
+                yield warning(f"what is left of {name}, {larger}, is more than its noise, {noise} (--noise)")
 
 
 class _Condensed:

@@ -22,13 +22,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 from types import MappingProxyType
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, nearest_name, warning
-from pgmp_petsc.declare.formulas import evaluated
+from pgmp_petsc.base.units import SI, UnitSystem, dimension_of, si_name
+from pgmp_petsc.declare.formulas import DimensionError, Dimensions, Measured, evaluated
 from pgmp_petsc.declare.own_units import in_si, shifted
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 from pgmp_petsc.results.gradients import Vertex, vertex
@@ -107,6 +111,7 @@ class Expression:
 
     text: str  # in the language of declarations
     parts: Mapping[str, Callable[[Outcome], Dual]]  # what it names: figures and parameters
+    outputs: frozenset[str]  # of which these figures are
 
     def __call__(self, outcome: Outcome) -> Dual:
         parts = {name: part(outcome) for name, part in self.parts.items()}
@@ -152,6 +157,7 @@ class Goal:
     sense: float  # 1, or -1 of what is maximised
     expression: Expression
     size: float  # times which it is in the units of the scene
+    unit: str  # among these; 1 where it is not known
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,54 +169,57 @@ class Constraint:
     left: Expression
     right: Expression
     size: float  # times which both sides are in the units of the scene
+    unit: str  # among these; 1 where it is not known
 
 
-#: By which powers of ten outputs, and parameters behind ``parameters.``, are larger in the units of the scene; 0 where
-#: none is given.
-Powers = Mapping[str, int]
+#: SI units of outputs, and of parameters behind ``parameters.``; empty of those of any unit, 1 where none is given.
+Units = Mapping[str, str]
+_NO_UNITS: Units = MappingProxyType({})
 
 
 def read_goal(
-    text: str, outputs: Collection[str], parameters: Collection[str], powers: Powers = MappingProxyType({})
+    text: str, outputs: Collection[str], parameters: Collection[str], units: Units = _NO_UNITS, system: UnitSystem = SI
 ) -> Goal:
-    """Read a goal; raises `InputError` with the position marked."""
-    parser = _Parser("goal", text, outputs, parameters, powers)
+    """Read a goal in the units of a system; raises `InputError` with the position marked."""
+    parser = _Parser("goal", text, outputs, parameters, units, system)
     word = parser.token
     if word not in SENSES:
         parser.refuse("a goal begins with minimise or maximise")
     parser.advance()
-    read, parts = parser.expression()
+    read, parts, of = parser.expression()
     parser.end()
     found = in_si({"goal": read}, parser.powers)
     size = shifted(1.0, found.of_texts["goal"])
-    return Goal(text, SENSES[word], Expression(found.texts["goal"], parts), size)
+    return Goal(text, SENSES[word], Expression(found.texts["goal"], parts, of), size, parser.unit_of(read))
 
 
 def read_constraint(
-    text: str, outputs: Collection[str], parameters: Collection[str], powers: Powers = MappingProxyType({})
+    text: str, outputs: Collection[str], parameters: Collection[str], units: Units = _NO_UNITS, system: UnitSystem = SI
 ) -> Constraint:
-    """Read a constraint; raises as `read_goal`."""
-    parser = _Parser("--subject-to", text, outputs, parameters, powers)
-    left, of_left = parser.expression()
+    """Read a constraint; as `read_goal`."""
+    parser = _Parser("--subject-to", text, outputs, parameters, units, system)
+    left, *of_left = parser.expression()
     relation = parser.token
     if relation not in ("<=", ">="):
         parser.refuse("<= or >= is needed")
     parser.advance()
-    right, of_right = parser.expression()
+    right, *of_right = parser.expression()
     parser.end()
     found = in_si({"left": left, "right": right}, parser.powers, {"left": "both", "right": "both"})
-    sides = Expression(found.texts["left"], of_left), Expression(found.texts["right"], of_right)
-    return Constraint(text, 1.0 if relation == "<=" else -1.0, *sides, shifted(1.0, found.powers.get("both", 0)))
+    sides = Expression(found.texts["left"], *of_left), Expression(found.texts["right"], *of_right)
+    size = shifted(1.0, found.powers.get("both", 0))
+    return Constraint(text, 1.0 if relation == "<=" else -1.0, *sides, size, parser.unit_of(left, right))
 
 
 class _Parser:
-    """Reads one text, token by token, and writes its sums in the language of declarations; `powers` are those of ten by
-    which what these name is larger in the units of the scene."""
+    """Reads one text, token by token, and writes its sums in the language of declarations."""
 
     def __init__(
-        self, entry: str, text: str, outputs: Collection[str], parameters: Collection[str], powers: Powers
-    ) -> None:
-        self._given, self.powers = powers, {}
+        self, entry: str, text: str, outputs: Collection[str], parameters: Collection[str], units: Units,
+        system: UnitSystem,
+    ) -> None:  # fmt: skip
+        self._given, self._system = units, system
+        self._units: dict[str, str] = {}  # SI units of what sums name
         self._written: list[str] = []
         self._parts: dict[str, Callable[[Outcome], Dual]] = {}
         self._entry, self._text, self._outputs, self._parameters = entry, text, outputs, parameters
@@ -238,11 +247,25 @@ class _Parser:
         if self.token:
             self.refuse(f"'{self.token}' is too much; an operator or the end is needed")
 
-    def expression(self) -> tuple[str, Mapping[str, Callable[[Outcome], Dual]]]:
-        """Read a sum; return it as it is written anew, and what it names."""
-        self._written, self._parts = [], {}
+    @property
+    def powers(self) -> dict[str, int | None]:
+        """By which powers of ten what sums name is larger in the units of the scene; None of what is of any unit."""
+        return {name: self._system.power_of(unit) if unit else None for name, unit in self._units.items()}
+
+    def unit_of(self, *sums: str) -> str:
+        """Return the unit of sums that are added or compared; 1 where they do not fit, or it is not known."""
+        names = {name: Measured(dimension_of(unit), unit) if unit else Measured() for name, unit in self._units.items()}
+        with suppress(DimensionError):
+            found = reduce(add, (evaluated(text, names, Dimensions()) for text in sums))
+            if found.dimension is not None:
+                return self._system.unit(found.unit or si_name(found.dimension))
+        return "1"
+
+    def expression(self) -> tuple[str, Mapping[str, Callable[[Outcome], Dual]], frozenset[str]]:
+        """Read a sum; return it as it is written anew, what it names, and the outputs among that."""
+        self._written, self._parts, self._named = [], {}, set()
         self._sum()
-        return " ".join(self._written), self._parts
+        return " ".join(self._written), self._parts, frozenset(self._named)
 
     def _sum(self) -> None:
         self._with_signs("+-", lambda: self._with_signs("*/", self._power))
@@ -321,6 +344,7 @@ class _Parser:
         output = self.token
         if output not in self._outputs:
             self.refuse(f"there is no such output{nearest_name(output, self._outputs)}")
+        self._named.add(output)
         self.advance()
         self._expect(")")
         if absolute:
@@ -336,8 +360,8 @@ class _Parser:
 
     def _part(self, name: str, part: Callable[[Outcome], Dual]) -> None:
         """Write what an expression names."""
-        own = f"part_{len(self.powers)}"
-        self._parts[own], self.powers[own] = part, self._given.get(name, 0)
+        own = f"part_{len(self._units)}"
+        self._parts[own], self._units[own] = part, self._given.get(name, "1")
         self._written.append(own)
 
     def _expect(self, sign: str) -> None:

@@ -33,9 +33,9 @@ from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import Design, DesignConstraint, DesignParameter
-from pgmp_petsc.results.numbers import interval_text, percent
+from pgmp_petsc.results.numbers import behind, interval_text, percent, with_unit
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values, to_own
+from pgmp_petsc.scene.border import own_values, result_units, to_own
 
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
@@ -88,7 +88,7 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     (_, at_begin), (time, at_end) = (run.at_steps_of_scene() for run in (begun, ended))
     scene = model.scene
     parameters = [
-        DesignParameter(name, scene.parameters[name].unit or "1", *map(float, row))
+        DesignParameter(name, result_units(scene)[name], *map(float, row))
         for name, *row in zip(question.names, start, best, *figures.limits.T)
     ]
     return Design(
@@ -97,7 +97,7 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
         question.goal.text, size * first[0].value, size * last[0].value, tuple(parameters),
         _described(question, first, last, sizes, ends), np.array(figures.tried), size * np.array(figures.goals),
         question.deviations, figures.n_samples, time, at_begin, at_end, dict(model.outputs.units), converged,
-        np.sort(size * ends[0]), confidence,
+        np.sort(size * ends[0]), confidence, question.goal.unit,
     )  # fmt: skip
 
 
@@ -140,7 +140,7 @@ def _described(
         DesignConstraint(
             constraint.text, float(constraint.size * first[1 + k].value), float(constraint.size * last[1 + k].value),
             bool(abs(last[1 + k].value) <= 1e-4 * sizes[k]),
-            None if question.deviations is None else tuple(map(float, constraint.size * ends[1 + k])),
+            None if question.deviations is None else tuple(map(float, constraint.size * ends[1 + k])), constraint.unit,
         )
         for k, constraint in enumerate(question.constraints)
     )  # fmt: skip
@@ -154,9 +154,9 @@ def _of_end(done: OptimizeResult, question: Question, last: Sequence[Dual], miss
         )
     for k in missed:
         constraint = question.constraints[k]
-        by = constraint.size * last[1 + k].value
+        by = with_unit(constraint.size * last[1 + k].value, constraint.unit, 4)
         yield warning(
-            f"'{constraint.text}' is missed by {by:.4g}: no design between the limits was found that meets all "
+            f"'{constraint.text}' is missed by {by}: no design between the limits was found that meets all "
             "constraints; widen the limits, ask for less, or begin elsewhere (--set)"
         )
     if done.status == DESCENT_ENDED and not missed:
@@ -173,13 +173,14 @@ def _of_own_error(
 ) -> tuple[Remark, ...]:
     """Return what errors of the model do to the goal and to the constraints, at the design without deviations."""
     errors = OwnErrors.of_runs(of_samples(model, question.names), [values])
-    known = None if errors is None else errors.over(run.time)
+    sides = {question.goal: (question.goal.expression,)} | {one: (one.left, one.right) for one in question.constraints}
+    names = sorted({name for parts in sides.values() for part in parts for name in part.outputs})
+    known = None if errors is None else errors.over(run.time, names)
     if known is None:
-        return (not_known(model, "the goal and the constraints"),)
-    better = replace(run, outputs={name: run.outputs[name] - known[name] for name in run.outputs})
+        return (not_known(model, "the goal and the constraints", errors, names),)
+    better = replace(run, outputs={name: run.outputs[name] - known[name] for name in names})
     told = []
-    for what in (question.goal, *question.constraints):
-        parts = (what.expression,) if what is question.goal else (what.left, what.right)
+    for what, parts in sides.items():
         here, there = ([what.size * part(Outcome(one, values, ())).value for part in parts] for one in (run, better))
         told.append((f"'{what.text}'", here[0], there[0], max(map(abs, here))))
     return of_figures(told)
@@ -212,7 +213,9 @@ def _of_robust(question: Question, figures: DesignFigures, ends: np.ndarray, con
         return
     met = [(constraint, constraint.size * own) for constraint, own in zip(question.constraints, ends[1:])]
     open_ones = [
-        f"'{constraint.text}' (missed by {interval_text(of)})" for constraint, of in met if of[0] <= 0.0 < of[1]
+        f"'{constraint.text}' (missed by {interval_text(of)}{behind(constraint.unit)})"
+        for constraint, of in met
+        if of[0] <= 0.0 < of[1]
     ]
     if open_ones:
         what = f"{figures.n_samples} samples leave open whether the design meets {', '.join(open_ones)}"

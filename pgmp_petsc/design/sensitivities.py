@@ -20,7 +20,7 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values
+from pgmp_petsc.scene.border import own_values, result_units
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import correlation_matrix
 
@@ -60,7 +60,7 @@ def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Deriv
         run = differentiate(model, scene.values, names, bar.update)
     with timings.phase("errors"):
         own = _of_own_error(model, run, names)
-    units = {name: scene.parameters[name].unit or "1" for name in names} | dict(model.outputs.units)
+    units = {name: result_units(scene)[name] for name in names} | dict(model.outputs.units)
     idle = [name for name in names if not any(found[name].any() for found in run.derivatives.values())]
     without = [note(f"no output depends on {', '.join(idle)} in this run")] if idle else []
     # zero where one has no distribution
@@ -106,10 +106,12 @@ def _of_own_error(
     moved = [_moved(scene, name) for name in names]
     points = [scene.values, *(scene.values | {name: value} for name, value in zip(names, moved))]
     errors = OwnErrors.of_runs(model, points)
-    if errors is None or not all(np.isfinite(end).all() for end in errors.at_end.values()):
+    if errors is None:
         return (not_known(model, what),)
-    effects = []
+    effects, lost = [], [output for output, at_end in errors.at_end.items() if not np.isfinite(at_end).all()]
     for output, at_end in errors.at_end.items():
+        if output in lost:
+            continue
         slopes = run.derivatives[output]
         size = max(abs(slopes[name][-1] * (new - scene.values[name])) for name, new in zip(names, moved))
         largest = float(np.max(np.abs(run.outputs[output])))
@@ -122,7 +124,8 @@ def _of_own_error(
                 text = f"d {output} / d {name} at the end"
                 unit = scene.system.size_of(scene.parameters[name].unit or "1") / scene.system.size_of(units[output])
                 effects.append((text, unit * slope, unit * float(without), abs(unit * slope)))
-    return of_figures(effects) if effects else ()
+    unknown = (not_known(model, f"{what} of {', '.join(lost)}", errors, lost),) if lost else ()
+    return (*(of_figures(effects) if effects else ()), *unknown)
 
 
 def _moved(scene: Scene, name: str) -> float:

@@ -45,7 +45,7 @@ from pgmp_petsc.models import REDUCED, LengthLanes, Model
 from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble, Place, ShardSamples
 from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Sensitivity, Statistics
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.scene.border import own_values
+from pgmp_petsc.scene.border import own_values, result_units
 from pgmp_petsc.scene.numerics import Event, count_steps
 from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.generalised_alpha import instants
@@ -72,7 +72,7 @@ def describe_ensemble(
     statistics = samples.statistics()
     constant = [name for name, one in statistics.items() if name in samples.sizes and one.constant]
     probabilities = {label: samples.chance(label, event) for label, event in scene.ensemble.probabilities.items()}
-    units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | origin.units
+    units = result_units(scene) | origin.units
     extremes = scene.ensemble.with_extremes(samples.outputs)
     units |= {f"{name}.{which}": units[name] for name in extremes for which in DESCRIBED}
     units |= dict.fromkeys(samples.over_time["first_passages"], "s")

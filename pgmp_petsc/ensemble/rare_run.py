@@ -272,7 +272,7 @@ def _of_own_error(
         rows = [of_run[event.output] for _, of_run in errors.histories]
         at = np.array([row[np.argmax(np.abs(row))] if row.size else np.nan for row in rows])
     if not np.isfinite(at).any():
-        return (not_known(model, what),)
+        return (not_known(model, what, errors, [event.output]),)
     shift = float(np.nanmean(at)) * (-1.0 if event.above is not None else 1.0)
     without = found.probability * found.factor_of(shift)
     return of_figures([(what, found.probability, without, found.probability)], what)

@@ -297,6 +297,7 @@ class OwnErrors:
     at_end: Mapping[str, np.ndarray]  # of every output at the end time, shape (n,), NaN where there is no estimate
     #: of every run: instants (s), and the errors of every output there
     histories: Sequence[tuple[np.ndarray, Mapping[str, np.ndarray]]]
+    absent: Mapping[str, Sequence[str]]  # of every output why each run has no estimate
 
     @classmethod
     def of_runs(cls, model: ReducedModel | LengthLanes, points: Sequence[Mapping[str, float]]) -> OwnErrors | None:
@@ -310,19 +311,29 @@ class OwnErrors:
         with np.errstate(all="ignore"):  # a run that fails has no estimate
             done = integrate(system, model.scene.simulation, observer=watched)
             found = watched.estimate(done.status)
-        return cls(found.at_end, found.histories)
+        return cls(found.at_end, found.histories, found.absent)
 
-    def over(self, time: np.ndarray, run: int = 0) -> dict[str, np.ndarray] | None:
-        """Return the errors of a run at other instants (n_t,); None where one is not known."""
+    def over(self, time: np.ndarray, names: Iterable[str], run: int = 0) -> dict[str, np.ndarray] | None:
+        """Return the errors of outputs of a run at other instants (n_t,); None where one is not known."""
         instants, errors = self.histories[run]
-        known = instants.size and all(np.isfinite(values).all() for values in errors.values())
-        return {name: np.interp(time, instants, values) for name, values in errors.items()} if known else None
+        found = {name: np.interp(time, instants, errors[name]) for name in names} if instants.size else {}
+        return found if instants.size and np.isfinite(list(found.values())).all() else None
+
+    def why_not(self, names: Iterable[str]) -> str:
+        """Return why errors of outputs are not known, by the first one that has none."""
+        known = (reason for name in names for reason in self.absent[name] if reason)
+        return next(known, "a run that they are made of stopped")
 
 
-def not_known(model: ReducedModel | LengthLanes | ComponentModel | SeparateLengths, what: str) -> Remark:
-    """Return why the model's own part of some figures is not known."""
+def not_known(
+    model: ReducedModel | LengthLanes | ComponentModel | SeparateLengths,
+    what: str,
+    errors: OwnErrors | None = None,
+    names: Iterable[str] = (),
+) -> Remark:
+    """Return why the model's own part of some figures, which are of outputs with these names, is not known."""
     absent = absence_of_estimates(model.scene)
-    why = absent[0].text if absent else "the full-order equations could not be solved about the motion"
+    why = absent[0].text if absent or errors is None else f"{errors.why_not(names)}; {comparing(model.scene)}"
     if model.name == ComponentModel.name:
         why = f"errors of component modes are not estimated; take more reduction.modes, or {comparing(model.scene)}"
     return note(f"what errors of the {model.title} model do to {what} is not known: {why}")

@@ -76,6 +76,11 @@ def jump_remarks(model: ReducedModel, system: ReducedSystem, start: State, strai
     )
     damped = any(effect.on_vibrations for effect in model.scene.effects.values())
     lasts = "" if damped else "; nothing in the bodies damps it: it falls out of step with that of a better model"
+    if model.scene.carried:
+        lasts += (
+            "; friction hangs on the forces that it makes in joints: where the step does not follow it, estimated "
+            "errors may be several times too small"
+        )
     if _is_cured(model, system, start, swing, energy):
         return (warning(f"{what}; initial.equilibrium = true starts with the static one{lasts}"),)
     cure = "let loads grow from zero, or add structural_damping"

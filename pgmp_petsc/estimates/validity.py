@@ -124,7 +124,7 @@ class Validity(Observer):
         """Follow the stiffness over states (n_t, 3, n, n_eta), and keep the most deformed ones."""
         # one layout, one compiled function
         loads = np.ascontiguousarray(self._system.load_amplitudes(times))
-        forces = self._system.action_forces(times, trail)
+        forces = np.ascontiguousarray(self._system.action_forces(times, trail))
         look_at(self._places, self._weights, self._n_looks, self._part, loads, forces, trail, self._kept)
         self._n_looks += times.size
         if self._released.size:

@@ -310,7 +310,7 @@ def design(found: Design, label: str = "") -> Figure:
     panels = figure.subplots(1 + n, 1, squeeze=False)[:, 0]
     panels[0].plot(np.arange(1, 1 + len(found.goals)), found.goals, color=style.PALETTE[0], marker=".")
     panels[0].set_xlabel("design that was tried")
-    panels[0].set_ylabel("goal")
+    panels[0].set_ylabel(style.axis_label("goal", found.goal_unit))
     for axes, (name, values) in zip(panels[1:], found.designed.items()):
         factor, unit = style.axis_unit(found.units.get(name, "1"), values, found.begun[name])
         axes.plot(found.time, factor * found.begun[name], color=style.QUIET, linestyle=":")

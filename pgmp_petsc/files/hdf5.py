@@ -43,7 +43,7 @@ import re
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, TextIO
@@ -54,7 +54,7 @@ import numpy as np
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, Remark, from_json, shortened, to_json
 from pgmp_petsc.base.plugins import check_plugins, plugins_of
-from pgmp_petsc.base.units import SAID, SI, UnitSystem
+from pgmp_petsc.base.units import SAID, SI, UnitSystem, system_of
 from pgmp_petsc.files.claims import KINDS, check_output, first_line, named, replacing
 from pgmp_petsc.files.seal import MAGIC, SIGNATURE, SIZE, BrokenSeal, check_seal, seal
 
@@ -142,11 +142,16 @@ class RunRecord:
 
     @cached_property
     def system(self) -> UnitSystem:
-        """The units that the scene says; SI where it says none."""
-        header = self.scene_toml.removeprefix("[scene]").partition("\n[")[0]
+        """The units that the scene says; where it says none those of SI, by names of those that its materials exist
+        in."""
         try:
-            return SAID.get(tomllib.loads(header).get("units"), SI)
-        except (ValueError, TypeError):
+            tables = self.tables
+            if said := tables["scene"].get("units"):
+                return SAID[said]
+            nominal = {name: one["nominal"] for name, one in tables.get("parameters", {}).items()}
+            known = [[nominal.get(one[key], one[key]) for key in ("rho", "E")] for one in tables["materials"].values()]
+            return replace(system_of(known) or SI, length=1.0, mass=1.0, time=1.0)
+        except (ValueError, TypeError, LookupError):
             return SI
 
     def check_bodies(self, found: Collection[str], group: str) -> None:

@@ -30,7 +30,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, NoReturn, TextIO
@@ -44,12 +44,18 @@ FLUSH_SECONDS = 0.5  # mpirun kills a second after SIGTERM
 
 _kept: list[Path] = []
 _passing: list[Path] = []
+_again: list[str] = []  # how a search that is on its way is begun again where it is
 
 
 def keep(folder: Path) -> None:
     """From now on finished pieces of the run are in a folder."""
     if folder not in _kept:
         _kept.append(folder)
+
+
+def search_at(values: Mapping[str, float]) -> None:
+    """From now on a search is at values of parameters, in the units of the scene."""
+    _again[:] = ["where the search was, with", *(f"--set {name}={value:.10g}" for name, value in values.items())]
 
 
 def remove_at_end(path: Path) -> None:
@@ -67,7 +73,7 @@ def keep_no_longer(path: Path) -> None:
 def what_is_kept() -> str:
     """Return what a run that ends now leaves, and the cure, as a clause."""
     if not _kept:
-        return "no part of an unfinished result is kept; start it again"
+        return f"no part of an unfinished result is kept; {' '.join(['start it again', *_again])}"
     folders = ", ".join(f"'{folder}'" for folder in _kept)
     return f"what was finished is kept in {folders}; the same command with --resume goes on from there"
 
@@ -80,6 +86,7 @@ def ending_on_signals(rank: int) -> Iterator[None]:
     earlier run of the process kept is not this one's.
     """
     _kept.clear()
+    _again.clear()
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -117,7 +124,8 @@ def _end(number: signal.Signals, rank: int) -> NoReturn:
     if rank == 0:
         # not through sys.stderr, which the other thread may hold; a bar's line is left standing
         start = "\n" if os.isatty(2) else ""
-        os.write(2, f"{start}pgmp: stopped by {number.name}: {what_is_kept()}\n".encode())
+        with suppress(OSError):  # whoever read it may have been ended first
+            os.write(2, f"{start}pgmp: stopped by {number.name}: {what_is_kept()}\n".encode())
     flush = threading.Thread(target=sys.stdout.flush, daemon=True)
     flush.start()
     for path in tuple(_passing):

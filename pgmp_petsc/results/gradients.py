@@ -301,6 +301,7 @@ class DesignConstraint(Record):
         code=(lambda ends: ends or (UNKNOWN, UNKNOWN), _interval),
         about="{own.confidence!p} confidence interval over other samples; NaN of nominal figures",
     )  # fmt: skip
+    measure: str = attribute("@constraint_units", absent="1", about="their units in the scene (JSON); 1: not known")
 
 
 def _goal(number: int) -> float:
@@ -345,6 +346,7 @@ class Design(Result):
         about="{own.confidence!p} confidence interval over other samples; NaN of nominal figures",
     )  # fmt: skip
     confidence: float = attribute("goal_interval@confidence", default=0.95, about="level of the intervals")
+    goal_unit: str = attribute("@goal_unit", absent="1", about="unit of the goal in the scene; 1: not known")
     FURTHER = (
         derived(
             np.ndarray, lambda own, _: np.array([own.goal_start, own.goal_value]), "goal", 2,

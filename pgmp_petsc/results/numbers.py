@@ -77,7 +77,12 @@ def axis_unit(unit: str, *arrays: np.ndarray) -> tuple[float, str]:
 def with_unit(value: float, unit: str, digits: int = 4) -> str:
     """Return a figure with its prefixed unit: ``12 MPa``."""
     factor, shown = axis_unit(unit, np.array([value]))
-    return plain(factor * value, digits) + ("" if shown in ("", "1") else f" {shown}")
+    return plain(factor * value, digits) + behind(shown)
+
+
+def behind(unit: str) -> str:
+    """Return a unit as written behind a number; nothing where there is none."""
+    return "" if unit in ("", "1") else f" {unit}"
 
 
 @contextmanager

@@ -81,14 +81,14 @@ def shown_in(scene: AnyScene) -> Callable[[str, Any], Any]:
         return lambda entry, value: value
     units = _units(scene)
     _converted(scene, "", units, lambda value, unit: value, True, noted := dict(units))
-    for name, unit in _parameter_units(scene).items():
+    for name, unit in parameter_units(scene).items():
         noted |= dict.fromkeys((f"parameters.{name}.{key}" for key in ("nominal", "value", "bounds")), unit or "1")
     return lambda entry, value: _times(value, 1.0 / scene.system.size_of(noted.get(entry, "1")))
 
 
 def _whole(scene: SomeScene, convert: Convert, label: Callable[[str], str], every: bool) -> SomeScene:
     """Return a scene with other numbers, and other units of its parameters."""
-    units, of_parameters = _units(scene), _parameter_units(scene)
+    units, of_parameters = _units(scene), parameter_units(scene)
     changed = _converted(scene, "", units, convert, every, {})
     parameters = {
         name: _parameter(parameter, of_parameters[name], convert, label) for name, parameter in scene.parameters.items()
@@ -108,10 +108,17 @@ def _units(scene: AnyScene) -> dict[str, str]:
     return found
 
 
-def _parameter_units(scene: AnyScene) -> dict[str, str]:
-    """Return the unit of each parameter: its own, or that of the entries that name it, empty where any may be."""
+def parameter_units(scene: AnyScene) -> dict[str, str]:
+    """Return the SI unit of each parameter: its own, or that of the entries that name it, empty where any may be."""
     uses = {use.parameter: use.units[0] for use in (*measured_uses(scene), *uses_of(scene)) if use.units}
     return {name: parameter.unit or uses.get(name, "") for name, parameter in scene.parameters.items()}
+
+
+def result_units(scene: AnyScene) -> dict[str, str]:
+    """Return the unit of each parameter, 1 where it is not known, in results before they are converted: of SI, or of
+    the same size by the scene's names."""
+    system, units = scene.system, parameter_units(scene)
+    return {name: (system.unit(unit) if system.is_si else unit) or "1" for name, unit in units.items()}
 
 
 def _parameter(parameter: Any, unit: str, convert: Convert, label: Callable[[str], str]) -> Any:

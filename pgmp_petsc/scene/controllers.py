@@ -7,6 +7,8 @@ z' = g(z, measure, reference, t), in the same steps.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from fractions import Fraction
+from math import lcm
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -34,6 +36,7 @@ from pgmp_petsc.scene.uses import Use
 
 OWN = "of_"  # before names of a scene, in a law
 WHOLE = 1e-6  # of a step, that a sample time may be off a whole number of them
+MOST_SAMPLED = 2**14  # steps of the coarsest run that a tolerance tries
 
 
 class Setpoint(Table):
@@ -175,9 +178,9 @@ def controller_problems(scene: AnyScene) -> Iterator[str]:
         yield from _limits(scene, entry, one)
         yield from _sampling(scene, entry, one)
         yield from one.problems(scene, name)
-        if scene.initial.equilibrium:
-            words = "controllers begin with a run, and its equilibrium does not know them; leave it out"
-            yield problem("initial.equilibrium", f"with {entry}: {words}", True)
+        if scene.initial.coordinates == "free":
+            words = "controllers begin with a run, and its equilibrium does not know them; leave it out: joints hold"
+            yield problem("initial.coordinates", f"with {entry}: {words}", "free")
 
 
 def _measure(scene: AnyScene, entry: str, measured: str, needs_rate: bool) -> Iterator[str]:
@@ -215,13 +218,25 @@ def _limits(scene: AnyScene, entry: str, one: ControllerEntry) -> Iterator[str]:
             return
 
 
+def steps_of_samplings(scene: AnyScene) -> int:
+    """Return the fewest steps of a run at whose ends all samplings of controllers are; those of other such runs are
+    multiples."""
+    return lcm(*(_share(scene, one).denominator for one in scene.controllers.values() if one.sample_time))
+
+
+def _share(scene: AnyScene, one: ControllerEntry) -> Fraction:
+    """Return a sample time as a share of the run."""
+    return Fraction(one.sample_time / scene.simulation.duration).limit_denominator(MOST_SAMPLED)
+
+
 def _sampling(scene: AnyScene, entry: str, one: ControllerEntry) -> Iterator[str]:
     run = scene.simulation
     if not one.sample_time:
         return
-    if run.tolerance is not None:
-        words = "needs simulation.step, of which it is a whole number; simulation.tolerance finds one by itself"
-        yield problem(f"{entry}.sample_time", words, one.sample_time)
+    if run.is_chosen:
+        if abs(_share(scene, one) * run.duration - one.sample_time) > WHOLE * one.sample_time:
+            words = f"no step that simulation.tolerance finds divides it and simulation.duration = {run.duration:g} s"
+            yield problem(f"{entry}.sample_time", f"{words}: let one be a multiple of the other", one.sample_time)
         return
     step = run.duration / count_steps(run.duration, run.step)
     ratio = one.sample_time / step

@@ -206,12 +206,16 @@ class Simulation(Table):
     )
     initial: dict[str, InitialState] = Field({}, description="start of each coordinate; 0 at rest where not given")
 
+    @property
+    def is_chosen(self) -> bool:
+        """Whether the step is found by its tolerance."""
+        return self.tolerance is not None and "step" not in self.model_fields_set
+
     @model_validator(mode="after")
     def _step_fits(self) -> Self:
-        chosen_later = self.tolerance is not None and "step" not in self.model_fields_set
-        if self.step > self.duration and not chosen_later:
+        if self.step > self.duration and not self.is_chosen:
             raise refusal(f"must not exceed the duration, {self.duration} s", "step")
-        if self.duration / self.step > MOST_STEPS and not chosen_later:
+        if self.duration / self.step > MOST_STEPS and not self.is_chosen:
             raise refusal(
                 f"makes {self.duration / self.step:.3g} steps of simulation.duration = {self.duration:g} s; at most "
                 f"{MOST_STEPS:.0e} are taken, with which each output has 0.8 GB",

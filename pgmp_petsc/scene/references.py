@@ -19,6 +19,7 @@ are looked at.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.base.errors import nearest_name, shortened
+from pgmp_petsc.base.units import QUANTITY
 from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, AnyScene, split_point
@@ -139,6 +141,8 @@ def point_problems(scene: AnyScene, entry: str, point: str, ground_allowed: bool
 
 def unknown(entry: str, kind: str, name: str, known: Iterable[str]) -> str:
     """Return the line about a name that nothing has."""
+    if kind == "parameter" and re.match(QUANTITY, name):
+        return problem(entry, "a number of any quantity is in the units of the scene; give it without quotes", name)
     return problem(entry, f"there is no such {kind}{nearest_name(name, known)}", name)
 
 

@@ -29,8 +29,9 @@ from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.kinematics import MOST_FOLLOWED, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.results.numbers import behind
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import in_own_units, to_own
+from pgmp_petsc.scene.border import in_own_units, parameter_units, to_own
 from pgmp_petsc.scene.references import parts_of, points_used
 from pgmp_petsc.scene.uses import length_names
 
@@ -233,11 +234,11 @@ def _placed(scene: Scene, mechanism: Mechanism, coordinate: Coordinate) -> str:
 
 
 def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
-    lines = []
+    lines, units = [], parameter_units(scene)
     for name, parameter in in_own_units(scene).parameters.items():
         law = parameter.distribution
         drawn = f", drawn from {law.name}({', '.join(f'{k}={v:g}' for k, v in law.arguments.items())})" if law else ""
-        lines.append(f"  parameter     {name} = {f'{parameter.current:g} {parameter.unit}'.rstrip()}{drawn}")
+        lines.append(f"  parameter     {name} = {parameter.current:g}{behind(scene.system.unit(units[name]))}{drawn}")
     mass, stiffness = (_weights(mechanism, kind) for kind in ("mass", "stiffness"))
     of_mass = f"{len(mass)} of mass ({', '.join(map(str, mass))})"
     lines.append(f"  affine terms  {of_mass}, {len(stiffness)} of stiffness ({', '.join(map(str, stiffness))})")

@@ -10,7 +10,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import Remark, counted
 from pgmp_petsc.results.gradients import Derivatives, Design, Figure, Fit
-from pgmp_petsc.results.numbers import interval_text, percent, plain, share_text
+from pgmp_petsc.results.numbers import behind, interval_text, percent, plain, share_text
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.texts.models import closing
 
@@ -52,7 +52,7 @@ def lines_of(found: Derivatives) -> Iterator[str]:
             yield from _rows(found, output, figure, shown)
             shown = ""
     for name, (change, what) in found.changes.items():
-        yield f"  {name:24s}{'changes by':11s}{change:14.5g}{_behind(found.units.get(name, '1'))}, {what}"
+        yield f"  {name:24s}{'changes by':11s}{change:14.5g}{behind(found.units.get(name, '1'))}, {what}"
 
 
 def _rows(found: Derivatives, output: str, figure: Figure, shown: str) -> Iterator[str]:
@@ -72,17 +72,12 @@ def _named(unit: str) -> str:
     return "" if unit == "1" else unit
 
 
-def _behind(unit: str) -> str:
-    """Return a unit as written behind a number; nothing where there is none."""
-    return f" {unit}" if _named(unit) else ""
-
-
 def fit_lines(found: Fit) -> Iterator[str]:
     """Yield the parameters with their standard errors, their correlations, and the noise of the outputs."""
     yield f"  {'':24s}{'estimate':>14s}{'standard error':>18s}{'':12s}{'began at':>14s}  searched in"
     for p in found.parameters:
         share = f"({share_text(p.error / abs(p.estimate))})" if np.isfinite(p.error) and p.estimate else ""
-        limits = f"[{p.lower:.5g}, {p.upper:.5g}]{_behind(p.unit)}"
+        limits = f"[{p.lower:.5g}, {p.upper:.5g}]{behind(p.unit)}"
         error = f"{p.error:18.3g}" if np.isfinite(p.error) else f"{'not identifiable':>18s}"
         yield f"  {p.name:24s}{p.estimate:14.7g}{error}{share:>12s}{p.start:14.5g}  {limits}".rstrip()
     names = [p.name for p in found.parameters]
@@ -92,8 +87,8 @@ def fit_lines(found: Fit) -> Iterator[str]:
     for name, output in found.outputs.items():
         left = float(np.sqrt(np.nanmean((output.fitted - output.measured) ** 2)))
         begun = float(np.sqrt(np.nanmean((output.begun - output.measured) ** 2)))
-        noise = f"its noise is {output.noise:.3g}" if output.noise_given else "taken for its noise"
-        yield f"  {name:24s}{left:14.4g}{_behind(output.unit)} left of {begun:.4g}; {noise}"
+        noise = f"its noise is {output.noise:.3g}{behind(output.unit)}" if output.noise_given else "taken for its noise"
+        yield f"  {name:24s}{left:14.4g}{behind(output.unit)} left of {begun:.4g}; {noise}"
 
 
 def design_lines(found: Design) -> Iterator[str]:
@@ -103,17 +98,18 @@ def design_lines(found: Design) -> Iterator[str]:
         of = f"{percent(found.confidence)} interval of mean and {found.deviations:g} deviations"
         robust = f" {interval_text(found.goal_interval)}, {of}"
     yield f"  {'':40s}{'at the start':>14s}{'design':>14s}"
-    yield f"  {found.goal:40s}{found.goal_start:14.6g}{found.goal_value:14.6g}{robust}"
+    yield f"  {found.goal:40s}{found.goal_start:14.6g}{found.goal_value:14.6g}{behind(found.goal_unit)}{robust}"
     for constraint in found.constraints:
         how = "just met" if constraint.active else "missed" if constraint.value > 0.0 else "met"
         # of what is just met nothing but round-off is left
         met = constraint.active and abs(constraint.value) < NOTHING * abs(constraint.start)
         ends = (constraint.start, 0.0 if met else constraint.value)
         begun, now = (f"{value:+14.4g}" if value else f"{'0':>14s}" for value in ends)
+        now += behind(constraint.measure)
         now += "" if constraint.interval is None else f" {interval_text(np.array(constraint.interval))}"
         yield f"  {constraint.text:40s}{begun}{now}  {how} (missed by; negative: room to spare)"
     for p in found.parameters:
-        yield f"  {p.name:40s}{p.start:14.6g}{p.value:14.6g}{_behind(p.unit)}, of [{p.lower:.5g}, {p.upper:.5g}]"
+        yield f"  {p.name:40s}{p.start:14.6g}{p.value:14.6g}{behind(p.unit)}, of [{p.lower:.5g}, {p.upper:.5g}]"
 
 
 def report_of_tradeoff(study: Tradeoff, path: Path, said: Sequence[Remark] = ()) -> str:

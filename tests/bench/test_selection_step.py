@@ -8,6 +8,7 @@ import pytest
 from pgmp_petsc.bench.step_choice import AHEAD, FEWEST, SEEN, StepSearch, fine_enough, first_steps, rounded_step
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.stepping.second_order_system import Scheme
+from scenes import slider_crank
 
 DURATION, SHARE = 1.0, 2e-3
 INSTANTS = np.linspace(0.0, DURATION, 257)
@@ -81,10 +82,23 @@ def test_a_long_step_is_not_good_by_chance() -> None:
 
 @pytest.mark.parametrize("duration", [0.05, 0.7, 1.0, 3.0, 40.0])
 def test_the_search_begins_with_four_steps_a_period_and_may_take_one(duration: float) -> None:
-    coarsest, first = first_steps(duration, 1.0 / 64.0)
+    scene = slider_crank(f"simulation.duration={duration}")
+    coarsest, first = first_steps(scene, 1.0 / 64.0)
     assert coarsest == max(np.ceil(64.0 * duration), FEWEST)
     assert first % coarsest == 0 and 4 * 64.0 * duration <= first <= max(8 * 64.0 * duration, FEWEST)
     assert fine_enough(coarsest, first) == SEEN * first and fine_enough(4 * first, first) == AHEAD * 4 * first
+
+
+def test_steps_of_sampled_controllers_have_samplings_at_their_ends() -> None:
+    """Two controllers, sampled every 3 and 2 ms in 0.9 s: multiples of 300 and of 450 steps, also extrapolated."""
+    pid = 'controllers.{}={{type="pid",joint="crank_hinge",measures="crank_angle",gains={{p=1.0}},sample_time={}}}'
+    measured = 'outputs.crank_angle={type="angle",joint="crank_hinge"}'
+    settings = "simulation={duration=0.9,tolerance=1e-3}", measured, pid.format("a", 3e-3), pid.format("b", 2e-3)
+    coarsest, first = first_steps(slider_crank(*settings), 0.9 / 200.0)
+    assert (coarsest, first) == (900, 900)
+    search = StepSearch(lambda n, m: np.array([np.max(np.abs(smooth(n) - smooth(m)))]), 900, 1e-8, 900, 900)
+    search.advance(65536)
+    assert search.chosen % 900 == 0 and search.chosen != 900 and search.error < 1e-8
 
 
 def test_it_gives_up_where_no_step_is_small_enough() -> None:

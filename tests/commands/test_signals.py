@@ -11,9 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, SCRIPTS, TIMEOUT_SECONDS
 
-from pgmp_petsc.ranks.ending import ENDING, ending_on_signals, keep, keep_no_longer, what_is_kept
+from pgmp_petsc.ranks.ending import ENDING, ending_on_signals, keep, keep_no_longer, search_at, what_is_kept
 
 KEPT = "what was finished is kept in '{}'; the same command with --resume goes on from there"
 # s from mpirun's SIGTERM to its SIGKILL, usually one: too little for a message where the machine is busy
@@ -23,11 +24,12 @@ NOTHING = "no part of an unfinished result is kept; start it again"
 
 @contextmanager
 def waiting(n: int, *arguments: object) -> Iterator[subprocess.Popen[str]]:
-    """Start the command that waits on n ranks, and give it when it does."""
-    launch = ("mpirun", "-n", str(n)) if n > 1 else ()
+    """Start the command that waits on n ranks, and give it when it does. Of several each is forked by a server, whose
+    process is told what mpirun tells; one alone has signals of its own from the start on."""
+    launch = ("mpirun", "-n", str(n), *warm_start.python()) if n > 1 else (sys.executable,)
     paths = os.pathsep.join(filter(None, [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH")]))
     job = subprocess.Popen(
-        [*launch, sys.executable, SCRIPTS / "commands.py", "waiting", *map(str, arguments)],
+        [*launch, SCRIPTS / "commands.py", "waiting", *map(str, arguments)],
         env=os.environ | MPI_ENVIRONMENT | UNHURRIED | {"PYTHONPATH": paths},
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         # a suite that runs in the background ignores SIGINT, and what it starts would
@@ -55,6 +57,13 @@ def ended(job: subprocess.Popen[str], number: signal.Signals) -> tuple[int, list
 def test_a_run_that_is_ended_says_so(number: signal.Signals) -> None:
     with waiting(1) as job:
         assert ended(job, number) == (128 + number, [f"pgmp: stopped by {number.name}: {NOTHING}"])
+
+
+def test_a_run_ends_whoever_read_its_messages_is_gone() -> None:
+    with waiting(1) as job:
+        job.stderr.close()  # as of `pgmp ... | tail`, both of which are ended
+        job.send_signal(signal.SIGTERM)
+        assert job.wait(TIMEOUT_SECONDS) == 128 + signal.SIGTERM
 
 
 @pytest.mark.parametrize("number", ENDING)
@@ -150,3 +159,5 @@ def test_what_is_kept_is_what_is_there(tmp_path: Path) -> None:
         assert what_is_kept() == KEPT.format(tmp_path)
         keep_no_longer(tmp_path)
         assert what_is_kept() == NOTHING
+        search_at({"r1": 5.6e-3, "k": 2e4})
+        assert what_is_kept() == f"{NOTHING} where the search was, with --set r1=0.0056 --set k=20000"

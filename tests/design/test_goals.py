@@ -5,6 +5,7 @@ import pytest
 from refusals import refusal
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.units import MM, SI
 from pgmp_petsc.design.goals import Outcome, read_constraint, read_goal
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 
@@ -104,6 +105,18 @@ def test_errors_mark_their_position(text: str, reason: str, position: int) -> No
     first, shown, mark = refusal(read_goal, text, OUTPUTS, PARAMETERS).split("\n")
     assert first.startswith("goal: ") and reason in first
     assert shown == f"  {text}" and mark.index("^") == 2 + position
+
+
+def test_units_follow_from_what_is_named_and_are_those_of_the_scene() -> None:
+    units = {"angle": "rad", "bend": "m", "parameters.r1": "N/m", "parameters.c-2": "Pa", "parameters.max": ""}
+    for text, in_si, in_mm in (
+        ("max(abs(bend))", "m", "mm"), ("2 * max(angle)", "rad", "rad"), ("r1 * rms(bend)", "N", "N"),
+        ("c-2 + 3", "Pa", "MPa"), ("max * end(bend)", "1", "1"), ("r1 + c-2", "1", "1"),
+    ):  # fmt: skip
+        for system, unit in ((SI, in_si), (MM, in_mm)):
+            assert read_goal(f"minimise {text}", OUTPUTS, PARAMETERS, units, system).unit == unit
+    assert read_constraint("end(bend) <= 5", OUTPUTS, PARAMETERS, units, MM).unit == "mm"
+    assert read_constraint("5 >= r1 * end(bend)", OUTPUTS, PARAMETERS, units).right.outputs == {"bend"}
 
 
 def test_a_constraint_needs_a_relation() -> None:

@@ -70,6 +70,12 @@ def test_errors_that_are_not_estimated_are_said_to_be_unknown() -> None:
     assert OwnErrors.of_runs(model, [model.scene.values]) is None
     said = not_known(model, "derivatives")
     assert said.kind == "note" and "errors of the reduced model do to derivatives is not known: errors" in said.text
+    model, time = reduced_model(slider_crank("outputs.angle={type='angle', joint='crank_hinge'}")), np.arange(3.0)
+    history = time, {"angle": 0.1 * time, "force": np.full(3, np.nan)}
+    found = OwnErrors({}, [history], {"angle": ("",), "force": ("two estimates disagree",)})
+    assert np.array_equal(found.over(time[1:], ["angle"])["angle"], [0.1, 0.2])
+    assert found.over(time, ["angle", "force"]) is None
+    assert "is not known: two estimates disagree; compare with" in not_known(model, "it", found, ["angle", "force"]).text
 
 
 LONG = "simulation.duration=0.1", "joints.pin.clearance.restitution=0.95"

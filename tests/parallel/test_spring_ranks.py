@@ -1,12 +1,13 @@
 """Springs between nodes that different ranks hold: the same frequencies, remarks and runs on any ranks."""
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import ROOT
-from runs import PGMP, overridden
+from runs import in_turn, overridden
 
 from pgmp_petsc.results import ModesTable, Trajectory
 
@@ -27,39 +28,40 @@ GEARED = (ROOT / "scenes" / "geared_five_bar.toml", "joints.mesh.elastic={stiffn
 CASES = {"plane": PLANE, "loaded": (*PLANE, "reduction.preload=true"), "space": SPACE, "geared": GEARED}
 
 
-@pytest.fixture(scope="module")
-def table(mpirun: Callable, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int, int], ModesTable]:
-    """Return a function that gives the table of a case on some ranks, made once."""
-    directory = tmp_path_factory.mktemp("tables")
+RUN = ("simulate", GEARED[0], "--full", *overridden(*GEARED[1:], "simulation.duration=0.05"), "-o")
 
-    def make(name: str, n: int, per_angle: int) -> ModesTable:
-        path, (scene, *entries) = directory / f"{name}_{n}_{per_angle}.h5", CASES[name]
-        if not path.exists():
-            words = (scene, *overridden(*entries), "--angles", 5, "--ranks-per-angle", per_angle)
-            mpirun(n, *PGMP, "modes", *words, "-o", path)
-        return ModesTable.read(path)
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Path]:
+    """Return a function that gives the folder with the tables of all cases on some ranks that share an angle, and a
+    run; all of them are made in one start."""
+
+    @cache
+    def make(n: int) -> Path:
+        folder = tmp_path_factory.mktemp(f"tables_{n}")
+        more = ("--angles", 5, "--ranks-per-angle", n, "-o")
+        asked = [("modes", scene, *overridden(*entries), *more, folder / f"{name}.h5")
+                 for name, (scene, *entries) in CASES.items()]  # fmt: skip
+        statuses, done = in_turn(n, [*asked, (*RUN, folder / "run.h5")])
+        assert statuses == [[0] * n] * (len(asked) + 1), done.stderr
+        return folder
 
     return make
 
 
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize(("n", "per_angle"), [(2, 2), (3, 3)])
-def test_ranks_have_no_part_in_the_frequencies(table: Callable, name: str, n: int, per_angle: int) -> None:
-    one, several = table(name, 1, 1), table(name, n, per_angle)
+@pytest.mark.parametrize("n", [2, 3])
+def test_ranks_have_no_part_in_the_frequencies(made: Callable, name: str, n: int) -> None:
+    one, several = (ModesTable.read(made(ranks) / f"{name}.h5") for ranks in (1, n))
     assert (one.full_hz[:, 0] < 0.0).any() == (name == "loaded")
     np.testing.assert_allclose(several.full_hz, one.full_hz, rtol=1e-9, atol=1e-9)
     assert several.record.remarks == one.record.remarks
 
 
-def test_ranks_have_no_part_in_a_run_on_an_elastic_mesh(mpirun: Callable, tmp_path: Path) -> None:
-    """Of four bodies, each on a rank, and a spring between two joints of them."""
-    scene, *entries = GEARED
-    runs = []
-    for n in (1, 3):
-        path = tmp_path / f"{n}.h5"
-        words = (scene, "--full", *overridden(*entries, "simulation.duration=0.05"))
-        mpirun(n, *PGMP, "simulate", *words, "-o", path)
-        runs.append(Trajectory.read(path).outputs)
-    for name, values in runs[0].items():
+@pytest.mark.parametrize("n", [2, 3])
+def test_ranks_have_no_part_in_a_run_on_an_elastic_mesh(made: Callable, n: int) -> None:
+    """Of four bodies and a spring between two joints of them."""
+    one, several = (Trajectory.read(made(ranks) / "run.h5").outputs for ranks in (1, n))
+    for name, values in one.items():
         # what Newton's method leaves
-        np.testing.assert_allclose(runs[1][name], values, rtol=0, atol=1e-8 * np.abs(values).max(), err_msg=name)
+        np.testing.assert_allclose(several[name], values, rtol=0, atol=1e-8 * np.abs(values).max(), err_msg=name)

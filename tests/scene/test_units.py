@@ -9,8 +9,10 @@ import pytest
 from refusals import refusal
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.base.units import UNITS, measure
+from pgmp_petsc.base.units import OTHERS, UNITS, measure
+from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.scene import load_scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.scene.border import result_units
 
 SLIDER_CRANK = Path(__file__).resolve().parents[2] / "scenes" / "slider_crank.toml"
 MILLIMETRES = (
@@ -22,6 +24,20 @@ def with_parameter(unit: str, entry: str, *more: str, nominal: float = 70.0) -> 
     """Return nominal value and unit of a parameter of this unit that stands for an entry."""
     scene = load_scene(SLIDER_CRANK, [f'parameters.q={{nominal={nominal}, unit="{unit}"}}', *more, f'{entry}="q"'])
     return scene.parameters["q"].nominal, scene.parameters["q"].unit
+
+
+def test_a_unit_of_mass_that_is_a_quotient_is_in_brackets() -> None:
+    (inches,) = (system for system in OTHERS if system.names[0] == "in")
+    assert [inches.unit(one) for one in ("kg", "kg m2", "N m")] == ["lbf s2/in", "(lbf s2/in) in2", "lbf in"]
+
+
+def test_parameters_without_a_unit_have_that_of_the_entries_that_name_them() -> None:
+    damped = 'effects.oil={type="joint_damping", joint="crank_hinge", coefficient="c"}'
+    names = ["parameters.c={nominal=0.02}", "parameters.idle={nominal=1.0}", damped]
+    assert result_units(load_scene(SLIDER_CRANK, names)) == {"r1": "m", "c": "N m s/rad", "idle": "1"}
+    inches = load_scene(SLIDER_CRANK, [*names, "materials.steel.rho=7.3e-4", "materials.steel.E=30e6"])
+    assert result_units(inches)["c"] == "lbf in s/rad"
+    assert RunRecord(scene_to_toml(inches), {}, None, 1).system.unit("J") == "lbf in"
 
 
 def test_all_numbers_of_a_parameter_are_converted() -> None:

@@ -50,7 +50,7 @@ from pgmp_petsc.studies.simulate import simulate, simulate_full
 from scenes import HEADER, slider_crank, tables
 
 SERVO_ARM = ROOT / "pgmp_petsc" / "scene" / "templates" / "servo.toml"
-INERTIA = 0.1
+INERTIA, G = 0.1, 9.80665
 WHEEL = HEADER + tables("""
 bodies.wheel: rigid = { mass = 2.0, inertia = 0.1, points = { hub = [0.0, 0.0] } }
 joints.hinge: type = "revolute"; connect = ["ground:origin", "wheel:hub"]
@@ -234,6 +234,19 @@ def test_samples_in_lanes_are_those_alone(entries: tuple[str, ...]) -> None:
     assert np.ptp(together["x"][-1]) > 1e-3
 
 
+@pytest.mark.parametrize("model", MODELS)
+def test_an_arm_that_a_controller_takes_over_starts_deformed(model: str) -> None:
+    """Held level as by a brake, its tip hangs down by q L^4 / (8 E I) + m g L^3 / (3 E I); the torque begins with what
+    that is off the reference."""
+    entries = 'effects.weight={type="gravity"}', "initial.equilibrium=true", "simulation.duration=0.02"
+    torque = 'outputs.torque={type="control_force",controller="servo"}'
+    found = motion(model, load_scene(SERVO_ARM, (*entries, torque))).outputs
+    stiffness, weight = 70e9 * 0.03 * 0.012**3 / 12.0, 2700.0 * 0.03 * 0.012 * G
+    hangs = weight * 0.6**4 / (8.0 * stiffness) + 0.3 * G * 0.6**3 / (3.0 * stiffness)
+    assert found["tip_deformation"][0] == pytest.approx(-hangs, rel=3e-3)  # of eight elements
+    assert found["torque"][0] == pytest.approx(-12.0 * found["tip_angle"][0], rel=1e-9)
+
+
 #: The pole's angle by where its tip is, a speed and the way along the rail: several measures, one of them a formula.
 SEEN = (
     'outputs.tip_x={type="position",point="pole:tip",axis="x"}',
@@ -315,7 +328,8 @@ CORNERED = "controllers.place.reference={table=[[0.0,0.0],[0.0503,0.08],[0.1,0.0
 @pytest.mark.parametrize(
     "entries",
     [
-        (*ARM, CORNERED, STOPPED), (*ARM, *SAMPLED, STOPPED), HANGING, (*SEEN, "controllers.seer.sample_time=2e-3"),
+        (*ARM, CORNERED, STOPPED), (*ARM, *SAMPLED, STOPPED, "initial.equilibrium=true"), HANGING,
+        (*SEEN, "controllers.seer.sample_time=2e-3"),
         (*ARM, *SAMPLED, RUBBED),
     ],
     ids=["continuous", "sampled", "hanging", "several measures", "rubbing"],
@@ -564,6 +578,7 @@ limits=[-5.0,"up"] -> controllers.servo.limits[1] = "up": there is no such param
 gains={p=1.0,filter=-1e-3} -> controllers.servo.gains.filter = -0.001: a number that is not negative
 gains={p=1.0,kd=1.0} -> controllers.servo.gains.kd = 1.0: unknown key; did you mean 'd'?
 gains={p="kq"} -> controllers.servo.gains.p = "kq": there is no such parameter
+gains={p="5 N m"} -> controllers.servo.gains.p = "5 N m": a number of any quantity is in the units of the scene
 gains={} -> controllers.servo.gains = | one of p, i and d other than 0 is needed
 gains={i=1.0};limits=[-1.0,1.0] -> controllers.servo.tracking: missing: without it p / i leads the integral back
 tracking=0.1 -> controllers.servo.tracking: without limits there is nothing to be led back from
@@ -604,12 +619,13 @@ constants={a="kq"},output="a * y"} -> controllers.servo.constants.a = "kq": ther
 
 
 BESIDE = """
-initial.equilibrium=true -> initial.equilibrium = true: with controllers.servo: controllers begin with a run
+initial.equilibrium=true & initial.coordinates="free" -> initial.coordinates = "free": with controllers.servo: \
+    controllers begin with a run
 effects.servo={type="gravity"} -> controllers.servo: effects.servo has this name
 outputs.u={type="control_force",controller="serv"} -> \
     outputs.u.controller = "serv": there is no such controller; did you mean 'servo'?
-controllers.servo.sample_time=2e-3&simulation={duration=0.4,tolerance=1e-3} -> \
-    controllers.servo.sample_time = 0.002: needs simulation.step
+controllers.servo.sample_time=1.4142136e-3&simulation={duration=0.4,tolerance=1e-3} -> \
+    controllers.servo.sample_time = 0.0014142136: no step that simulation.tolerance finds divides it
 """
 
 

@@ -140,8 +140,7 @@ def _spring(
     if stiffness < 0.0:
         words = "negative: it drives the mechanism away from its rest, as a magnet or a toggle does"
         yield doubt(where, words, stiffness)
-    step = scene.simulation.step
-    step_given = scene.simulation.tolerance is None or "step" in scene.simulation.model_fields_set
+    step, step_given = scene.simulation.step, not scene.simulation.is_chosen
     inertia = mass if slides(scene, effect) else mass * length**2 / 3.0
     if whole and step_given and stiffness > 0.0 and math.sqrt(inertia / stiffness) < SHORTEST_STEPS * step:
         fast = f"so stiff that the mechanism would swing on it {1 / math.sqrt(inertia / stiffness):.3g} rad/s fast"
