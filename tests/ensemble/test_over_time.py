@@ -120,7 +120,12 @@ def test_a_sample_that_failed_has_none() -> None:
 
 def test_an_output_that_was_no_number_has_no_extremes() -> None:
     model = Model(extremes=True)
-    model.outputs.evaluate = lambda observed: {"y": np.where(np.arange(observed[0].size) % N == 1, np.sqrt(observed[0]), observed[0])}
+
+    def evaluate(observed: np.ndarray) -> dict[str, np.ndarray]:
+        values = observed.reshape(-1, N)
+        return {"y": np.where(np.arange(N) == 1, np.sqrt(values), values)}
+
+    model.outputs.evaluate = evaluate
     with np.errstate(invalid="ignore"):
         found = watched(model)["extremes"]
     assert np.isnan(found["y/max"][1]) and np.isnan(found["y/time_of_min"][1]) and np.isfinite(found["y/max"][0])
