@@ -115,12 +115,12 @@ class FullSystem(SecondOrderSystem):
 
     def unknowns(self, state: State) -> list[np.ndarray]:
         """Return unknowns, velocities and accelerations, (n_dofs, n_samples) each, on every rank."""
-        return self.unknowns_over(State.along([state]))
+        return self.unknowns_over(state.alone)
 
     def frames(self, state: State) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples), the same on all ranks. Collective on
         `comm`."""
-        return self.frames_over(State.along([state]))
+        return self.frames_over(state.alone)
 
     def _drift(self, times: Sequence[float], q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return what is left of the accelerations of the constraints where states (n_dofs, n) have none, (n_rows, n);
@@ -424,5 +424,7 @@ class FullBatch(FullSystem):
         return self._names.energies(self._columns(table.reshape(*shape, *table.shape[1:])))
 
     def _columns(self, parts: np.ndarray) -> np.ndarray:
+        if len(parts) == 1:
+            return self._blocks.unpack(parts[0])  # in less time
         rows = self._blocks.unpack(np.moveaxis(parts, 1, 0))
         return np.moveaxis(rows, 0, 1).reshape(rows.shape[1], len(rows) * self.n_samples)

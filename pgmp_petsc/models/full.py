@@ -135,7 +135,7 @@ class FullModel(Model):
             nodes = list(measures.nodes)
 
             def frames(state: State) -> list[np.ndarray]:
-                states = State.along([state])
+                states = state.alone
                 return [system.frames_over(states)[nodes], unknowns.frames(system.unknowns_over(states)[1])[nodes]]
 
             def measure(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
@@ -143,7 +143,7 @@ class FullModel(Model):
 
             def carry(time: float, state: State, before: np.ndarray) -> np.ndarray:
                 state = whole(time, state)
-                multipliers = system.multipliers_of_joints([time], State.along([state]))
+                multipliers = system.multipliers_of_joints([time], state.alone)
                 return np.linalg.norm(measures.pulls(frames(state), multipliers, values), axis=1)
 
             carried = carry if measures.carried else None

@@ -53,7 +53,7 @@ class Model(Protocol):
 
     def observed(self, system: SecondOrderSystem, state: State, time: float = 0.0) -> np.ndarray:
         """Return the same at the time (s) that the system reached last, shape (n_observed, n_samples)."""
-        states = State.along([state])
+        states = state.alone
         if system.beside is not None:
             states.forces = system.beside.now[None]
         return self.observed_over(system, states, [time])

@@ -58,6 +58,11 @@ class State:
         return found
 
     @property
+    def alone(self) -> State:
+        """Its mechanics with a leading axis of one instant, sharing memory."""
+        return State(*(part[None] for part in self.parts()))
+
+    @property
     def motion(self) -> np.ndarray:
         """Positions, velocities and accelerations of states with a leading axis of instants, (n_t, 3, ...)."""
         return np.stack([self.q, self.v, self.a], axis=1)
@@ -179,7 +184,7 @@ class PooledObserver(Observer):
     steps and `times` (s) are those so far, and `pulse` is called with how many steps there were."""
 
     def __init__(self, at_once: int, pulse: Callable[[int], object] = lambda n_steps: None) -> None:
-        self._at_once, self._pulse, self._waiting = at_once, pulse, []
+        self._at_once, self._pulse, self._waiting, self._n_seen = at_once, pulse, [], 0
         self.numbers: list[int] = []
         self.times: list[float] = []
 
@@ -191,7 +196,7 @@ class PooledObserver(Observer):
         """Take in the states after some steps."""
         first = 0
         while first < times.size:
-            room = self._at_once - sum(len(one.q) for one in self._waiting)
+            room = self._at_once + self._n_seen - len(self.times)
             some = slice(first, first + room)
             self.numbers += numbers[some].tolist()
             self.times += times[some].tolist()
@@ -203,11 +208,11 @@ class PooledObserver(Observer):
 
     def finish(self) -> None:
         """See those that wait."""
-        waiting, self._waiting = self._waiting, []
+        waiting, self._waiting, first, self._n_seen = self._waiting, [], self._n_seen, len(self.times)
         if waiting:
             states = waiting[0] if len(waiting) == 1 else State.along(waiting, np.concatenate)
             with np.errstate(all="ignore"):  # a run that fails may overflow before it is given up
-                self.see(len(self.times) - len(states.q), states)
+                self.see(first, states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -363,7 +368,7 @@ class SecondOrderSystem:
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, each of shape (n_samples,)."""
-        return self.energies_over(np.array([time]), State.along([state]))
+        return self.energies_over(np.array([time]), state.alone)
 
     def energies_over(self, times: Sequence[float], states: State) -> Energies:
         """Return energies and powers in states with a leading axis of instants (n_t,), s, each of shape (n_t
