@@ -25,6 +25,7 @@ from pgmp_petsc.base.errors import InputError, counted
 from pgmp_petsc.base.plugins import SHOWN, plugins_of
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.base.units import measure
 from pgmp_petsc.files.claims import named
 from pgmp_petsc.files.hdf5 import KINDS, RunRecord, open_file, shapes_of
 from pgmp_petsc.ranks.agreement import agreed, on_root
@@ -306,7 +307,8 @@ def diff(
     """Compare the outputs of `first` and `second`: two runs over time, or two ensembles of the same samples.
 
     Runs are compared at the instants of the one that has fewer, in the time that both cover; the other is interpolated
-    linearly between its own. Ensembles are compared sample by sample at the end.
+    linearly between its own. Outputs in other units, as of scenes in mm and in SI, are compared in those of the first.
+    Ensembles are compared sample by sample at the end.
     """
     comm = ranks_of(comm)
     a, b = (one if isinstance(one, Result) else read(one, comm=comm) for one in (first, second))
@@ -322,6 +324,7 @@ def diff(
         places, of_a, of_b, lacking = _runs(a, b, common) if a.kind == "trajectory" else _samples(a, b, common)
         if not places.size:
             raise InputError(f"{_called(first)} and {_called(second)} have no instant, or no fine sample, in common")
+        of_b = {name: _times(name, a.units[name], b.units[name]) * values for name, values in of_b.items()}
         sizes = {name: np.max(np.abs([of_a[name], of_b[name]])) for name in common}
         there = {name: float(size) for name, size in felt(sizes, a.units).items()}
         found = {name: _largest(of_a[name], of_b[name], a.units[name], places, there[name]) for name in common}
@@ -334,6 +337,16 @@ Columns = dict[str, np.ndarray]
 
 def _called(result: Result | str | PathLike[str]) -> str:
     return f"'{(result.path or 'a result without a file') if isinstance(result, Result) else result}'"
+
+
+def _times(output: str, unit: str, other: str) -> float:
+    """Return how many of a unit one of another is; raises `InputError` if they are of different quantities."""
+    if unit == other:
+        return 1.0
+    (size, dimension), (factor, measured) = measure(unit), measure(other)
+    if dimension != measured:
+        raise InputError(f"output {output} is in {unit} in one of the two and in {other} in the other")
+    return factor / size
 
 
 def _runs(a: Result, b: Result, names: list[str]) -> tuple[np.ndarray, Columns, Columns, list[str]]:

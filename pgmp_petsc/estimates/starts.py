@@ -152,7 +152,10 @@ def growth_of(
     done = integrate(system, simulation, observer=record)
     if done.status[0] != Status.FINE:
         return None
-    beside = model.outputs.evaluate(model.observed_of(*record.states(), model.scene.values))
+    times, states = record.states()
+    if model.outputs.takes_beside:
+        states.forces = system.forces_beside(times)[:, 0]
+    beside = model.outputs.evaluate(model.observed_of(times, states, model.scene.values))
     shares = [
         np.maximum.accumulate(np.abs(beside[name] - own)) / np.ptp(own)
         for name, own in outputs.items()

@@ -390,11 +390,11 @@ def csv_table(
         if len(first) == 1 and sign in first[0]:
             what = f"columns are separated by {plural} ('{shortened(' '.join(first[0].split()), 60)}')"
             raise InputError(f"{where}: {what}; commas are needed, and points in numbers")
-    names = [_without_unit(name, where, units) for name in first]
+    names = [without_unit(name, where, units) for name in first]
     return names, _rows(rows, len(names), where)
 
 
-def _without_unit(column: str, where: str, units: Mapping[str, str]) -> str:
+def without_unit(column: str, where: str, units: Mapping[str, str]) -> str:
     """Return the name of a column without its unit, which has to be the one that is asked for."""
     parts = WITH_UNIT.fullmatch(column)
     if column in units or parts is None or parts[1] not in units:

@@ -39,6 +39,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import si_values
 
 AT_ONCE = 2**22  # strains that are evaluated together: 32 MB
+STATES = 2**12  # states in which the models of several lengths are evaluated together
 
 
 class FullStrains:
@@ -70,7 +71,8 @@ class ReducedStrains:
         self._strained = {
             number: _strained(shapes, rom, self.bodies[number], scheme) for number, shapes in self._shapes.items()
         }
-        self._missed = None if rom.missed is None else Missed(rom.missed, rom.tables, scheme)
+        models = () if rom.missed is None else rom.between or ((1.0, rom),)
+        self._missed = [(share, Missed(one.missed, one.tables, scheme)) for share, one in models]
         self._rows = {
             number: np.searchsorted(rom.missed.dofs, self.bodies[number].dofs)
             for number in (() if rom.missed is None else numbers)
@@ -94,7 +96,7 @@ class ReducedStrains:
         nothing of bodies without stress outputs when the model was built."""
         if not self._rows:
             return {}
-        found = self._missed.of(eta, values)
+        found = sum(share * one.of(eta, values) for share, one in self._missed)
         return {number: found[rows] for number, rows in self._rows.items()}
 
     def of(
@@ -180,6 +182,13 @@ class LengthStresses:
 
     def of(self, eta: np.ndarray, values: Values) -> np.ndarray:
         """Return the stresses; see `ReducedStresses.of`."""
+        found = np.empty((len(self.stresses), len(eta)))
+        for first in range(0, len(eta), STATES):  # every model keeps the coordinates of its bodies in these
+            part = slice(first, first + STATES)
+            found[:, part] = self._of(eta[part], values_of(values, part))
+        return found
+
+    def _of(self, eta: np.ndarray, values: Values) -> np.ndarray:
         shares = self._shares(values, len(eta))
         forces = [one.forces(eta, values) for one in self._members]
 

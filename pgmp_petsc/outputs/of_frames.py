@@ -105,8 +105,6 @@ class Position(OnTheGround):
     """Position of a point along an axis in space (m)."""
 
     type: Literal["position"]
-    point: Point = Field(description='point of a body, "body:point"')
-    axis: Axis = Field(description="x or y, in space also z")
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
         """Return the place along the axis."""
@@ -118,8 +116,6 @@ class Displacement(OnTheGround):
     """Position of a point along an axis minus that at the start of the run (m)."""
 
     type: Literal["displacement"]
-    point: Point = Field(description='point of a body, "body:point"')
-    axis: Axis = Field(description="x or y, in space also z")
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
         """Return the place along the axis, from that of the rigid mechanism at the start."""

@@ -47,6 +47,9 @@ class ReducedOrderModel(Tabulated):
 
     meshes: Mapping[str, LineMesh | Component]  # the mesh of every body, or what it is condensed to
     record: RunRecord = field(repr=False)  # scene and circumstances of the build
+    #: of a model at other lengths those that it lies between, with their shares. What is missed is theirs: where loads
+    #: depend on each other its equations are nearly singular, and polynomials of these are nothing
+    between: tuple[tuple[float, ReducedOrderModel], ...] = field(default=(), repr=False)
     #: models at other lengths, where parameters are lengths, places or ratios; the model itself has the nominal ones
     family: LengthFamily | None = field(default=None, repr=False)
     _displacements: dict[str, Interpolant] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -163,13 +166,14 @@ class LengthFamily:
         def blended(*arrays: np.ndarray) -> np.ndarray:
             return sum(share * array for share, array in zip(shares, arrays))
 
-        first, *others = self.members
+        first, *others = (replace(member, missed=None) for member in self.members)  # what is missed: see `between`
         return replace(
             nominal,
             **first.each(EACH, blended, *others),
             branch=kinematics.branch,
             rigid_inertia=rigid_inertia(first.tables.samples, masses, kinematics),
             frequencies_hz=blended(*(member.frequencies_hz for member in self.members)),
+            between=tuple(zip(shares.tolist(), self.members)),
             meshes=at_lengths(scene, nominal.meshes),
         )
 

@@ -381,7 +381,7 @@ class Tabulated(Record):
     #: how loads change the stiffness of the modes; None with continuum bodies
     stiffness_changes: StiffnessChanges | None = array(absent=None)
     #: what the basis misses of the forces in bodies with stress outputs away from the nominal parameters; None where no
-    #: parameter changes them, or lengths are parameters
+    #: parameter changes them
     missed: MissedAnswers | None = array(absent=None)
     #: what forces in joints are made of, where outputs of the scene are such; None where none is
     gaps: JointGaps | None = array(at="joint_gaps", absent=None)

@@ -66,6 +66,16 @@ def test_runs_of_other_steps_are_compared_where_both_are() -> None:
     assert found.compared == 335 and max(abs(one.largest) for one in found.outputs.values()) < 1e-14
 
 
+def test_other_units_are_those_of_the_first_and_other_quantities_are_refused() -> None:
+    run, name = synthetic.trajectory("reduced", n_frames=0), "slider_deformation"
+    units = run.units | {name: "mm"}
+    shown = replace(run, units=units, outputs=run.outputs | {name: 1e3 * run.outputs[name]})
+    one = pgmp.diff(held(run), held(shown)).outputs[name]
+    assert one.unit == "m" and one.share < 1e-14
+    words = f"output {name} is in m in one of the two and in Pa in the other"
+    assert words in refusal(pgmp.diff, held(run), held(replace(run, units=run.units | {name: "Pa"})))
+
+
 def test_ensembles_are_compared_by_sample() -> None:
     data = synthetic.ensemble("full", 20)
     outputs = {name: np.nan_to_num(values) for name, values in data.outputs.items()}

@@ -78,10 +78,7 @@ def test_data_sets_are_columns(scene: Scene, tmp_path: Path, group: str) -> None
         ("r1\n5e-3\n0.5e-3\n", "line 3: r1 = 0.0005; must lie in parameters.r1.bounds, [0.001, 0.012]"),
         ("r1,rho\n5e-3,-1\n", "line 2: rho = -1; must be positive for what uses it"),
         ("r1 (mm)\n5\n", "the column 'r1 (mm)' has to be in m: convert it, and name it 'r1'"),
-        (
-            "r1,rho (g/cm3)\n5e-3,7.8\n",
-            "the column 'rho (g/cm3)' has to be in the scene's units: convert it, and name it",
-        ),
+        ("r1,rho (g/cm3)\n5e-3,7.8\n", "the column 'rho (g/cm3)' has to be in kg/m3: convert it, and name it"),
         ("rho;r1\n7800;0,005\n", "columns are separated by semicolons ('rho;r1'); commas are needed"),
         ("r1,r1\n5e-3,5e-3\n", "2 columns are called 'r1'; one is needed"),
         ("r1\n" + "1\n" * 20, "... and 2 more problems"),
@@ -108,6 +105,17 @@ def test_ends_of_a_stop_that_cross_are_refused_with_their_line(tmp_path: Path) -
         read_samples(csv(tmp_path, "r1,end\n5e-3,0.5\n5e-3,-2\n"), scene, None)
     # lines beyond -n are not looked at
     assert read_samples(csv(tmp_path, "r1,end\n5e-3,0.5\n5e-3,-2\n"), scene, 1).values["end"].tolist() == [0.5]
+
+
+def test_a_data_set_in_another_unit_is_refused(scene: Scene, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "s.h5", "w") as file:
+        file["r1"] = np.full(2, 5e-3)
+        file["r1"].attrs["unit"] = "m"
+    assert read_samples(tmp_path / "s.h5", scene, None).values["r1"].tolist() == [5e-3, 5e-3]
+    with h5py.File(tmp_path / "s.h5", "a") as file:
+        file["r1"].attrs["unit"] = "mm"
+    with pytest.raises(InputError, match=r"the column 'r1 \(mm\)' has to be in m: convert it"):
+        read_samples(tmp_path / "s.h5", scene, None)
 
 
 def test_no_table_at_all(scene: Scene, tmp_path: Path) -> None:

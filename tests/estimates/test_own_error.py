@@ -75,7 +75,9 @@ def test_errors_that_are_not_estimated_are_said_to_be_unknown() -> None:
     found = OwnErrors({}, [history], {"angle": ("",), "force": ("two estimates disagree",)})
     assert np.array_equal(found.over(time[1:], ["angle"])["angle"], [0.1, 0.2])
     assert found.over(time, ["angle", "force"]) is None
-    assert "is not known: two estimates disagree; compare with" in not_known(model, "it", found, ["angle", "force"]).text
+    assert (
+        "is not known: two estimates disagree; compare with" in not_known(model, "it", found, ["angle", "force"]).text
+    )
 
 
 LONG = "simulation.duration=0.1", "joints.pin.clearance.restitution=0.95"
@@ -111,7 +113,12 @@ def test_a_chaotic_run_is_said_to_be():
 @pytest.mark.parametrize("room", [True, False])
 def test_runs_with_clearance_alone_say_it(room):
     tight = ("joints.pin={type='revolute',connect=['crank:tip','rod:hinge']}",)
-    run = trajectory("reduced", worn("simulation.duration=2e-3", *(() if room else tight)))
+    # also where outputs take what controllers do
+    controlled = (
+        "controllers.brake={type='pid',measures='theta',joint='main',gains={p=1.0}}",
+        "outputs.force={type='joint_force',joint='main',component='x'}",
+    )
+    run = trajectory("reduced", worn("simulation.duration=2e-3", *(controlled if room else tight)))
     assert any("difference of the start becomes" in remark.text for remark in run.record.remarks) == room
 
 

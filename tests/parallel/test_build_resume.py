@@ -46,7 +46,7 @@ main()
 """
 SCENES = {
     "beams": (ROOT / "scenes/slider_crank_paper.toml", *overridden("reduction.angles=16")),
-    "solids": (ROOT / "scenes/slider_crank_solid3d.toml", *overridden("reduction.angles=12", "reduction.modes=4")),
+    "solids": (ROOT / "scenes/slider_crank_solid2d.toml", *overridden("reduction.angles=12", "reduction.modes=4")),
 }
 # what takes up nothing of beams', and why
 OTHERS = {

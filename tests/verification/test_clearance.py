@@ -227,14 +227,13 @@ def test_a_ball_at_rest_carries_its_weight_and_a_small_room_has_the_force_of_the
             "effects.weight.direction=[0.0,-1.0]", *_forces("bore"))  # fmt: skip
     rigid = _outputs(ball(*slow, "joints.bore={type='revolute',connect=['ground:origin','ball:centre']}"), "full")[1]
     off = []
-    for radius in (4e-4, 2e-4, 1e-4):
+    for radius in (2e-4, 1e-4):
         time, found = _outputs(ball(*slow, f"joints.bore.clearance.radius={radius}"), "full")
         settled = time > 0.055
         at_rest, fx, fy = np.argmax(settled), found["fx"], found["fy"]
         assert abs(fx[at_rest]) < 1e-3 and fy[at_rest] == pytest.approx(10.0, rel=1e-4)
         off.append(max(np.abs(found[name] - rigid[name])[settled].max() for name in ("fx", "fy")))
-    assert off[2] < 0.2 * 8.0
-    assert 1.6 < off[0] / off[1] < 2.4 and 1.6 < off[1] / off[2] < 2.4, off
+    assert off[1] < 0.2 * 8.0 and 1.6 < off[0] / off[1] < 2.4, off
 
 
 @pytest.mark.parametrize("purpose", [Purpose.FULL, Purpose.COMPONENTS, Purpose.BUILD, Purpose.REDUCED])

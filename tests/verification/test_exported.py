@@ -379,7 +379,7 @@ TREES = {
     "servo_arm": ("simulation.duration=0.101", 'outputs.held={type="control_force", controller="servo"}'),
     "machine_on_mounts": ("simulation.duration=0.1", "simulation.spectral_radius=1.0"),
     "crank_press": ("simulation.duration=0.1",),
-    "slider_crank_solid3d": ("simulation.duration=0.05",),
+    "slider_crank_solid2d": ("simulation.duration=0.05",),
 }  # fmt: skip
 
 

@@ -70,18 +70,32 @@ L1, L2, M1, M2, M3, J1, J2, J3, G = 0.153, 0.306, 0.038, 0.038, 0.076, 7.4e-5, 5
 COUPLED, LENGTH, HEIGHT = (M2 / 2 + M3) * L1 * L2, 0.05, 0.025
 
 
-@njit(cache=True)
 def inertia(q):
-    both = COUPLED * np.cos(q[1] - q[0])
+    """Return what couples the speeds of crank and rod, (first, both, second); the slider turns by itself."""
     first, second = J1 + (M1 / 4 + M2 + M3) * L1**2, J2 + (M2 / 4 + M3) * L2**2
-    return np.array([[first, both, 0.0], [both, second, 0.0], [0.0, 0.0, J3]])
+    return first, COUPLED * np.cos(q[1] - q[0]), second
 
 
-@njit(cache=True)
 def force(q, v):
     skew = COUPLED * np.sin(q[0] - q[1])
     first = -skew * v[1] ** 2 - (M1 / 2 + M2 + M3) * G * L1 * np.cos(q[0])
-    return np.array([first, skew * v[0] ** 2 - (M2 / 2 + M3) * G * L2 * np.cos(q[1]), 0.0])
+    return first, skew * v[0] ** 2 - (M2 / 2 + M3) * G * L2 * np.cos(q[1])
+
+
+compiled_inertia, compiled_force = njit(cache=True)(inertia), njit(cache=True)(force)
+
+
+@njit(cache=True)
+def answer(masses, one, other, third):
+    """Return the velocities that an impulse makes."""
+    first, both, second = masses
+    share = first * second - both**2
+    return (second * one - both * other) / share, (first * other - both * one) / share, third / J3
+
+
+@njit(cache=True)
+def along(row, velocity):
+    return row[0] * velocity[0] + row[1] * velocity[1] + row[2] * velocity[2]
 
 
 @njit(cache=True)
@@ -89,47 +103,58 @@ def moreau(step, duration, restitution, friction, every):
     """Return angles of crank, rod and slider and their speeds, (n, 6), after every so many steps of the midpoint rule.
 
     In the middle of a step corners are closed or not; impulses of those that are closed follow by Gauss and Seidel's
-    iteration of the inclusions."""
+    iteration of the inclusions. Numbers one by one: products of small matrices take seconds to compile."""
     n = int(round(duration / step))
-    q, v, found = np.zeros(3), np.array([150.0, -75.0, 0.0]), np.empty(((n - 1) // every + 1, 6))
+    found = np.empty(((n - 1) // every + 1, 6))
+    q, v = (0.0, 0.0, 0.0), (150.0, -75.0, 0.0)
     w, answers, delassus = np.zeros((8, 3)), np.zeros((8, 3)), np.zeros((8, 8))
+    impulses, before, without = np.zeros(8), np.zeros(8), np.zeros(8)
     for number in range(n):
         if number % every == 0:
-            found[number // every, :3], found[number // every, 3:] = q, v
-        middle = q + step / 2 * v
-        (first, both, _), (_, second, _), _ = inertia(middle)
-        inverse = np.array([[second, -both, 0.0], [-both, first, 0.0], [0.0, 0.0, (first * second - both**2) / J3]])
-        inverse /= first * second - both**2
-        free = v.copy()
+            row = found[number // every]
+            row[0], row[1], row[2], row[3], row[4], row[5] = q[0], q[1], q[2], v[0], v[1], v[2]
+        middle = q[0] + step / 2 * v[0], q[1] + step / 2 * v[1], q[2] + step / 2 * v[2]
+        masses, free = compiled_inertia(middle), v
         for _ in range(4):  # forces at the mean of both velocities
-            free = v + step * (inverse @ force(middle, (v + free) / 2))
+            one, other = compiled_force(middle, ((v[0] + free[0]) / 2, (v[1] + free[1]) / 2))
+            rate = answer(masses, one, other, 0.0)
+            free = v[0] + step * rate[0], v[1] + step * rate[1], v[2]
         y, m = L1 * np.sin(middle[0]) + L2 * np.sin(middle[1]), 0
         s, c = np.sin(middle[2]), np.cos(middle[2])
-        for x, side in ((-LENGTH, 1.0), (LENGTH, 1.0), (-LENGTH, -1.0), (LENGTH, -1.0)):
+        for corner in range(4):
+            x, side = (-LENGTH, LENGTH)[corner % 2], 1.0 if corner < 2 else -1.0
             up = side * HEIGHT
             if ROOM + HEIGHT - side * (y + x * s + up * c) <= 0.0:
-                w[2 * m] = -side * np.array([L1 * np.cos(middle[0]), L2 * np.cos(middle[1]), x * c - up * s])
-                w[2 * m + 1] = np.array([-L1 * np.sin(middle[0]), -L2 * np.sin(middle[1]), -x * s - up * c])
+                across, rubs = w[2 * m], w[2 * m + 1]
+                across[0], across[1] = -side * L1 * np.cos(middle[0]), -side * L2 * np.cos(middle[1])
+                across[2] = -side * (x * c - up * s)
+                rubs[0], rubs[1] = -L1 * np.sin(middle[0]), -L2 * np.sin(middle[1])
+                rubs[2] = -x * s - up * c
                 m += 1
-        closed, impulses = w[: 2 * m], np.zeros(2 * m)
-        before, without = closed @ v, closed @ free
         for i in range(2 * m):
-            answers[i] = inverse @ w[i]
-            delassus[i, : 2 * m] = closed @ answers[i]
+            impulses[i], before[i], without[i] = 0.0, along(w[i], v), along(w[i], free)
+            answers[i, 0], answers[i, 1], answers[i, 2] = answer(masses, w[i, 0], w[i, 1], w[i, 2])
+            for j in range(2 * m):
+                delassus[i, j] = along(w[j], answers[i])
         for _ in range(1000):
-            last = impulses.copy()
-            for i in range(0, 2 * m, 2):
-                approach = delassus[i, : 2 * m] @ impulses + without[i] + restitution * before[i]
-                impulses[i] = max(0.0, impulses[i] - approach / delassus[i, i])
-                j, most = i + 1, friction * impulses[i]
-                stuck = impulses[j] - (delassus[j, : 2 * m] @ impulses + without[j]) / delassus[j, j]
-                impulses[j] = min(max(stuck, -most), most)
-            if np.abs(impulses - last).sum() <= 1e-12 * np.abs(impulses).sum():
+            changed, largest = 0.0, 0.0
+            for i in range(2 * m):
+                last, approach = impulses[i], without[i]
+                for j in range(2 * m):
+                    approach += delassus[i, j] * impulses[j]
+                if i % 2 == 0:
+                    impulses[i] = max(0.0, last - (approach + restitution * before[i]) / delassus[i, i])
+                else:
+                    most = friction * impulses[i - 1]
+                    impulses[i] = min(max(last - approach / delassus[i, i], -most), most)
+                changed, largest = changed + abs(impulses[i] - last), largest + abs(impulses[i])
+            if changed <= 1e-12 * largest:
                 break
         v = free
         for i in range(2 * m):
-            v = v + impulses[i] * answers[i]
-        q = middle + step / 2 * v
+            own, of = impulses[i], answers[i]
+            v = v[0] + own * of[0], v[1] + own * of[1], v[2] + own * of[2]
+        q = middle[0] + step / 2 * v[0], middle[1] + step / 2 * v[1], middle[2] + step / 2 * v[2]
     return found
 
 
@@ -146,7 +171,8 @@ def height(q: np.ndarray) -> np.ndarray:
 
 def energy(q: np.ndarray, v: np.ndarray) -> float:
     potential = (M1 / 2 + M2 + M3) * G * L1 * np.sin(q[0]) + (M2 / 2 + M3) * G * L2 * np.sin(q[1])
-    return 0.5 * v @ inertia(q) @ v + potential
+    first, both, second = inertia(q)
+    return 0.5 * (first * v[0] ** 2 + second * v[1] ** 2 + J3 * v[2] ** 2) + both * v[0] * v[1] + potential
 
 
 def test_before_the_first_impact_it_is_free():
@@ -154,8 +180,8 @@ def test_before_the_first_impact_it_is_free():
     times, found = run(loose("simulation.duration=2.7e-3"), "full")
 
     def rates(t, state):
-        q, v = np.append(state[:2], 0.0), np.append(state[2:], 0.0)
-        return [*state[2:], *np.linalg.solve(inertia(q), force(q, v))[:2]]
+        first, both, second = inertia(state)
+        return [*state[2:], *np.linalg.solve([[first, both], [both, second]], force(state, state[2:]))]
 
     exact = solve_ivp(rates, (0, times[-1]), [0, 0, 150, -75], "DOP853", times, rtol=1e-11, atol=1e-13).y
     free = found["y"] / ROOM < 0.999
