@@ -44,8 +44,6 @@ def refusal(scene: Path, command: str) -> str | None:
     joints = tables["joints"].values()
     if command == "check --effects" and any("clearance" in joint for joint in joints):
         return "sizes of effects are those on joints without room"
-    if command == "check --effects" and "controllers" in tables:
-        return "sizes of effects are those without control"
     return None
 
 

@@ -122,19 +122,6 @@ def _of_second_order(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}" for name, effect in scene.effects.items() if effect.second_order)
 
 
-def _controllers(scene: Scene) -> Iterator[str]:
-    return (f"controllers.{name} ({one.type})" for name, one in scene.controllers.items())
-
-
-def _beside(scene: Scene) -> Iterator[str]:
-    yield from _controllers(scene)
-    yield from _carried(scene)
-
-
-def _carried(scene: Scene) -> Iterator[str]:
-    return (f"effects.{name}.coefficient" for name in scene.carried)
-
-
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
     return lambda scene: iter((purpose.value,))
 
@@ -180,18 +167,6 @@ FEATURES = (
         OF_THE_REDUCTION,
         why_not="effects are chosen for joints without room",
         cure="name them in [effects]",
-    ),
-    Feature(
-        _with(_automatic, _beside),
-        OF_THE_REDUCTION,
-        why_not="effects are chosen by sizes without control, and without forces that joints carry",
-        cure="name them in [effects]",
-    ),
-    Feature(
-        _beside,
-        frozenset({Purpose.SIZES}),
-        why_not="sizes of effects are those without control, and without forces that joints carry",
-        cure="take pgmp check without --effects",
     ),
     Feature(
         _with(_loose, lambda scene: _given("initial.equilibrium", scene.initial.equilibrium)),

@@ -249,11 +249,12 @@ class ForceOutput:
     rows: np.ndarray  # numbers of the multipliers that it takes
     nodes: frozenset[int]  # nodes whose frames it takes
     reads_rates: bool  # whether it takes their rates
+    entry: OfMultipliers
 
     @property
     def is_size(self) -> bool:
         """Whether it is the magnitude of what it is made of, else that itself."""
-        return False
+        return isinstance(self.entry, InJoint) and self.entry.component in ("magnitude", "radial")
 
     @property
     def n_parts(self) -> int:
@@ -275,16 +276,12 @@ class OfConnection(ForceOutput):
     """A component of what a joint does to a body."""
 
     entry: InJoint
-    space: Space
+    space: Space  # of the mechanism
     connection: Connection
     held: tuple[tuple[Statement | Combination, tuple[Attachment, ...]], ...]  # what the rows hold, and of which points
     pulls: tuple[Pull, ...]  # what acts in the directions that it releases
     #: force for a unit of each multiplier, shape (d, n_rows), where that is the same everywhere
     shares: np.ndarray | None = None
-
-    @property
-    def is_size(self) -> bool:
-        return self.entry.component in ("magnitude", "radial")
 
     @property
     def n_parts(self) -> int:
@@ -443,14 +440,9 @@ def _rate(reading: Reading, frames: Frames, rates: Frames) -> np.ndarray:
 class OfCoupling(ForceOutput):
     """What a coupling does to the motion of one of its joints."""
 
-    entry: InJoint
     reading: Reading  # of the motion
     function: Function  # of the motion, in the coupling
     pull: Pull | None  # in place of a multiplier
-
-    @property
-    def is_size(self) -> bool:
-        return self.entry.component == "magnitude"
 
     @classmethod
     def of(cls, name: str, entry: InJoint, coupling: Coupling, kinematics: RigidKinematics) -> Self:
@@ -509,7 +501,7 @@ class OfMotion(ForceOutput):
         reading = Reading.of_coordinate(coordinate, kinematics) if entry.with_rate else None
         nodes = frozenset(reading.nodes) if reading else frozenset()
         row, names = kinematics.mechanism.n_held + number, [one.name for one in kinematics.mechanism.coordinates]
-        return cls(name, np.array([row]), nodes, entry.with_rate, reading, names.index(coordinate.name))
+        return cls(name, np.array([row]), nodes, entry.with_rate, entry, reading, names.index(coordinate.name))
 
     def parts(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
         """Return ``-lambda``, or that times the rate of the coordinate."""

@@ -389,16 +389,16 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
     first, bending = load(expected, 0), any_bend(equations.local.actions.laws)
     for iteration in range(MAX_ITERATIONS):
         fresh, unsettled = attempt > 0 or iteration % REFRESH_EVERY == 0, 0
-        if carries:
-            find_carried(
-                equations, memory, room, block, places_of(memory, block), strengths, memory.samples[block], going
-            )  # fmt: skip
-            unsettled = take_carried(equations, room, iteration, memory.samples[block], going)
         if state[6].shape[0] > 0:
             act_of_states(
                 control, equations.local, equations.grid, strengths.actions, work.q, work.rate, memory.samples[block],
                 going, local, places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
             )  # fmt: skip
+        if carries:
+            find_carried(
+                equations, memory, room, block, places_of(memory, block), strengths, memory.samples[block], going
+            )  # fmt: skip
+            unsettled = take_carried(equations, room, iteration, memory.samples[block], going)
         if memory.acting.balance.size > 0:
             act(
                 equations.local, equations.local.all, equations.grid, strengths.actions, work.q, work.rate,

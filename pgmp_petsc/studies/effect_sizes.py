@@ -165,9 +165,15 @@ def _with_rigid_bodies(scene: Scene) -> Scene:
         k: joint.model_copy(update=dict.fromkeys({"offset", "elastic"} & {*type(joint).model_fields}))
         for k, joint in scene.joints.items()
     }
-    # stresses are those of flexible bodies alone
+    # sampled ones whenever they may; stresses are those of flexible bodies alone, and are no measures
+    controllers = {k: one.model_copy(update={"sample_time": 0.0}) for k, one in scene.controllers.items()}
+    measured, outputs = [name for one in controllers.values() for name in one.measured.values()], {}
+    while measured:
+        name = measured.pop()
+        outputs[name] = scene.outputs[name]
+        measured += outputs[name].made_in(scene)
     changed = {"bodies": bodies, "joints": joints, "materials": materials, "effects": effects}
-    return scene.model_copy(update={**changed, "outputs": {}, "fields": {}})
+    return scene.model_copy(update={**changed, "controllers": controllers, "outputs": outputs, "fields": {}})
 
 
 def _collect(

@@ -16,7 +16,6 @@ from scipy.integrate import solve_ivp
 from spatial_beams import slider_crank_of_beams
 from test_moving_mass import moving
 
-from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.history import run_history
 from pgmp_petsc.bench.prices import BESIDE, step_seconds
 from pgmp_petsc.gradients.differentiated import differentiate
@@ -25,6 +24,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.lengths import of_samples
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.stepping.second_order_system import State
+from pgmp_petsc.studies.effect_sizes import estimate_effects
 from scenes import HEADER, tables
 
 MASS, LEVER, INERTIA, G = 2.0, 0.3, 0.05, 9.80665
@@ -318,9 +318,11 @@ def test_runs_of_a_trade_off_have_it(make):
     assert found[-1, 1] == pytest.approx(alone[-1], rel=1e-12) and abs(found[-1, 0] - alone[-1]) > 1e-4
 
 
-def test_sizes_of_effects_do_not_know_it():
-    with pytest.raises(InputError, match="effects.in_main.coefficient"):
-        check_capabilities(slider(), Purpose.SIZES)
+def test_its_size_among_effects_is_its_work():
+    """Of a rigid pendulum, whose run it is."""
+    sizes, balance = estimate_effects(pendulum(), read_meshes(pendulum())), motion("full", pendulum()).balance
+    (rub,) = (size for size in sizes.sizes if size.name == "rub")
+    assert rub.share == pytest.approx(np.abs(balance.work["rub"]).max() / balance.exchanged, rel=1e-3)
 
 
 def test_predicted_times_count_it():

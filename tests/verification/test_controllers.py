@@ -41,11 +41,13 @@ from pgmp_petsc.design.goals import read_constraint, read_goal
 from pgmp_petsc.design.optimization import optimize
 from pgmp_petsc.estimates.error_indicator import TOO_OFTEN
 from pgmp_petsc.gradients.differentiated import differentiate
-from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, foretold
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.status import Status
+from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.simulate import simulate, simulate_full
 from scenes import HEADER, slider_crank, tables
 
@@ -318,6 +320,18 @@ def test_friction_by_the_force_carried_under_control(entries: tuple[str, ...]) -
     found = differentiate(reduced_model(scene), scene.values, ("lead",)).derivatives["swing"]["lead"]
     before, after = (history(model, {"lead": np.array([30.0 + h])}, 1)[1]["swing"][:, 0] for h in (-0.01, 0.01))
     np.testing.assert_allclose(found, (after - before) / 0.02, rtol=0, atol=1e-5 * np.abs(found).max())
+
+
+def test_friction_under_control_is_the_same_however_many_steps_are_taken_at_once(monkeypatch) -> None:
+    """Bit by bit: how many hangs on the number of samples side by side, and so on that of ranks."""
+    scene = cart(*ARM, *NEAR, RUBBED, "simulation.duration=0.05")
+    model, found = reduced_model(scene), []
+    for n_steps in (7, 1000):
+        monkeypatch.setattr(ReducedSystem, "steps_between_looks", lambda system, every, n=n_steps: n)
+        record = StateRecord(lambda n: None)
+        integrate(model.batch(samples(scene, 3), 3), scene.simulation, observer=record)
+        found.append(record.of_batch()[1].q)
+    assert np.array_equal(*found)
 
 
 #: A reference with corners within steps.
@@ -723,20 +737,15 @@ def test_a_reduction_is_chosen_under_control(entries: tuple[str, ...]) -> None:
         assert np.abs(one - exact[name]).max() < 1e-2 * np.abs(exact[name]).max(), name
 
 
-PURPOSES = {
-    Purpose.SIZES: (), Purpose.BUILD: ('reduction.effects="auto"',),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("purpose", PURPOSES)
-def test_where_there_are_no_controllers(purpose: Purpose) -> None:
-    message = refusal(check_capabilities, cart(*ARM, *PURPOSES[purpose]), purpose)
-    assert "controllers.place" in message.split(": ")[0]
-
-
-def test_check_foretells_what_refuses_controllers() -> None:
-    told = " ".join(foretold(cart(*ARM)))
-    assert all(f"{purpose.value}: controllers.place (pid)" in told for purpose, asked in PURPOSES.items() if not asked)
+def test_sizes_of_effects_are_those_of_the_motion_under_control() -> None:
+    """Of the rigid arm under its controller, whose speed is that of the flexible one but for 2 % of vibrations; a
+    build that chooses effects takes them."""
+    scene = load_scene(SERVO_ARM, ("simulation.duration=0.5", 'reduction.effects="auto"'))
+    sizes, (times, found) = estimate_effects(scene, read_meshes(scene)), run(scene, "full")
+    fastest = np.abs(np.gradient(found["tip_angle"], times)).max()
+    assert sizes.largest_speed["theta"] == pytest.approx(fastest, rel=0.05)
+    assert {size.name for size in sizes.sizes if size.keeps} >= {"tool", "rotor", "structure"}
+    assert set(reduced_model(scene).scene.effects) >= {"tool", "rotor", "structure"}
 
 
 @pytest.mark.parametrize("n_ranks", [1, 3])
