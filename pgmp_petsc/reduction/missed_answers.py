@@ -61,8 +61,6 @@ class MissedAnswers(Record):
         "configuration", "load", "unknown of stresses", unit=WEIGHT_FREE, about="K^-1 [L_i, K_i Psi]"
     )
 
-    arrays = ("forces", "answers")  # rows of configurations
-
     def turned(self, rotations: np.ndarray) -> MissedAnswers:
         """Express the flexible coordinates in another basis of the same space, ``Psi_new = Psi Q``, Q (n, m, m)."""
         n_terms, whole = self.forces.shape[1], beside_rigid(rotations, self.forces.shape[-1] - rotations.shape[1])
