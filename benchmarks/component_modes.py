@@ -19,7 +19,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.simulate import simulate_full
+from pgmp_petsc.studies.simulate import simulate
 
 
 def arguments() -> argparse.Namespace:
@@ -35,8 +35,8 @@ def run(model: FullModel) -> Trajectory:
     """Run a model, once before over two steps so that all is compiled."""
     simulation = model.scene.simulation
     short = simulation.model_copy(update={"duration": 2.0 * simulation.step})
-    simulate_full(model.with_loads(model.scene.model_copy(update={"simulation": short})), MPI.COMM_SELF)
-    return simulate_full(model, MPI.COMM_SELF)
+    simulate(model.with_loads(model.scene.model_copy(update={"simulation": short})), MPI.COMM_SELF)
+    return simulate(model, MPI.COMM_SELF)
 
 
 def shares(found: Trajectory, exact: Trajectory) -> dict[str, float]:

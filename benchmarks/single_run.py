@@ -30,7 +30,7 @@ def run(path: Path, n: int) -> None:
 
     def once() -> dict[str, float]:
         start = time.process_time()
-        found = simulate.simulate_reduced(model, MPI.COMM_SELF)
+        found = simulate.simulate(model, MPI.COMM_SELF)
         return {"all": time.process_time() - start, **found.record.timings}
 
     with patch.object(simulate, "Timings", _of_processor):

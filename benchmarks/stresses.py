@@ -26,7 +26,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from pgmp_petsc.studies.simulate import simulate
 
 DURATION = 0.25  # s
 MODES = (3, 6, 12)
@@ -40,7 +40,7 @@ def reduced(path: Path, overrides: list[str], modes: int, answers: tuple[str, ..
     own += [f"reduction.{key}={str(key in answers).lower()}" for key in ("static_modes", "inertia_modes")]
     scene, meshes = read_scene(path, [*overrides, *own], (), MPI.COMM_SELF, Purpose.BUILD)
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        return simulate_reduced(ReducedModel(scene, build_rom(scene, meshes, group)), MPI.COMM_SELF)
+        return simulate(ReducedModel(scene, build_rom(scene, meshes, group)), MPI.COMM_SELF)
 
 
 def run(path: Path) -> None:
@@ -49,14 +49,14 @@ def run(path: Path) -> None:
     overrides = [f'outputs.{name}={{type="stress", body="{name}", quantity="von_mises"}}' for name in bodies]
     overrides += [f"simulation.duration={DURATION}", "simulation.frames=2"]
     scene, meshes = read_scene(path, overrides, (), MPI.COMM_SELF, Purpose.FULL)
-    exact = simulate_full(FullModel(scene, meshes), MPI.COMM_SELF).outputs
+    exact = simulate(FullModel(scene, meshes), MPI.COMM_SELF).outputs
 
     def cells(found: Trajectory) -> list[str]:
         away = (np.max(np.abs(found.outputs[name] - exact[name])) / np.max(exact[name]) for name in bodies)
         return [f"{100 * share:.2g} %" for share in away]
 
     components = component_model(scene, meshes, MPI.COMM_SELF)
-    rows = [["component modes", "", *cells(simulate_full(components, MPI.COMM_SELF))]]
+    rows = [["component modes", "", *cells(simulate(components, MPI.COMM_SELF))]]
     for answers in ANSWERS:
         rows += [
             [f"{n} modes", ", ".join(answers), *cells(reduced(path, overrides, n, answers, ANGLES[2]))] for n in MODES

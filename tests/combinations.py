@@ -37,7 +37,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.modes_table import tabulate_modes
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from pgmp_petsc.studies.simulate import simulate
 from scenes import SLIDER_CRANK, meshes_of
 
 BEAM = 'element = "beam2d"\nmaterial = "steel"\nsection = { shape = "circle", radius = "r1" }'
@@ -344,11 +344,9 @@ COMMANDS: dict[str, Callable] = {
     "check --effects": _sizes,
     "build": _build,
     "modes": _modes,
-    "simulate": lambda scene, meshes, cache: _run(simulate_reduced(_reduced(scene, meshes, cache), MPI.COMM_SELF)),
-    "simulate --full": lambda scene, meshes, cache: _run(simulate_full(_full(scene, meshes), MPI.COMM_SELF)),
-    "simulate --components": lambda scene, meshes, cache: _run(
-        simulate_full(_components(scene, meshes), MPI.COMM_SELF)
-    ),
+    "simulate": lambda scene, meshes, cache: _run(simulate(_reduced(scene, meshes, cache), MPI.COMM_SELF)),
+    "simulate --full": lambda scene, meshes, cache: _run(simulate(_full(scene, meshes), MPI.COMM_SELF)),
+    "simulate --components": lambda scene, meshes, cache: _run(simulate(_components(scene, meshes), MPI.COMM_SELF)),
     "montecarlo": lambda scene, meshes, cache: _ensemble(_reduced(scene, meshes, cache, True)),
     "montecarlo --full": lambda scene, meshes, cache: _ensemble(_full(scene, meshes, True)),
     "montecarlo --components": lambda scene, meshes, cache: _ensemble(_components(scene, meshes, True)),

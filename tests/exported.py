@@ -27,7 +27,10 @@ needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc,
 # without optimisation, which takes half of the time of compiling: how a program is compiled changes round-off alone
 OPTIONS = ("-std=c99", "-O0", "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsanitize=bounds",
            "-fsanitize-undefined-trap-on-error")  # fmt: skip
-SMALL = ("reduction.modes=4", "reduction.angles=24", "simulation.duration=0.2", "simulation.step=5e-4")
+SMALL = (
+    "reduction.modes=4", "reduction.angles=24", "reduction.max_angles=24", "simulation.duration=0.2",
+    "simulation.step=5e-4",
+)  # fmt: skip
 
 
 def scene_of(name: str, *overrides: str, settings: tuple[str, ...] = ()) -> Scene:

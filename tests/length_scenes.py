@@ -30,7 +30,7 @@ outputs.slider_deformation: type = "deformation"; point = "rod:tip"; axis = "x"
 # few modes and angles, a short run: enough for everything but accuracy
 SMALL = (
     "reduction.second_order=false", "reduction.modes=2", "reduction.angles=12", "reduction.length_points=3",
-    "simulation.duration=0.02",
+    "reduction.max_angles=24", "simulation.duration=0.02",
 )  # fmt: skip
 #: The place of the guide in place of the length of the rod.
 GUIDE = (

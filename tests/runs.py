@@ -27,9 +27,8 @@ from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import read_line_mesh
 from pgmp_petsc.mesh.line_mesh import straight_beam
-from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
+from pgmp_petsc.models import ComponentModel, FullModel, Model, OutputRecord, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
-from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduced.cells import Cells, place_of
 from pgmp_petsc.reduction import tables as tables_of_reduction
@@ -37,7 +36,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.stepping.generalised_alpha import Called, Run, integrate
+from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.simulate import simulate
@@ -232,35 +231,11 @@ def history(
     model: Model, values: Mapping[str, np.ndarray], n: int, every: int = 1, system: SecondOrderSystem | None = None
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Integrate n samples, or those of a system; return times (n_t,) and outputs over time, each of shape (n_t, n),
-    after every so many steps. What they are made of is evaluated at all times at once, where a model needs no system
-    for it."""
-    system, reduced = system or model.batch(values, n), model.name == ReducedModel.name
-    alone = n == 1 and isinstance(model, FullModel) and not model.outputs.forces
-    times, kept = [], []
-
-    def record(step: int, time: float, state: State) -> None:
-        if step % every == 0:
-            times.append(time)
-            if reduced and model.outputs.takes_beside:
-                state.forces = system.forces_beside(np.array([time]))[0]
-            kept.append(state if reduced or alone else model.observed(system, state, time))
-
-    observer = Called(record)
-    observer.every = every
-    integrate(system, model.scene.simulation, observer=observer)
-    if reduced:
-        each = {name: np.tile(np.broadcast_to(value, n), len(times)) for name, value in system.values.items()}
-        states = State(*(np.concatenate([getattr(state, name) for state in kept]) for name in "qva"), np.zeros(0))
-        states.forces = np.concatenate([state.forces for state in kept])
-        observed = model.observed_of(np.repeat(times, n), states, each)
-    elif alone:
-        along = State.along(kept)
-        observed = model.observed_over(system, along, times)
-    else:
-        observed = np.concatenate(kept, axis=1)
-    outputs = model.outputs.evaluate(observed)
-    outputs = {name: row.reshape(len(times), n) for name, row in outputs.items()}
-    return np.array(times), counted_after(model.outputs.counts, np.array(times), outputs, system.values)
+    after every so many steps."""
+    system = system or model.batch(values, n)
+    record = OutputRecord(model, system, every=every)
+    integrate(system, model.scene.simulation, observer=record)
+    return record.outputs()
 
 
 def largest_errors(exact: Mapping[str, np.ndarray], found: Mapping[str, np.ndarray]) -> dict[str, float]:

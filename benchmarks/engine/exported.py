@@ -25,7 +25,7 @@ from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.c_export.constants import MOST_CORRECTIONS, Constants, constants_of
 from pgmp_petsc.c_export.source import COMPILED, write_sources
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.studies.simulate import simulate_reduced
+from pgmp_petsc.studies.simulate import simulate
 
 NEVER_MET = {name: -1.0 for name in ("NEWTON_TOLERANCE", "TOLERANCE_OF_TRIALS", "ROUND_OFF")}
 SHARE_OF_MOST = 100  # of the steps, those that are timed with all corrections
@@ -52,7 +52,7 @@ def run(path: Path, n_steps: int) -> None:
     print(f"with all {MOST_CORRECTIONS} corrections that a step may do: {most:.2f} us on average")
     print(f"the slowest by the clock on the wall, with what else the machine does: {wall:.1f} us")
     columns = np.array([line.split(",") for line in table.splitlines()[1:]], dtype=float).T[1:]
-    for (name, values), found in zip(simulate_reduced(model, MPI.COMM_SELF).outputs.items(), columns):
+    for (name, values), found in zip(simulate(model, MPI.COMM_SELF).outputs.items(), columns):
         share = np.max(np.abs(found - values)) / np.max(np.abs(values))
         print(f"{name}: differs from pgmp simulate by {share:.1e} of its largest value")
 

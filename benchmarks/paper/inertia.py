@@ -15,14 +15,14 @@ from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import ReducedTables
-from pgmp_petsc.studies.simulate import simulate_reduced
+from pgmp_petsc.studies.simulate import simulate
 
 
 def inertia_table(results: PaperResults) -> Table:
     """Compare the reduced model's largest errors with the coupling and without it, nominal radius."""
     scene, rom = read_rom(results.directory / "rom.h5", (), (), MPI.COMM_SELF)
     tables = uncoupled(rom.tables, scene.reduction.interpolation)
-    without = simulate_reduced(ReducedModel(scene, replace(rom, tables=tables)), MPI.COMM_SELF)
+    without = simulate(ReducedModel(scene, replace(rom, tables=tables)), MPI.COMM_SELF)
     if without.status:
         raise RunError(without.record.remarks[0].text)
     rows = []

@@ -47,7 +47,7 @@ from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.studies.inputs import coarser_parts, read_scene
-from pgmp_petsc.studies.simulate import simulate_full
+from pgmp_petsc.studies.simulate import simulate as simulated
 
 PAGE = "report.html"
 ROM, RUN, BETTER, MANY = "rom.h5", "run.h5", "better.h5", "samples.h5"
@@ -286,7 +286,7 @@ class _Job:
         """Run a model on meshes, write the trajectory, and return why it stopped; empty where it did not."""
         with keeping("trajectory", self.comm, target, False, (self.path,)) as keeper:
             settled_model, _ = settled(model, self.comm)
-            data = simulate_full(settled_model, self.comm)
+            data = simulated(settled_model, self.comm)
             keeper.result(data, self.path.parent)
         return self.comm.bcast("" if data is None else data.why_stopped)
 

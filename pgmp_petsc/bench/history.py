@@ -19,9 +19,8 @@ import numpy as np
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bench.cases import Setting, Training
 from pgmp_petsc.mechanism.mechanism import Coordinate
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import FullModel, OutputRecord, ReducedModel
 from pgmp_petsc.models.model import floors_of as floors_of
-from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
@@ -98,57 +97,49 @@ def run_history(
     it.
     """
     if system is not None:
-        return _integrated(model, system, n_steps, values)
+        return _integrated(model, system, n_steps)
     parts = []
     for first in range(0, n_samples, model.largest_batch):
         chosen = slice(first, min(first + model.largest_batch, n_samples))
         some = {name: column[chosen] for name, column in values.items()}
         with closing(model.batch(some, chosen.stop - chosen.start)) as made:
-            parts.append(_integrated(model, made, n_steps, some))
+            parts.append(_integrated(model, made, n_steps))
     if len(parts) == 1:
         return parts[0]
     joined = {name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in OF_SAMPLES}
     return History(n_steps, parts[0].every, **joined)
 
 
-def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, values: Mapping[str, np.ndarray]) -> History:
+def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> History:
     """Integrate a system and evaluate the outputs at the kept instants."""
-    every, kept, times, forces, of_joints, n_samples = spacing(n_steps), [], [], [], [], system.n_samples
-    reduced, kinematics = isinstance(model, ReducedModel), model.kinematics
+    kinematics, n_samples = model.kinematics, system.n_samples
     # what measures free coordinates with a limited range; a reduced model watches its own itself
-    limited = () if reduced else [c for c in kinematics.coordinates if not (c.periodic or c.prescribed)]
-    measures = [(c, Reading.of_coordinate(c, kinematics)) for c in limited]
-    nodes = sorted(set().union(*(angle.nodes for _, angle in measures)))
-
-    def record(step: int, time: float, state: State) -> None:
-        if step % every:
-            return
-        times.append(time)
-        if reduced:  # what is observed of reduced samples is cheap only for many at once
-            kept.append(np.array([state.q, state.v, state.a]))
-            if model.outputs.takes_beside:
-                forces.append(system.forces_beside(np.array([time]))[0])
-            return
-        along = State.along([state])
-        frames = system.frames_over(along)
-        kept.append(model.observed_over(system, along, [time], frames))
-        of_joints.append(frames[nodes])
-
+    free = [c for c in kinematics.coordinates if not (c.periodic or c.prescribed or isinstance(model, ReducedModel))]
+    measures = [(c, Reading.of_coordinate(c, kinematics)) for c in free]
+    record = _Record(model, system, spacing(n_steps), sorted(set().union(*(angle.nodes for _, angle in measures))))
     run = integrate(system, with_steps(model.scene, n_steps).simulation, observer=record)
-    if reduced:
-        every_time = {name: np.tile(value, len(kept)) for name, value in system.values.items()}
-        states = State(*np.concatenate(kept, axis=1), np.zeros(0), forces=np.concatenate(forces or [np.zeros(0)]))
-        observed = model.observed_of(np.repeat(times, n_samples), states, every_time)
-        inside = np.ones(n_samples, dtype=bool)
-    else:
-        observed = np.concatenate(kept, axis=-1)
-        by_node = dict(zip(nodes, np.concatenate(of_joints, axis=-1)))
-        inside = _inside([(c, angle.value(by_node).reshape(-1, n_samples)) for c, angle in measures], n_samples)
-    found = {name: row.reshape(-1, n_samples) for name, row in model.outputs.evaluate(observed).items()}
-    found = counted_after(model.outputs.counts, np.array(times), found, values)
-    outputs = np.array(list(found.values()))
+    outputs = np.array(list(record.outputs()[1].values()))
+    by_node = record.by_node()
+    inside = _inside([(c, angle.value(by_node).reshape(-1, n_samples)) for c, angle in measures], n_samples)
     outputs[..., run.status != Status.FINE] = np.nan
-    return History(n_steps, every, outputs, run.status, inside, run.failure_time)
+    return History(n_steps, record.every, outputs, run.status, inside, run.failure_time)
+
+
+class _Record(OutputRecord):
+    """Keeps outputs, and frames of some nodes, after one of `every` so many steps."""
+
+    def __init__(self, model: AnyModel, system: SecondOrderSystem, every: int, nodes: list[int]) -> None:
+        super().__init__(model, system, every=every)
+        self._nodes, self._frames = nodes, []
+
+    def see(self, first: int, states: State) -> None:
+        super().see(first, states)
+        if self._nodes:
+            self._frames.append(self._system.frames_over(states)[self._nodes])
+
+    def by_node(self) -> dict[int, np.ndarray]:
+        """Return the frames of the nodes, (n_frame, n) each."""
+        return dict(zip(self._nodes, np.concatenate(self._frames, axis=-1))) if self._nodes else {}
 
 
 def _inside(measured: Sequence[tuple[Coordinate, np.ndarray]], n_samples: int) -> np.ndarray:

@@ -68,6 +68,13 @@ MOST_CORRECTIONS = 2 * alpha_step.MAX_ITERATIONS + alpha_step.CAREFUL_ITERATIONS
 CLOSURES = 3  # of Newton: from 1e-4 of a grid's middle to 1e-8, 1e-16 and round-off
 LACKING = "but for those beside controllers and of couplings by a table"
 MOST_WAITING = 4096  # turning points of a count that wait for their cycle to close
+#: Constants of steps and iterations that are the program's own, by their modules.
+SHARED = {
+    alpha_step: "MAX_ITERATIONS CAREFUL_ITERATIONS REFRESH_EVERY PROBED_EVERY LONGEST ROUND_OFF CAUTION "
+    "FIRST_CONTRACTION LEAST_CONTRACTION WORST_CONTRACTION",
+    edge_search: "MAX_EVENTS MAX_TRIALS SHORTEST TIME_TOLERANCE",
+    running: "SETTLED SETTLED_IN_STEP FIRST_SECANT SMALLEST_SECANT WEAKEST STRONGEST",
+}
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
 
 
@@ -515,29 +522,10 @@ def _steps(scene: Scene) -> dict[str, int | float]:
         "GAMMA": scheme.gamma,
         "GOES_ON_RESOLVED": int(alpha_step.goes_on_resolved(simulation.spectral_radius)),
         "STARTING_CORRECTIONS": STARTING_CORRECTIONS,
-        "MAX_ITERATIONS": alpha_step.MAX_ITERATIONS,
-        "SETTLED": running.SETTLED,
-        "SETTLED_IN_STEP": running.SETTLED_IN_STEP,
-        "FIRST_SECANT": running.FIRST_SECANT,
-        "SMALLEST_SECANT": running.SMALLEST_SECANT,
-        "WEAKEST": running.WEAKEST,
-        "STRONGEST": running.STRONGEST,
-        "CAREFUL_ITERATIONS": alpha_step.CAREFUL_ITERATIONS,
-        "REFRESH_EVERY": alpha_step.REFRESH_EVERY,
         "CLOSURES": CLOSURES,
         "CLOSURE_TOLERANCE": CLOSURE_TOLERANCE,
-        "MAX_EVENTS": edge_search.MAX_EVENTS,
-        "SHORTEST": edge_search.SHORTEST,
-        "TIME_TOLERANCE": edge_search.TIME_TOLERANCE,
-        "MAX_TRIALS": edge_search.MAX_TRIALS,
-        "LONGEST": alpha_step.LONGEST,
-        "ROUND_OFF": alpha_step.ROUND_OFF,
-        "PROBED_EVERY": alpha_step.PROBED_EVERY,
-        "CAUTION": alpha_step.CAUTION,
-        "FIRST_CONTRACTION": alpha_step.FIRST_CONTRACTION,
-        "LEAST_CONTRACTION": alpha_step.LEAST_CONTRACTION,
         "UNBALANCED": action_kernel.UNBALANCED,
-        "WORST_CONTRACTION": alpha_step.WORST_CONTRACTION,
+        **{name: getattr(module, name) for module, names in SHARED.items() for name in names.split()},
     }
 
 

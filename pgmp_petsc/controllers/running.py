@@ -122,8 +122,8 @@ class Controls:
 
     All that is given has `names`, of effects by the force carried and of controllers, and goes to actions from the
     numbers `firsts` on. The iteration of a step may have the forces as it was given them (`iterates`), so that `forces`
-    has none to add; they may jump between two steps (`jumps`); all may be kept that is seen of several samples
-    (`keeps`). The `clock` gives the time (s) of references, formulas and samplings, where a run has another one.
+    has none to add; they may jump between two steps (`jumps`). The `clock` gives the time (s) of references, formulas
+    and samplings, where a run has another one.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class Controls:
         rows = [slice(first - n_carried, first - n_carried + n) for first, n in zip(self.firsts, rows)]
         self._rows = rows[n_carried:]
         self._acting = np.zeros((rows[-1].stop, n_samples, 3))
-        self.iterates = self.jumps = self.keeps = False
+        self.iterates = self.jumps = False
         self.clock: Callable[[float], float] = float
         self._side: int | None = None  # which part `forces` returns where it is not said; None for the mean
         self._n_samples = n_samples
@@ -192,8 +192,8 @@ class Controls:
     def open(self, times: np.ndarray) -> np.ndarray:
         """Make room for the forces at times (n_t,) that are to be seen, (n_t, n_samples, 2, n_names); return it.
 
-        Of several samples, those that were seen before the last ones are forgotten, unless it `keeps` them."""
-        if self._n_samples > 1 and self._times and not self.keeps:
+        Of several samples, those that were seen before the last ones are forgotten."""
+        if self._n_samples > 1 and self._times:
             del self._times[: -max(self._n_last, 1)], self._seen[: -max(self._n_last, 1)]
         room = np.empty((times.size, *self.now.shape))
         room[:] = self.now[:, AFTER:]

@@ -299,6 +299,19 @@ class Record:
         """Return what `converted` does not know of, by the names of the fields that are not declared for it."""
         return {}
 
+    def each(self, size: str, of: Callable[..., np.ndarray], *others: Self) -> dict[str, Any]:
+        """Return by field what `of` makes of every array that has a size, of this one and of those of other records;
+        of records that it holds it makes records."""
+        found = {}
+        for one in declared(type(self)):
+            parts = [getattr(record, one.name) for record in (self, *others)]
+            if isinstance(parts[0], Record):
+                own = parts[0].each(size, of, *parts[1:])
+                found |= {one.name: replace(parts[0], **own)} if own else {}
+            elif size in one.entry.sizes and parts[0] is not None:
+                found[one.name] = of(*parts)
+        return found
+
     @classmethod
     def is_in(cls, group: h5py.Group) -> bool:
         """Return whether a group has one: the first name of its first place is there."""

@@ -13,14 +13,16 @@ bodies (`damping`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.body_frames import BodyGradients
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -139,6 +141,15 @@ class ActionEffect(Effect):
     def __init__(self, name: str, actions: list[Action], mechanism: Mechanism) -> None:
         super().__init__(name)
         self._actions, self._mechanism = actions, mechanism
+
+    @classmethod
+    def of_laws(
+        cls, name: str, mechanism: Mechanism, place: Mapping[str, Any], law: Law, *parameters: Sequence[float | str]
+    ) -> ActionEffect:
+        """Return an effect of a law at a place, as `Action` takes it: an action for each of some parameters, which are
+        numbers or the names of those of the scene."""
+        given = (tuple(map(Quantity.of, own)) for own in parameters)
+        return cls(name, [Action(name, law=law, parameters=own, **place) for own in given], mechanism)
 
     def actions(self) -> list[Action]:
         """Return the local effects."""

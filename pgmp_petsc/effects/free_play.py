@@ -9,8 +9,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.effects.law import Law
@@ -57,6 +55,5 @@ class FreePlay(OnJoint):
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
         """Return the spring."""
-        parameters = tuple(map(Quantity.of, (self.stiffness, self.damping, self.lower, self.upper)))
-        action = Action(name, law=FREE_PLAY, parameters=parameters, **joint_measure(mechanism, self))
-        return ActionEffect(name, [action], mechanism)
+        place, parameters = joint_measure(mechanism, self), (self.stiffness, self.damping, self.lower, self.upper)
+        return ActionEffect.of_laws(name, mechanism, place, FREE_PLAY, parameters)

@@ -27,8 +27,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects.action import CARRIED_FRICTION, FRICTION, SPRING_DAMPER, STOP, Action
+from pgmp_petsc.effects.action import CARRIED_FRICTION, FRICTION, SPRING_DAMPER, STOP
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import distance
@@ -111,22 +110,9 @@ class EndStop(OnJoint):
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
         """Return one action for each end."""
-        place = joint_measure(mechanism, self)
-        ends = [(getattr(self, key), side) for key, side in self.sets_in.items()]
-        return ActionEffect(
-            name,
-            [
-                Action(
-                    name,
-                    law=STOP,
-                    parameters=(*map(Quantity.of, (self.stiffness, self.damping, end)), Quantity(side)),
-                    **place,
-                )
-                for end, side in ends
-                if end is not None
-            ],
-            mechanism,
-        )
+        ends = ((getattr(self, key), side) for key, side in self.sets_in.items())
+        each = [(self.stiffness, self.damping, end, side) for end, side in ends if end is not None]
+        return ActionEffect.of_laws(name, mechanism, joint_measure(mechanism, self), STOP, *each)
 
 
 class JointDamping(OnJoint):
@@ -151,9 +137,8 @@ class JointDamping(OnJoint):
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
         """Return the viscous damper."""
-        parameters = (Quantity(0.0), Quantity.of(self.coefficient), Quantity(0.0))
-        place = joint_measure(mechanism, self)
-        return ActionEffect(name, [Action(name, law=SPRING_DAMPER, parameters=parameters, **place)], mechanism)
+        place, parameters = joint_measure(mechanism, self), (0.0, self.coefficient, 0.0)
+        return ActionEffect.of_laws(name, mechanism, place, SPRING_DAMPER, parameters)
 
 
 class JointFriction(OnJoint):
@@ -219,11 +204,6 @@ class JointFriction(OnJoint):
         """Return the friction."""
         law, given = FRICTION, (self.limit, self.speed)
         if self.by_load:
-            law, given = (
-                CARRIED_FRICTION,
-                (0.0, self.coefficient, 1.0 if self.radius is None else self.radius, self.speed),
-            )
-        place = joint_measure(mechanism, self)
-        return ActionEffect(
-            name, [Action(name, law=law, parameters=tuple(map(Quantity.of, given)), **place)], mechanism
-        )
+            radius = 1.0 if self.radius is None else self.radius
+            law, given = CARRIED_FRICTION, (0.0, self.coefficient, radius, self.speed)
+        return ActionEffect.of_laws(name, mechanism, joint_measure(mechanism, self), law, given)

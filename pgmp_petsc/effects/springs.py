@@ -231,9 +231,8 @@ class SpringDamper(OnJoint):
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
         """Return the spring."""
-        parameters = tuple(map(Quantity.of, (self.stiffness, self.damping, self.rest or 0.0)))
-        place = place_of(mechanism, name, self)
-        return ActionEffect(name, [Action(name, law=SPRING_DAMPER, parameters=parameters, **place)], mechanism)
+        parameters = self.stiffness, self.damping, self.rest or 0.0
+        return ActionEffect.of_laws(name, mechanism, place_of(mechanism, name, self), SPRING_DAMPER, parameters)
 
 
 class Bushing(EffectEntry):

@@ -19,13 +19,13 @@ import numpy as np
 from pgmp_petsc.estimates.coarser_run import run_coarser, step_errors
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator
 from pgmp_petsc.estimates.validity import Validity
-from pgmp_petsc.models import REDUCED, FullModel, LengthLanes, Model, OutputRecord, ReducedModel, SeparateLengths
+from pgmp_petsc.models import FullModel, LengthLanes, Model, OutputRecord, ReducedModel, SeparateLengths
 from pgmp_petsc.outputs.rainflow import Counting
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
 from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation, count_steps
 from pgmp_petsc.stepping.generalised_alpha import Run
-from pgmp_petsc.stepping.second_order_system import Energies, Observer, RunningBalance, SecondOrderSystem, State
+from pgmp_petsc.stepping.second_order_system import Observer, PooledObserver, RunningBalance, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 
 TOGETHER = 512  # states of reduced samples whose energies are evaluated together, about as many as stay in a cache
@@ -146,32 +146,17 @@ class _BalanceWatch(Observer):
         self._residual = self._exchanged = np.zeros(system.n_samples)
         self._sums = RunningBalance()
 
-    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        self._over(times, trail.__getitem__)
-
-    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        self._over(times, states.at)
-
-    def _over(self, times: np.ndarray, states: Callable[[slice], np.ndarray | State]) -> None:
+    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
         n = self._system.n_samples
         together = max(1, TOGETHER // n)
-        for first in range(0, times.size, together):
-            some = slice(first, first + together)
-            with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
-                energies = self._system.energies_over(times[some], states(some))
-            for k, time in enumerate(times[some]):
-                self._add(float(time), energies[n * k : n * (k + 1)])
-
-    def __call__(self, number: int, time: float, state: State) -> None:
-        with np.errstate(all="ignore"):  # as above
-            energies = self._system.energies(time, state)
-        self._add(time, energies)
-
-    def _add(self, time: float, energies: Energies) -> None:
-        with np.errstate(all="ignore"):  # as above
-            residual, exchanged = self._sums.add(time, energies)
-            self._residual = np.maximum(self._residual, np.abs(residual))
-            self._exchanged = np.maximum(self._exchanged, exchanged)
+        with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
+            for first in range(0, times.size, together):
+                some = slice(first, first + together)
+                energies = self._system.energies_over(times[some], states.at(some))
+                for k, time in enumerate(times[some].tolist()):
+                    residual, exchanged = self._sums.add(time, energies[n * k : n * (k + 1)])
+                    self._residual = np.maximum(self._residual, np.abs(residual))
+                    self._exchanged = np.maximum(self._exchanged, exchanged)
 
     def found(self, status: np.ndarray) -> Found:
         """Return the largest residual and the most energy that was moved around, NaN for samples that failed."""
@@ -186,9 +171,10 @@ class RangeWatch(Observer):
         self._model, self._system = model, system
         self._time = np.full(system.n_samples, np.inf)
 
-    def __call__(self, number: int, time: float, state: State) -> None:
-        left = self._model.left_range(self._system, state)
-        self._time[left & np.isinf(self._time)] = time
+    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        for k, time in enumerate(times):
+            left = self._model.left_range(self._system, states.at(k))
+            self._time[left & np.isinf(self._time)] = time
 
     def judged(self, done: Run) -> Run:
         """Return the run with the samples that left the range as failed, whatever happened to them later."""
@@ -198,9 +184,6 @@ class RangeWatch(Observer):
             status=np.where(lost, Status.LEFT_RANGE, done.status),
             failure_time=np.where(lost, self._time, done.failure_time),
         )
-
-
-LARGEST = 1 << 16  # states of reduced samples that are evaluated together
 
 
 def band_steps(simulation: Simulation, most: int) -> np.ndarray:
@@ -244,12 +227,13 @@ class OverTimeWatcher(Watcher):
         return Watch(run, run.found, run.counted)
 
 
-class _OverTimeWatch(Observer):
+class _OverTimeWatch(PooledObserver):
     """Looks at one run; `steps` are the numbers of those of the bands in this run."""
 
     def __init__(
         self, model: Model, begun: Begun, extremes: list[str], events: dict[str, Event], steps: np.ndarray
     ) -> None:
+        super().__init__(begun.system.instants_at_once)
         self._model, self._begun, self._steps = model, begun, steps
         n, names = begun.system.n_samples, list(model.outputs.functions)
         self._extremes = {name: _Extremes(n) for name in extremes}
@@ -260,58 +244,17 @@ class _OverTimeWatch(Observer):
         self._last: dict[str, np.ndarray] = {}
         self._looks_always = bool(self._extremes or self._passages or self._counts)
         self.every = 1 if self._looks_always or steps.size < 2 else int(steps[1] - steps[0])
-        # numbers and instants of steps, and the reduced coordinates and rates at their ends, (n_t, 2, n_samples, n_eta)
-        self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        self._n_waiting = 0
 
-    def __call__(self, number: int, time: float, state: State) -> None:
-        if isinstance(self._model, REDUCED):
-            self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
-        else:
-            self.over_states(np.array([number]), np.array([time]), State.along([state]))
+    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        if not self._looks_always:
+            chosen = self._of_bands(numbers)[0]
+            numbers, times, states = numbers[chosen], times[chosen], states.at(chosen)
+        super().over(numbers, times, states)
 
-    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        looked_at, system = self._looked_at(numbers), self._begun.system
-        for first in range(0, looked_at.size, system.instants_at_once):
-            some = looked_at[first : first + system.instants_at_once]
-            with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
-                observed = self._model.observed_over(system, states.at(some), times[some])
-                found = self._model.outputs.evaluate(observed)
-            self._take(numbers[some], times[some], {name: row.reshape(some.size, -1) for name, row in found.items()})
-
-    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        looked_at = self._looked_at(numbers)
-        # what is observed of reduced samples is cheap for many at once, so a few states wait for others
-        together = max(1, LARGEST // self._begun.system.n_samples)
-        for first in range(0, looked_at.size, together):
-            some = looked_at[first : first + together]
-            self._n_waiting += some.size
-            system = self._begun.system
-            forces = (
-                system.forces_beside(times[some])
-                if self._model.outputs.takes_beside
-                else np.zeros((some.size, system.n_samples, 2, 0))
-            )
-            self._waiting.append((numbers[some], times[some], trail[some], forces))
-            if self._n_waiting >= together:
-                self._evaluate()
-
-    def _evaluate(self) -> None:
-        if not self._waiting:
-            return
-        numbers, times, trails, forces = zip(*self._waiting)
-        self._waiting, self._n_waiting = [], 0
-        numbers, times, forces = (np.concatenate(parts) for parts in (numbers, times, forces))
-        n, n_eta = trails[0].shape[2:]
-        q, v, a = (np.concatenate([trail[:, part] for trail in trails]).reshape(-1, n_eta) for part in range(3))
-        values = {name: np.tile(value, numbers.size) for name, value in self._begun.system.values.items()}
-        with np.errstate(all="ignore"):  # as above
-            state = State(q, v, a, np.zeros(0), forces=forces.reshape(numbers.size * n, *forces.shape[2:]))
-            found = self._model.outputs.evaluate(self._model.observed_of(np.repeat(times, n), state, values))
-        self._take(numbers, times, {name: column.reshape(numbers.size, n) for name, column in found.items()})
-
-    def _take(self, numbers: np.ndarray, times: np.ndarray, outputs: dict[str, np.ndarray]) -> None:
-        outputs = self._counting.over(times, outputs)
+    def see(self, first: int, states: State) -> None:
+        numbers, times = np.array(self.numbers[first:]), np.array(self.times[first:])
+        found = self._model.outputs.evaluate(self._model.observed_over(self._begun.system, states, times))
+        outputs = self._counting.over(times, {name: row.reshape(times.size, -1) for name, row in found.items()})
         self._last = {name: outputs[name][-1] for name in self._counts}
         for name, extremes in self._extremes.items():
             extremes.take(times, outputs[name])
@@ -320,9 +263,6 @@ class _OverTimeWatch(Observer):
         of_bands, places = self._of_bands(numbers)
         for name, band in self._bands.items():
             band[:, places] = outputs[name][of_bands].T
-
-    def _looked_at(self, numbers: np.ndarray) -> np.ndarray:
-        return np.arange(numbers.size) if self._looks_always else self._of_bands(numbers)[0]
 
     def _of_bands(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return which of these steps are steps of the bands, and which of those they are."""
@@ -335,12 +275,12 @@ class _OverTimeWatch(Observer):
 
     def counted(self) -> dict[str, np.ndarray]:
         """Return the outputs that are counted, at the last instant, each of shape (n_samples,)."""
-        self._evaluate()
+        self.finish()
         return self._last
 
     def found(self, status: np.ndarray) -> Found:
         """Return what was kept, NaN for samples that failed."""
-        self._evaluate()
+        self.finish()
         samples = self._begun.samples
         lost = (status != Status.FINE)[samples]
         kept: Found = {

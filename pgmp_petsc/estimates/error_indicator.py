@@ -39,7 +39,7 @@ from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.drivers import ERROR_PREFIX
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from pgmp_petsc.stepping.second_order_system import Observer, State
+from pgmp_petsc.stepping.second_order_system import Observer, PooledObserver, State
 from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:
@@ -106,19 +106,16 @@ class _FinerRun(Observer):
         self._place = reference_motion.places_of(kept)
         self.states = np.empty((kept.size, *shape))
 
-    def __call__(self, number: int, time: float, state: State) -> None:
-        self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
-
-    def over(self, numbers: np.ndarray, times: np.ndarray, motion: np.ndarray) -> None:
+    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
         places = self._place[numbers]
-        self.states[places[places >= 0]] = motion[places >= 0]
+        self.states[places[places >= 0]] = states.motion[places >= 0]
 
 
 class WatchedRun(Observer):
     """The run of one batch: its observer while it runs, its estimate afterwards."""
 
     def __init__(self, indicator: ErrorIndicator, system: ReducedSystem, samples: np.ndarray) -> None:
-        self._indicator, self._system, self._samples = indicator, system, samples
+        self._indicator, self._samples = indicator, samples
         self._values = {name: value[samples] for name, value in system.values.items()}
         told = indicator.kept[indicator.kept % reference_motion.FINER == 0] // reference_motion.FINER
         self._place = reference_motion.places_of(told)
@@ -129,15 +126,12 @@ class WatchedRun(Observer):
         self._beside = np.empty((told.size, samples.size, 2, n_beside))
         self._batch: tuple[np.ndarray, FullBatch] | None = None
 
-    def __call__(self, number: int, time: float, state: State) -> None:
-        self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
-
-    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
+    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
         places = self._place[numbers]
         kept = places >= 0
-        self._plain[places[kept]] = trail[kept][:, :, self._samples]
+        self._plain[places[kept]] = states.motion[kept][:, :, self._samples]
         if self._beside.size:
-            self._beside[places[kept]] = self._system.forces_beside(times[kept])[:, self._samples]
+            self._beside[places[kept]] = states.forces[kept][:, self._samples]
 
     def estimate(self, status: np.ndarray) -> Estimate:
         """Return the estimate once the run has ended, with the status of the whole batch, shape (n_batch,)."""
@@ -271,7 +265,7 @@ class WatchedRun(Observer):
         return finite & reached.all(axis=0)
 
 
-class _Observed(Observer):
+class _Observed(PooledObserver):
     """Outputs of n corrected motions at some of the instants, evaluated for many together; observes their errors."""
 
     def __init__(
@@ -283,46 +277,30 @@ class _Observed(Observer):
         schedule: reference_motion.Schedule,
         time: np.ndarray,
     ) -> None:
+        super().__init__(max(1, TOGETHER // (batch.n_dofs * batch.n_samples)))
         self._model, self._batch, self._values, self._motion = model, batch, values, motion
         self._told, self._time = schedule.told, time
-        self._waiting: list[tuple[np.ndarray, ...]] = []
-        self._n_waiting = 0  # unknowns of these
         self._found: list[dict[str, np.ndarray]] = []
 
-    def __call__(self, number: int, time: float, error: State) -> None:
-        self._take(number, np.array([time]), State(*(part[None] for part in error.parts())))
-
-    def over_states(self, numbers: np.ndarray, times: np.ndarray, errors: State) -> None:
-        self._take(int(numbers[0]), times, errors)
-
-    def _take(self, number: int, times: np.ndarray, errors: State) -> None:
-        """Take in errors from an instant on, at times of the integration."""
-        instants = slice(number, number + len(errors.q))
-        told = self._told[instants]
-        motion, error = self._motion.over(number, told.size)[:, told], errors.at(told)
+    def over(self, numbers: np.ndarray, times: np.ndarray, errors: State) -> None:
+        told = self._told[numbers]
+        motion, error = self._motion.over(int(numbers[0]), told.size)[:, told], errors.at(told)
         with np.errstate(invalid="ignore"):  # a motion that runs away is found by its outputs
             parts = [self._batch.pack_over(one) + e for one, e in zip(motion, (error.q, error.v, error.a))]
-        self._waiting.append((self._time[instants][told], times[told], *parts, error.multipliers, error.turns))
-        self._n_waiting += parts[0].size
-        if self._n_waiting > TOGETHER:
-            self._evaluate()
+        super().over(numbers[told], times[told], State(*parts, error.multipliers, error.turns))
 
-    def _evaluate(self) -> None:
-        time, clock, *parts = (np.concatenate(parts) for parts in zip(*self._waiting))
-        batch, states = self._batch, State(*parts)
+    def see(self, first: int, states: State) -> None:
+        batch, time, clock = self._batch, self._time[self.numbers[first:]], np.array(self.times[first:])
         forces = batch.joint_multipliers(clock, states) if self._model.outputs.forces else None
         beside = batch.beside.forces(clock, AFTER)[:, 0].T if self._model.outputs.beside else None
         values = {name: np.tile(value, time.size) for name, value in self._values.items()}
         time, frames = np.repeat(time, batch.n_samples), batch.frames_over(states)
         observed = self._model.observed_of(time, frames, values, *batch.unknowns_over(states), forces, beside)
         self._found.append(self._model.outputs.evaluate(observed))
-        self._waiting.clear()
-        self._n_waiting = 0
 
     def outputs(self) -> dict[str, np.ndarray]:
         """Return every output, shape (n_e n,)."""
-        if any(len(part[0]) for part in self._waiting):
-            self._evaluate()
+        self.finish()
         return {name: np.concatenate([found[name] for found in self._found]) for name in self._found[0]}
 
 
@@ -375,13 +353,10 @@ class WatchedSamples(Observer):
     def __init__(self, runs: list[WatchedRun | None], outputs: list[str]) -> None:
         self._runs, self._outputs = runs, outputs
 
-    def __call__(self, number: int, time: float, state: State) -> None:
-        for run in self._known:
-            run(number, time, state)
-
-    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        for run in self._known:
-            run.over(numbers, times, trail)
+    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        for run in self._runs:
+            if run is not None:
+                run.over(numbers, times, states)
 
     def estimate(self, status: np.ndarray) -> Estimate:
         """Return the estimate once the run has ended with the status of the whole batch, shape (n_batch,)."""
@@ -392,10 +367,6 @@ class WatchedSamples(Observer):
         )
         absent = {name: tuple(one.absent[name][0] for one in found) for name in self._outputs}
         return Estimate(largest, at_end, tuple(history for one in found for history in one.histories), absent)
-
-    @property
-    def _known(self) -> list[WatchedRun]:
-        return [run for run in self._runs if run is not None]
 
 
 def _nothing(outputs: list[str], why: str = "", times: np.ndarray = np.zeros(0)) -> Estimate:

@@ -332,13 +332,11 @@ def not_known(
     names: Iterable[str] = (),
 ) -> Remark:
     """Return why the model's own part of some figures, which are of outputs with these names, is not known."""
-    absent = absence_of_estimates(model.scene)
     if model.name == ComponentModel.name:
         why = f"errors of component modes are not estimated; take more reduction.modes, or {comparing(model.scene)}"
-    elif absent or errors is None:
-        why = absent[0].text
     else:
-        why = f"{errors.why_not(names)}; {comparing(model.scene)}"
+        absent = absence_of_estimates(model.scene)
+        why = absent[0].text if absent or errors is None else f"{errors.why_not(names)}; {comparing(model.scene)}"
     return note(f"what errors of the {model.title} model do to {what} is not known: {why}")
 
 

@@ -153,8 +153,6 @@ def growth_of(
     if done.status[0] != Status.FINE:
         return None
     times, states = record.states()
-    if model.outputs.takes_beside:
-        states.forces = system.forces_beside(times)[:, 0]
     beside = model.outputs.evaluate(model.observed_of(times, states, model.scene.values))
     shares = [
         np.maximum.accumulate(np.abs(beside[name] - own)) / np.ptp(own)

@@ -109,11 +109,9 @@ class Validity(Observer):
         found = self._deformed | {"stiffness_gained": gained, "stiffness_lost": lost}
         return {name: found[name] for name in VALIDITY}
 
-    def __call__(self, number: int, time: float, state: State) -> None:
-        self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
-
-    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
+    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
         """Look at those of many states whose turn it is; see `Observer`."""
+        trail = states.motion
         looked_at = np.flatnonzero((numbers % EVERY == 0) | (numbers == self._n_steps))
         # a sample that fails may overflow here before it is given up
         with np.errstate(all="ignore"):

@@ -19,7 +19,7 @@ Options prefix: ``pgmp_full_`` (e.g. ``-pgmp_full_mat_mumps_icntl_4 2``).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Self
 
 import numpy as np
@@ -36,7 +36,7 @@ from pgmp_petsc.full.parts import mass_on_diagonal
 from pgmp_petsc.full.problem import FullEquations, Sources
 from pgmp_petsc.full.rank_solver import RankSolver
 from pgmp_petsc.full.systems import FullSystem, Gains
-from pgmp_petsc.stepping.second_order_system import Energies, Settled, State
+from pgmp_petsc.stepping.second_order_system import Energies, Settled, State, joined
 from pgmp_petsc.stepping.static_equilibrium import LONGEST, cause_of, iterate_at_rest, put_on
 from pgmp_petsc.stepping.status import Status
 
@@ -170,18 +170,22 @@ class FullDistributed(FullSystem):
         every[equations.chosen[equations.owned_constraints], 0] = state.multipliers
         return self.comm.allreduce(every)
 
-    def frames(self, state: State) -> np.ndarray:
-        """Return the frames of all nodes, shape (n_nodes, n_frame, 1), the same on all ranks. Collective on `comm`."""
-        return self._equations.frames(self.unpack(state.q), state.turns[:, None])
+    def frames_over(self, states: State) -> np.ndarray:
+        """Return the frames of all nodes in states with a leading axis; see `FullSystem`."""
+        return self._equations.frames(self._columns(states.q), states.turns.T)
 
-    def energies(self, time: float, state: State) -> Energies:
-        """Return energies and powers at an instant, the same on all ranks. Collective on `comm`."""
-        here, v = self._gathered(state.q, state.multipliers), self._gathered(state.v)[: self._n]
-        table = energies_of(
-            self._reference, self._conservative, self._sources.at(np.array([time])), np.zeros(1, dtype=np.int64),
-            here[None, : self._n], v[None], here[None, self._n :], state.turns[None, :, None],
-        )  # fmt: skip
-        return self._names.summed(table[0], self.comm)
+    def energies_over(self, times: Sequence[float], states: State) -> Energies:
+        """Return energies and powers in states with a leading axis, the same on all ranks. Collective on `comm`."""
+        found = []
+        for time, *parts in zip(times, states.q, states.v, states.multipliers, states.turns):
+            (q, speeds, multipliers, turns), now = parts, self._sources.at(np.array([time]))
+            here, v = self._gathered(q, multipliers), self._gathered(speeds)[: self._n]
+            table = energies_of(
+                self._reference, self._conservative, now, np.zeros(1, dtype=np.int64), here[None, : self._n], v[None],
+                here[None, self._n :], turns[None, :, None],
+            )  # fmt: skip
+            found.append(self._names.summed(table[0], self.comm))
+        return joined(found)
 
     def _solve(
         self,

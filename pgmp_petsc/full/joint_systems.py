@@ -290,10 +290,6 @@ class JointBatch(FullBatch):
         q, v = (part.reshape(self._equations.n_dofs, -1) for part in (q, v))
         return super().consistent(*self.own.coordinates(*np.broadcast_arrays(q, v)), theta)
 
-    def unknowns(self, state: State) -> list[np.ndarray]:
-        """Return the unknowns of all frames, their velocities and accelerations, (n, n_samples) each."""
-        return [self.unpack(part) for part in self.own.mapped(state.q, state.v, state.a)]
-
     def _drift(self, times: Sequence[float], q: np.ndarray, v: np.ndarray) -> np.ndarray:
         own, accelerations = self.own, self._accelerations(times, q.shape[1])
         places, rates, more = own.mapped_columns(q, v, np.zeros_like(q))
@@ -346,10 +342,6 @@ class JointBatch(FullBatch):
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         return self.full.depths(time, self._in_unknowns(state))
-
-    def frames(self, state: State) -> np.ndarray:
-        """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples)."""
-        return self.full.frames(self._in_unknowns(state))
 
     def unknowns_over(self, states: State) -> list[np.ndarray]:
         """Return the unknowns of all frames, their velocities and accelerations; see `FullSystem`."""

@@ -37,7 +37,6 @@ from pgmp_petsc.stepping.second_order_system import (
     State,
     StepsAsked,
     StepsTaken,
-    joined,
 )
 from pgmp_petsc.stepping.status import Status
 
@@ -56,11 +55,6 @@ class FullSystem(SecondOrderSystem):
     mechanism, from `built_in`, unknowns and velocities, each (n_dofs, 1 or n_samples); without these the mechanism is
     undeformed. `sources` change with time, and `comm` shares the model.
     """
-
-    @property
-    def instants_at_once(self) -> int:
-        """Instants of a run whose frames and energies are best evaluated together."""
-        return 1
 
     def __init__(
         self,
@@ -120,8 +114,13 @@ class FullSystem(SecondOrderSystem):
             return self.multipliers_of_joints(times, State.along(found))
 
     def unknowns(self, state: State) -> list[np.ndarray]:
-        """Return unknowns, velocities and accelerations, (n, n_samples) each, on every rank."""
-        return [self.unpack(part) for part in (state.q, state.v, state.a)]
+        """Return unknowns, velocities and accelerations, (n_dofs, n_samples) each, on every rank."""
+        return self.unknowns_over(state.alone)
+
+    def frames(self, state: State) -> np.ndarray:
+        """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples), the same on all ranks. Collective on
+        `comm`."""
+        return self.frames_over(state.alone)
 
     def _drift(self, times: Sequence[float], q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return what is left of the accelerations of the constraints where states (n_dofs, n) have none, (n_rows, n);
@@ -249,11 +248,7 @@ class FullSystem(SecondOrderSystem):
 
     def frames_over(self, states: State) -> np.ndarray:
         """Return the frames of all nodes in these states, shape (n_nodes, n_frame, n_t n_samples)."""
-        return np.concatenate([self.frames(states.at(k)) for k in range(len(states.q))], axis=-1)
-
-    def energies_over(self, times: Sequence[float], states: State) -> Energies:
-        """Return energies and powers in these states, each of shape (n_t n_samples,)."""
-        return joined([self.energies(time, states.at(k)) for k, time in enumerate(times)])
+        raise NotImplementedError
 
 
 class FullBatch(FullSystem):
@@ -414,17 +409,9 @@ class FullBatch(FullSystem):
         """Return the multipliers of the constraints, shape (n_constraints, n_samples)."""
         return self._blocks.unpack(state.multipliers)
 
-    def frames(self, state: State) -> np.ndarray:
-        """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples)."""
-        return self._equations.frames(self.unpack(state.q), self.unpack(state.turns))
-
     def frames_over(self, states: State) -> np.ndarray:
         """Return the frames of all nodes in states with a leading axis; see `FullSystem`."""
         return self._equations.frames(self._columns(states.q), self._columns(states.turns))
-
-    def energies(self, time: float, state: State) -> Energies:
-        """Return energies and powers at an instant, each of shape (n_samples,)."""
-        return self.energies_over([time], State.along([state]))
 
     def energies_over(self, times: Sequence[float], states: State) -> Energies:
         """Return energies and powers in states with a leading axis; see `FullSystem`."""
@@ -437,5 +424,7 @@ class FullBatch(FullSystem):
         return self._names.energies(self._columns(table.reshape(*shape, *table.shape[1:])))
 
     def _columns(self, parts: np.ndarray) -> np.ndarray:
+        if len(parts) == 1:
+            return self._blocks.unpack(parts[0])  # in less time
         rows = self._blocks.unpack(np.moveaxis(parts, 1, 0))
         return np.moveaxis(rows, 0, 1).reshape(rows.shape[1], len(rows) * self.n_samples)

@@ -109,8 +109,6 @@ def differentiate(
     def once(attempt: Attempt) -> Run:
         system = model.batch(beside.values, beside.n_runs)
         system.precise = bool(model.scene.beside)
-        if model.outputs.takes_beside:
-            system.beside.keeps = True
         if system.settled is not None:
             system.settled.require()
         trail = StateRecord(pulse)
@@ -123,8 +121,6 @@ def differentiate(
     _require_fine(model, done)
     if model.scene.beside:
         times, states = trail.of_batch()
-        if model.outputs.takes_beside:
-            states.forces = system.forces_beside(times)
         with np.errstate(all="ignore"):
             each, changes = beside.of_outputs(model, times, states)
         return _compared(model, values, names, beside, times, each, states.q[:, 0], changes, attempt.divisor)

@@ -21,21 +21,20 @@ from pgmp_petsc.full.distributed import FullDistributed, FullStatics
 from pgmp_petsc.full.joint_systems import JointBatch
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.full.rank_solver import PREFIX
-from pgmp_petsc.full.systems import FullBatch, FullSystem
+from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.lanes.lane_items import SampleBlocks
 from pgmp_petsc.mechanism.closure import LARGEST_GAP
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.models.model import Measures, require_lengths, search_of, velocities_of
+from pgmp_petsc.models.model import Measures, Model, require_lengths, search_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.ranks.petsc import has_options
 from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import offset_names
-from pgmp_petsc.stepping.second_order_system import PooledObserver, Settled, State
+from pgmp_petsc.stepping.second_order_system import Settled, State
 from pgmp_petsc.stepping.static_equilibrium import UNBALANCED, moved_along, require_balance, settle
 
 if TYPE_CHECKING:
@@ -47,7 +46,7 @@ CLOSED = 1e-12  # of what is off, that least squares may leave
 MOST_IN_LANES = 3500  # unknowns; beyond, the fill-in of a mesh in space outgrows the caches, and PETSc's solvers win
 
 
-class FullModel:
+class FullModel(Model):
     """All nodal unknowns, index-3 equations with Lagrange multipliers; see `Model`.
 
     Kinematics are those of the mechanism, where they are at hand, whichever of its bodies deform there.
@@ -136,14 +135,15 @@ class FullModel:
             nodes = list(measures.nodes)
 
             def frames(state: State) -> list[np.ndarray]:
-                return [system.frames(state)[nodes], unknowns.frames(system.unknowns(state)[1])[nodes]]
+                states = state.alone
+                return [system.frames_over(states)[nodes], unknowns.frames(system.unknowns_over(states)[1])[nodes]]
 
             def measure(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
                 return measures.motions(frames(whole(time, state)), time, values)
 
             def carry(time: float, state: State, before: np.ndarray) -> np.ndarray:
                 state = whole(time, state)
-                multipliers = system.multipliers_of_joints([time], State.along([state]))
+                multipliers = system.multipliers_of_joints([time], state.alone)
                 return np.linalg.norm(measures.pulls(frames(state), multipliers, values), axis=1)
 
             carried = carry if measures.carried else None
@@ -346,11 +346,6 @@ class FullModel:
         with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
             return ~self.outputs.reached(dict(zip(self.outputs.nodes, frames)))
 
-    def observed(self, system: FullBatch | FullDistributed, state: State, time: float = 0.0) -> np.ndarray:
-        """Return what the outputs are made of at a time (s), shape (n_observed, n_samples). Collective on the system's
-        communicator."""
-        return self.observed_over(system, State.along([state]), [time])
-
     def observed_over(
         self,
         system: FullBatch | FullDistributed,
@@ -358,11 +353,7 @@ class FullModel:
         times: Sequence[float],
         frames: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Return what the outputs are made of in states with a leading axis, at times (n_t,), s, shape (n_observed, n_t
-        n_samples), instant after instant. Collective on the system's communicator.
-
-        Frames are those of `FullSystem.frames_over`, where they are at hand.
-        """
+        """See `Model`; frames are those of `FullSystem.frames_over`, where they are at hand."""
         frames = system.frames_over(states) if frames is None else frames
         q = v = a = None
         if self._stresses is not None or self.outputs.order:
@@ -446,30 +437,3 @@ class ComponentModel(FullModel):
     def n_amplitudes(self) -> dict[str, int]:
         """Number of component modes of every flexible body."""
         return {body.name: body.n_amplitudes for body in self.kinematics.mechanism.bodies if body.n_amplitudes}
-
-
-class OutputRecord(PooledObserver):
-    """Keeps what the outputs are made of after every step of full-order or component samples; observes a run."""
-
-    def __init__(
-        self, model: FullModel, system: FullSystem, pulse: Callable[[int], object] = lambda n_steps: None
-    ) -> None:
-        self._model, self._system = model, system
-        self._observed: list[np.ndarray] = []
-        super().__init__(system.instants_at_once, pulse)
-
-    def see(self, first: int, states: State) -> None:
-        """Evaluate states."""
-        self._observed.append(self._model.observed_over(self._system, states, self.times[first:]))
-
-    def evaluated(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the instants (n_t,), s, and every output (n_t, n_samples), before anything is counted."""
-        self.finish()
-        with np.errstate(all="ignore"):
-            found = self._model.outputs.evaluate(np.concatenate(self._observed, axis=-1))
-        return np.array(self.times), {name: values.reshape(len(self.times), -1) for name, values in found.items()}
-
-    def outputs(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the instants (n_t,), s, and every output (n_t, n_samples)."""
-        time, found = self.evaluated()
-        return time, counted_after(self._model.outputs.counts, time, found, self._system.values)

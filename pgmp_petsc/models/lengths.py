@@ -77,7 +77,7 @@ def why_of_one_mesh(scene: Scene, drawn: Iterable[str]) -> str:
     )
 
 
-class SeparateLengths:
+class SeparateLengths(Model):
     """Full-order or component samples one by one, each with a `model` of its own lengths; see `Model`."""
 
     largest_batch = 1
@@ -108,10 +108,6 @@ class SeparateLengths:
     def left_range(self, system: SecondOrderSystem, state: State) -> np.ndarray:
         """See `FullModel`. Collective on the system's communicator."""
         return self._models[system].left_range(system, state)
-
-    def observed(self, system: SecondOrderSystem, state: State, time: float = 0.0) -> np.ndarray:
-        """Return the outputs, shape (n_outputs, n_samples). Collective on the system's communicator."""
-        return self.observed_over(system, State.along([state]), [time])
 
     def observed_over(
         self, system: SecondOrderSystem, states: State, times: Sequence[float], frames: np.ndarray | None = None

@@ -17,11 +17,12 @@ from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.outputs.outputs import OutputSet, carried_in
+from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.outputs.readings import Rate, Reading
 from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names, velocity_names
-from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.stepping.second_order_system import PooledObserver, SecondOrderSystem, State
 from pgmp_petsc.stepping.static_equilibrium import Search
 
 # an output below this share of the mechanism's size, of 1 rad, or of the stress of a strain of 1, is taken for zero
@@ -29,7 +30,7 @@ ROUND_OFF = 1e-10
 
 
 class Model(Protocol):
-    """A model of a scene."""
+    """A model of a scene; models have it as their base."""
 
     #: name, title: ``full``, ``components`` or ``reduced``; what messages call it
     name: str
@@ -45,8 +46,51 @@ class Model(Protocol):
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> SecondOrderSystem:
         """Return a system of n_samples samples on this rank; values have shape (n_samples,)."""
 
-    def observed(self, system: SecondOrderSystem, state: State, time: float) -> np.ndarray:
-        """Return what ``outputs.evaluate`` takes at a time (s), shape (n_observed, n_samples)."""
+    def observed_over(self, system: SecondOrderSystem, states: State, times: Sequence[float]) -> np.ndarray:
+        """Return what ``outputs.evaluate`` takes in states with a leading axis, with forces beside where there are any,
+        at times (n_t,), s, shape (n_observed, n_t n_samples), instant after instant. Collective on the system's
+        communicator."""
+
+    def observed(self, system: SecondOrderSystem, state: State, time: float = 0.0) -> np.ndarray:
+        """Return the same at the time (s) that the system reached last, shape (n_observed, n_samples)."""
+        states = state.alone
+        if system.beside is not None:
+            states.forces = system.beside.now[None]
+        return self.observed_over(system, states, [time])
+
+
+class OutputRecord(PooledObserver):
+    """Keeps what the outputs are made of after one of `every` so many steps of samples; observes a run."""
+
+    def __init__(
+        self, model: Model, system: SecondOrderSystem, pulse: Callable[[int], object] = lambda n_steps: None,
+        every: int = 1,
+    ) -> None:  # fmt: skip
+        self._model, self._system, self.every = model, system, every
+        self._observed: list[np.ndarray] = []
+        super().__init__(system.instants_at_once, pulse)
+
+    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        if self.every > 1:
+            chosen = numbers % self.every == 0
+            numbers, times, states = numbers[chosen], times[chosen], states.at(chosen)
+        super().over(numbers, times, states)
+
+    def see(self, first: int, states: State) -> None:
+        """Evaluate states."""
+        self._observed.append(self._model.observed_over(self._system, states, self.times[first:]))
+
+    def evaluated(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Return the instants (n_t,), s, and every output (n_t, n_samples), before anything is counted."""
+        self.finish()
+        with np.errstate(all="ignore"):
+            found = self._model.outputs.evaluate(np.concatenate(self._observed, axis=-1))
+        return np.array(self.times), {name: values.reshape(len(self.times), -1) for name, values in found.items()}
+
+    def outputs(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Return the instants (n_t,), s, and every output (n_t, n_samples)."""
+        time, found = self.evaluated()
+        return time, counted_after(self._model.outputs.counts, time, found, self._system.values)
 
 
 def floors_of(model: Model) -> np.ndarray:

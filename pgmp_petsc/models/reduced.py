@@ -17,7 +17,7 @@ from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models.model import Measures, require_lengths, search_of, velocities_of
+from pgmp_petsc.models.model import Measures, Model, require_lengths, search_of, velocities_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.readings import AnyReading, Seen
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import ReducedFields
 
 
-class Observing:
+class Observing(Model):
     """Models that observe what outputs are made of in states of reduced coordinates.
 
     `formulas` are outputs that are made once others are found, or what forces in joints are made of.
@@ -60,11 +60,10 @@ class Observing:
             found[name] = formula.jet(seen, 0)[0]
         return found
 
-    def observed(self, system: ReducedSystem, state: State, time: float = 0.0) -> np.ndarray:
-        """Return what the outputs are made of at a time (s), shape (n_observed, n_samples)."""
-        if self.outputs.takes_beside:
-            state = replace(state, forces=system.forces_beside(np.array([time]))[0])
-        return self.observed_of(time, state, system.values)
+    def observed_over(self, system: ReducedSystem, states: State, times: Sequence[float]) -> np.ndarray:
+        """See `Model`."""
+        values = {name: np.tile(value, len(times)) for name, value in system.values.items()}
+        return self.observed_of(np.repeat(times, system.n_samples), states.merged(), values)
 
 
 class ReducedModel(Observing):
@@ -178,7 +177,7 @@ class ReducedModel(Observing):
         """Return what the outputs are made of, shape (n_observed, n), in states of reduced coordinates (n, n_eta).
 
         Outputs of controllers, and multipliers under control, take ``states.forces`` of all that is beside, (n, 2,
-        n_names), as of `ReducedSystem.forces_beside`. Times (s) and parameter values are numbers, or of shape (n,).
+        n_names), before and after they jump. Times (s) and parameter values are numbers, or of shape (n,).
         Where `cells_of` are other reduced coordinates (n, n_eta), next to these, tables are continued from their cells.
         """
         frames = self.reconstruction.jets((states.q, states.v, states.a), self.outputs.order, cells_of)

@@ -11,7 +11,7 @@ import numpy as np
 
 from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.controllers.acting import NOTED, given_to
-from pgmp_petsc.controllers.running import AFTER, BEFORE, MOST_STARTS, Controls
+from pgmp_petsc.controllers.running import MOST_STARTS, Controls
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import amplitudes_over
 from pgmp_petsc.full.part_reference import Reference
@@ -28,7 +28,6 @@ from pgmp_petsc.reduced.steps import Clocks, Progress, advance
 from pgmp_petsc.reduced.terms import ReducedTerms
 from pgmp_petsc.stepping.second_order_system import (
     Energies,
-    Observer,
     Scheme,
     SecondOrderSystem,
     Settled,
@@ -39,6 +38,7 @@ from pgmp_petsc.stepping.status import Status
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 LARGEST = 2**19  # numbers that are written down, of all samples and steps
+STATES_AT_ONCE = 2**16  # states whose outputs are evaluated together
 RESIDUALS = 2**9  # samples, at all instants, whose residuals are evaluated together
 FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart
 STARTING_CORRECTIONS = 4  # one where stiffness does not change with the deformation
@@ -50,6 +50,11 @@ class ReducedTrail(State):
     def __init__(self, shape: tuple[int, int, int]) -> None:
         self.whole = np.empty((shape[0], 3, *shape[1:]))
         super().__init__(*np.moveaxis(self.whole, 1, 0), np.zeros((shape[0], 0)), np.zeros((shape[0], 0)))
+
+    @property
+    def motion(self) -> np.ndarray:
+        """See `State`."""
+        return self.whole
 
 
 class ReducedSystem(SecondOrderSystem):
@@ -119,10 +124,6 @@ class ReducedSystem(SecondOrderSystem):
         """Take what is given to each action; see `Controls`."""
         for column, given in zip(self.controlled, forces):
             self._equations.local.actions.parameters[column, :, : given.shape[1]] = given
-
-    def forces_beside(self, times: np.ndarray) -> np.ndarray:
-        """Return what is given at times that are seen, before and after it jumps, (n_t, n_samples, 2, n_names)."""
-        return np.stack([self.beside.forces(times, part) for part in (BEFORE, AFTER)], axis=2)
 
     def measured(self, state: State) -> np.ndarray:
         """Return the motions that forces of controllers are of, or are led by, and their rates, a row for each part of
@@ -305,13 +306,15 @@ class ReducedSystem(SecondOrderSystem):
         self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), False)
         return self._memory.depths.T.copy()
 
-    def energies(self, time: float, state: State) -> Energies:
-        """Return energies and powers at an instant, from the same tables as the equations of motion."""
-        return self.energies_over(np.array([time]), np.array([[state.q, state.v, state.a]]))
+    @property
+    def instants_at_once(self) -> int:
+        """See `SecondOrderSystem`: what is observed of reduced samples is cheap for many at once."""
+        return max(1, STATES_AT_ONCE // self.n_samples)
 
-    def energies_over(self, times: np.ndarray, trail: np.ndarray, values: Mapping[str, Any] | None = None) -> Energies:
-        """Return energies and powers at times (n_t,), in states of shape (n_t, 3, n_samples, n_eta): of all samples at
-        one time after the other, each of shape (n_t * n_samples,); parameter values may be numbers."""
+    def energies_over(self, times: np.ndarray, states: State, values: Mapping[str, Any] | None = None) -> Energies:
+        """Return energies and powers, from the same tables as the equations of motion; parameter values may be
+        numbers."""
+        trail = states.motion
         n, residual = times.size * self.n_samples, self._residuals(times, trail)
         known = self._known(times, trail).reshape(n, 3, len(self._actions.actions))
         values = values or {name: np.tile(value, times.size) for name, value in self.values.items()}
@@ -330,11 +333,6 @@ class ReducedSystem(SecondOrderSystem):
         for k, motion in self._motions.items():
             energies.add_power(motion.name, residual[:, k] * v[:, k])
         return energies
-
-    def energies_of_run(self, times: np.ndarray, states: State) -> Energies:
-        """Return energies and powers of a system of one sample at several instants, each a row of the states."""
-        trail = np.stack([states.q, states.v, states.a], axis=1)[:, :, None]
-        return self.energies_over(times, trail, {name: value[0] for name, value in self.values.items()})
 
     def _residuals(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
         """Return the residuals at times (n_t,), shape (n_t, n_samples, n_eta); zeros if no coordinate is prescribed."""
@@ -412,10 +410,6 @@ class ReducedSystem(SecondOrderSystem):
     def trail(self, state: State, n: int) -> ReducedTrail:
         """Return room for n states."""
         return ReducedTrail((n, *state.q.shape))
-
-    def show(self, observer: Observer, numbers: np.ndarray, times: np.ndarray, trail: ReducedTrail) -> None:
-        """Show the states after some steps to an observer."""
-        observer.over(numbers, times, trail.whole)
 
     def steps_between_looks(self, every: int | None) -> int:
         """Return how many steps make one of PETSc's TS where it does not look; see `SecondOrderSystem`.

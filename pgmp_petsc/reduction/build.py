@@ -43,7 +43,7 @@ from pgmp_petsc.reduction.joint_gaps import JointGaps, gap_answers_at, rows_of
 from pgmp_petsc.reduction.length_family import POOR_COSINE, build_over_lengths
 from pgmp_petsc.reduction.missed_answers import MissedAnswers, missed_answers_at
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.sample_grid import ParameterPoints, SampleGrid
+from pgmp_petsc.reduction.sample_grid import EACH, ParameterPoints, SampleGrid
 from pgmp_petsc.reduction.sampler import Sample, Sampler, TurnedLoads
 from pgmp_petsc.reduction.snapshots import Compression, ParameterSnapshots, choose_points
 from pgmp_petsc.reduction.static_loads import InfluenceProbe, StaticLoads
@@ -326,7 +326,9 @@ class _Sampling:
         if gathered is None or basis is None:
             return None
         curvature = np.array([chi for chi, _ in gathered])
-        return basis.curved(store.samples, curvature, SecondOrderTables.joined([tables for _, tables in gathered]))
+        first, *others = (tables for _, tables in gathered)
+        joined = first.each(EACH, lambda *parts: np.concatenate(parts), *others)
+        return basis.curved(store.samples, curvature, SecondOrderTables(**joined))
 
     def missed(
         self, store: SampleStore, basis: ContinuousBasis | None, static_loads: StaticLoads
@@ -393,7 +395,7 @@ def _over_turns(found: OverSamples, samples: SampleGrid, basis: ContinuousBasis)
     """Return tables of one turn over the turns of a basis."""
     for axis in np.flatnonzero(basis.flipped.any(axis=1)):
         signs = flipping_signs(basis.tables.n_modes, basis.flipped[axis])
-        found = samples.doubled(axis, found, signs, found.arrays)
+        found = samples.doubled(axis, found, signs)
         samples = samples.over_two_turns(axis)
     return found
 

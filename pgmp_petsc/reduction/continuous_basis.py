@@ -29,7 +29,7 @@ from pgmp_petsc.reduction.cell_products import pair_rotations
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.sampler import TABLES, Sample
 from pgmp_petsc.reduction.snapshots import Compression
-from pgmp_petsc.reduction.tables import CURVED, REDUCED, ReducedTables, SecondOrderTables, flipping_signs
+from pgmp_petsc.reduction.tables import ReducedTables, SecondOrderTables, flipping_signs
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +237,7 @@ class ContinuousBasis:
             load_weights=tuple(load.weight for load in loads),
             load_effects=tuple(load.effect for load in loads),
             n_given=joined.n_given,
-            **{name: joined.tables[name] for name in REDUCED},
+            **{name: joined.tables[name] for name in ("mass", "inertia", "stiffness", "load")},
         ).turned(combinations)
         projection = joined.shapes @ combinations
         flipped = _with_given(np.hstack([joined.flipped[:, :n_kept], compression.flips]), joined.n_given)
@@ -253,7 +253,7 @@ class ContinuousBasis:
         (n_sampled, n_dofs, n_pairs), and tables."""
         for axis in np.flatnonzero(self.flipped.any(axis=1)):
             signs = flipping_signs(self.tables.n_modes, self.flipped[axis])
-            tables = samples.doubled(axis, tables, signs, CURVED)
+            tables = samples.doubled(axis, tables, signs)
             curvature = samples.twice(axis, curvature, curvature @ pair_rotations(np.diag(signs)[None]))
             samples = samples.over_two_turns(axis)
         return replace(self, curvature=curvature, tables=replace(self.tables, second_order=tables))

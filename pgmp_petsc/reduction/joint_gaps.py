@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.declare.records import Record, array
+from pgmp_petsc.declare.records import Record, array, declared
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.tables import (
@@ -120,11 +120,6 @@ class JointGaps(Record):
             turned["cubic"] = np.einsum("ntgij,nia,njb->ntgab", self.cubic, rotations, rotations, optimize=True)
         return replace(self, **turned, gyroscopic=None, spread=None)
 
-    @property
-    def arrays(self) -> tuple[str, ...]:
-        """Names of the products that there are."""
-        return tuple(name for name, one in vars(self).items() if name != "rows" and one is not None)
-
     def changing(self, both: ModeChanges, samples: SampleGrid, scheme: str) -> JointGaps:
         """Add what changes as the vectors do, of a basis of m and g vectors.
 
@@ -141,9 +136,11 @@ class JointGaps(Record):
 
     def of_rows(self, rows: np.ndarray) -> JointGaps:
         """Return those of some of the constraints, given by their numbers."""
-        chosen = np.searchsorted(self.rows, rows)
-        axes = {"inertia": 4, "curved_inertia": 3, "curved_mass": 3, "gyroscopic": 3, "spread": 3}
-        return JointGaps(rows, **{name: getattr(self, name).take(chosen, axes.get(name, 2)) for name in self.arrays})
+        chosen, found = np.searchsorted(self.rows, rows), {}
+        for one in declared(JointGaps):
+            table = getattr(self, one.name)
+            found[one.name] = None if table is None else table.take(chosen, one.entry.sizes.index("gap"))
+        return JointGaps(**found)
 
 
 def gap_answers_at(

@@ -13,11 +13,11 @@ What tables do not depend on, loads and local effects, may be anything.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import h5py
 import numpy as np
@@ -26,78 +26,36 @@ from pgmp_petsc.base.errors import InputError, Remark, gathered, warning
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.bodies.shape import at_lengths
-from pgmp_petsc.declare.records import check_finite
+from pgmp_petsc.declare.records import check_finite, declared
 from pgmp_petsc.files.hdf5 import BUILD_AGAIN, RunRecord, open_file, shapes_of
 from pgmp_petsc.files.seal import identity
-from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
-from pgmp_petsc.reduction.joint_gaps import JointGaps
-from pgmp_petsc.reduction.missed_answers import MissedAnswers
-from pgmp_petsc.reduction.rom_file import BodyFile, LengthsFile, ModelFile, RomFile
-from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints
-from pgmp_petsc.reduction.tables import (
-    CURVED,
-    ModeChanges,
-    ReducedTables,
-    SecondOrderTables,
-    StiffnessChanges,
-    rigid_inertia,
-)
+from pgmp_petsc.reduction.rom_file import BodyFile, LengthsFile, ModelFile, RomFile, Tabulated
+from pgmp_petsc.reduction.sample_grid import EACH, LengthGrid
+from pgmp_petsc.reduction.tables import ReducedTables, StiffnessChanges, rigid_inertia
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.scene.parameters import Parameter, spanning_values
 
-OWN = ("n_redundant", "indefinite", "projection", "curvature", "frequencies_hz", "cosines")  # as the file has it
 
-
-#: Tables by the weights that their terms have.
-OF_TABLES = {
-    "mass": "mass_weights",
-    "inertia": "mass_weights",
-    "stiffness": "stiffness_weights",
-    "load": "load_weights",
-}
-IN_TABLES = (*OF_TABLES, *dict.fromkeys(OF_TABLES.values()), "load_effects", "n_given", "second_order", "changes")
-OF_CHANGES = ("gyroscopic", "spread")
-Arrays = TypeVar("Arrays", ReducedTables, SecondOrderTables, ModeChanges, StiffnessChanges, JointGaps)
-
-
-@dataclass(frozen=True)
-class ReducedOrderModel:
+@dataclass(frozen=True, kw_only=True)
+class ReducedOrderModel(Tabulated):
     """Reduced tables, the rigid motion, and what is needed to come back to the nodes."""
 
-    tables: ReducedTables  # reduced matrices and loads at the samples
-    branch: PoseBranch  # poses of the rigid mechanism over its range
-    rigid_inertia: np.ndarray  # that of the rigid motion on the fine grid, as from `tables.rigid_inertia`
-    projection: np.ndarray  # flexible modes in body frames at the samples, shape (n, n_dofs, n_modes)
-    frequencies_hz: np.ndarray  # full-order frequencies at the nominal parameters, shape (n_sampled, n_modes)
-    cosines: np.ndarray  # cosine of the largest angle of any group of modes to the sample before, shape (n_sampled,)
     meshes: Mapping[str, LineMesh | Component]  # the mesh of every body, or what it is condensed to
-    n_redundant: int  # number of redundant constraints that were dropped
     record: RunRecord = field(repr=False)  # scene and circumstances of the build
-    #: chi of the quadratic manifold in body frames, shape (n, n_dofs, n_modes (n_modes + 1) / 2): pairs i >= j in the
-    #: order of ``np.tril_indices``, each once (see `second_order`); None where the scene does not ask for it
-    curvature: np.ndarray | None = None
-    #: parameter points whose modes the basis takes up
-    points: ParameterPoints = field(default_factory=ParameterPoints.none)
-    #: where interpolated mass or stiffness is indefinite between samples; empty where it is nowhere
-    indefinite: str = ""
-    #: how loads change the stiffness of the modes; None with continuum bodies
-    stiffness_changes: StiffnessChanges | None = None
-    #: what the basis misses of the forces in bodies with stress outputs away from the nominal parameters; None where no
-    #: parameter changes them
-    missed: MissedAnswers | None = None
     #: of a model at other lengths those that it lies between, with their shares. What is missed is theirs: where loads
     #: depend on each other its equations are nearly singular, and polynomials of these are nothing
     between: tuple[tuple[float, ReducedOrderModel], ...] = field(default=(), repr=False)
-    #: what forces in joints are made of, where outputs of the scene are such; None where none is
-    gaps: JointGaps | None = None
     #: models at other lengths, where parameters are lengths, places or ratios; the model itself has the nominal ones
     family: LengthFamily | None = field(default=None, repr=False)
     _displacements: dict[str, Interpolant] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Sizes are those of files alone: a projection may have more vectors than the tables."""
 
     @cached_property
     def identity(self) -> str:
@@ -137,22 +95,12 @@ class ReducedOrderModel:
     def write(self, path: str | Path, *parts: Callable[[h5py.File], None]) -> None:
         """Write the file ROM.h5 (one process), declared in `rom_file`; `parts` add what others want to keep there."""
         lengths = None if self.family is None else _lengths_file(self.family)
-        RomFile(**self._fields(), lengths=lengths, record=self.record).write(path, *parts)
+        self._stored(RomFile, lengths=lengths, record=self.record).write(path, *parts)
 
-    def _fields(self) -> dict[str, Any]:
-        """Return all but the record and the family as a file has it."""
-        return {
-            **{name: getattr(self.tables, name) for name in IN_TABLES},
-            **{name: getattr(self, name) for name in OWN},
-            **ModelFile.of_samples(self.tables.samples),
-            "rigid": self.rigid_inertia,
-            "kinematics": self.branch,
-            "stiffness_changes": self.stiffness_changes,
-            "missed": self.missed,
-            "joint_gaps": self.gaps,
-            "parameter_points": self.points if self.points.values else None,
-            "mesh": {name: BodyFile.of(shape) for name, shape in self.meshes.items()},
-        }
+    def _stored(self, kind: type[ModelFile], **more: Any) -> ModelFile:
+        """Return the model without record and family as a kind of file has it."""
+        mesh = {name: BodyFile.of(shape) for name, shape in self.meshes.items()}
+        return kind(**_alike(self), mesh=mesh, **more)
 
     @classmethod
     def read(cls, path: str | Path) -> ReducedOrderModel:
@@ -171,18 +119,8 @@ class ReducedOrderModel:
     @classmethod
     def _of(cls, found: ModelFile, record: RunRecord) -> ReducedOrderModel:
         """Return the model that a file has."""
-        return cls(
-            tables=ReducedTables(found.samples, **{name: getattr(found, name) for name in IN_TABLES}),
-            branch=found.kinematics,
-            rigid_inertia=found.rigid,
-            meshes={name: body.shape for name, body in found.mesh.items()},
-            record=record,
-            points=found.parameter_points or ParameterPoints.none(),
-            stiffness_changes=found.stiffness_changes,
-            missed=found.missed,
-            gaps=found.joint_gaps,
-            **{name: getattr(found, name) for name in OWN},
-        )
+        meshes = {name: body.shape for name, body in found.mesh.items()}
+        return cls(**_alike(found), meshes=meshes, record=record)
 
     @classmethod
     def _family(cls, found: LengthsFile, record: RunRecord) -> LengthFamily:
@@ -221,30 +159,21 @@ class LengthFamily:
         Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths. Raises `InputError` if the
         mechanism cannot be closed with these lengths.
         """
-        kinematics = self.kinematics(scene, nominal, None)
+        kinematics, shares = self.kinematics(scene, nominal, None), self.grid.shares(scene.values)
         mechanism = kinematics.mechanism
         masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
-        parts = [member.tables for member in self.members]
-        tables = replace(
-            self._of_parts(scene, parts, tuple(OF_TABLES)),
-            second_order=self._of_parts(scene, [part.second_order for part in parts], CURVED),
-            changes=self._of_parts(scene, [part.changes for part in parts], OF_CHANGES),
-        )
+
+        def blended(*arrays: np.ndarray) -> np.ndarray:
+            return sum(share * array for share, array in zip(shares, arrays))
+
+        first, *others = (replace(member, missed=None) for member in self.members)  # what is missed: see `between`
         return replace(
             nominal,
-            tables=tables,
+            **first.each(EACH, blended, *others),
             branch=kinematics.branch,
-            rigid_inertia=rigid_inertia(tables.samples, masses, kinematics),
-            projection=self._blended(scene, [member.projection for member in self.members]),
-            curvature=None
-            if nominal.curvature is None
-            else self._blended(scene, [member.curvature for member in self.members]),
-            frequencies_hz=self._blended(scene, [member.frequencies_hz for member in self.members]),
-            stiffness_changes=self._of_parts(
-                scene, [member.stiffness_changes for member in self.members], ("influence", "stiffness")
-            ),
-            between=tuple(zip(self.grid.shares(scene.values).tolist(), self.members)),
-            gaps=nominal.gaps and self._of_parts(scene, [member.gaps for member in self.members], nominal.gaps.arrays),
+            rigid_inertia=rigid_inertia(first.tables.samples, masses, kinematics),
+            frequencies_hz=blended(*(member.frequencies_hz for member in self.members)),
+            between=tuple(zip(shares.tolist(), self.members)),
             meshes=at_lengths(scene, nominal.meshes),
         )
 
@@ -261,19 +190,15 @@ class LengthFamily:
         Its tables and its rigid inertia are those of any lengths; kinematics and shapes are the nominal ones.
         """
         tables, grid, parts = nominal.tables, self.grid, [member.tables for member in self.members]
-        weights = {name: grid.weights(getattr(tables, name)) for name in dict.fromkeys(OF_TABLES.values())}
-        n_each = len(grid.points)
         merged = replace(
             tables,
-            **{name: grid.coefficients([getattr(part, name) for part in parts]) for name in OF_TABLES},
-            **weights,
-            load_effects=tuple(name for name in tables.load_effects for _ in range(n_each)),
+            **parts[0].each(EACH, lambda *arrays: grid.coefficients(arrays), *parts[1:]),
+            **{
+                name: grid.weights(getattr(tables, name))
+                for name in ("mass_weights", "stiffness_weights", "load_weights")
+            },
+            load_effects=tuple(name for name in tables.load_effects for _ in grid.points),
         )
-        for kind, names in (("second_order", CURVED), ("changes", OF_CHANGES)):
-            own = [getattr(part, kind) for part in parts]
-            if own[0] is not None:
-                arrays = {name: grid.coefficients([getattr(one, name) for one in own]) for name in names}
-                merged = replace(merged, **{kind: replace(own[0], **arrays)})
         rigid = grid.coefficients([member.rigid_inertia for member in self.members])
         return replace(nominal, tables=merged, rigid_inertia=rigid, stiffness_changes=self._merged_changes(tables))
 
@@ -291,17 +216,10 @@ class LengthFamily:
         influence = np.concatenate([rest, inertia.reshape(*rest.shape[:2], n_mass * n_moving * n_each)], axis=2)
         return StiffnessChanges(influence, grid.coefficients([one.stiffness for one in members]))
 
-    def _of_parts(self, scene: Scene, parts: Sequence[Arrays | None], names: Sequence[str]) -> Arrays | None:
-        """Return the polynomials of some fields of dataclasses; None where there is nothing."""
-        if parts[0] is None:
-            return None
-        return replace(
-            parts[0], **{name: self._blended(scene, [getattr(one, name) for one in parts]) for name in names}
-        )
 
-    def _blended(self, scene: Scene, arrays: Sequence[np.ndarray]) -> np.ndarray:
-        shares = self.grid.shares(scene.values)
-        return sum(share * array for share, array in zip(shares, arrays))
+def _alike(model: Tabulated) -> dict[str, Any]:
+    """Return what a model and its file have alike."""
+    return {one.name: getattr(model, one.name) for one in declared(Tabulated)}
 
 
 def _lengths_file(family: LengthFamily) -> LengthsFile:
@@ -316,7 +234,7 @@ def _lengths_file(family: LengthFamily) -> LengthsFile:
         np.array([check.values[name] for name in grid.names]),
         check.frequencies,
         check.inertia,
-        {str(number): ModelFile(**member._fields()) for number, member in enumerate(family.members)},
+        {str(number): member._stored(ModelFile) for number, member in enumerate(family.members)},
     )
 
 

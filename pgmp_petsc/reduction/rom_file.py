@@ -23,14 +23,13 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.reduction.joint_gaps import JointGaps
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
-from pgmp_petsc.reduction.sample_grid import ParameterPoints, SampleGrid, Samples
+from pgmp_petsc.reduction.sample_grid import EACH, ParameterPoints
 from pgmp_petsc.reduction.tables import (
     CURVATURE_UNITS,
     NODE_UNITS,
     WEIGHT_FREE,
     WEIGHTS,
-    ModeChanges,
-    SecondOrderTables,
+    ReducedTables,
     StiffnessChanges,
     Weights,
     fine_grid,
@@ -356,103 +355,70 @@ class BodyFile(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelFile(Record):
-    """All of a reduced model but where it comes from and the models of other lengths."""
+class Tabulated(Record):
+    """What a reduced model and its file have alike."""
 
     n_redundant: int = attribute("@n_redundant", about="redundant constraints that were dropped")
     indefinite: str = attribute(
         "@indefinite", absent="", about="where interpolated mass or stiffness is indefinite, empty where nowhere"
     )
-    n_given: int = attribute(
-        "@n_given", absent=0, about="of the modes, the last ones: displacements per unit of the joints' offsets"
-    )
-    theta: np.ndarray = array("configuration", "coordinate?", unit="rad or m", about="sampled configurations")
-    lower: np.ndarray = attribute("theta@lower", "coordinate?", about="lower end of the range")
-    upper: np.ndarray = attribute("theta@upper", "coordinate?", about="upper end; of a revolution no sample")
-    periodic: np.ndarray = attribute("theta@periodic", "coordinate?", about="whether it is periodic")
-    shape: np.ndarray | None = attribute(
-        "theta@shape", "coordinate?", absent=None, about="of several: samples along each, the last one fastest"
-    )
-    mass: np.ndarray = array(
-        "configuration", "mass term", "eta", "eta", at="tables/mass", unit=WEIGHT_FREE, about="Psi^T M_i Psi, eq. (13)"
-    )
-    inertia: np.ndarray = array(
-        "configuration", "mass term", "coordinate", "coordinate", "mode", at="tables/inertia", unit=WEIGHT_FREE,
-        about="(d2 rho/d theta2)^T M_i Psi",
-    )  # fmt: skip
-    stiffness: np.ndarray = array(
-        "configuration", "stiffness term", "mode", "mode", at="tables/stiffness", unit=WEIGHT_FREE,
-        about="Psi^T K_i Psi, eq. (14)",
-    )  # fmt: skip
-    load: np.ndarray = array("configuration", "load term", "eta", at="tables/load", unit=WEIGHT_FREE, about="Psi^T f_j")
-    rigid: np.ndarray = array(
+    tables: ReducedTables = array(at="")  # reduced matrices and loads at the samples
+    #: as from `tables.rigid_inertia`
+    rigid_inertia: np.ndarray = array(
         "fine configuration", "mass term", "pair of coordinates", at="tables/rigid", unit=WEIGHT_FREE,
         about="(d rho/d theta_k)^T M_i (d rho/d theta_l), k >= l, theta on a fine grid",
     )  # fmt: skip
-    mass_weights: Weights = weights_of("tables/mass", "mass term", also=("tables/inertia", "tables/rigid"))
-    stiffness_weights: Weights = weights_of("tables/stiffness", "stiffness term")
-    load_weights: Weights = weights_of("tables/load", "load term")
-    load_effects: tuple[str, ...] = attribute("tables/load@effects", "load term", about="effect of each term")
-    second_order: SecondOrderTables | None = array(at="tables/second_order", absent=None)
-    changes: ModeChanges | None = array(at="tables/second_order", absent=None)
-    kinematics: PoseBranch = array()
-    projection: np.ndarray = array(
-        "configuration", "unknown", "mode", unit=NODE_UNITS, about="flexible modes in body frames"
-    )
+    branch: PoseBranch = array(at="kinematics")  # poses of the rigid mechanism over its range
+    projection: np.ndarray = array(EACH, "unknown", "mode", unit=NODE_UNITS, about="flexible modes in body frames")
+    #: chi of the quadratic manifold (see `second_order`); None where the scene does not ask for it
     curvature: np.ndarray | None = array(
-        "configuration", "unknown", "pair of modes", unit=CURVATURE_UNITS, absent=None,
+        EACH, "unknown", "pair of modes", unit=CURVATURE_UNITS, absent=None,
         about="their second derivatives chi, pairs of modes i >= j, each once",
     )  # fmt: skip
     frequencies_hz: np.ndarray = array(
         "sample", "frequency", unit="Hz", about="full-order, nominal parameters", gaps=True
     )
+    #: how loads change the stiffness of the modes; None with continuum bodies
     stiffness_changes: StiffnessChanges | None = array(absent=None)
+    #: what the basis misses of the forces in bodies with stress outputs away from the nominal parameters; None where no
+    #: parameter changes them
     missed: MissedAnswers | None = array(absent=None)
-    joint_gaps: JointGaps | None = array(absent=None)
-    parameter_points: ParameterPoints | None = array(absent=None)
+    #: what forces in joints are made of, where outputs of the scene are such; None where none is
+    gaps: JointGaps | None = array(at="joint_gaps", absent=None)
+    #: parameter points whose modes the basis takes up
+    points: ParameterPoints = array(
+        at="parameter_points", absent=ParameterPoints.none(), when=lambda own: bool(own.points.values)
+    )
     cosines: np.ndarray = array(
         "sample", about="cosine between neighbouring spaces of modes, 1 = the same space", gaps=True
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelFile(Tabulated):
+    """All of a reduced model but where it comes from and the models of other lengths."""
+
     mesh: dict[str, BodyFile] = array(ordered=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        r, m = self.inertia.shape[-2:]
-        sizes = {
-            "tables/mass": (self.mass.shape[-1], r + m),
-            "tables/rigid": (self.rigid.shape, (fine_grid(self.samples).n, self.rigid.shape[1], r * (r + 1) // 2)),
-        }
-        if self.second_order is not None:
-            pairs = m * (m + 1) // 2
-            sizes["tables/second_order/curved_inertia"] = (self.second_order.curved_inertia.shape[2], r * (r + 1) // 2)
+        tables, m = self.tables, self.tables.n_modes
+        r, pairs = tables.n_coordinates, m * (m + 1) // 2
+        shape = (fine_grid(tables.samples).n, len(tables.mass_weights), r * (r + 1) // 2)
+        sizes = {"tables/rigid": (self.rigid_inertia.shape, shape)}
+        if tables.second_order is not None:
+            inertia = "tables/second_order/curved_inertia"
+            sizes[inertia] = (tables.second_order.curved_inertia.shape[2], r * (r + 1) // 2)
             if self.curvature is None:
                 raise ValueError("dataset '/curvature' is missing")
             sizes["curvature"] = (self.curvature.shape[-1], pairs)
         if self.missed is not None:
-            (_, n_terms, q, _), n_stiffness = self.missed.forces.shape, self.stiffness.shape[1]
+            (_, n_terms, q, _), n_stiffness = self.missed.forces.shape, len(tables.stiffness_weights)
             sizes["missed/answers"] = (self.missed.answers.shape[1], n_terms * q + n_stiffness * m)
             sizes["missed/forces"] = (q, max(q, m))
         for name, (found, wanted) in sizes.items():
             if found != wanted:
                 raise ValueError(f"{name} has shape {found}; needed: {wanted}")
-
-    @property
-    def samples(self) -> SampleGrid:
-        """The sampled configurations."""
-        shape = tuple(np.atleast_1d(len(self.theta) if self.shape is None else self.shape))
-        places = self.theta.reshape(*shape, len(shape))
-        lines = (np.moveaxis(places[..., k], k, 0).reshape(n, -1)[:, 0] for k, n in enumerate(shape))
-        ranges = (np.atleast_1d(one) for one in (self.lower, self.upper, self.periodic))
-        return SampleGrid(
-            tuple(Samples(line, float(low), float(high), bool(turns)) for line, low, high, turns in zip(lines, *ranges))
-        )
-
-    @staticmethod
-    def of_samples(samples: SampleGrid) -> dict[str, Any]:
-        """Return the fields of sampled configurations."""
-        ends = {name: np.array([getattr(axis, name) for axis in samples]) for name in ("lower", "upper", "periodic")}
-        found = {"theta": samples.theta, **ends, "shape": np.array(samples.shape)}
-        return found if samples.n_coordinates > 1 else {k: v[..., 0] for k, v in found.items()} | {"shape": None}
 
 
 @dataclass(frozen=True)

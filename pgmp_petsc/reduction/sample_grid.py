@@ -12,11 +12,13 @@ monomials of places (`bodies.affine.Place`), so that tables of many samples are 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product, zip_longest
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import h5py
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Place
@@ -24,7 +26,8 @@ from pgmp_petsc.declare.records import Record, array, attribute
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names, length_range
 
-Tables = TypeVar("Tables")
+Tables = TypeVar("Tables", bound=Record)
+EACH = "configuration"  # size of arrays with an entry for each
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +90,43 @@ class Samples:
         return numbers[np.searchsorted(0.5 * (known[1:] + known[:-1]), theta)]
 
 
+@dataclass(frozen=True)
+class GridFile(Record):
+    """Sampled configurations as files have them."""
+
+    theta: np.ndarray = array("configuration", "coordinate?", unit="rad or m", about="sampled configurations")
+    lower: np.ndarray = attribute("theta@lower", "coordinate?", about="lower end of the range")
+    upper: np.ndarray = attribute("theta@upper", "coordinate?", about="upper end; of a revolution no sample")
+    periodic: np.ndarray = attribute("theta@periodic", "coordinate?", about="whether it is periodic")
+    shape: np.ndarray | None = attribute(
+        "theta@shape", "coordinate?", absent=None, about="of several: samples along each, the last one fastest"
+    )
+
+
 @dataclass(frozen=True, eq=False)
-class SampleGrid:
+class SampleGrid(Record):
     """Sampled configurations; the last coordinate runs fastest."""
 
     axes: tuple[Samples, ...]  # samples of every coordinate, in the order of the mechanism's coordinates
+    STORED = GridFile
+
+    def stored(self) -> GridFile:
+        """Return the grid as files have it: of one coordinate without an axis for coordinates."""
+        own = {name: np.array([getattr(axis, name) for axis in self]) for name in ("lower", "upper", "periodic")}
+        own["theta"] = self.theta
+        if self.n_coordinates > 1:
+            return GridFile(**own, shape=np.array(self.shape))
+        return GridFile(**{name: values[..., 0] for name, values in own.items()}, shape=None)
+
+    @classmethod
+    def take(cls, group: h5py.Group, words: Mapping[str, Any] | None = None) -> SampleGrid:
+        """Read the grid."""
+        found = GridFile.take(group, words)
+        shape = tuple(np.atleast_1d(len(found.theta) if found.shape is None else found.shape))
+        places = found.theta.reshape(*shape, len(shape))
+        lines = (np.moveaxis(places[..., k], k, 0).reshape(n, -1)[:, 0] for k, n in enumerate(shape))
+        ends = zip(lines, *map(np.atleast_1d, (found.lower, found.upper, found.periodic)))
+        return cls(tuple(Samples(line, float(low), float(high), bool(turns)) for line, low, high, turns in ends))
 
     def __iter__(self) -> Iterator[Samples]:
         return iter(self.axes)
@@ -149,13 +184,11 @@ class SampleGrid:
         parts = [table.reshape(*self.shape, *table.shape[1:]) for table in (first, second)]
         return np.concatenate(parts, axis=axis).reshape(2 * self.n, *first.shape[1:])
 
-    def doubled(self, axis: int, tables: Tables, signs: np.ndarray, names: Iterable[str]) -> Tables:
-        """Append a second revolution along an axis, on which flexible coordinates have signs (m,), to arrays of tables
-        that can be `turned`."""
+    def doubled(self, axis: int, tables: Tables, signs: np.ndarray, **more: Any) -> Tables:
+        """Append a second revolution along an axis, on which flexible coordinates have signs (m,), to the arrays of
+        tables that can be `turned`; `more` are fields of the result."""
         second = tables.turned(np.broadcast_to(np.diag(signs), (self.n, signs.size, signs.size)))
-        return replace(
-            tables, **{name: self.twice(axis, getattr(tables, name), getattr(second, name)) for name in names}
-        )
+        return replace(tables, **tables.each(EACH, partial(self.twice, axis), second) | more)
 
     def further(self, angles: Sequence[np.ndarray]) -> np.ndarray:
         """Return the configurations that the grid is without and has with further angles (n,) of the first coordinates,

@@ -62,8 +62,9 @@ over the packed pairs of ``chi_ij delta_i delta_j``, halved where i = j.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -71,11 +72,11 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.bodies.matrices import inertia_moments
-from pgmp_petsc.declare.records import Record, array, attribute, derived
+from pgmp_petsc.declare.records import Record, array, attribute, check_sizes, derived
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.cell_products import congruent, symmetric
 from pgmp_petsc.reduction.interpolation import interpolant
-from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
+from pgmp_petsc.reduction.sample_grid import EACH, SampleGrid, Samples
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.scene.uses import slides
@@ -104,9 +105,6 @@ def _weights_of_model(name: str, size: str, *tables: str) -> Any:
     return derived(Weights, lambda _, at: getattr(at.outer.own, name), first, size, **how)
 
 
-CURVED = ("cubic", "curved_load", "curved_inertia", "curved_mass")  # the fields of `SecondOrderTables`
-
-
 @dataclass(frozen=True, eq=False)
 class SecondOrderTables(Record):
     """Tables at n samples, symmetric in the flexible indices; see `cell_products`."""
@@ -132,19 +130,11 @@ class SecondOrderTables(Record):
         _weights_of_model("mass_weights", "mass term", "curved_inertia", "curved_mass"),
     )
 
-    def at(self, rows: np.ndarray) -> SecondOrderTables:
-        """Return the tables at some of the samples, given by their numbers."""
-        return SecondOrderTables(*(getattr(self, name)[rows] for name in CURVED))
-
     def turned(self, rotations: np.ndarray) -> SecondOrderTables:
         """Express the flexible coordinates in another basis, ``Psi_new = Psi Q``, Q of shape (n, n_delta, n_delta)."""
         cubic = np.einsum("nia,njb,nkc,ntijk->ntabc", rotations, rotations, rotations, self.cubic, optimize=True)
-        return SecondOrderTables(symmetric(cubic), *(congruent(rotations, getattr(self, name)) for name in CURVED[1:]))
-
-    @classmethod
-    def joined(cls, parts: Sequence[SecondOrderTables]) -> SecondOrderTables:
-        """Return the tables of all parts, one after the other."""
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in CURVED))
+        others = (self.curved_load, self.curved_inertia, self.curved_mass)
+        return SecondOrderTables(symmetric(cubic), *(congruent(rotations, table) for table in others))
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,37 +222,47 @@ class StiffnessChanges(Record):
 
     def over_two_turns(self, samples: SampleGrid, axes: Sequence[int]) -> StiffnessChanges:
         """Append a second revolution of some coordinates, on which the influences are the same."""
-        influence, stiffness = self.influence, self.stiffness
+        found = self
         for axis in axes:
-            influence, stiffness = (samples.twice(axis, part, part) for part in (influence, stiffness))
+            found = replace(found, **found.each(EACH, partial(samples.twice, axis), found))
             samples = samples.over_two_turns(axis)
-        return StiffnessChanges(influence, stiffness)
-
-
-REDUCED = ("mass", "inertia", "stiffness", "load")  # of `ReducedTables`, a row for each sample
+        return found
 
 
 @dataclass(frozen=True)
-class ReducedTables:
+class ReducedTables(Record):
     """Reduced matrices and loads at the samples."""
 
-    samples: SampleGrid  # sampled configurations, n of them; the last coordinate runs fastest
-    #: mass_weights, stiffness_weights, load_weights: monomials of the affine terms
-    mass_weights: tuple[Monomial, ...]
-    stiffness_weights: tuple[Monomial, ...]
-    load_weights: tuple[Monomial, ...]
-    load_effects: tuple[str, ...]  # name of the effect of every load term
-    mass: np.ndarray  # shape (n, n_mass_terms, n_eta, n_eta)
-    inertia: np.ndarray  # shape (n, n_mass_terms, n_theta, n_theta, n_delta)
-    stiffness: np.ndarray  # shape (n, n_stiffness_terms, n_delta, n_delta)
-    load: np.ndarray  # shape (n, n_load_terms, n_eta)
-    #: of the flexible coordinates, the last ones: how far joints are off, given and constant in time
-    n_given: int = 0
-    #: tables of second order in the flexible coordinates, None where the scene does not ask for them
-    second_order: SecondOrderTables | None = None
+    samples: SampleGrid = array(at="")  # n configurations
+    mass_weights: Weights = weights_of("tables/mass", "mass term", also=("tables/inertia", "tables/rigid"))
+    stiffness_weights: Weights = weights_of("tables/stiffness", "stiffness term")
+    load_weights: Weights = weights_of("tables/load", "load term")
+    load_effects: tuple[str, ...] = attribute("tables/load@effects", "load term", about="effect of each term")
+    mass: np.ndarray = array(
+        EACH, "mass term", "eta", "eta", at="tables/mass", unit=WEIGHT_FREE, about="Psi^T M_i Psi, eq. (13)"
+    )
+    inertia: np.ndarray = array(
+        EACH, "mass term", "coordinate", "coordinate", "mode", at="tables/inertia", unit=WEIGHT_FREE,
+        about="(d2 rho/d theta2)^T M_i Psi",
+    )  # fmt: skip
+    stiffness: np.ndarray = array(
+        EACH, "stiffness term", "mode", "mode", at="tables/stiffness", unit=WEIGHT_FREE, about="Psi^T K_i Psi, eq. (14)"
+    )
+    load: np.ndarray = array(EACH, "load term", "eta", at="tables/load", unit=WEIGHT_FREE, about="Psi^T f_j")
+    #: how far joints are off, given and constant in time
+    n_given: int = attribute(
+        "@n_given", absent=0, about="of the modes, the last ones: displacements per unit of the joints' offsets"
+    )
+    #: of second order in the flexible coordinates, None where the scene does not ask for them
+    second_order: SecondOrderTables | None = array(at="tables/second_order", absent=None)
     #: kinetic energy of the modes' change with theta, which comes with them. It is known once the whole basis is
     #: continuous; what makes other tables of these leaves it out.
-    changes: ModeChanges | None = None
+    changes: ModeChanges | None = array(at="tables/second_order", absent=None)
+
+    def __post_init__(self) -> None:
+        check_sizes(self, {EACH: self.samples.n})
+        if self.mass.shape[-1] != sum(self.inertia.shape[-2:]):
+            raise ValueError(f"mass has shape {self.mass.shape}, inertia {self.inertia.shape}")
 
     @property
     def n_modes(self) -> int:
@@ -283,13 +283,8 @@ class ReducedTables:
 
     def at(self, rows: np.ndarray) -> ReducedTables:
         """Return the tables at some of the samples of one coordinate, given by their increasing numbers."""
-        return replace(
-            self,
-            samples=self.samples.tabulated(self.samples.theta[rows]),
-            **{name: getattr(self, name)[rows] for name in REDUCED},
-            second_order=None if self.second_order is None else self.second_order.at(rows),
-            changes=None,
-        )
+        found, samples = replace(self, changes=None), self.samples.tabulated(self.samples.theta[rows])
+        return replace(found, samples=samples, **found.each(EACH, lambda table: table[rows]))
 
     def turned(self, rotations: np.ndarray) -> ReducedTables:
         """Express the flexible coordinates in another basis at every sample, ``Psi_new = Psi Q``.
@@ -309,11 +304,8 @@ class ReducedTables:
 
     def over_two_turns(self, flipped: np.ndarray, axis: int = 0) -> ReducedTables:
         """Append a second revolution along an axis, in which some flexible coordinates have the opposite sign."""
-        signs, curved = flipping_signs(self.n_modes, flipped), self.second_order
-        twice = self.samples.doubled(axis, replace(self, second_order=None), signs, REDUCED)
-        if curved is not None:
-            curved = self.samples.doubled(axis, curved, signs, CURVED)
-        return replace(twice, samples=self.samples.over_two_turns(axis), second_order=curved, changes=None)
+        signs, samples = flipping_signs(self.n_modes, flipped), self.samples.over_two_turns(axis)
+        return self.samples.doubled(axis, replace(self, changes=None), signs, samples=samples)
 
     @property
     def unstrained(self) -> np.ndarray:
@@ -330,28 +322,28 @@ class ReducedTables:
         if bent is not None:
             if given is not None:
                 stiffness = stiffness + bent.cubic[..., own, own, -self.n_given :] @ given
-            bent = SecondOrderTables(
-                bent.cubic[..., own, own, own], *(getattr(bent, name)[..., own, own] for name in CURVED[1:])
-            )
+            others = (bent.curved_load, bent.curved_inertia, bent.curved_mass)
+            bent = SecondOrderTables(bent.cubic[..., own, own, own], *(table[..., own, own] for table in others))
         return replace(
             self, mass=self.mass[..., own, own], inertia=self.inertia[..., own], stiffness=stiffness,
             load=self.load[..., own], n_given=0, second_order=bent, changes=None,
         )  # fmt: skip
 
     def frequencies_hz(
-        self, mass_weights: np.ndarray, stiffness_weights: np.ndarray, free: Sequence[int] | None = None
-    ) -> np.ndarray:
+        self, mass_weights: np.ndarray, stiffness_weights: np.ndarray, free: Sequence[int] | None = None,
+        at: Callable[[np.ndarray], np.ndarray] = np.asarray,
+    ) -> np.ndarray:  # fmt: skip
         """Return the eigenfrequencies of the reduced model at every sample, rigid motion left out, shape (n, n_delta -
-        n_unstrained), Hz.
+        n_unstrained), Hz; or where `at` takes tables to.
 
         Weights have shapes (n_mass_terms,) and (n_stiffness_terms,). `free` are the numbers of the coordinates that are
         not prescribed, which are held; all by default.
         """
         if self.n_given:
-            return self.moving().frequencies_hz(mass_weights, stiffness_weights, free)
+            return self.moving().frequencies_hz(mass_weights, stiffness_weights, free, at)
         r = self.n_coordinates
-        mass = np.einsum("t,ntij->nij", mass_weights, self.mass)
-        stiffness = np.einsum("t,ntij->nij", stiffness_weights, self.stiffness)
+        mass = np.einsum("t,ntij->nij", mass_weights, at(self.mass))
+        stiffness = np.einsum("t,ntij->nij", stiffness_weights, at(self.stiffness))
         # free-free modes: what is free to move without strain is condensed out of the kinetic energy
         free = np.arange(r) if free is None else np.asarray(free, dtype=int)
         free, bent = np.append(free, r + self.unstrained), np.setdiff1d(np.arange(self.n_modes), self.unstrained)

@@ -52,9 +52,10 @@ class Called(Observer):
     def __init__(self, function: EachStep) -> None:
         self._function = function
 
-    def __call__(self, number: int, time: float, state: State) -> None:
-        """See the state after a step."""
-        self._function(number, time, state)
+    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        """See the states after some steps."""
+        for k, (number, time) in enumerate(zip(numbers.tolist(), times.tolist())):
+            self._function(number, time, states.at(k))
 
 
 @dataclass(frozen=True)
@@ -68,20 +69,10 @@ class Together(Observer):
         """Steps of which one is to be seen."""
         return gcd(*(observer.every for observer in self.observers))
 
-    def __call__(self, number: int, time: float, state: State) -> None:
-        """Show the state after a step to all."""
+    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        """Show the states after some steps to all."""
         for observer in self.observers:
-            observer(number, time, state)
-
-    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Show the states after many steps to all."""
-        for observer in self.observers:
-            observer.over(numbers, times, trail)
-
-    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        """Show the states after many steps of another system to all."""
-        for observer in self.observers:
-            observer.over_states(numbers, times, states)
+            observer.over(numbers, times, states)
 
 
 class StateRecord(Observer):
@@ -90,30 +81,23 @@ class StateRecord(Observer):
     def __init__(self, pulse: Callable[[int], object]) -> None:
         self._pulse = pulse
         self._times: list[np.ndarray] = []
-        self._states: list[np.ndarray] = []
+        self._states: list[State] = []
 
-    def __call__(self, number: int, time: float, state: State) -> None:
-        """Keep the state after a step."""
-        self._keep(np.array([time]), np.array([[state.q, state.v, state.a]]), int(number > 0))
-
-    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """Keep the states after many steps; see `Observer`."""
-        self._keep(times, trail, times.size)
-
-    def _keep(self, times: np.ndarray, trail: np.ndarray, n_steps: int) -> None:
-        self._times.append(times.copy())
-        self._states.append(trail.copy())
-        self._pulse(n_steps)
+    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        """Keep the states after some steps."""
+        self._times.append(times)
+        self._states.append(states)
+        self._pulse(int(np.count_nonzero(numbers)))
 
     def states(self) -> tuple[np.ndarray, State]:
         """Return the instants (n_t,) and all states of the first run, each of shape (n_t, n_eta)."""
         times, every = self.of_batch()
-        return times, State(*(part[:, 0].copy() for part in (every.q, every.v, every.a)), np.zeros(0))
+        forces = every.forces[:, 0] if every.forces.size else every.forces
+        return times, State(*(part[:, 0].copy() for part in every.parts()[:3]), np.zeros(0), forces=forces)
 
     def of_batch(self) -> tuple[np.ndarray, State]:
         """Return the instants (n_t,) and all states, each of shape (n_t, n_samples, n_eta)."""
-        states = np.moveaxis(np.concatenate(self._states), 1, 0)
-        return np.concatenate(self._times), State(*states, np.zeros(0))
+        return np.concatenate(self._times), State.along(self._states, np.concatenate)
 
 
 class GeneralisedAlpha:
@@ -151,6 +135,9 @@ class GeneralisedAlpha:
         self.instants, self.stops, self.n_done = instants(duration, n_steps), stops, 0
         self._step = duration / n_steps
         self._moment = standing(start, start.a.copy(), system.n_samples)
+        begun = State.along([start])
+        if system.beside is not None:
+            begun.forces = system.beside.now[None].copy()
         if self._alive.any():
             first = first_accelerations(system, start, self._step, self._alive, spectral_radius)
             self._stepper.count(first.n_iterations, 0, 0)
@@ -159,7 +146,7 @@ class GeneralisedAlpha:
         self._beyond = np.zeros((0, alive.size), dtype=bool) if self._events is None else self._events.beyond
         self._observer, self._pulse = observer, pulse
         if observer is not None:
-            observer(0, 0.0, start.copy())
+            observer.over(np.array([0]), np.zeros(1), begun)
 
     @property
     def state(self) -> State:
@@ -217,7 +204,7 @@ class GeneralisedAlpha:
             self._jump(last, self._alive)
         if shown.size:
             # not PETSc's own time, a sum of steps: its round-off grows over the run
-            system.show(self._observer, shown, self.instants[shown], trail)
+            self._observer.over(shown, self.instants[shown], trail)
 
     def _jump(self, number: int, samples: np.ndarray) -> None:
         """Let forces of some samples, a mask, that jump after a step do so, but at the end of the run: accelerations

@@ -37,7 +37,8 @@ class State:
     turns: np.ndarray = field(default_factory=lambda: np.zeros(0))
     #: numbers of states beside the mechanics, a row a sample; of size zero for a system without any
     beside: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    forces: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of a trail, those of what is beside
+    #: of a trail, those of what is beside, before and after they jump, (n_t, n_samples, 2, n_names)
+    forces: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def copy(self) -> State:
         """Return a deep copy."""
@@ -49,17 +50,33 @@ class State:
 
     @classmethod
     def along(cls, states: Sequence[State], join: Callable = np.stack) -> State:
-        """Return the mechanics of states with a leading axis of instants; `np.concatenate` joins those with one."""
-        return cls(*(join(parts) for parts in zip(*(state.parts() for state in states))))
+        """Return the mechanics of states, and forces beside, with a leading axis of instants; `np.concatenate` joins
+        those with one."""
+        found = State(*(join(parts) for parts in zip(*(state.parts() for state in states))))
+        if states[0].forces.size:
+            found.forces = join([state.forces for state in states])
+        return found
+
+    @property
+    def alone(self) -> State:
+        """Its mechanics with a leading axis of one instant, sharing memory."""
+        return State(*(part[None] for part in self.parts()))
+
+    @property
+    def motion(self) -> np.ndarray:
+        """Positions, velocities and accelerations of states with a leading axis of instants, (n_t, 3, ...)."""
+        return np.stack([self.q, self.v, self.a], axis=1)
 
     def merged(self) -> State:
-        """Return the mechanics with the first two axes of all arrays as one."""
-        return State(*(part.reshape(math.prod(part.shape[:2]), *part.shape[2:]) for part in self.parts()))
+        """Return the mechanics, and forces beside, with the first two axes of all arrays as one."""
+        every = (*self.parts(), self.forces if self.forces.size else np.zeros((0, 0)))
+        *parts, forces = (part.reshape(math.prod(part.shape[:2]), *part.shape[2:]) for part in every)
+        return State(*parts, forces=forces)
 
     def at(self, number: int | slice) -> State:
         """Return one or some of states whose arrays have a leading axis of instants, sharing memory."""
-        parts = (part[number] for part in self.parts())
-        return State(*parts, self.beside[number] if self.beside.size else self.beside)
+        more = (part[number] if part.size else part for part in (self.beside, self.forces))
+        return State(*(part[number] for part in self.parts()), *more)
 
 
 class Moment(NamedTuple):
@@ -154,56 +171,48 @@ class Observer:
 
     every: int = 1  # steps of which it is to see one, beside start and end; it may be shown more
 
-    def __call__(self, number: int, time: float, state: State) -> None:
-        """See the state after a step, given by its number, 0 for the start."""
-        raise NotImplementedError
+    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+        """See the states after some steps, with a leading axis of these; of samples that have failed, where they stand.
 
-    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
-        """See positions, velocities and accelerations, shape (n_t, 3, n_samples, n), after some steps of a reduced
-        system; of samples that have failed, where they stand.
-
-        Numbers of the steps, increasing, and their ends, s, have shape (n_t,).
+        Numbers of the steps, increasing, 0 for the start, and their ends, s, have shape (n_t,).
         """
-        for number, time, parts in zip(numbers, times, trail):
-            self(int(number), float(time), State(*parts, np.zeros(0)))
-
-    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        """See the states after some steps of another system, with a leading axis of steps; others are as of `over`."""
-        for k, number in enumerate(numbers):
-            self(int(number), float(times[k]), states.at(k))
+        raise NotImplementedError
 
 
 class PooledObserver(Observer):
-    """Sees states of a run, with a leading axis of instants, as many at once as a system is quickest with; `times` (s)
-    are the instants so far, and `pulse` is called with numbers of steps."""
+    """Sees states of a run, with a leading axis of instants, as many at once as a system is quickest with; `numbers` of
+    steps and `times` (s) are those so far, and `pulse` is called with how many steps there were."""
 
     def __init__(self, at_once: int, pulse: Callable[[int], object] = lambda n_steps: None) -> None:
-        self._at_once, self._pulse, self._waiting = at_once, pulse, []
+        self._at_once, self._pulse, self._waiting, self._n_seen = at_once, pulse, [], 0
+        self.numbers: list[int] = []
         self.times: list[float] = []
 
     def see(self, first: int, states: State) -> None:
         """See the states at the instants of `times` from the number of the first one on."""
         raise NotImplementedError
 
-    def __call__(self, number: int, time: float, state: State) -> None:
-        """Take in the state after a step."""
-        self.over_states(np.array([number]), np.array([time]), State.along([state]))
-
-    def over_states(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
+    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
         """Take in the states after some steps."""
-        self.times += times.tolist()
-        self._waiting.append(states)
-        if sum(len(one.q) for one in self._waiting) >= self._at_once:
-            self.finish()
+        first = 0
+        while first < times.size:
+            room = self._at_once + self._n_seen - len(self.times)
+            some = slice(first, first + room)
+            self.numbers += numbers[some].tolist()
+            self.times += times[some].tolist()
+            self._waiting.append(states.at(some))
+            if len(times[some]) == room:
+                self.finish()
+            first += room
         self._pulse(int(np.count_nonzero(numbers)))
 
     def finish(self) -> None:
         """See those that wait."""
-        waiting, self._waiting = self._waiting, []
+        waiting, self._waiting, first, self._n_seen = self._waiting, [], self._n_seen, len(self.times)
         if waiting:
             states = waiting[0] if len(waiting) == 1 else State.along(waiting, np.concatenate)
             with np.errstate(all="ignore"):  # a run that fails may overflow before it is given up
-                self.see(len(self.times) - len(states.q), states)
+                self.see(first, states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,6 +250,7 @@ class Beside(Protocol):
     """States beside the mechanics; a step takes them along (`alpha_step.iterate`)."""
 
     jumps: bool  # whether forces jump between two steps
+    now: np.ndarray  # forces at the instant that was reached last, before and after they jump, (n_samples, 2, n_names)
     n_carried: int  # forces that joints carry, which are found between corrections
 
     def start(self, state: State) -> None:
@@ -285,6 +295,7 @@ class SecondOrderSystem:
     n_events: int = 0  # edges of laws whose crossing is to be found in time
     steps_at_once: int = 1  # steps that the samples are to take at most until they meet
     bends: bool = False  # whether nothing is to be concluded from how an iteration contracted in the step before
+    instants_at_once: int = 1  # instants of a run whose outputs and energies are best evaluated together
     has_range: bool = False  # whether samples may leave the model's range of validity (`outside`)
     moving_constraints: bool = False  # whether constraints turn or follow motions; see `AlphaStep`
     beside: Beside | None = None  # states beside the mechanics; None where there are none
@@ -355,9 +366,14 @@ class SecondOrderSystem:
         for number in range(len(trail.q)):
             self.restore(trail.at(number), states.at(number), samples)
 
-    def show(self, observer: Observer, numbers: np.ndarray, times: np.ndarray, trail: State) -> None:
-        """Show the states after some steps to an observer."""
-        observer.over_states(numbers, times, trail)
+    def energies(self, time: float, state: State) -> Energies:
+        """Return energies and powers at an instant, each of shape (n_samples,)."""
+        return self.energies_over(np.array([time]), state.alone)
+
+    def energies_over(self, times: Sequence[float], states: State) -> Energies:
+        """Return energies and powers in states with a leading axis of instants (n_t,), s, each of shape (n_t
+        n_samples,), instant after instant."""
+        raise NotImplementedError
 
     def steps_between_looks(self, every: int | None) -> int:
         """Return how many steps make one of PETSc's TS where it does not look, if one in `every` is observed, or none

@@ -13,7 +13,6 @@ vectors as runs interpolate them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import eigh
@@ -239,14 +238,8 @@ def reduced_frequencies(
 ) -> np.ndarray:
     """Return the frequencies of the reduced model at any configurations (n, n_theta), shape (n, n_modes), Hz; `free`
     are the coordinates that are not prescribed, all by default."""
-    at_theta = replace(
-        tables,
-        mass=interpolant(tables.samples, tables.mass, scheme)(theta),
-        stiffness=interpolant(tables.samples, tables.stiffness, scheme)(theta),
-    )
-    return at_theta.frequencies_hz(
-        evaluate_weights(tables.mass_weights, values), evaluate_weights(tables.stiffness_weights, values), free
-    )
+    mass, stiffness = (evaluate_weights(own, values) for own in (tables.mass_weights, tables.stiffness_weights))
+    return tables.frequencies_hz(mass, stiffness, free, lambda table: interpolant(tables.samples, table, scheme)(theta))
 
 
 def _check_same_mechanism(scene: Scene, rom: ReducedOrderModel | None) -> None:

@@ -69,34 +69,21 @@ from pgmp_petsc.studies.field_frames import field_frames, fields_over, left_out_
 
 
 def simulate(model: FullModel | ReducedModel, comm: Comm) -> Trajectory | None:
-    """Run a model of any kind; see `simulate_reduced` and `simulate_full`. Collective on `comm`."""
-    return (simulate_reduced if isinstance(model, ReducedModel) else simulate_full)(model, comm)
+    """Run a model; the first rank gets the result, others None. Collective on `comm`.
 
+    The full-order and the component model are distributed over ranks, which take `UNKNOWNS_PER_RANK` unknowns each at
+    least: factorising a small matrix on several takes longer than on one. A reduced model needs one. The others wait.
 
-def simulate_reduced(model: ReducedModel, comm: Comm) -> Trajectory | None:
-    """Run the reduced model; one sample needs one rank, which gets the result, others wait for None. Collective on
-    `comm`. Raises `RunError` where the computation itself breaks. A run that stops before its end is a trajectory with
-    its status."""
-    trajectory = None
-    with agreed(comm, "simulation"):
-        if comm.rank == 0:
-            trajectory = _reduced_on_one_rank(model, comm)
-    return trajectory
-
-
-def simulate_full(model: FullModel, comm: Comm) -> Trajectory | None:
-    """Run the full-order or the component model, distributed over ranks. Collective on `comm`; see
-    `simulate_reduced`.
-
-    A model with fewer than `UNKNOWNS_PER_RANK` unknowns a rank runs on fewer ranks: factorising a small matrix on
-    several takes longer than on one. The others wait.
+    Raises `RunError` where the computation itself breaks. A run that stops before its end is a trajectory with its
+    status.
     """
-    n_workers = min(comm.size, max(1, model.kinematics.mechanism.n_dofs // UNKNOWNS_PER_RANK))
-    trajectory = None
+    on_one_rank, n_workers = isinstance(model, ReducedModel), 1
+    if not on_one_rank:
+        n_workers = min(comm.size, max(1, model.kinematics.mechanism.n_dofs // UNKNOWNS_PER_RANK))
     with first_ranks(comm, n_workers) as workers, agreed(comm, f"{model.title} simulation"):
-        if comm.rank < n_workers:
-            trajectory = _full_on_all_ranks(model, workers, comm.size)
-    return trajectory
+        if comm.rank >= n_workers:
+            return None
+        return (_reduced if on_one_rank else _full)(model, workers, comm.size)
 
 
 @dataclass(frozen=True)
@@ -183,7 +170,7 @@ def _furthest(once: Callable[[Attempt], _Part], simulation: Simulation) -> tuple
     return part, [note(f"the run was tried with steps down to 1/{tried} of {step} before it was given up; {kept}")]
 
 
-def _full_on_all_ranks(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
+def _full(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
     timings, fields = Timings(), model.fields()
     started: list[Remark] = []
 
@@ -256,7 +243,7 @@ def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None,
     return errors, [*large, *step_remarks(model, part.time, part.outputs, other, found)]
 
 
-def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
+def _reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
     timings = Timings()
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
     indicator = ErrorIndicator(model) if is_estimated(model.scene) else None
@@ -292,7 +279,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: Comm) -> Trajectory:
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
     balance = balance_of(part.time, part.recorded["energies"])
     described = _described(
-        model, part, frames, comm.size, timings,
+        model, part, frames, n_ranks, timings,
         (*remarks, *balance_remarks(balance, part.attempt.simulation.step, model.scene.system),
          *truncated_stresses(model.scene), *left_out_of_fields(fields.seen), *part.recorded["started"],
          *jump_remarks(model, part.recorded["system"], part.recorded["start"], balance.strain),
@@ -329,10 +316,8 @@ def _reduced_part(
         done = integrate(system, simulation, observer=Together([*watches, record]))
     times, history = record.states()
     with timings.phase("projection"), np.errstate(all="ignore"):
-        if model.outputs.takes_beside:
-            history.forces = system.forces_beside(times)[:, 0]
         outputs = model.observed_of(times, history, model.scene.values)
-        energies = system.energies_of_run(times, history)
+        energies = system.energies_over(*record.of_batch(), model.scene.values)
     part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
     start = State(history.q[:1], history.v[:1], history.a[:1], history.multipliers)
     started = start_remarks(model.scene, system)

@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.base.units import MM, SI
-from pgmp_petsc.ensemble import watchers
 from pgmp_petsc.ensemble.description import over_time_remarks
 from pgmp_petsc.ensemble.statistics import in_words
 from pgmp_petsc.ensemble.watchers import Begun, OverTimeWatcher, band_steps
-from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.status import Status
 
-STEP, N_STEPS, N, AT_ONCE = 0.01, 100, 5, 3
+STEP, N_STEPS, N = 0.01, 100, 5
 SIZES = np.array([0.5, 1.0, 2.0, 3.0, 4.0])
 EVENTS = {
     "high": {"output": "y", "above": 0.9, "when": "ever"},
@@ -34,40 +32,25 @@ class Model:
         read = {"functions": {"y": None}, "counts": {}, "takes_beside": False}
         self.outputs = SimpleNamespace(**read, evaluate=lambda observed: {"y": observed[0]})
 
-    def observed_over(self, system: object, states: State, times: np.ndarray) -> np.ndarray:
-        assert len(states.q) == len(times) <= AT_ONCE
+    def observed_over(self, system: SimpleNamespace, states: State, times: np.ndarray) -> np.ndarray:
+        assert len(states.q) == len(times) <= system.instants_at_once
         return states.q.reshape(1, -1)
 
 
-class Reduced(Model, ReducedModel):
-    """The same of a model whose outputs follow from coordinates: its states wait for others."""
-
-    def observed_of(self, time: np.ndarray, states: State, values: object) -> np.ndarray:
-        return states.q.reshape(1, -1)
-
-
-def watched(model: Model, divisor: int = 1, status: np.ndarray | None = None, at_once: int = 0) -> dict:
-    """Return what is found of sizes * sin(2 pi t), in steps of STEP / divisor, shown one by one or many at once."""
+def watched(model: Model, divisor: int = 1, status: np.ndarray | None = None, shown: int = 1, at_once: int = 3) -> dict:
+    """Return what is found of sizes * sin(2 pi t), in steps of STEP / divisor, some `shown` and looked at together."""
     watcher = OverTimeWatcher(model, with_bands=True)
     simulation = model.scene.simulation.model_copy(update={"step": STEP / divisor})
-    system = SimpleNamespace(n_samples=N, values={}, instants_at_once=AT_ONCE)
+    system = SimpleNamespace(n_samples=N, values={}, instants_at_once=at_once)
     watch = watcher.watch(Begun(system, {}, np.arange(N), simulation))
     numbers = np.arange(N_STEPS * divisor + 1)
     numbers = numbers[(numbers % watch.observer.every == 0) | (numbers == numbers[-1])]
     times = numbers * STEP / divisor
     trail = np.repeat((SIZES * np.sin(2.0 * np.pi * times)[:, None])[:, None, :, None], 3, axis=1)
-    watch.observer(0, 0.0, State(*trail[0], np.zeros(0)))
-    if at_once:
-        for first in range(1, times.size, at_once):
-            some = slice(first, first + at_once)
-            if isinstance(model, Reduced):
-                watch.observer.over(numbers[some], times[some], trail[some])
-            else:
-                states = State(*np.moveaxis(trail[some], 1, 0), *np.zeros((2, len(trail[some]), 0)))
-                watch.observer.over_states(numbers[some], times[some], states)
-    else:
-        for number, time, parts in zip(numbers[1:], times[1:], trail[1:]):
-            watch.observer(int(number), float(time), State(*parts, np.zeros(0)))
+    states = State(*np.moveaxis(trail, 1, 0), *np.zeros((2, len(trail), 0)))
+    bounds = [0, *range(1, times.size, shown), times.size]
+    for some in (slice(first, last) for first, last in zip(bounds, bounds[1:])):
+        watch.observer.over(numbers[some], times[some], states.at(some))
     found = watch.found(np.zeros(N, dtype=int) if status is None else status)
     empty = watcher.empty(N)
     assert {kind: arrays.keys() for kind, arrays in found.items()} == {k: arrays.keys() for k, arrays in empty.items()}
@@ -108,7 +91,7 @@ def test_bands_take_start_end_and_instants_between() -> None:
         ({"extremes": True}, False, True),
     ):
         assert OverTimeWatcher(Model(**asked), with_bands=with_bands).is_asked is looks
-    begun = Begun(SimpleNamespace(n_samples=N), {}, np.arange(N), Model().scene.simulation)
+    begun = Begun(SimpleNamespace(n_samples=N, instants_at_once=1), {}, np.arange(N), Model().scene.simulation)
     assert OverTimeWatcher(Model(bands=5), with_bands=True).watch(begun).observer.every == 25
 
 
@@ -137,7 +120,12 @@ def test_a_sample_that_failed_has_none() -> None:
 
 def test_an_output_that_was_no_number_has_no_extremes() -> None:
     model = Model(extremes=True)
-    model.outputs.evaluate = lambda observed: {"y": np.where(np.arange(N) == 1, np.sqrt(observed[0]), observed[0])}
+
+    def evaluate(observed: np.ndarray) -> dict[str, np.ndarray]:
+        values = observed.reshape(-1, N)
+        return {"y": np.where(np.arange(N) == 1, np.sqrt(values), values)}
+
+    model.outputs.evaluate = evaluate
     with np.errstate(invalid="ignore"):
         found = watched(model)["extremes"]
     assert np.isnan(found["y/max"][1]) and np.isnan(found["y/time_of_min"][1]) and np.isfinite(found["y/max"][0])
@@ -167,14 +155,13 @@ def test_events_are_said_in_words() -> None:
     assert in_words(Event(output="y", above=0.5), "m", MM) == "y above 500 mm at the end"
 
 
-@pytest.mark.parametrize("at_once", [0, 1, 7, 50])
-@pytest.mark.parametrize("most", [1, 12, 1 << 16])
+@pytest.mark.parametrize("shown", [1, 7, 50])
+@pytest.mark.parametrize("at_once", [1, 12, 1 << 16])
 @pytest.mark.parametrize("always", [False, True])
-def test_states_that_wait_for_others_change_nothing(monkeypatch, at_once: int, most: int, always: bool) -> None:
+def test_states_that_wait_for_others_change_nothing(shown: int, at_once: int, always: bool) -> None:
     """Whether none waits, some, or all until the end."""
-    monkeypatch.setattr(watchers, "LARGEST", most)
     asked = {"bands": 5} | ({"extremes": True, "probabilities": EVENTS} if always else {})
-    alone, together = watched(Model(**asked)), watched(Reduced(**asked), at_once=at_once)
+    alone, together = watched(Model(**asked)), watched(Model(**asked), shown=shown, at_once=at_once)
     for kind, arrays in alone.items():
         for name, values in arrays.items():
             np.testing.assert_array_equal(together[kind][name], values)

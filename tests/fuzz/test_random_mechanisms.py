@@ -16,7 +16,7 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from pgmp_petsc.studies.simulate import simulate
 
 # in the suite; PGMP_FUZZ=100 tries a hundred times as many
 CASES = 4 * int(os.environ.get("PGMP_FUZZ", "1"))
@@ -57,8 +57,8 @@ def verdict_on(scene: Scene) -> Verdict:
     with without_progress(), RankGroup.split(MPI.COMM_SELF, 1) as group:
         rom = build_rom(scene, meshes, group)
         warned = scene.with_remarks((*scene.remarks, *rom.record.remarks))
-        reduced = simulate_reduced(ReducedModel(warned, rom), MPI.COMM_SELF)
-        full = simulate_full(FullModel(scene, meshes), MPI.COMM_SELF)
+        reduced = simulate(ReducedModel(warned, rom), MPI.COMM_SELF)
+        full = simulate(FullModel(scene, meshes), MPI.COMM_SELF)
     return Verdict(reduced, full)
 
 

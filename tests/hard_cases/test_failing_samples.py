@@ -15,8 +15,9 @@ from pgmp_petsc.ensemble.watchers import RangeWatch
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run
+from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.status import Status
-from pgmp_petsc.studies.simulate import _Part, simulate_full, simulate_reduced
+from pgmp_petsc.studies.simulate import _Part, simulate
 from scenes import RADIUS
 
 N = 35  # more than one block of lanes in either model
@@ -88,11 +89,11 @@ def test_a_full_order_sample_that_leaves_the_range_and_comes_back_has_failed(ban
 
 
 def test_a_single_run_beyond_the_range_says_so_and_goes_on_without_deformations() -> None:
-    alone = simulate_full(model_of("full", *AWAY, "parameters.push.nominal=60.0"), MPI.COMM_SELF)
+    alone = simulate(model_of("full", *AWAY, "parameters.push.nominal=60.0"), MPI.COMM_SELF)
     assert alone.status == Status.LEFT_RANGE and alone.record.remarks[0].text.startswith("full simulation stopped at")
     assert "widen the coordinate" in alone.record.remarks[0].text
     angle = 'outputs={angle={type="angle", joint="crank_hinge"}}'
-    further = simulate_full(model_of("full", *AWAY, "parameters.push.nominal=60.0", angle), MPI.COMM_SELF)
+    further = simulate(model_of("full", *AWAY, "parameters.push.nominal=60.0", angle), MPI.COMM_SELF)
     assert further.status == Status.FINE and further.outputs["angle"].max() > 0.61
 
 
@@ -122,7 +123,6 @@ def test_bounds_truncate_and_lose_no_sample() -> None:
 # 150 rad/s in steps of 10 ms, see test_steps; and a start from which the same steps are no trouble
 FAST = (*run_for(0.1, 1e-2), *start(0.3, 150.0))
 DRAWN = 'parameters.r1.distribution={name="uniform", loc=5.5e-3, scale=2e-4}'
-SIMULATE = {"full": simulate_full, "reduced": simulate_reduced}
 
 
 @pytest.mark.parametrize("name", ["full", "reduced"])
@@ -143,7 +143,6 @@ def test_a_sample_that_a_large_step_loses_is_tried_with_smaller_ones(name: str) 
 @pytest.mark.parametrize("name", ["full", "reduced"])
 def test_a_single_run_that_a_large_step_loses_is_tried_with_smaller_ones(name: str) -> None:
     """It is the run with that step, and says so."""
-    simulate = SIMULATE[name]
     run = simulate(model_of(name, *FAST), MPI.COMM_SELF)
     assert run.status == Status.FINE and run.steps_divided in (2, 4, 8)
     said = next(remark.text for remark in run.record.remarks if "integrated again" in remark.text)
@@ -157,7 +156,7 @@ def test_a_single_run_that_a_large_step_loses_is_tried_with_smaller_ones(name: s
 @pytest.mark.parametrize("name", ["full", "reduced"])
 def test_a_single_run_at_an_absurd_speed_is_a_failure(name: str) -> None:
     """As fast as a scene may ask for: never NaN in a run that is fine."""
-    run = SIMULATE[name](model_of(name, *run_for(0.01, 1e-3), *start(0.3, 1e29)), MPI.COMM_SELF)
+    run = simulate(model_of(name, *run_for(0.01, 1e-3), *start(0.3, 1e29)), MPI.COMM_SELF)
     assert run.status != Status.FINE
     assert run.record.remarks[0].kind == "warning" and "simulation stopped at" in run.record.remarks[0].text
     # of a full-order run those of the step, and those of the mesh
@@ -183,7 +182,7 @@ def test_a_sample_that_left_the_range_before_it_failed_left_the_range() -> None:
     """As a single run; one that fails first has failed."""
     leaving = SimpleNamespace(left_range=lambda system, state: np.array([True, True, True, False]))
     watch = RangeWatch(leaving, SimpleNamespace(n_samples=4))
-    watch(1, 0.1, None)
+    watch.over(np.array([1]), np.array([0.1]), State(*np.zeros((5, 1, 4, 1))))
     lost, fine = Status.NOT_CONVERGED, Status.FINE
     found = watch.judged(Run(None, np.array([lost, fine, lost, lost]), np.array([0.5, np.nan, 0.05, 0.5]), 9, 0))
     assert found.status.tolist() == [Status.LEFT_RANGE, Status.LEFT_RANGE, lost, lost]

@@ -19,7 +19,7 @@ from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.effect_sizes import estimate_effects, remarks_on_sizes
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from pgmp_petsc.studies.simulate import simulate
 
 SCENE = Path(__file__).with_name("press_linkage.toml")
 SECOND_ORDER = ('effects.stiffening={type="geometric_stiffening"}', 'effects.changing={type="mode_inertia"}')
@@ -32,12 +32,12 @@ def scene_of(*overrides: str) -> Scene:
 
 @lru_cache(maxsize=1)
 def linear() -> Trajectory:
-    return simulate_reduced(ReducedModel(scene_of(), rom_of(scene_of())), MPI.COMM_SELF)
+    return simulate(ReducedModel(scene_of(), rom_of(scene_of())), MPI.COMM_SELF)
 
 
 @lru_cache(maxsize=1)
 def of_full_order() -> Trajectory:
-    return simulate_full(FullModel(scene_of(), rom_of(scene_of()).meshes), MPI.COMM_SELF)
+    return simulate(FullModel(scene_of(), rom_of(scene_of()).meshes), MPI.COMM_SELF)
 
 
 def warnings_of(trajectory: Trajectory) -> str:
@@ -63,7 +63,7 @@ def test_the_linear_model_errs_and_warns() -> None:
 def test_static_stretching_follows_it_to_the_end() -> None:
     """What is left, some seven per cent of the bending, is a tenth of what the linear model leaves."""
     scene = scene_of(*SECOND_ORDER)
-    run = simulate_reduced(ReducedModel(scene, rom_of(scene)), MPI.COMM_SELF)
+    run = simulate(ReducedModel(scene, rom_of(scene)), MPI.COMM_SELF)
     full = of_full_order()
     assert run.status == 0
     exact = full.outputs["coupler_bending"]

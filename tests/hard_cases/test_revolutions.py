@@ -18,7 +18,7 @@ from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.tables import fine_grid
 from pgmp_petsc.scene import Scene, scene_from_tables
-from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.simulate import balance_of
 from scenes import slider_crank
@@ -167,15 +167,10 @@ def test_energy_is_kept_without_damping(name: str, turns: int) -> None:
     tables["effects"] = {key: effect for key, effect in tables.get("effects", {}).items() if key not in left_out}
     settings = ("simulation.spectral_radius=1.0", *run_for(turns * period, step))
     scene = scene_from_tables(tables, path.parent, (*overrides, *settings))
-    system, times, states = ReducedModel(scene, rom_of(scene)).batch(samples(scene, 1), 1), [], []
-
-    def record(step: int, time: float, state: State) -> None:
-        times.append(time)
-        states.append((state.q[0].copy(), state.v[0].copy(), state.a[0].copy()))
-
+    system, record = ReducedModel(scene, rom_of(scene)).batch(samples(scene, 1), 1), StateRecord(lambda n_steps: None)
     assert integrate(system, scene.simulation, observer=record).status[0] == 0
-    q, v, a = (np.array(part) for part in zip(*states))
-    balance = balance_of(np.array(times), system.energies_of_run(np.array(times), State(q, v, a, np.zeros(0))))
+    times, states = record.of_batch()
+    balance, q = balance_of(times, system.energies_over(times, states, scene.values)), states.q[:, 0]
     if name == "five_bar":  # it swings: as often as it passes its mean on the way up
         done = np.count_nonzero(np.diff(np.sign(q[:, 0] - q[:, 0].mean())) > 0)
     else:

@@ -9,7 +9,7 @@ from runs import full_model, paper_scene
 from pgmp_petsc.ranks.ending import end
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.ranks.petsc import start_petsc
-from pgmp_petsc.studies.simulate import simulate_full
+from pgmp_petsc.studies.simulate import simulate
 
 N_SPLITS, N_RUNS = 50, 4
 
@@ -26,13 +26,13 @@ def main() -> None:
     start_petsc()
     world = MPI.COMM_WORLD
     model = full_model(paper_scene("simulation.duration=0.002", "simulation.step=1e-3"))
-    simulate_full(model, world)  # what PETSc makes once and keeps
+    simulate(model, world)  # what PETSc makes once and keeps
     before = next_handle()
     for _ in range(N_SPLITS):
         with RankGroup.split(world, 2):
             pass
     for _ in range(N_RUNS):
-        simulate_full(model, world)
+        simulate(model, world)
     handles = world.gather((before, next_handle()))
     if handles:
         print(handles)

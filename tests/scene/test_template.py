@@ -15,7 +15,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.scene.loading import template_names, write_template
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.simulate import simulate_reduced
+from pgmp_petsc.studies.simulate import simulate
 
 NAMES = ("arm", "four_bar", "gantry", "press", "rotor", "servo", "slider_crank", "solid_link", "spatial")
 # a shortened run of a coarse model: 12 configurations of one coordinate, 4 x 4 of two
@@ -40,7 +40,7 @@ def test_a_template_is_sound_and_runs(name: str, tmp_path: Path) -> None:
     scene, meshes = read_scene(written[0], overrides, (), MPI.COMM_SELF, Purpose.BUILD)
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
         rom = build_rom(scene, meshes, group)
-    run = simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF)
+    run = simulate(ReducedModel(scene, rom), MPI.COMM_SELF)
     assert run.status == Status.FINE and run.time[-1] == pytest.approx(0.02)
     assert all(np.isfinite(values).all() for values in run.outputs.values())
     assert any(np.ptp(values) > 0.0 for values in run.outputs.values())

@@ -34,7 +34,7 @@ from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.bodies import Body
 from pgmp_petsc.scene.reference_page import reference_page
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from pgmp_petsc.studies.simulate import simulate
 from scenes import tables
 
 LISTING, JOINT, CONTROLLER = (
@@ -74,9 +74,9 @@ def line_spring(tmp_path: Path) -> Path:
 
 
 MODELS: dict[str, Callable[[Scene], Trajectory]] = {
-    "full": lambda scene: simulate_full(_full(scene, meshes_for(scene)), MPI.COMM_SELF),
-    "components": lambda scene: simulate_full(_components(scene, meshes_for(scene)), MPI.COMM_SELF),
-    "reduced": lambda scene: simulate_reduced(ReducedModel(scene, _build(scene, meshes_for(scene), {})), MPI.COMM_SELF),
+    "full": lambda scene: simulate(_full(scene, meshes_for(scene)), MPI.COMM_SELF),
+    "components": lambda scene: simulate(_components(scene, meshes_for(scene)), MPI.COMM_SELF),
+    "reduced": lambda scene: simulate(ReducedModel(scene, _build(scene, meshes_for(scene), {})), MPI.COMM_SELF),
 }
 
 

@@ -48,7 +48,7 @@ from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.effect_sizes import estimate_effects
-from pgmp_petsc.studies.simulate import simulate, simulate_full
+from pgmp_petsc.studies.simulate import simulate
 from scenes import HEADER, slider_crank, tables
 
 SERVO_ARM = ROOT / "pgmp_petsc" / "scene" / "templates" / "servo.toml"
@@ -389,7 +389,7 @@ def test_errors_of_the_step_under_control(every: int, known: bool) -> None:
     torque = 'outputs.torque={type="control_force",controller="servo"}'
     short = f"controllers.servo.sample_time={every}e-3", "simulation.duration=0.15", torque
     one, fine = (load_scene(SERVO_ARM, (*short, f"simulation.step={step}")) for step in (1e-3, 2.5e-4))
-    found = simulate_full(full_model(one), MPI.COMM_SELF)
+    found = simulate(full_model(one), MPI.COMM_SELF)
     said = [remark.text for remark in found.record.remarks if "would miss samplings" in remark.text]
     assert bool(said) != known and (found.errors is None) != known
     if known:
@@ -423,7 +423,7 @@ def test_forces_in_joints_under_control(entries: tuple[str, ...], monkeypatch: p
     full, components, reduced = (run(scene, model)[1] for model in MODELS)
     # what is evaluated later, many instants at once, ends at samplings too
     monkeypatch.setattr("pgmp_petsc.full.systems.STATES_AT_ONCE", 7)
-    later = simulate_full(full_model(scene), MPI.COMM_SELF).outputs
+    later = simulate(full_model(scene), MPI.COMM_SELF).outputs
     assert_close(full, later, **dict.fromkeys(("pivot", "rail2", "force", "torque"), 1e-12))
     assert_close(full, reduced, components, rail2=2e-4, **({} if len(entries) > len(ARM) else {"pivot": 0.012}))
     model = reduced_model(scene)

@@ -250,10 +250,9 @@ def test_every_instance_has_memory_of_its_own(loaded) -> None:
 
 
 @pytest.mark.parametrize(("version", "sanitizer"), zip(VERSIONS, ["thread", "address,undefined"]))
-def test_instances_in_threads(slider_crank, tmp_path, version, sanitizer) -> None:
+def test_instances_in_threads(fmus, tmp_path, version, sanitizer) -> None:
     """Instances that threads make, run and free at once give what one gives alone, and write nothing they share."""
-    write_fmu(constants_of(slider_crank, "it"), tmp_path / "m.fmu", version)
-    with zipfile.ZipFile(tmp_path / "m.fmu") as archive:
+    with zipfile.ZipFile(fmus[version]) as archive:
         archive.extractall(tmp_path)
     sources = sorted((tmp_path / "sources").glob("*.c"))
     options = [f"-fsanitize={sanitizer}", "-fno-sanitize-recover=all", "-O0", "-g", f"-DVERSION={version}", "-pthread"]

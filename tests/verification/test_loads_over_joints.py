@@ -22,7 +22,7 @@ from pgmp_petsc.models import of_samples
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.uses import motion_over
-from pgmp_petsc.studies.simulate import simulate_full
+from pgmp_petsc.studies.simulate import simulate
 from scenes import pendulum, slider_crank
 
 ROWS = ((-3.0, 0.3), (-2.0, -0.2), (-1.0, 0.4), (0.0, 0.0), (0.1, 0.5))
@@ -75,7 +75,7 @@ def test_the_work_of_a_torque_over_turns_of_a_crank() -> None:
         "bodies.crank.flexible=false", "bodies.rod.flexible=false", "simulation.initial.theta.velocity=40.0",
         "simulation.duration=0.5", "simulation.step=5e-4", 'outputs.angle={type="angle",joint="crank_hinge"}',
     )  # fmt: skip
-    found = simulate_full(full_model(scene), MPI.COMM_SELF)
+    found = simulate(full_model(scene), MPI.COMM_SELF)
     angle, kinetic = found.outputs["angle"], found.balance.kinetic
     grid = np.linspace(0.0, angle[-1], 100_001)
     area = cumulative_trapezoid(np.interp(grid % turn, [0.0, 1.0, 2.0], [0.0, 3.0, 0.0]), grid, initial=0.0)

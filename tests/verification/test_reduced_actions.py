@@ -94,7 +94,7 @@ def test_energies_at_several_instants_are_those_of_each(models, effect: str) -> 
     for k, state in enumerate(states[1:]):
         state.q[:] = states[0].q + 1e-3 * k
         state.v[:] = (1.0 + k) * states[0].v
-    together = system.energies_over(times, np.array([[state.q, state.v, state.a] for state in states]))
+    together = system.energies_over(times, State.along(states))
     for k, (time, state) in enumerate(zip(times, states)):
         here, there = system.energies(float(time), state), together[n * k : n * (k + 1)]
         parts = [(one.kinetic, one.strain, *one.potential.values(), *one.powers.values()) for one in (here, there)]
