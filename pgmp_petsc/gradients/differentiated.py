@@ -41,7 +41,7 @@ several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p +
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import astuple, dataclass, replace
 from typing import Any
@@ -54,6 +54,7 @@ from pgmp_petsc.gradients.differences import AnyModel, Differences, why_differen
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised, factorise, hold, substitute
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.models import ComponentModel, LengthLanes, OutputRecord, ReducedModel, SeparateLengths
+from pgmp_petsc.models.lengths import blended
 from pgmp_petsc.models.reduced_statics import JointAngles
 from pgmp_petsc.outputs.rainflow import counted_after, counted_changes
 from pgmp_petsc.scene.uses import offset_directions, velocity_names
@@ -489,7 +490,7 @@ class ObservedChanges:
         self._model, self._values, self._times, self._states = model, dict(values), times, states
         self._members = [_Member(member, self._values, times, states) for member in model.members]
         shares = model.shares(self._values)
-        self._made_of = _total(_times(share, member.outputs) for share, member in zip(shares, self._members))
+        self._made_of = blended(shares, [member.outputs for member in self._members])
         self._made_of |= model.stressed(states, self._values)
         self.outputs = model.composed(self._made_of, times, self._values, times.size)  # each of shape (n_t,)
 
@@ -497,9 +498,10 @@ class ObservedChanges:
         """Return the derivatives of all outputs with a parameter, each (n_t,), for those of eta, its rates and
         accelerations, shape (3, n_t, n_eta)."""
         shares, slopes = self._model.shares(self._values), self._model.shares(self._values, name)
-        parts = [_times(share, member.changes(name, changes)) for share, member in zip(shares, self._members)]
-        parts += [_times(slope, member.outputs) for slope, member in zip(slopes, self._members) if slope]
-        return self._through_formulas(name, _total(parts) | self._of_stresses(name, changes))
+        parts = [member.changes(name, changes) for member in self._members]
+        parts += [member.outputs for member in self._members]
+        found = blended([*shares, *slopes], parts)
+        return self._through_formulas(name, found | self._of_stresses(name, changes))
 
     def _of_stresses(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
         """Return the derivatives of stresses that the model has by itself."""
@@ -593,14 +595,3 @@ def _largest(model: ReducedModel | LengthLanes, changes: np.ndarray, value: floa
     size = np.max(np.abs(changes[0]) * model.terms.scale, axis=1)
     largest = np.maximum(size, 1.0 / abs(value) if value else 0.0)
     return np.where(largest > 0.0, largest, 1.0)
-
-
-def _times(share: float, outputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return {output: share * values for output, values in outputs.items()}
-
-
-def _total(parts: Iterable[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    total: dict[str, np.ndarray] = {}
-    for part in parts:
-        total = {output: total.get(output, 0.0) + values for output, values in part.items()}
-    return total

@@ -230,9 +230,8 @@ class LengthLanes(Observing):
         `ReducedModel`."""
         n = len(states.q)
         each = [member.outputs.evaluate(member.observed_of(time, states, values)) for member in self.members]
-        shares = self._shares_of(values, n)
-        found = {name: sum(share * one[name] for share, one in zip(shares, each)) for name in each[0]}
-        found = self.composed(found | self.stressed(states, values), time, values, n)
+        found = blended(self._shares_of(values, n), each) | self.stressed(states, values)
+        found = self.composed(found, time, values, n)
         return _stacked({name: found[name] for name in self.outputs.units}, n)
 
     def stressed(self, states: State, values: Mapping[str, np.ndarray | float]) -> dict[str, np.ndarray]:
@@ -281,6 +280,11 @@ def _of_others(scene: Scene, name: str) -> AnyReading:
     """Return what an output reads of others that a model has found."""
     entry = scene.outputs[name]
     return entry.combined(f"outputs.{name}", {one: ModelReading(one, Needs()) for one in entry.made_in(scene)}, scene)
+
+
+def blended(shares: Iterable[np.ndarray | float], each: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Return the sums of what several models have by the same names, each with its share."""
+    return {name: sum(share * one[name] for share, one in zip(shares, each)) for name in each[0]}
 
 
 def _stacked(outputs: Mapping[str, np.ndarray], n: int) -> np.ndarray:

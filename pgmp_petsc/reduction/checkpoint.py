@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import h5py
 import numpy as np
@@ -33,7 +33,6 @@ from pgmp_petsc.reduction.rom_file import BodyFile
 from pgmp_petsc.reduction.sampler import Sample
 from pgmp_petsc.scene import Scene, scene_to_toml
 
-OF_BUILDS, OF_TASKS = 10, 2  # formats
 INTERVAL = 10.0  # s
 LOCAL = ("shape", "mass_kept", "built_in")  # arrays of a sample of which every rank of a group has its own rows
 Arrays = dict[str, np.ndarray]
@@ -42,18 +41,32 @@ Arrays = dict[str, np.ndarray]
 class SceneCheckpoint(SharedCheckpoint):
     """A checkpoint that is known by what `kind` says, a scene and its meshes; one of others is refused."""
 
+    format: ClassVar[int]
+    readers: ClassVar[Mapping[str, Callable[[str, Mapping[str, np.ndarray]], dict[Any, Any]]]]  # of `SharedCheckpoint`
+
     def __init__(
-        self,
-        output: Path,
-        kind: Mapping[str, object],
-        scene: Scene,
-        meshes: Mapping[str, BodyShape],
-        comm: Comm,
+        self, output: Path, kind: Mapping[str, object], scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm,
         resume: bool,
-        readers: Mapping[str, Callable[[str, Mapping[str, np.ndarray]], dict[Any, Any]]],
-    ) -> None:
-        run = {**kind, "scene": identity(scene_to_toml(scene)), "meshes": identity(meshes)}
-        super().__init__(output, run, comm, resume, readers)
+    ) -> None:  # fmt: skip
+        known = {"scene": identity(scene_to_toml(scene)), "meshes": identity(meshes)}
+        super().__init__(output, {"format": self.format, **kind, **known}, comm, resume, self.readers)
+
+
+def _samples_of(name: str, arrays: Mapping[str, np.ndarray]) -> dict[bytes, dict[str, np.ndarray]]:
+    """Return finished samples by the bytes of their configuration."""
+    joined = dict(arrays)
+    if joined.keys() != (wanted := {item.name for item in fields(Sample)} | {"theta"}):
+        raise ValueError(f"samples have the arrays {', '.join(sorted(joined))}, not {', '.join(sorted(wanted))}")
+    if len({len(part) for part in joined.values()}) > 1:
+        raise ValueError("its arrays are not of one number of samples")
+    configurations = joined.pop("theta")
+    return {theta.tobytes(): {key: part[k] for key, part in joined.items()} for k, theta in enumerate(configurations)}
+
+
+def _component(name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, Component]:
+    """Return a condensed body by its name."""
+    with h5py.File(io.BytesIO(arrays["content"].tobytes()), "r") as file:
+        return {str(arrays["body"]): BodyFile.take(file).shape}
 
 
 class BuildCheckpoint(SceneCheckpoint):
@@ -62,12 +75,13 @@ class BuildCheckpoint(SceneCheckpoint):
     `components` are bodies that are condensed already, by name.
     """
 
+    format, readers = 10, {"samples-*": _samples_of, "component-*": _component}
+
     def __init__(
         self, output: Path, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, resume: bool
     ) -> None:
         self._group = group
-        readers = {"samples-*": _samples_of, "component-*": _component}
-        super().__init__(output, {"format": OF_BUILDS}, scene, meshes, group.world, resume, readers)
+        super().__init__(output, {}, scene, meshes, group.world, resume)
         self._samples_of, self.components = self._known
         self._waiting: list[dict[str, np.ndarray]] = []
         self._written = time.monotonic()
@@ -108,38 +122,11 @@ class BuildCheckpoint(SceneCheckpoint):
         self._waiting, self._written = [], time.monotonic()
 
 
-def _samples_of(name: str, arrays: Mapping[str, np.ndarray]) -> dict[bytes, dict[str, np.ndarray]]:
-    """Return finished samples by the bytes of their configuration."""
-    joined = dict(arrays)
-    if joined.keys() != (wanted := {item.name for item in fields(Sample)} | {"theta"}):
-        raise ValueError(f"samples have the arrays {', '.join(sorted(joined))}, not {', '.join(sorted(wanted))}")
-    if len({len(part) for part in joined.values()}) > 1:
-        raise ValueError("its arrays are not of one number of samples")
-    configurations = joined.pop("theta")
-    return {theta.tobytes(): {key: part[k] for key, part in joined.items()} for k, theta in enumerate(configurations)}
-
-
-def _component(name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, Component]:
-    """Return a condensed body by its name."""
-    with h5py.File(io.BytesIO(arrays["content"].tobytes()), "r") as file:
-        return {str(arrays["body"]): BodyFile.take(file).shape}
-
-
 class Finished(SceneCheckpoint):
     """Results of finished tasks of an experiment: `kind` is what is done with the scene, of the command line; a folder
     of anything else is refused, or of other scenes and meshes."""
 
-    def __init__(
-        self,
-        output: Path,
-        kind: Mapping[str, object],
-        scene: Scene,
-        meshes: Mapping[str, BodyShape],
-        comm: Comm,
-        resume: bool,
-    ) -> None:
-        readers = {"*": lambda name, arrays: {name: dict(arrays)}}
-        super().__init__(output, {"format": OF_TASKS, **kind}, scene, meshes, comm, resume, readers)
+    format, readers = 2, {"*": lambda name, arrays: {name: dict(arrays)}}
 
     def get(self, kind: str, task: object) -> Arrays | None:
         """Return what an earlier run left of a task; None where it left nothing."""
