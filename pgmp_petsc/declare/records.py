@@ -539,6 +539,8 @@ class _Reader(NamedTuple):
         return self.array(one, self.group, place, words.get("name", ""))
 
     def _attributes(self, path: str) -> Mapping[str, Any]:
+        if path and path not in self.group:
+            raise KeyError(f"'/{path}' is missing")
         return (self.group[path] if path else self.group).attrs
 
     def _of_key(self, one: Holding, words: dict[str, Any], place: str, depth: int, key: str) -> Any:
