@@ -9,7 +9,7 @@ it: frames, rates, accelerations, stresses, forces, the time, parameters.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
@@ -231,8 +231,8 @@ class OutputSet:
         )  # fmt: skip
 
 
-def in_order(scene: Scene) -> list[str]:
-    """Return the names of outputs, each behind those that it is made of."""
+def in_order(scene: Scene, names: Iterable[str] | None = None) -> list[str]:
+    """Return the names of outputs, by default of all, each behind those that it is made of."""
     found: dict[str, None] = {}
 
     def add(name: str) -> None:
@@ -240,7 +240,7 @@ def in_order(scene: Scene) -> list[str]:
             add(other)
         found[name] = None
 
-    for name in scene.outputs:
+    for name in scene.outputs if names is None else names:
         add(name)
     return list(found)
 

@@ -51,6 +51,7 @@ from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import SpringStiffness
+from pgmp_petsc.outputs.outputs import in_order
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.sampler import TurnedLoads
@@ -167,11 +168,8 @@ def _with_rigid_bodies(scene: Scene) -> Scene:
     }
     # sampled ones whenever they may; stresses are those of flexible bodies alone, and are no measures
     controllers = {k: one.model_copy(update={"sample_time": 0.0}) for k, one in scene.controllers.items()}
-    measured, outputs = [name for one in controllers.values() for name in one.measured.values()], {}
-    while measured:
-        name = measured.pop()
-        outputs[name] = scene.outputs[name]
-        measured += outputs[name].made_in(scene)
+    measured = in_order(scene, (name for one in controllers.values() for name in one.measured.values()))
+    outputs = {name: scene.outputs[name] for name in measured}
     changed = {"bodies": bodies, "joints": joints, "materials": materials, "effects": effects}
     return scene.model_copy(update={**changed, "controllers": controllers, "outputs": outputs, "fields": {}})
 
