@@ -121,11 +121,10 @@ from pgmp_petsc.reduced.arrays import layout_n_rigid
 
 
 @njit(inline="always")
-def slopes_of_inertia(layout, kept, entry, place):
-    """Return the derivatives of an entry of the inertia where inertia forces quadratic in the velocities act."""
-    if layout.quadratic:
-        return polynomial(kept, entry, place)[1]
-    return zeros(place)
+def inertia_of(layout, kept, entry, place):
+    """Return an entry of the inertia, with its derivatives where inertia forces quadratic in the velocities act."""
+    value, slopes = polynomial(kept, entry, place)
+    return value, slopes if layout.quadratic else zeros(place)
 
 
 @njit(cache=True, error_model="numpy", fastmath={{"contract"}}, counted=False)
@@ -352,8 +351,8 @@ def _printed() -> str:
     }
     lanes = {
         "rigid": ("load(work.rigid, {})", "load_rows(work.rigid_slope, {}, layout_n_rigid(r), place)"),
-        "inertia": ("polynomial(kept, {}, place)[0]", "slopes_of_inertia(layout, kept, {}, place)"),
-        "terms": ("polynomial(kept, {}, place)[0]", "polynomial(kept, {}, place)[1]"),
+        "inertia": ("", "", "inertia_of(layout, kept, {}, place)"),
+        "terms": ("polynomial(kept, {}, place)[0]", "", "polynomial(kept, {}, place)"),
         "load": ("load(work.load, {})", "load_rows(work.load_slope, {}, layout.load_end, place)"),
     }
     stored = dict.fromkeys(jets, ("entries[s, {}]", ""))
