@@ -226,7 +226,7 @@ def _bodies(own: JointEquations) -> Iterator[str]:
         if number >= 0:
             _, table, _, rows, columns = floating.firsts[number]
             damped = own.problem.rayleigh[floating.body[number]]
-            n, d = tree.n_amplitudes[k], len(tree.axes)
+            n, d = tree.n_amplitudes[k], own.problem.dimension
             curved = int(floating.firsts[number + 1, 3] - rows > d * d * n + n + 1)
         whole = (
             kind, on, held, base, turning, sliding, natural, first, tree.n_amplitudes[k], tree.faces[k],

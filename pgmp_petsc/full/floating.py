@@ -22,7 +22,7 @@ of them, and are compiled to nothing: what follows costs a new machine nothing t
 from __future__ import annotations
 
 from pgmp_petsc.full.forces import add_entry
-from pgmp_petsc.full.layout import n_pose_of, n_words, places_of, view_of
+from pgmp_petsc.full.layout import by_dimension, n_pose_of, n_words, places_of, view_of
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import empty_lanes, fused, items, keep, sine_cosine
 
@@ -218,8 +218,8 @@ def _add_matrix(body, positions, axes, gain_m, gain_v, gain_k, one, shaped, diag
 
 
 @njit(cache=True, apart=True, error_model="numpy")
-def add_floating(
-    floating, width, rayleigh, block, amplitudes, share, q, v, a, gains, fresh, x, place, diagonal, lower
+def _add_floating(
+    axes, floating, width, rayleigh, block, amplitudes, share, q, v, a, gains, fresh, x, place, diagonal, lower
 ):  # fmt: skip
     """Add inertia, weight, elastic and damping forces of all bodies to x, and their tangents to the matrix.
 
@@ -229,7 +229,7 @@ def add_floating(
     weights, x = items(floating.gravity, width), items(x, width)
     diagonal, lower = items(diagonal, width), items(lower, width)
     gain_v, gain_a, gain_k = gains
-    axes, d = floating.axes, len(floating.axes)
+    d = len(axes)
     n_pose = n_pose_of(d)
     space = empty_lanes(n_words(floating, d), len(width))
     work = items(space, width)
@@ -262,12 +262,12 @@ def add_floating(
 
 
 @njit(cache=True, apart=True, error_model="numpy")
-def add_energies_of_floating(floating, width, rayleigh, block, amplitudes, q, v, result, powers, weights):
+def _add_energies_of_floating(axes, floating, width, rayleigh, block, amplitudes, q, v, result, powers, weights):
     """Add kinetic and strain energy of the bodies that are counted here, the power of their damping (n_bodies,
     n_lanes), and the potential energy of their weight to that of the loads (n_loads, n_lanes)."""
     q, v, tables = items(q, width), items(v, width), items(floating.table, width)
     result, powers, weights = items(result, width), items(powers, width), items(weights, width)
-    falls, axes, d = items(floating.gravity, width), floating.axes, len(floating.axes)
+    falls, d = items(floating.gravity, width), len(axes)
     space = empty_lanes(n_words(floating, d), len(width))
     work = items(space, width)
     for b in range(floating.body.size):
@@ -307,3 +307,6 @@ def add_energies_of_floating(floating, width, rayleigh, block, amplitudes, q, v,
                     place += one.d[k, c] * shaped.s[k]
                 weights[load] -= amplitudes[load] * falls[block, number, c] * place
     keep(space)
+
+
+add_floating, add_energies_of_floating = map(by_dimension, (_add_floating, _add_energies_of_floating))

@@ -53,7 +53,7 @@ def evaluate_in_joints(problem, joints, block, amplitudes, angles, residual, sta
     y, y1, y2, multipliers, turns = state
     n, n_left = y.shape[0], multipliers.shape[0]
     n_dofs, d = room.q.shape[0], problem.dimension
-    place(tree, width, y, y1, y2, room)
+    place(d, tree, width, y, y1, y2, room)
     q, v, a, x, entries = room.q, room.v, room.a, room.x, room.entries
     of_rows = entries[joints.first_slope :]
     fill(x, 0.0, width)
@@ -78,7 +78,7 @@ def evaluate_in_joints(problem, joints, block, amplitudes, angles, residual, sta
         )
     if problem.floating.body.size:
         add_floating(
-            problem.floating, width, problem.rayleigh, block, amplitudes[0], 1.0, q, v, a, gains, fresh, x,
+            d, problem.floating, width, problem.rayleigh, block, amplitudes[0], 1.0, q, v, a, gains, fresh, x,
             joints.turn, entries, entries,
         )  # fmt: skip
     if problem.modal.kinds.size:
@@ -86,7 +86,7 @@ def evaluate_in_joints(problem, joints, block, amplitudes, angles, residual, sta
         add_modal_damping(problem.modal, d, q, v, x, joints.turn, powers)
     add_loads(problem.loads, width, block, amplitudes[0], 1.0, x, joints.turn)
     if fresh:
-        fill_matrix(problem, tree, width, block, gains, room, matrix, n + n_left)
+        fill_matrix(d, problem, tree, width, block, gains, room, matrix, n + n_left)
     if problem.actions.counted.size:
         _add_actions(problem, joints, block, amplitudes[1], y, turns, gains, fresh, matrix, n + n_left)
     add_constraints(
@@ -96,7 +96,7 @@ def evaluate_in_joints(problem, joints, block, amplitudes, angles, residual, sta
     every, of_x, scales = items(room.all, width), items(x, width), items(scale, width)[()]
     for row in range(n_left):
         every[n + row] = of_x[n_dofs + row]
-    gather_forces(tree, width, y, x, room, room.all)
+    gather_forces(d, tree, width, y, x, room, room.all)
     of_y, forces = items(y, width), items(multipliers, width)
     first = n_left - joints.driven.shape[0]
     for k in range(joints.driven.shape[0]):
@@ -105,7 +105,7 @@ def evaluate_in_joints(problem, joints, block, amplitudes, angles, residual, sta
         if residual.shape[0] == 0:
             every[n + first + k] = scales * (sign * of_y[number] - angles[motion])
     if fresh:
-        _add_borders(joints, width, y, scale, matrix)
+        _add_borders(d, joints, width, y, scale, matrix)
 
 
 @njit(error_model="numpy")
@@ -133,7 +133,7 @@ def _add_actions(problem, joints, block, amplitudes, y, turns, gains, fresh, mat
             for i in range(m):
                 if actions.dofs[k, i] >= 0:
                     one[actions.dofs[k, i]] += slopes[k, i]
-        gather_forces(joints.tree, width, y, room.one, room, room.row)
+        gather_forces(problem.dimension, joints.tree, width, y, room.one, room, room.row)
         for j in range(y.shape[0]):
             scaled, to = gains[2] * stiffness[action] * row[j], first_of(j, n_all)
             for i in range(j, y.shape[0]):
@@ -142,7 +142,7 @@ def _add_actions(problem, joints, block, amplitudes, y, turns, gains, fresh, mat
 
 
 @njit(error_model="numpy")
-def _add_borders(joints, width, y, scale, matrix):
+def _add_borders(d, joints, width, y, scale, matrix):
     """Add the slopes of the constraints that are left, and ``w C^T C``."""
     room, n, n_left = joints.room, y.shape[0], joints.weights.size
     one, row, entries = items(room.one, width), items(room.row, width), items(room.entries, width)
@@ -152,7 +152,7 @@ def _add_borders(joints, width, y, scale, matrix):
         fill(room.one, 0.0, width)
         for entry in range(joints.starts[k], joints.starts[k + 1]):
             one[joints.unknowns[entry]] += entries[joints.first_slope + entry]
-        gather_forces(joints.tree, width, y, room.one, room, room.row)
+        gather_forces(d, joints.tree, width, y, room.one, room, room.row)
         for j in range(n):
             scaled, to = joints.weights[k] * inverse * row[j], first_of(j, n_all)
             for i in range(j, n):
@@ -197,7 +197,7 @@ def count_turns_in_joints(problem, joints, y, turns):
             angle = joints.counted[k, 1] * of_y[number]
             known[k] = angle + 2.0 * np.pi * nearest_whole((known[k] - angle) / (2.0 * np.pi))
     if others:
-        place(joints.tree, problem.width, y, y, y, joints.room)
+        place(problem.dimension, joints.tree, problem.width, y, y, y, joints.room)
         count_turns(problem, joints.room.q, turns)
 
 
@@ -205,7 +205,7 @@ def count_turns_in_joints(problem, joints, y, turns):
 def unknowns_of(problem, joints, y, y1, y2, q, v, a):
     """Fill unknowns, velocities and accelerations (n_blocks, n_dofs, n_lanes) from coordinates and their rates."""
     for block in range(y.shape[0]):
-        place(joints.tree, problem.width, y[block], y1[block], y2[block], joints.room)
+        place(problem.dimension, joints.tree, problem.width, y[block], y1[block], y2[block], joints.room)
         q[block], v[block], a[block] = joints.room.q, joints.room.v, joints.room.a
 
 

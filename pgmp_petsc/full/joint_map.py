@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.full.joint_tree import BALL, BY_AXES, FREE
+from pgmp_petsc.full.layout import by_dimension
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import items, sine_cosine, square_root
 
@@ -210,9 +211,9 @@ def _rotate(to, zero):
 
 
 @njit(cache=True, apart=True, error_model="numpy")
-def place(tree, width, y, y1, y2, room):
+def _place(axes, tree, width, y, y1, y2, room):
     """Fill the unknowns of all frames and amplitudes, their rates and accelerations from coordinates (n_y, n_lanes)."""
-    axes, d = tree.axes, len(tree.axes)
+    d = len(axes)
     n = d * (d + 1)
     y, y1, y2 = items(y, width), items(y1, width), items(y2, width)
     q, v, a = items(room.q, width), items(room.v, width), items(room.a, width)
@@ -476,10 +477,10 @@ def to_joint(tree, k, axes, cos, sin, s, z, f, at, to):
 
 
 @njit(cache=True, apart=True, error_model="numpy")
-def gather_forces(tree, width, y, x, room, into):
+def _gather_forces(axes, tree, width, y, x, room, into):
     """Fill forces on coordinates, (n_y, n_lanes), from those on unknowns, x (n_dofs or more, n_lanes), which are used
     up; frames and faces are as `place` left them."""
-    axes, d = tree.axes, len(tree.axes)
+    d = len(axes)
     n, n_turns = d * (d + 1), 1 if d == 2 else 3
     z, ways, turned, x = items(room.z, width), items(room.ways, width), items(room.turned, width), items(x, width)
     f, g, into, y = items(room.f, width), items(room.local, width), items(into, width), items(y, width)
@@ -536,3 +537,6 @@ def turning_of(z, f, at):
     """Return what forces on a frame in the plane do on its rotation."""
     ahead = z[at + 4] * f[at + 2] + z[at + 5] * f[at + 3]
     return ahead - z[at + 2] * f[at + 4] - z[at + 3] * f[at + 5]
+
+
+place, gather_forces = map(by_dimension, (_place, _gather_forces))

@@ -20,6 +20,7 @@ To it is added ``w C^T C``, and what that does to the multipliers is taken off a
 from __future__ import annotations
 
 from pgmp_petsc.full.joint_tree import BALL, BY_AXES, FREE
+from pgmp_petsc.full.layout import by_dimension
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import fused, items
 
@@ -330,9 +331,8 @@ def _by_axes(tree, k, axes, z, inertia, columns, matrix, spare, n_all):
 
 
 @njit(error_model="numpy")
-def _free_in_plane(tree, k, z, inertia, columns, matrix, spare, n_all):
+def _free_in_plane(tree, k, axes, z, inertia, columns, matrix, spare, n_all):
     """Fill columns and entries of the frame of a body in the plane that nothing holds."""
-    axes = tree.axes
     at, start, end, zero = 6 * tree.nodes[k, 2], tree.firsts[k, 5], tree.firsts[k, 4], 0.0 * z[0]
     for u in range(3):
         own = BASIS + 6 * u
@@ -350,9 +350,8 @@ def _free_in_plane(tree, k, z, inertia, columns, matrix, spare, n_all):
 
 
 @njit(error_model="numpy")
-def _directors(tree, k, z, inertia, columns, matrix, spare, n_all):
+def _directors(tree, k, axes, z, inertia, columns, matrix, spare, n_all):
     """Fill columns and entries of directors that are coordinates, and of the place of a free frame."""
-    axes = tree.axes
     ball, zero = tree.kinds[k] == BALL, 0.0 * z[0]
     node, first, end = tree.nodes[k, 1], tree.firsts[k, 2], tree.firsts[k, 4]
     at, mass = 12 * node, 16 * node
@@ -428,10 +427,10 @@ def _on_director(z, at, k, c, lever, columns, to):
 
 
 @njit(cache=True, apart=True, error_model="numpy")
-def fill_matrix(problem, tree, width, block, gains, room, matrix, n_all):
+def _fill_matrix(axes, problem, tree, width, block, gains, room, matrix, n_all):
     """Fill the packed lower triangle of the matrix, (n, n_lanes), of n_all rows; frames, faces and packed tangents of
     floating bodies are in the room."""
-    axes, d = tree.axes, len(tree.axes)
+    d = len(axes)
     m = (1 + d) * (1 + d)
     z, ways, turned, packed = (
         items(room.z, width), items(room.ways, width), items(room.turned, width), items(room.entries, width)
@@ -456,11 +455,14 @@ def fill_matrix(problem, tree, width, block, gains, room, matrix, n_all):
         if tree.kinds[k] == BY_AXES:
             _by_axes(tree, k, axes, z, inertia, columns, matrix, spare, n_all)
         elif d == 2:
-            _free_in_plane(tree, k, z, inertia, columns, matrix, spare, n_all)
+            _free_in_plane(tree, k, axes, z, inertia, columns, matrix, spare, n_all)
         else:
-            _directors(tree, k, z, inertia, columns, matrix, spare, n_all)
+            _directors(tree, k, axes, z, inertia, columns, matrix, spare, n_all)
         for i in range(m if on >= 0 else 0):
             inertia[m * on + i] += inertia[m * held + i]
+
+
+fill_matrix = by_dimension(_fill_matrix)
 
 
 @njit(cache=True, apart=True, error_model="numpy")

@@ -38,7 +38,6 @@ _MOTIONS = {
 class Tree(NamedTuple):
     """Bodies, each behind the one that it moves on, as compiled functions take them."""
 
-    axes: tuple[float, ...]  # as many numbers as there are dimensions
     #: nodes: of the frame that a joint is on, -1 on the ground, that it holds, and that moves with the body: the same
     #: of a rigid one, else the floating frame, shape (n, 3)
     nodes: np.ndarray
@@ -238,7 +237,7 @@ def tree_of(unknowns: Unknowns, motions: list[Motion], q: np.ndarray, heavy: np.
             parent = order[motions[k].on.body]
             firsts[parent, 4] = max(firsts[parent, 4], firsts[k, 4])
     return Tree(
-        (0.0,) * d, nodes, np.array([motion.kind for motion in motions]), firsts, n_amplitudes, internal, before, after,
+        nodes, np.array([motion.kind for motion in motions]), firsts, n_amplitudes, internal, before, after,
         rest, np.array(faces), np.array(face_nodes, dtype=int), np.array(centres).reshape(-1, d),
         np.array(at, dtype=int).reshape(-1, 2), np.concatenate(shapes), np.concatenate(bent), np.concatenate(rows),
         np.concatenate(columns), floating,

@@ -223,7 +223,7 @@ def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, 
         add_masses(problem.masses, width, problem.rayleigh, block, v, a, gains, fresh, x, place, diagonal, lower)
     if problem.floating.body.size:
         add_floating(
-            problem.floating, width, problem.rayleigh, block, amplitudes[0], share, q, v, a, gains,
+            problem.dimension, problem.floating, width, problem.rayleigh, block, amplitudes[0], share, q, v, a, gains,
             fresh, x, place, diagonal, lower,
         )  # fmt: skip
     if problem.actions.counted.size:

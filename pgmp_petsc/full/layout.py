@@ -10,7 +10,7 @@ amplitudes, and viewed anew for each body.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -19,11 +19,27 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.floating import NOISE, first_moments, second_moments
 from pgmp_petsc.lanes.compiled import njit
 
+PLANE, SPACE = (0.0, 0.0), (0.0, 0.0, 0.0)
+
+
+def by_dimension(function: Callable) -> Callable:
+    """Return a compiled function that takes the dimension, 2 or 3, in place of the first argument of one `apart`, a
+    tuple of as many numbers: its loops over dimensions are of known length, and its callers are compiled once for both.
+    """
+
+    @njit(error_model="numpy", forceinline=True)
+    def call(dimension, *arguments):
+        if dimension == 2:
+            function(PLANE, *arguments)
+        else:
+            function(SPACE, *arguments)
+
+    return call
+
 
 class FloatingBodies(NamedTuple):
     """Flexible bodies in floating frames."""
 
-    axes: tuple[float, ...]  # as many numbers as there are dimensions: compiled loops over them are of known length
     dofs: np.ndarray  # unknowns of all bodies, body after body: of the floating frame, then the amplitudes
     #: where the unknowns, the words of the table, the positions, the rows and the columns of each body begin, and their
     #: ends, shape (n + 1, 5)

@@ -270,7 +270,7 @@ def floating_bodies(
     pattern = np.concatenate(rows), np.concatenate(columns)
     falls = [np.multiply.outer(effect.direction, share.quantity(effect.acceleration)) for _, effect in gravity]
     part = FloatingBodies(
-        (0.0,) * d, np.concatenate(dofs), np.array(firsts), np.array(numbers, dtype=int),
+        np.concatenate(dofs), np.array(firsts), np.array(numbers, dtype=int),
         share.blocks.pack(np.concatenate(tables)),
         share.blocks.pack(np.array(falls).reshape(len(falls), d, n_samples)),
         np.array([load for load, _ in gravity], dtype=int), np.zeros(0, dtype=int), np.array(counted, dtype=bool),

@@ -146,7 +146,7 @@ def test_frames_are_mean_axes(make) -> None:
 # Python's own calls, and those with another type of a problem than the kernels have, would be compiled: half a minute
 @njit(cache=True, entry=True)
 def add_forces(reference, *of):
-    add_floating(reference.floating, reference.width, reference.rayleigh, *of)
+    add_floating(reference.dimension, reference.floating, reference.width, reference.rayleigh, *of)
 
 
 @pytest.mark.parametrize("effects", [(), STIFFENING], ids=["linear", "stiffened"])
