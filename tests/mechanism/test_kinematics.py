@@ -51,6 +51,13 @@ def crank_rocker() -> RigidKinematics:
     return kinematics_of(four_bar())
 
 
+@pytest.mark.parametrize("lower", [-12.2, -20.1, -61.3])
+def test_a_range_that_begins_turns_away_from_where_bodies_are_placed(lower: float) -> None:
+    turning = kinematics_of(slider_crank(NOT_PERIODIC, f"coordinates.theta.range=[{lower}, 20.1]"))
+    theta = np.linspace(lower, 20.1, 41)
+    np.testing.assert_allclose(turning.poses(theta), slider_crank_poses(theta), rtol=0, atol=1e-11)
+
+
 def test_slider_crank_poses(crank_slider: RigidKinematics) -> None:
     poses = crank_slider.poses(THETA)
     # the closure is solved to 1e-12 of the largest body, 0.7 m
