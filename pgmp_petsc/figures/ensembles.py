@@ -19,6 +19,7 @@ from pgmp_petsc.base.errors import InputError, nearest_name
 from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.results import Band, Ensemble, Statistics
+from pgmp_petsc.results.numbers import behind
 from pgmp_petsc.results.statistics import RareEvent, Sensitivity
 
 LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
@@ -132,7 +133,7 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
 
 def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[str], factor: float, unit: str) -> None:
     """Write mean and standard deviation with their intervals above the axes, two lines for each ensemble."""
-    shown = "" if unit in ("", "1") else f" {unit}"
+    shown = behind(unit)
     for number, (one, colour) in enumerate(zip(known, colours)):
         mean = _with_interval(factor * one.mean, factor * one.mean_interval)
         std = _with_interval(factor * one.std, factor * one.std_interval)
