@@ -3,7 +3,6 @@
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, tables
 
-PIN = "{radius=1e-3,stiffness='K',exponent=1.5,restitution=0.7,restitution_speed=0.2}"
 BALL = HEADER + tables("""
 parameters.K: nominal = 1e8
 bodies.ball: rigid = { mass = 0.5, centre = [0, 0], inertia = 2e-4, points = { far = [0.1, 0] } }

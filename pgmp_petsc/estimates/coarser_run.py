@@ -11,6 +11,8 @@ scheme alone: its amplification of a free vibration is an eigenvalue lambda of a
 ``exp(i omega h)``, so that a vibration of amplitude a goes off by ``a |i omega h - log lambda|`` in each step (Hughes
 2000, section 9.1), up to 2 a, opposite phases. Amplitudes, and frequencies as the run has them, ``arg lambda``, are
 those of a short-time Fourier transform of y. Bands count whose d is `LOST` of y and more, and none by more than d.
+Phases that have parted meet again after a whole turn: a band goes on to count until the coarser run would have left the
+other by `MET` since d was large.
 The largest of many points has kinks where another point takes over, and a kink is in all bands, of which the coarser
 run has none of the highest: there a band counts where it is `PEAK` times those around it.
 
@@ -53,6 +55,7 @@ APART = 10  # steps between two looks at the work of the coarser run, at least
 PER_WINDOW, SHORTEST, LONGEST = 10, 16, 512  # windows of a run, and steps in one
 LOWEST = 2  # band that counts: lower ones hold what is not periodic
 LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of phase
+MET = np.pi  # rad; phases that meet after a turn leave d below `LOST` for 4 asin(LOST / 2) = 1.3 rad
 PEAK, AROUND = 1.3, 17  # of a vibration over the median of so many bands around it
 TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations are worth naming
 RUBS = 0.015  # of it, from which on they move what has friction or stops
@@ -265,7 +268,10 @@ class Bands:
         largest, furthest = (np.maximum.accumulate(part, axis=0) for part in (amplitudes, apart))
         most, off = np.minimum(2.0 * largest, furthest), np.zeros(amplitudes.shape[1:])
         found, resolved = np.empty_like(amplitudes), apart / (ratio**2 - 1.0)
+        since = np.full(amplitudes.shape[1:], MET)  # what the coarser run went off by since it was out of phase, rad
         for k, drift in enumerate(self.hop * self.drifts * amplitudes):
+            since = np.where(out[k], 0.0, since + (ratio**2 - 1.0) * self.hop * self.drifts)
+            out[k] = since < MET
             found[k] = np.where(out[k], np.minimum(off + drift, most[k]), 0.0)
             off = np.where(out[k], found[k], resolved[k])
         weights = np.where(out, amplitudes**2, 0.0).sum(axis=0)

@@ -328,17 +328,16 @@ class RigidKinematics:
 
     def _places(self, axes: Sequence[np.ndarray]) -> list[list[int]]:
         """Return the configurations at which to try the assembly, by their numbers along the axes."""
-        lowest = [0] * len(axes)
-        # what is coupled may be many turns away at the end of the range
-        if len(axes) == 1 and not self.mechanism.couplings:
-            return [lowest]
-        nearest = []
+        lowest, nearest = [0] * len(axes), []
         for coordinate, axis, value in zip(
             self.coordinates, axes, self._closure.measured(self.mechanism.first_guess[:, :, None])[:, 0]
         ):
             if coordinate.periodic:
                 value = coordinate.lower + (value - coordinate.lower) % (2 * np.pi)
             nearest.append(int(np.argmin(np.abs(axis - value))))
+        if len(axes) == 1 and not self.mechanism.couplings:
+            return [lowest, nearest]
+        # what is coupled may be many turns away at the end of the range
         return [nearest, lowest, [axis.size // 2 for axis in axes]]
 
     def _check_count(self, poses: np.ndarray) -> int:
@@ -481,7 +480,7 @@ class JointTurns:
 
         def measured(poses: np.ndarray) -> np.ndarray:
             sides = (side.frame_of_pose(poses) for side in connection.sides)
-            return kinematics.mechanism.space.angle(connection.angle, *sides)
+            return kinematics.mechanism.space.measure(connection.angle, *sides)
 
         axes = kinematics.branch.axes
         angles = measured(np.moveaxis(kinematics.branch.poses, 0, -1)).reshape([axis.size for axis in axes])

@@ -73,7 +73,7 @@ def keep_no_longer(path: Path) -> None:
 def what_is_kept() -> str:
     """Return what a run that ends now leaves, and the cure, as a clause."""
     if not _kept:
-        return f"no part of an unfinished result is kept; {' '.join(['start it again', *_again])}"
+        return f"this run kept no part of its result; {' '.join(['repeat the command', *_again])}"
     folders = ", ".join(f"'{folder}'" for folder in _kept)
     return f"what was finished is kept in {folders}; the same command with --resume goes on from there"
 

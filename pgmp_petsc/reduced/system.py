@@ -67,7 +67,6 @@ class ReducedSystem(SecondOrderSystem):
     """
 
     steps_at_once, has_range = 2**31, True  # steps each by itself
-    precise = False  # see `steps.Progress`
 
     def __init__(
         self,

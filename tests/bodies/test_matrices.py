@@ -16,7 +16,7 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from scenes import RADIUS, four_bar, kinematics_of, mechanism_of, slider_crank
 
-ONE, R2, R4 = Monomial(), Monomial((("r1", 2),)), Monomial((("r1", 4),))
+ONE = Monomial()
 VALUES = {"r1": RADIUS}
 
 

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
 from exported import scene_of
 from runs import QUICK_RETURN, quick_return, reduced_model
 
@@ -13,7 +12,7 @@ from pgmp_petsc.c_export.constants import checked_scene, constants_of, left_out
 from pgmp_petsc.c_export.fmu import write_fmu
 from pgmp_petsc.c_export.source import write_sources
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+from pgmp_petsc.scene import Scene, scene_from_toml
 
 STRESS = '[outputs.stress]\ntype = "stress"\nbody = "rocker"\nquantity = "stress_max"\n'
 
@@ -21,10 +20,6 @@ STRESS = '[outputs.stress]\ntype = "stress"\nbody = "rocker"\nquantity = "stress
 @pytest.fixture(scope="module")
 def model() -> ReducedModel:
     return reduced_model(quick_return())
-
-
-def loaded(name: str) -> Scene:
-    return load_scene(ROOT / "scenes" / f"{name}.toml", (), ())
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from pgmp_petsc.ranks.ending import ENDING, ending_on_signals, keep, keep_no_lon
 KEPT = "what was finished is kept in '{}'; the same command with --resume goes on from there"
 # s from mpirun's SIGTERM to its SIGKILL, usually one: too little for a message where the machine is busy
 UNHURRIED = {"OMPI_MCA_odls_base_sigkill_timeout": "5"}
-NOTHING = "no part of an unfinished result is kept; start it again"
+NOTHING = "this run kept no part of its result; repeat the command"
 
 
 @contextmanager

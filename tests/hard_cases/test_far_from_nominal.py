@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from mechanisms import Outputs, accurate, both, nominal_rom, run_for
-from runs import assert_close, largest_errors, rom_of, samples
+from runs import assert_close, rom_of, samples
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from scenes import RADIUS
@@ -37,10 +37,14 @@ def test_bodies_a_hundred_times_softer(share: float, deformation: float, angle: 
 
 @pytest.fixture(scope="module")
 def far() -> tuple[Outputs, Outputs]:
-    """Return the outputs of both models for five radii; the reduced model is built at the nominal one."""
+    """Return the outputs of both models for five radii; the reduced model is built at the nominal one. From -6 to +6
+    sigma the largest deformation falls by a factor of 260."""
     scene = accurate(*run_for(1.0, 1e-3))
     radii = RADIUS + DEVIATION * np.array(SHARES)
-    return both(scene, samples(scene, len(SHARES), r1=radii), len(SHARES), nominal_rom())
+    full, reduced = both(scene, samples(scene, len(SHARES), r1=radii), len(SHARES), nominal_rom())
+    largest = np.abs(full["bent"]).max(axis=0)
+    assert largest[0] / largest[-1] == pytest.approx(260, rel=0.05)
+    return full, reduced
 
 
 # measured: 1.9e-4 and 1.6 %; 4e-5 and 0.08 %; 2e-5 and 0.14 %; 2e-5 and 0.2 %; 2e-5 and 0.5 %
@@ -53,12 +57,3 @@ def test_parameters_far_from_the_nominal_ones(far: tuple[Outputs, Outputs], k: i
     """At -6 sigma the crank has 0.4 of its radius, 0.026 of its bending stiffness, and bends by 4 mm of 300."""
     full, reduced = ({name: values[:, k] for name, values in outputs.items()} for outputs in far)
     assert_close(full, reduced, angle=angle, bent=bent, slider=1e-4)
-
-
-def test_the_deformation_varies_by_more_than_the_models_differ(far: tuple[Outputs, Outputs]) -> None:
-    """From -6 to +6 sigma the largest deformation falls by a factor of 260, and the reduced model follows."""
-    full, reduced = far
-    largest = np.abs(full["bent"]).max(axis=0)
-    assert largest[0] / largest[-1] == pytest.approx(260, rel=0.05)
-    np.testing.assert_allclose(np.abs(reduced["bent"]).max(axis=0), largest, rtol=0.03)
-    assert max(largest_errors(full, reduced).values()) < 0.03

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mechanisms import accurate, nominal_rom, run_for, smooth_torque, start
-from runs import full_model, run_model, samples
+from runs import full_model, samples
 
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.mechanism import Unknowns
@@ -66,11 +66,3 @@ def test_second_order_is_seen_over_four_decades(name: str, duration: float, step
         orders = np.log2(differences[:-1] / differences[1:])
         # measured 1.89 to 2.07; the first is of steps that are large for the fastest vibration
         assert orders[-1] == pytest.approx(2.0, abs=0.1), orders
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_a_motion_that_a_large_step_loses_is_kept_by_a_small_one(name: str) -> None:
-    """150 rad/s: both models give up in steps of 10 ms (1.5 rad each), neither in steps of 0.5 ms."""
-    for step, status in ((1e-2, Status.NOT_CONVERGED), (5e-4, Status.FINE)):
-        scene = accurate(*run_for(0.1, step), *start(0.3, 150.0))
-        assert run_model(model_of(name, scene))[1].status[0] == status

@@ -1,17 +1,13 @@
 """What ties frames to meshes: values at rest and in large rotation, and derivatives."""
 
-from functools import lru_cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from solid_scenes import solid_meshes, solid_slider_crank
 from solids import mesh_of
 
 from pgmp_petsc.bodies.solid import FaceFrame
-from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.frame_ties import FrameTies, bent_terms
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.solid_mesh import reference_element
 
 STEP, ATOL = 1e-6, 1e-8  # central differences: round-off of values of order 1 over the step, and the step's square
@@ -116,18 +112,6 @@ def test_the_drift_is_the_second_rate_of_the_residual_without_acceleration(tie: 
     assert abs(second[2]) > 0.1
     rate = (jacobian_of(tie, q + STEP * v) - jacobian_of(tie, q - STEP * v)) / (2 * STEP) @ v
     np.testing.assert_allclose(tie.drift(q, v), rate, rtol=0, atol=1e-7)
-
-
-@lru_cache(maxsize=1)
-def mechanism() -> Mechanism:
-    return Mechanism.from_scene(solid_slider_crank(), solid_meshes(KIND, 10))
-
-
-def entries(constraints: ConstraintSet, values: np.ndarray, n_dofs: int) -> np.ndarray:
-    """Return the Jacobian from its entries."""
-    full = np.zeros((constraints.n_constraints, n_dofs))
-    np.add.at(full, constraints.jacobian_pattern, values)
-    return full
 
 
 N_BENT, FIRST_ROW, N_ROWS = 3, 1, 6  # amplitudes, first row of the tie, rows of all ties

@@ -1,4 +1,4 @@
-"""Build reduced-order models of solid bodies on several ranks and write them. Used by test_solid_build.py.
+"""Build reduced-order models of solid bodies on several ranks and write them. Used by test_build.py.
 
 Arguments as those of `build`, with the scenes of `CASES` here.
 """

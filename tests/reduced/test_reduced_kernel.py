@@ -13,7 +13,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.action_frames import factors_of, rotation_of, spin_of
-from pgmp_petsc.reduced.terms import ReducedTerms, coupling_of
+from pgmp_petsc.reduced.terms import coupling_of
 from scenes import meshes_of, slider_crank
 
 GRAVITY = 'effects.weight={type="gravity"}'
@@ -31,11 +31,6 @@ def settings(request: pytest.FixtureRequest) -> tuple[str, ...]:
 @pytest.fixture(scope="module", params=[slider_crank, quick_return])
 def model(request: pytest.FixtureRequest, settings: tuple[str, ...]) -> ReducedModel:
     return reduced_model(request.param(GRAVITY, *settings))
-
-
-@pytest.fixture(scope="module")
-def terms(model: ReducedModel) -> ReducedTerms:
-    return model.terms
 
 
 def test_the_coupling_is_what_the_modes_change_makes_with_the_rigid_motion() -> None:

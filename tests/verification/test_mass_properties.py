@@ -268,7 +268,9 @@ def test_a_thin_disc_carries_a_point_mass() -> None:
         (disc.format(mass, apart.tolist(), [0.01, 0.01, 0.02, 0.0, 0.0, 0.0]), load),
         (disc.format(total, centre.tolist(), [float(x) for x in moments]),),
     )
-    both = [run(scene_from_toml(TOP, ".", ("simulation.duration=0.2", *more)))[1] for more in scenes]
+    carrying, one = (scene_from_toml(TOP, ".", ("simulation.duration=0.2", *more)) for more in scenes)
+    assert "load:mass" in describe_scene(carrying, read_meshes(carrying))
+    both = [run(scene)[1] for scene in (carrying, one)]
     for name, values in both[0].items():
         np.testing.assert_allclose(both[1][name], values, rtol=0, atol=1e-8)
 

@@ -1,4 +1,4 @@
-"""The repository's scenes: reduced against full-order model, order of the full-order one, and the balance of energy."""
+"""The repository's scenes: reduced against full-order model, and the balance of energy."""
 
 from functools import lru_cache
 
@@ -80,23 +80,6 @@ def test_the_reduced_model_follows_the_full_order_one(name: str) -> None:
         assert np.abs(found - expected).max() < 5e-3 * np.ptp(expected), coordinate
 
 
-# --- order of the full-order model -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("name", "duration"), [("double_pendulum", 0.4), ("four_bar", 0.4)])
-def test_the_full_order_model_is_of_second_order(name: str, duration: float) -> None:
-    steps = (1e-3, 5e-4, 2.5e-4)
-    every = [run(name, "full", duration, step) for step in steps]
-    for output in every[0].outputs:
-        coarse, middle, fine = (one.outputs[output][:: 2**k] for k, one in enumerate(every))
-        order = np.log2(np.linalg.norm(coarse - middle) / np.linalg.norm(middle - fine))
-        # Richardson: what is left of the finest step is a third of its difference to the middle one
-        left = np.abs(middle - fine).max() / 3.0
-        assert order == pytest.approx(2.0, abs=0.25), output
-        # the double pendulum's bars vibrate from the start, and a step of 1 ms is half a radian of it
-        assert left < (5e-3 if output.endswith("deformation") else 1e-4) * np.abs(fine).max(), output
-
-
 # --- the balance of energy -------------------------------------------------------------------------------------------
 
 # Duration and step (s) at which the residual of both models is below 1e-6 of the energy exchanged. Whole scenes of the
@@ -122,10 +105,3 @@ def test_the_balance_of_energy_holds(name: str, kind: str) -> None:
         shares.append(np.abs(balance.residual).max() / balance.exchanged)
     assert shares[1] < 1e-6, shares
     assert np.log2(shares[0] / shares[1]) > ORDERS.get((name, kind), 1.8), shares
-
-
-def test_both_models_have_the_potential_energy_of_weights() -> None:
-    duration, step = BALANCED["double_pendulum"]
-    reduced, full = (run("double_pendulum", kind, duration, step).balance for kind in ("reduced", "full"))
-    # the two motions differ by 2e-4 rad
-    np.testing.assert_allclose(reduced.potential, full.potential, rtol=0, atol=1e-3 * np.ptp(full.potential))
