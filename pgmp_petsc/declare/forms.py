@@ -192,8 +192,9 @@ class Loops:
     """Prints loops over the entries of tables.
 
     Outputs are what each entry adds: target, source, factor, and in which condition, of `Term.only`. Entries are texts
-    by table that take up the value of an entry, its derivatives and, if there is one, both, of its place `{}`. The first loops fill `first`, in
-    place of adding to it; `read` takes up a coordinate, of its array and place, and `add` adds a number.
+    by table that take up the value of an entry, its derivatives and, where it is given, both at once, of its place
+    `{}`. The first loops fill `first`, in place of adding to it; `read` takes up a coordinate, of its array and place,
+    and `add` adds a number.
     """
 
     outputs: Outputs
