@@ -223,7 +223,6 @@ RIGID = {
     "coupling": (ROTORS, "joints.mesh.terms.input", (0.5, -2.0), lambda r: 0.7 / (0.02 + r**2 / 4.0 * 0.5), "one"),
     "screw": (SCREW, "joints.thread.lead", (0.3, -0.7), lambda r: 4.0 / (3.0 + 0.02 * (2.0 * np.pi / r) ** 2), "x"),
 }
-
 COUPLED = "joints.mesh={type='coupling',terms={output=2.0,input=0.74}}"
 
 
@@ -263,7 +262,6 @@ OF_RATIO = (
     "coordinates.phi.range=[0.0,1.2]", "coordinates.phi.periodic=false", "reduction.angles=20", "reduction.modes=4",
     "reduction.second_order=false", "reduction.length_points=6", "simulation.duration=0.15", "simulation.step=1e-3",
 )  # fmt: skip
-
 OTHER = -0.973
 
 

@@ -190,18 +190,14 @@ def test_no_sample_of_a_batch_changes_another_bit_for_bit() -> None:
 
 
 YOUNG, DENSITY, DURATION = 2e7, 7800.0, 0.02
-
 CRANK_RADIUS, ROCKER_RADIUS = 0.02, 0.015
-
 CELLS, LENGTHS = (2, 2), (0.2, 0.8)
-
 SOFT = (
     f"materials.steel.E={YOUNG}", f"parameters.r1.nominal={CRANK_RADIUS}",
     f"bodies.rocker.section.radius={ROCKER_RADIUS}", 'bodies.crank.mesh="0.0:0.2:2"', 'bodies.rocker.mesh="0.0:0.8:2"',
     'joints.pin.connect=["rocker:1", "crank:tip"]', f"simulation.duration={DURATION}",
     "simulation.initial.theta.velocity=10.0",
 )  # fmt: skip
-
 TIP, ROCKER, LINE = 3 * 2, 3 * 3, 3 * 4  # first unknowns of the crank's tip, the rocker's hinge and its middle
 
 

@@ -30,13 +30,9 @@ from scenes import RADIUS, kinematics_of, mechanism_of, meshes_of, slider_crank
 
 # one number of angles for all coordinates is what the scene's schema knows; the build takes one for each
 pytestmark = pytest.mark.filterwarnings("ignore:Pydantic serializer warnings")
-
 SPLINE = 'reduction.interpolation="spline"'
-
 STATIC = ("reduction.static_modes=true", "reduction.inertia_modes=true")
-
 GRAVITY = 'effects.weight={type="gravity"}'
-
 PART = tuple(
     entry for name, lower, upper in (("theta1", 1.2, 2.4), ("theta2", 0.4, 1.6))
     for entry in (f"coordinates.{name}.range=[{lower},{upper}]", f"coordinates.{name}.periodic=false",
@@ -184,7 +180,6 @@ THIRD = (
     'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}',
     'coordinates.theta3={joint="wrist",range=[0.0,1.0]}',
 )
-
 FOURTH = (
     'bodies.finger={mesh="0.0:0.1:2",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
     'joints.knuckle={type="revolute",connect=["hand:tip","finger:hinge"]}',
@@ -206,9 +201,7 @@ def test_what_is_for_fewer_coordinates_is_refused(overrides: tuple[str, ...], me
 
 
 BASIS = ("reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true")
-
 TABLES = ("mass", "stiffness", "inertia")
-
 FINE = 1540  # five times 308: places all over the cells, for the Overhauser error vanishes in their middle
 
 

@@ -20,16 +20,13 @@ MODES = (
     "reduction.modes=4", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
     'reduction.interpolation="spline"',
 )  # fmt: skip
-
 OUTPUTS = (
     'outputs.angle={type="angle",joint="crank_hinge"}',
     'outputs.bend={type="deformation",point="rod:tip",axis="x"}',
 )
 # from rest: the torque and all that follows set in gently
 MOVING = ("simulation.initial.theta.position=0.4", "effects.motor.table=[[0.0,0.0],[0.1,1.5],[1.0,1.5]]")
-
 RUN = ("simulation.duration=0.15", "simulation.step=5e-4")
-
 EFFECTS = {
     "spring in a joint": 'effects.extra={type="spring_damper",joint="elbow",stiffness=2.0,damping=0.02,rest=-0.5677}',
     "spring between points": (
@@ -177,21 +174,16 @@ EFFECTS_IN_SPACE = {
     "bushing": 'type="bushing", points=["ground:seat", "rod:tip"], reference=[[1.0, 0.5, 0.0], [-0.5, 1.0, 0.3]], '
                'stiffness=[80.0, 30.0, 10.0], damping=[0.5, 0.2, 3.0], turning_stiffness=[2.0, 3.0, 1.0]',
 }  # fmt: skip
-
 ON_SLIDER = {
     "sliding damper": 'type="joint_damping", joint="slider", coefficient=3.0',
     "sliding spring": 'type="spring_damper", joint="slider", stiffness=200.0, damping=1.0, rest=0.974',
 }
-
 ON_ARM = {
     name: text.replace("rod:tip", "lower:tip").replace("crank:tip", "upper:tip").replace("crank_hinge", "shoulder")
     for name, text in EFFECTS_IN_SPACE.items()
 }
-
 POST = "ground.points={post=[0.1, 0.4, -0.2], seat=[0.974, 0.0, 0.0]}"
-
 PART = tuple(f"coordinates.theta{k}.{entry}" for k in (1, 2) for entry in ("range=[-1.2,1.2]", "periodic=false"))
-
 TIP = 'outputs.tip={type="position", point="lower:tip", axis="x"}'  # a point that a body has in every scene
 # from rest, near where the springs have no force: what sets in at once makes light nodes vibrate
 START = ("simulation.initial.theta.position=0.35", "effects.motor={type=\"torque\", joint=\"crank_hinge\", "
