@@ -113,9 +113,6 @@ def _used(path: Path, names: list[str], outputs: OutputSet) -> list[str]:
         raise InputError(
             f"'{path}': none of its columns is an output of the scene{nearest_name('', outputs.functions)}"
         )
-    for name in used:
-        if names.count(name) > 1:
-            raise InputError(f"'{path}': {names.count(name)} columns are called '{name}'; one is needed")
     return used
 
 
