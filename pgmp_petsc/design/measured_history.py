@@ -68,7 +68,10 @@ def read_history(path: Path, outputs: OutputSet, duration: float, system: UnitSy
                 where = f"'{path}': line {line}"
                 table.append([_number(row[place], where, name) for name, place in places.items()])
                 lines.append(line)
-    except (OSError, UnicodeError, csv.Error) as error:
+    except UnicodeError as error:
+        text = f"measured history '{path}' is no text in UTF-8; take a CSV file, as pgmp export makes of a run"
+        raise InputError(text) from error
+    except (OSError, csv.Error) as error:
         raise InputError(f"measured history '{path}' cannot be read: {plain_reason(error) or error}") from error
     if not len(table):
         raise InputError(f"'{path}': there are no measurements in it, only a first line of names")
