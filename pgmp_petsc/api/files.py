@@ -275,13 +275,15 @@ class Differences:
 
 
 def _report_of_differences(found: Differences, name: Path, said: object) -> str:
-    where = {"trajectory": "s", "ensemble": "(sample)"}[found.kind]
-    lines = [f"{found.compared} {'instants' if found.kind == 'trajectory' else 'samples that are fine in both'}"]
+    what, where = {
+        "trajectory": ("instants", "at {:g} s"), "ensemble": ("samples that are fine in both", "in sample {:.0f}"),
+    }[found.kind]  # fmt: skip
+    lines = [f"{found.compared} {what}"]
     for output, one in found.outputs.items():
         factor, unit = axis_unit(one.unit, np.array([one.largest]))
         told = np.isfinite(one.share) and (one.share or not one.largest)
         share = "" if not told else f" ({share_text(one.share)} of its largest value)"
-        lines.append(f"  {output:24s}{factor * one.largest:+14.6g} {unit} at {one.place:g} {where}{share}")
+        lines.append(f"  {output:24s}{factor * one.largest:+14.6g} {unit} {where.format(one.place)}{share}")
     return "\n".join([*lines, *(f"  {text}" for text in found.lacking)])
 
 
