@@ -221,6 +221,8 @@ def _usage_message(error: click.ClickException) -> str:
         names = (name for option in context.command.get_params(context) for name in option.opts)
         known = [name for name in names if name.startswith("-")]
         message = f"no option '{error.option_name}'{nearest_name(error.option_name, known)}"
+        if isinstance(context.command, click.Group):
+            message += "; options of a command go behind its name"
     help_command = f" (see '{context.command_path} --help')" if context is not None else ""
     return visible(f"{message.rstrip('.')}{help_command}")
 

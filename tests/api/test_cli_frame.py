@@ -46,6 +46,9 @@ ENDINGS = {
     "failing": (1, "no convergence"),
     "inof": (2, "no command 'inof'; did you mean 'info'? (see 'pgmp --help')"),
     "xyzzy": (2, "no command 'xyzzy'; known: agreeing, alone, "),
+    "--quiet info f.h5": (
+        2, "no option '--quiet'; known: --help, --version; options of a command go behind its name (see 'pgmp --help')"
+    ),
     "info --scen f.h5": (2, "no option '--scen'; did you mean '--scene'? (see 'pgmp info --help')"),
     "info": (2, "Missing argument 'FILE' (see 'pgmp info --help')"),
     "modes s.toml -o m.h5 --angles 1e3": (2, "Invalid value for '--angles': '1e3' is not a whole number"),
