@@ -111,6 +111,12 @@ def test_a_study_of_errors_is_offered_where_it_takes_all_coordinates() -> None:
         assert said.text.endswith(cure)
 
 
+def test_rigid_bodies_have_neither_a_mesh_nor_modes_whose_errors_are_not_known() -> None:
+    scene = chain(False)
+    for model in (full_model(scene), components_model(scene)):
+        assert why_not_of_full_order(model) == ()
+
+
 LINKS = {"base": 0.3, "upper": 0.5, "fore": 0.45, "roll": 0.08, "pitch": 0.08, "hand": 0.1}
 AXES = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
 MOVED = (0.5, 0.4, -0.6, 1.0, 0.5)  # rad in 0.4 s, of the first five joints
