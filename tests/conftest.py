@@ -99,7 +99,7 @@ THOROUGH = (
     "verification/test_exported.py::test_it_runs_as_the_program[two coordinates]",
     "verification/test_exported.py::test_loads_that_set_in_at_once[0.0005-2.0-2]",
     "verification/test_full_order.py::test_the_distributed_model_on_several_ranks_with_a_turning_line[5]",
-    "verification/test_interpolation_order.py::test_the_order_in_the_angle_spacing[overhauser-3.0]",
+    "verification/test_grid_tables.py::test_the_order_in_the_angle_spacing[overhauser-3.0]",
     "verification/test_joint_forces.py::test_a_reduced_model_against_the_full_order_one[by a torque]",
     "verification/test_modal_damping.py::test_what_it_takes_is_what_is_lost[solids in space]",
     "verification/test_moving_mass.py::test_all_models_agree_on_the_moving_mass[reduced-True]",

@@ -136,6 +136,8 @@ class Bench:
         with agreed(comm, "preparing training runs"):
             self.floors = floors_of(self.full_model)
         self.batch = min(self.scene.ensemble.batch, MOST_TIMED_TOGETHER)
+        #: is called with numbers of steps while a setting is measured
+        self.pulse: Callable[[int], object] = lambda n_steps: None
         self._histories: dict[tuple[Case, Setting], History] = {}
         self._ran: set[tuple[Case, Setting]] = set()  # the same on all ranks
         self._shelf = Shelf(self.build)
@@ -190,9 +192,8 @@ class Bench:
     def _surface(self, setting: Setting) -> tuple[ResponseSurface, int, float]:
         nodes = node_values(self.scene, setting.nodes)
         values = at_values(self.scene, nodes)
-        runs = run_history(self.reference.model, values, setting.nodes, setting.n_steps).require_fine(
-            self.scene, values
-        )
+        runs = run_history(self.reference.model, values, setting.nodes, setting.n_steps, pulse=self.pulse)
+        runs.require_fine(self.scene, values)
         return ResponseSurface(nodes, dict(zip(self.outputs, runs.outputs))), setting.nodes, 1.0
 
     def _refined(self, parts: int) -> dict[str, BodyShape]:
@@ -490,7 +491,7 @@ class Bench:
                 history = self._on_surface(model, setting.n_steps)
             elif not reason:
                 begin = process_time()
-                history = history_of(case, setting, model).require_fine(case.scene, case.values)
+                history = history_of(case, setting, model, self.pulse).require_fine(case.scene, case.values)
                 self._steps[setting] = (process_time() - begin) / (case.n_samples * setting.n_steps)
         except FAILURES as error:
             reason = str(error) if isinstance(error, PgmpError) else f"{type(error).__name__}: {error}"
@@ -560,10 +561,12 @@ class Bench:
         return refinement * sum(mesh.n_cells for mesh in self._subject.meshes.values())
 
 
-def history_of(case: Case, setting: Setting, model: AnyModel) -> History:
-    """Run a case with a model of a setting, on this rank."""
+def history_of(
+    case: Case, setting: Setting, model: AnyModel, pulse: Callable[[int], object] = lambda n_steps: None
+) -> History:
+    """Run a case with a model of a setting, on this rank; `pulse` is called with numbers of steps."""
     loaded = model if case.name == OWN else model.with_loads(case.scene)
-    return run_history(loaded, case.values, case.n_samples, setting.n_steps)
+    return run_history(loaded, case.values, case.n_samples, setting.n_steps, pulse=pulse)
 
 
 def step_price(model: AnyModel) -> float:

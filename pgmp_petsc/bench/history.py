@@ -9,10 +9,10 @@ of the mechanism, and holds for the loads, the start and the outputs of its runs
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -89,34 +89,36 @@ def run_history(
     n_samples: int,
     n_steps: int,
     system: SecondOrderSystem | None = None,
+    pulse: Callable[[int], object] = lambda n_steps: None,
 ) -> History:
     """Integrate samples with some parameter values, each of shape (n_samples,), in equal steps over the scene's
     duration.
 
     On this rank, in batches as large as the model takes, or the only sample on the ranks of a given system that share
-    it.
+    it. `pulse` is called with numbers of steps.
     """
     if system is not None:
-        return _integrated(model, system, n_steps)
+        return _integrated(model, system, n_steps, pulse)
     parts = []
     for first in range(0, n_samples, model.largest_batch):
         chosen = slice(first, min(first + model.largest_batch, n_samples))
         some = {name: column[chosen] for name, column in values.items()}
         with closing(model.batch(some, chosen.stop - chosen.start)) as made:
-            parts.append(_integrated(model, made, n_steps))
+            parts.append(_integrated(model, made, n_steps, pulse))
     if len(parts) == 1:
         return parts[0]
     joined = {name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in OF_SAMPLES}
     return History(n_steps, parts[0].every, **joined)
 
 
-def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> History:
+def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, pulse: Callable[[int], object]) -> History:
     """Integrate a system and evaluate the outputs at the kept instants."""
     kinematics, n_samples = model.kinematics, system.n_samples
     # what measures free coordinates with a limited range; a reduced model watches its own itself
     free = [c for c in kinematics.coordinates if not (c.periodic or c.prescribed or isinstance(model, ReducedModel))]
     measures = [(c, Reading.of_coordinate(c, kinematics)) for c in free]
-    record = _Record(model, system, spacing(n_steps), sorted(set().union(*(angle.nodes for _, angle in measures))))
+    nodes = sorted(set().union(*(angle.nodes for _, angle in measures)))
+    record = _Record(model, system, nodes, pulse, spacing(n_steps))
     run = integrate(system, with_steps(model.scene, n_steps).simulation, observer=record)
     outputs = np.array(list(record.outputs()[1].values()))
     by_node = record.by_node()
@@ -128,8 +130,8 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> His
 class _Record(OutputRecord):
     """Keeps outputs, and frames of some nodes, after one of `every` so many steps."""
 
-    def __init__(self, model: AnyModel, system: SecondOrderSystem, every: int, nodes: list[int]) -> None:
-        super().__init__(model, system, every=every)
+    def __init__(self, model: AnyModel, system: SecondOrderSystem, nodes: list[int], *how: Any) -> None:
+        super().__init__(model, system, *how)
         self._nodes, self._frames = nodes, []
 
     def see(self, first: int, states: State) -> None:

@@ -30,11 +30,12 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
 from pgmp_petsc.bench.prices import Price, duration_text, step_seconds
-from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.component import rigid_motions
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.matrices import mass_of_bodies
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.components.component_modes import weighted_sum_dense
 from pgmp_petsc.components.condensing import angle_group, condensed, floating_shapes
 from pgmp_petsc.effects import start_of
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
@@ -302,21 +303,18 @@ def start_of_coordinates(scene: Scene, kinematics: RigidKinematics) -> np.ndarra
 
 def _of_tables(model: ReducedModel) -> float:
     """Return the period of a reduced model, from its tables at the sample nearest to the start."""
-    tables, nominal, r = model.terms.tables, model.scene.nominal, model.terms.tables.n_coordinates
-    at = int(tables.samples.nearest(np.asarray(model.start[0])[None])[0])
-    mass = sum(float(w.evaluate(nominal)) * part for w, part in zip(tables.mass_weights, tables.mass[at]))
-    total = sum(float(w.evaluate(nominal)) * part for w, part in zip(tables.stiffness_weights, tables.stiffness[at]))
+    tables, nominal = model.terms.tables, model.scene.nominal
+    at = tables.samples.nearest(np.asarray(model.start[0])[None])
     free = [k for k, coordinate in enumerate(model.kinematics.coordinates) if not coordinate.prescribed]
-    kept = [*free, *range(r, len(mass))]
-    stiffness = block_diag(np.zeros((len(free), len(free))), total)
-    return _period(stiffness, mass[np.ix_(kept, kept)], len(free))
+    weights = (evaluate_weights(own, nominal) for own in (tables.mass_weights, tables.stiffness_weights))
+    return 1.0 / float(tables.frequencies_hz(*weights, free, lambda table: table[at])[0, 0])
 
 
 def _of_floating_bodies(model: ComponentModel) -> float:
     """Return the period of bodies in floating frames."""
     kinematics, nominal = model.kinematics, model.scene.nominal
-    mechanism = kinematics.mechanism
-    pose = kinematics.poses(start_of_coordinates(model.scene, kinematics)[None])[..., 0]
+    mechanism, start = kinematics.mechanism, start_of_coordinates(model.scene, kinematics)
+    pose = kinematics.poses(start[None])[..., 0]
     clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
     moved, masses, stiffnesses = [], [], []
     for body in mechanism.bodies:
@@ -329,7 +327,7 @@ def _of_floating_bodies(model: ComponentModel) -> float:
             columns[body.dofs[: len(shapes)], rigid.shape[1] :] = shapes
             mass = _inertia(floating, nominal)
             own = slice(rigid.shape[1], None)
-            stiffness[own, own] = _sum(floating.stiffness, nominal)
+            stiffness[own, own] = weighted_sum_dense(floating.stiffness, nominal)
         moved.append(columns)
         masses.append(mass)
         stiffnesses.append(stiffness)
@@ -341,14 +339,16 @@ def _of_floating_bodies(model: ComponentModel) -> float:
     )
     held = constraint_jacobian(mechanism, pose, clamped) @ motion
     free = null_space(held, rcond=DEPENDENT)
-    n_rigid = len(kinematics.coordinates) - len(clamped)
-    return _period(free.T @ block_diag(*stiffnesses) @ free, free.T @ mass @ free, n_rigid)
+    n_rigid = len(kinematics.coordinates) - len(clamped) + kinematics.motion(start).released.shape[-1]
+    stiffness = free.T @ block_diag(*stiffnesses) @ free
+    values = eigh(stiffness, free.T @ mass @ free, eigvals_only=True, subset_by_index=(n_rigid, n_rigid))
+    return float(2.0 * np.pi / np.sqrt(values[0]))
 
 
 def _inertia(floating: FloatingBody, nominal: dict[str, float]) -> np.ndarray:
     """Return the mass of rigid motions and amplitudes of a body in a floating frame, in its own frame."""
     d = floating.centres.shape[1]
-    moments, n_rigid = _sum(floating.moments, nominal), d * (d + 1) // 2
+    moments, n_rigid = weighted_sum_dense(floating.moments, nominal), d * (d + 1) // 2
     rigid, total = rigid_motions(np.zeros(d)), np.zeros((n_rigid + floating.n,) * 2)
     for k in range(d):
         # the k-th component of the displacement, by the scalar fields (1, X, Psi_1, .. Psi_d)
@@ -358,16 +358,6 @@ def _inertia(floating: FloatingBody, nominal: dict[str, float]) -> np.ndarray:
         fields[own, n_rigid:] = np.eye(floating.n)
         total += fields.T @ moments @ fields
     return total
-
-
-def _sum(terms: dict[Monomial, np.ndarray], values: dict[str, float]) -> np.ndarray:
-    return sum(float(weight.evaluate(values)) * matrix for weight, matrix in terms.items())
-
-
-def _period(stiffness: np.ndarray, mass: np.ndarray, n_rigid: int) -> float:
-    """Return the period of the lowest eigenvalue but those of the rigid motion."""
-    values = eigh(stiffness, mass, eigvals_only=True, subset_by_index=(0, n_rigid))
-    return float(2.0 * np.pi / np.sqrt(values[n_rigid]))
 
 
 OF_SMALLEST = 0.1  # error of any setting: what the last halving may move

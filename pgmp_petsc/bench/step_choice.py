@@ -176,7 +176,10 @@ class StepChoice:
         self._coarsest, self._first = first_steps(bench.scene, period)
         self._periods = self._first / FIRST_PER_PERIOD
         self.loads = tuple(load.name for load in bench.training.loads if load.for_step)
-        self._search: StepSearch | None = None
+        of_step = STEP * (np.inf if self.tolerance is None else self.tolerance)
+        self._search = StepSearch(self._compare, self._first, of_step, self._coarsest, self._multiple)
+        if self.kept:
+            self._search.chosen = self._search.finest = self.n_given
         self._last: Errors | None = None
         self._n_reduced = 0
 
@@ -186,12 +189,8 @@ class StepChoice:
         return {} if self.tolerance is None else {"step": STEP * self.tolerance}
 
     @property
-    def settled(self) -> bool:
-        return self.kept or self._search.chosen is not None
-
-    @property
     def n_steps(self) -> int:
-        return self.n_given if self.kept else self._n_reduced or self._search.chosen
+        return self._n_reduced or self._search.chosen
 
     @property
     def n_basis(self) -> int:
@@ -199,7 +198,7 @@ class StepChoice:
         if self.kept:
             return self.n_given
         most = UNKNOWN_PER_PERIOD // FIRST_PER_PERIOD * self._first
-        if not self.settled:
+        if self._search.chosen is None:
             return most
         # whatever longer step is chosen: with it both models damp the vibrations that tell bases apart
         resolving = max(self._search.chosen, self._first)
@@ -208,12 +207,12 @@ class StepChoice:
     @property
     def n_full(self) -> int:
         """Number of steps that the full-order model needs."""
-        return self.n_given if self.kept else self._search.chosen
+        return self._search.chosen
 
     @property
     def n_finest(self) -> int:
         """Steps of the finest full-order run that is at hand."""
-        return self.n_given if self.kept else self._search.finest
+        return self._search.finest
 
     @property
     def step(self) -> float:
@@ -226,10 +225,8 @@ class StepChoice:
             return
         if self.kept:
             self._check_given()
-            return
-        allowed = STEP * self.tolerance
-        self._search = StepSearch(self._compare, self._first, allowed, self._coarsest, self._multiple)
-        self._search.advance(min(round(EARLY_PER_PERIOD * self._periods), self._most))
+        else:
+            self._search.advance(min(round(EARLY_PER_PERIOD * self._periods), self._most))
 
     def finish(self, others: Mapping[str, float]) -> None:
         """Look further, if the step is not known. Raises `InputError` if the smallest step that is tried is not small

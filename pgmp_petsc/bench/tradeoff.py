@@ -4,9 +4,9 @@ First the reference is chosen: the mesh, or the component model where the mesh i
 Then rounds: the scene's own setting, lines through it and a tensor, while other ranks begin the reference; lines
 through the best settings found; then the reference is refined until it is good enough for the smallest error. Last all
 times are taken, round after round over all settings, so that what else the machine does meanwhile hits all alike. Tasks
-are dealt to ranks, and each rank works by itself; what it has finished is kept for a run that is resumed. What is
-decided on the way is decided on the first rank and from errors, never from times: errors do not depend on the number of
-ranks.
+are dealt to ranks as these get through them, and each rank works by itself; what it has finished is kept for a run that
+is resumed. What is decided on the way is decided on the first rank and from errors, never from times: errors do not
+depend on the number of ranks.
 
 Settings are those of lines through two of them, and of a small tensor. The first lines go through the scene's own
 setting, and a tensor of modes, static modes and steps lies where few angles and splines are. The best reduced settings
@@ -29,11 +29,10 @@ from pgmp_petsc.base.progress import progress, without_progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bench.advice import Sizes, advise
-from pgmp_petsc.bench.bench import TIMED, Bench, Measured
+from pgmp_petsc.bench.bench import Bench, Measured
 from pgmp_petsc.bench.candidates import Limits
 from pgmp_petsc.bench.cases import Setting, Training, held_out, own_steps, step_of
 from pgmp_petsc.bench.history import errors_of_samples, largest_errors, sizes_of
-from pgmp_petsc.bench.prices import amplitudes, component_step, reduced_step, step_seconds
 from pgmp_petsc.bench.reference import (
     Demand,
     Reference,
@@ -48,9 +47,8 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import why_no_grid
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.models import FullModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
-from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.ranks.groups import Pulse, RankGroup, deal
 from pgmp_petsc.reduction.checkpoint import Arrays, Finished
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.scene import Scene, scene_to_toml
@@ -149,13 +147,12 @@ def measure_tradeoff(
                 lines = all(isinstance(mesh, LineMesh) for mesh in meshes.values())
                 bench = Bench(reference, training, alone(), subject, own, finished=finished, timed=shared)
                 bench.warm_up(own_setting(scene, limits.gridded), limits.second_order)
-                dealer = Dealer(comm.size, _prices(subject, reference, sweep), bench.batch, sweep.repeats)
         study = _Study(scene, sweep, bench, replace(limits, refinable=lines and reference.is_mesh))
         with timings.phase("settings and references"):
             for title, plan in (("first settings", study.first), ("further settings", study.further)):
-                study.take(_work(bench, dealer.deal(tasks_of(on_root(comm, plan))), title, comm))
+                study.take(_work(bench, tasks_of(on_root(comm, plan)), title, comm))
             while settings := on_root(comm, study.references):
-                study.take(_work(bench, dealer.deal(tasks_of(settings)), "reference", comm))
+                study.take(_work(bench, tasks_of(settings), "reference", comm))
         with timings.phase("times"):
             times, waiting = _times(bench, sweep, finished, comm)
     timings = timings.maximum(comm)
@@ -216,26 +213,21 @@ def _prepared(
     return subject, reference, {"reduced": condensing, "surface": preparing}
 
 
-def _prices(subject: Subject, reference: Reference, sweep: Sweep) -> Prices:
-    full = FullModel(subject.scene, subject.meshes, subject.kinematics)
-    mechanism = full.kinematics.mechanism
-    components = reference.price.step
-    if reference.is_mesh:
-        fields = amplitudes(subject.scene, mechanism, max((*sweep.component_modes, 1)))
-        components = component_step(mechanism, fields)
-    return Prices(step_seconds(mechanism), components, reference.price.step, TIMED, len(subject.scene.coordinates))
+def _work(bench: Bench, tasks: Sequence[Task], title: str, comm: Comm) -> dict[Setting, Measured]:
+    """Do tasks on all ranks; return what came of them on the first rank, nothing elsewhere. Collective on `comm`."""
+    found: dict[Setting, Measured] = {}
+    with agreed(comm, title), progress(sum(map(len, tasks)), title, comm) as bar, without_progress():
 
+        def work(number: int, pulse: Pulse) -> dict[Setting, Measured]:
+            bench.pulse = lambda n_steps: pulse()
+            return {setting: bench.measure(setting) for setting in tasks[number]}
 
-def _work(bench: Bench, dealt: Sequence[Sequence[Task]], title: str, comm: Comm) -> dict[Setting, Measured] | None:
-    """Do this rank's tasks; return what came of all tasks on the first rank. Collective on `comm`."""
-    own: dict[Setting, Measured] = {}
-    settings = [setting for task in dealt[comm.rank] for setting in task]
-    with agreed(comm, title), progress(len(settings), title, comm) as bar, without_progress():
-        for setting in settings:
-            own[setting] = bench.measure(setting)
-            bar.update()
-    gathered = comm.gather(own)
-    return None if gathered is None else {setting: found for part in gathered for setting, found in part.items()}
+        def take(number: int, measured: dict[Setting, Measured]) -> None:
+            found.update(measured)
+            bar.update(len(measured))
+
+        deal(comm, len(tasks), work, take)
+    return found
 
 
 def _times(
@@ -318,10 +310,10 @@ class _Study:
         """Return the runs that the references still need."""
         return [run for refinement in self._sequences for run in self._missing(refinement)]
 
-    def take(self, found: Mapping[Setting, Measured] | None) -> None:
-        """Take in what was measured; None on all ranks but the first."""
+    def take(self, found: Mapping[Setting, Measured]) -> None:
+        """Take in what was measured."""
         runs = []
-        for setting, measured in (found or {}).items():
+        for setting, measured in found.items():
             if setting.family != "reference":
                 self._measured[setting] = measured
             elif setting.refinement in self._sequences:
@@ -436,81 +428,20 @@ def _flags(setting: Setting, scene: Scene) -> str:
 
 
 Task = tuple[Setting, ...]  # what one rank does in one go: settings with the same build
-# s, on a common processor: of an angle and of a model, of a step of a batch whatever its size, of a step of a sample
-ANGLE, MODEL = 0.01, 0.6
-STEP, HISTORY_STEP = 1.0e-4, 3.0e-4
-N_VALUES = 8  # test values of a history
 
 
 def tasks_of(settings: Sequence[Setting]) -> list[Task]:
-    """Put settings with the same build together, but for runs of the reference, each of which goes to any rank."""
+    """Put settings with the same build together, but for runs of the reference, each of which goes to any rank; those
+    that take longest come first: of the mesh before reduced ones, and by their steps."""
     together: dict[tuple, list[Setting]] = {}
     for setting in settings:
         own = (setting.n_steps,) if setting.family == "reference" else ()
         together.setdefault((*setting.build, *own), []).append(setting)
-    return list(map(tuple, together.values()))
 
+    def place(task: Task) -> tuple[bool, int]:
+        return task[0].reduction is not None, -sum(one.n_steps * one.refinement for one in task)
 
-@dataclass(frozen=True)
-class Prices:
-    """Predicted processor time of a step of a sample on the scene's meshes, s."""
-
-    full: float  # full, components, reference: of the mesh, of component modes, and of what errors are measured against
-    components: float
-    reference: float
-    timed: float  # most processor time of one run that is timed, s; longer ones are timed by their first steps
-    n_coordinates: int = 1  # rigid coordinates
-
-    def of(self, work: Setting) -> float:
-        """Return what a step of a sample takes."""
-        if work.family in ("reference", "surface"):
-            return work.refinement * self.reference
-        if work.reduction is not None:
-            return reduced_step(work.reduction.modes + self.n_coordinates, self.n_coordinates)
-        return work.refinement * (self.components if work.family == "components" else self.full)
-
-
-@dataclass
-class Dealer:
-    """Deals tasks to ranks, round after round; a build that a rank has done stays with it."""
-
-    n_ranks: int  # number of ranks
-    prices: Prices  # what steps take
-    batch: int  # batch, repeats: samples timed together, and how often
-    repeats: int
-    _loads: list[float] = field(init=False)
-    _builds: dict[tuple, int] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self._loads = [0.0] * self.n_ranks
-
-    def deal(self, tasks: Sequence[Task]) -> list[list[Task]]:
-        """Return the tasks of every rank, in the order in which they are to be done."""
-        dealt: list[list[Task]] = [[] for _ in range(self.n_ranks)]
-        for task in sorted(tasks, key=self.seconds, reverse=True):
-            rank = min(range(self.n_ranks), key=self._loads.__getitem__)
-            if task[0].family != "reference":
-                rank = self._builds.setdefault(task[0].build, rank)
-            self._loads[rank] += self.seconds(task)
-            dealt[rank].append(task)
-        return dealt
-
-    def seconds(self, task: Task) -> float:
-        """Estimate how long a task takes, its share of the times included."""
-        first = task[0]
-        angles = first.reduction.angles**self.prices.n_coordinates if first.reduction else 0
-        build = 0.0 if first.family == "reference" else MODEL + ANGLE * angles
-        return build + sum(map(self._run, task))
-
-    def _run(self, work: Setting) -> float:
-        step = self.prices.of(work)
-        history = work.n_steps * (HISTORY_STEP + N_VALUES * step)
-        if work.family == "reference":
-            return history
-        if work.family == "surface":
-            return history * work.nodes / N_VALUES
-        timed = work.n_steps * (2 * STEP + self.batch * step)
-        return history + self.repeats * min(timed, 2 * self.prices.timed)
+    return sorted(map(tuple, together.values()), key=place)
 
 
 def own_setting(scene: Scene, gridded: bool = True) -> Setting:

@@ -205,7 +205,8 @@ def _tree(text: str) -> ast.expr:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A value and its derivatives over time, up to the second one, each of shape (n,)."""
+    """A value and its derivatives over time, up to the second one, each of shape (n,); or, of the first order, a value
+    and its derivatives with n parameters."""
 
     parts: Sequence[np.ndarray]
 

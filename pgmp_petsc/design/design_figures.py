@@ -159,7 +159,9 @@ class DesignFigures:
         outcome = Outcome(self._run(values, sample), values, question.names)
         found = [_signed(question.goal.sense, question.goal.expression(outcome))]
         for constraint in question.constraints:
-            found.append(_signed(constraint.sense, constraint.left(outcome) - constraint.right(outcome)))
+            left, right = constraint.left(outcome), constraint.right(outcome)
+            with np.errstate(invalid="ignore"):  # of what is no finite number, as below
+                found.append(_signed(constraint.sense, Dual(left.value - right.value, left.slope - right.slope)))
         for what, dual in zip((question.goal, *question.constraints), found):
             if not (np.isfinite(dual.value) and np.isfinite(dual.slope).all()):
                 where = values_text(self.scene, {name: values[name] for name in question.names})

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -174,7 +175,7 @@ class _Fitting:
         self._condensations: dict[str, tuple[bytes, _Condensed]] = {}
         # of the scene's own: runs with smaller steps have more, and residuals are as many in all
         self._least_steps = 1 + count_steps(scene.simulation.duration, scene.simulation.step)
-        self._runs: list[tuple[bytes, DifferentiatedRun]] = []
+        self._run_at = lru_cache(maxsize=4)(self._new_run)
         self._turned_back = TurnedBack()
         self.n_runs = 0
 
@@ -257,11 +258,10 @@ class _Fitting:
 
     def _run(self, at: np.ndarray) -> DifferentiatedRun:
         """Return the run at values of the parameters, which is kept for whoever asks again."""
-        key = np.asarray(at, dtype=float).tobytes()
-        for known, run in self._runs:
-            if known == key:
-                return run
-        values = self._model.scene.values | dict(zip(self._names, map(float, at)))
+        return self._run_at(tuple(map(float, at)))
+
+    def _new_run(self, at: tuple[float, ...]) -> DifferentiatedRun:
+        values = self._model.scene.values | dict(zip(self._names, at))
         try:
             run = differentiate(self._model, values, self._names)
         except PgmpError as error:
@@ -270,7 +270,6 @@ class _Fitting:
         search_at(own_values(self._model.scene, {name: values[name] for name in self._names}))
         self.n_runs += 1
         self._count()
-        self._runs = [*self._runs[-3:], (key, run)]
         return run
 
     def _spline(self, run: DifferentiatedRun, output: str) -> CubicSpline:

@@ -27,12 +27,13 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import add
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, nearest_name, warning
 from pgmp_petsc.base.units import SI, UnitSystem, dimension_of, si_name
-from pgmp_petsc.declare.formulas import DimensionError, Dimensions, Measured, evaluated
+from pgmp_petsc.declare.formulas import DimensionError, Dimensions, Measured, Series, SeriesAlgebra, evaluated
 from pgmp_petsc.declare.own_units import in_si, shifted
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 from pgmp_petsc.results.gradients import Vertex, vertex
@@ -41,44 +42,13 @@ _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|
 SENSES = {"minimise": 1.0, "minimize": 1.0, "maximise": -1.0, "maximize": -1.0}
 
 LONGEST, DEEPEST = 800, 30  # of texts: characters, and parentheses in each other
-# operations by numpy: what has no value, such as 1 / 0, is inf or nan, which whoever evaluates refuses
-_WITHOUT_WARNINGS = np.errstate(all="ignore")
 
 
-@dataclass(frozen=True, eq=False)
-class Dual:
+class Dual(NamedTuple):
     """A number and its derivatives with the parameters, shape (n_parameters,); inf or nan where there is none."""
 
     value: float
     slope: np.ndarray
-
-    @_WITHOUT_WARNINGS
-    def __add__(self, other: Dual) -> Dual:
-        return Dual(np.add(self.value, other.value), self.slope + other.slope)
-
-    @_WITHOUT_WARNINGS
-    def __sub__(self, other: Dual) -> Dual:
-        return Dual(np.subtract(self.value, other.value), self.slope - other.slope)
-
-    @_WITHOUT_WARNINGS
-    def __mul__(self, other: Dual) -> Dual:
-        return Dual(np.multiply(self.value, other.value), self.slope * other.value + self.value * other.slope)
-
-    @_WITHOUT_WARNINGS
-    def __truediv__(self, other: Dual) -> Dual:
-        quotient = np.divide(self.value, other.value)
-        return Dual(quotient, (self.slope - quotient * other.slope) / other.value)
-
-    def __neg__(self) -> Dual:
-        return Dual(-self.value, -self.slope)
-
-    @_WITHOUT_WARNINGS
-    def __pow__(self, other: Dual) -> Dual:
-        """Return a power, of which the exponent is a number."""
-        exponent = other.value
-        if exponent == 0.0:
-            return Dual(1.0, np.zeros_like(self.slope))
-        return Dual(np.power(self.value, exponent), exponent * np.power(self.value, exponent - 1.0) * self.slope)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,16 +65,6 @@ class Outcome:
         return np.array(rows).reshape(len(rows), self.run.time.size)
 
 
-@dataclass(frozen=True)
-class Duals:
-    """Formulas of `Dual` with so many parameters."""
-
-    n_parameters: int
-
-    def number(self, value: float) -> Dual:
-        return Dual(value, np.zeros(self.n_parameters))
-
-
 @dataclass(frozen=True, eq=False)
 class Expression:
     """A sum of a goal or a constraint, in SI units."""
@@ -114,8 +74,10 @@ class Expression:
     outputs: frozenset[str]  # of which these figures are
 
     def __call__(self, outcome: Outcome) -> Dual:
-        parts = {name: part(outcome) for name, part in self.parts.items()}
-        return evaluated(self.text, parts, Duals(len(outcome.names)))
+        parts = {name: Series([np.array(one) for one in part(outcome)]) for name, part in self.parts.items()}
+        with np.errstate(all="ignore"):  # what has no value, such as 1 / 0, is refused by whoever evaluates
+            value, slope = evaluated(self.text, parts, SeriesAlgebra(1)).parts
+        return Dual(float(value), np.broadcast_to(slope, len(outcome.names)))
 
 
 def _at(place: Callable[[np.ndarray], Vertex]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], Dual]:

@@ -35,7 +35,7 @@ from pgmp_petsc.mechanism.composition import sines
 from pgmp_petsc.mechanism.joints import Coupling, triad
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import directors
-from pgmp_petsc.mechanism.statements import ANGLE, Statement, along, angle
+from pgmp_petsc.mechanism.statements import Statement, along, angle
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import EffectEntry, OnJoint
 from pgmp_petsc.scene.fields import (
@@ -113,12 +113,7 @@ def spring_force(
         return 0.0
     frames = [side.frame_of_pose(poses) for side in spring.sides]
     number = [k for k, c in enumerate(mechanism.coordinates) if c.statement is spring.statement]
-    if number:
-        measure = theta[number[0]]
-    elif spring.statement.kind == ANGLE:
-        measure = mechanism.space.angle(spring.statement, *frames)
-    else:
-        measure = spring.statement.value(*map(mechanism.space.natural, frames))
+    measure = theta[number[0]] if number else mechanism.space.measure(spring.statement, *frames)
     return float(spring.law.evaluate([quantity.at(values) for quantity in spring.parameters], measure).elastic)
 
 

@@ -17,6 +17,7 @@ from weakref import finalize
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, RunError
+from pgmp_petsc.declare.values import Lazy
 from pgmp_petsc.ensemble.plan import IN_ALL, IN_CHECKED, NAMED, Batch, Piece, Plan
 from pgmp_petsc.files.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.files.seal import BrokenSeal, identity
@@ -241,7 +242,8 @@ class Columns(Mapping[str, np.ndarray]):
 
     def of(self, kind: str) -> Mapping[str, np.ndarray]:
         """Return the columns whose names begin with ``<kind>.``, by what follows."""
-        return _Part(self, kind)
+        names = [name.removeprefix(f"{kind}.") for name in self if name.startswith(f"{kind}.")]
+        return Lazy(names, lambda name: self[f"{kind}.{name}"])
 
     @contextmanager
     def _written(self) -> Iterator[None]:
@@ -263,33 +265,13 @@ class Columns(Mapping[str, np.ndarray]):
 
     def __getitem__(self, name: str) -> np.ndarray:
         self._file.seek(self._offset(name))
-        values = np.empty(self._n_samples, dtype=_NUMBER)
-        left = memoryview(values).cast("B")
-        while left:
-            left = left[self._file.readinto(left) :]
-        return values
+        return np.fromfile(self._file, _NUMBER, self._n_samples)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._places)
 
     def __len__(self) -> int:
         return len(self._places)
-
-
-class _Part(Mapping[str, np.ndarray]):
-    """The columns of one kind."""
-
-    def __init__(self, columns: Columns, kind: str) -> None:
-        self._columns, self._kind = columns, f"{kind}."
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        return self._columns[self._kind + name]
-
-    def __iter__(self) -> Iterator[str]:
-        return (name.removeprefix(self._kind) for name in self._columns if name.startswith(self._kind))
-
-    def __len__(self) -> int:
-        return sum(1 for _ in self)
 
 
 CHECKSUM = 64  # characters

@@ -23,6 +23,7 @@ from pgmp_petsc.ensemble.sample_file import SampleFile, read_samples
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.ensemble import UNSTABLE, Ensemble
+from pgmp_petsc.results.numbers import behind
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.stepping.generalised_alpha import DIVISORS, RETRIED
@@ -115,7 +116,7 @@ def _where(failed: np.ndarray, parameters: Mapping[str, np.ndarray], units: Mapp
         lost, fine = values[known & failed], values[known & ~failed]
         if not lost.size or not fine.size or np.ptp(values[known]) == 0.0:
             continue
-        unit = "" if units.get(name, "1") == "1" else f" {units[name]}"
+        unit = behind(units.get(name, "1"))
         middle = float(np.median(values[known]))
         medians = f"median {np.median(lost):.4g} against {np.median(fine):.4g}{unit}"
         aside = _significance(lost, fine)

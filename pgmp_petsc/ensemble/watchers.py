@@ -138,28 +138,26 @@ class BalanceWatcher(Watcher):
         return Watch(run, run.found)
 
 
-class _BalanceWatch(Observer):
+class _BalanceWatch(PooledObserver):
     """Sums up works as the run goes on, by the trapezoidal rule over its steps."""
 
     def __init__(self, system: SecondOrderSystem, samples: np.ndarray) -> None:
+        super().__init__(max(1, TOGETHER // system.n_samples))
         self._system, self._samples = system, samples
         self._residual = self._exchanged = np.zeros(system.n_samples)
         self._sums = RunningBalance()
 
-    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        n = self._system.n_samples
-        together = max(1, TOGETHER // n)
-        with np.errstate(all="ignore"):  # samples that have failed do not move, whatever they are
-            for first in range(0, times.size, together):
-                some = slice(first, first + together)
-                energies = self._system.energies_over(times[some], states.at(some))
-                for k, time in enumerate(times[some].tolist()):
-                    residual, exchanged = self._sums.add(time, energies[n * k : n * (k + 1)])
-                    self._residual = np.maximum(self._residual, np.abs(residual))
-                    self._exchanged = np.maximum(self._exchanged, exchanged)
+    def see(self, first: int, states: State) -> None:
+        n, times = self._system.n_samples, self.times[first:]
+        energies = self._system.energies_over(np.array(times), states)
+        for k, time in enumerate(times):
+            residual, exchanged = self._sums.add(time, energies[n * k : n * (k + 1)])
+            self._residual = np.maximum(self._residual, np.abs(residual))
+            self._exchanged = np.maximum(self._exchanged, exchanged)
 
     def found(self, status: np.ndarray) -> Found:
         """Return the largest residual and the most energy that was moved around, NaN for samples that failed."""
+        self.finish()
         kept = np.where(status == Status.FINE, [self._residual, self._exchanged], np.nan)[:, self._samples]
         return {"balance": dict(zip(BALANCE, kept))}
 

@@ -23,7 +23,7 @@ from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
 from pgmp_petsc.results.estimates import EstimatedErrors
-from pgmp_petsc.results.numbers import felt, number_text, share_text, sizes_of, with_unit
+from pgmp_petsc.results.numbers import behind, felt, number_text, share_text, sizes_of, with_unit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.stepping.generalised_alpha import integrate
@@ -389,7 +389,7 @@ def _of_quantity(
         return
     y, e, all_fine = values[checked], errors[checked], values[fine & np.isfinite(values)]
     spread = float(all_fine.std(ddof=1)) if all_fine.size > 1 else 0.0
-    tail, samples = "" if unit == "1" else f" {unit}", "1 checked sample" if n == 1 else f"{n} checked samples"
+    tail, samples = behind(unit), "1 checked sample" if n == 1 else f"{n} checked samples"
     if n >= FEWEST and e.std(ddof=1) > COMPARABLE * y.std(ddof=1):
         yield (
             f"{words[1]} of {name}: {samples} have a deviation of {y.std(ddof=1):.3g}{tail}, and of "

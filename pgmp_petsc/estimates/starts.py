@@ -34,7 +34,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
 from pgmp_petsc.effects import AT_REST
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import OutputRecord, ReducedModel
 from pgmp_petsc.models.model import search_of
 from pgmp_petsc.models.reduced_statics import ReducedStatics
 from pgmp_petsc.reduced.system import ReducedSystem
@@ -42,7 +42,7 @@ from pgmp_petsc.scene.controllers import derivatives_read
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.outputs import models_alone
 from pgmp_petsc.scene.references import parts_of
-from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.static_equilibrium import settle
 from pgmp_petsc.stepping.status import Status
@@ -148,14 +148,12 @@ def growth_of(
     q = start.q.copy()
     q[:, : system.n_moving] += OFF * np.ptp(eta, axis=0)[: system.n_moving]
     system.begin_at(q, start.v)
-    record = StateRecord(lambda n_steps: None)
-    done = integrate(system, simulation, observer=record)
-    if done.status[0] != Status.FINE:
+    record = OutputRecord(model, system)
+    if integrate(system, simulation, observer=record).status[0] != Status.FINE:
         return None
-    times, states = record.states()
-    beside = model.outputs.evaluate(model.observed_of(times, states, model.scene.values))
+    beside = record.evaluated()[1]
     shares = [
-        np.maximum.accumulate(np.abs(beside[name] - own)) / np.ptp(own)
+        np.maximum.accumulate(np.abs(beside[name][:, 0] - own)) / np.ptp(own)
         for name, own in outputs.items()
         if name in smooth and np.ptp(own) > STILL * (1.0 if model.outputs.units[name] == "rad" else size)
     ]

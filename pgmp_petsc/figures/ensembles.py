@@ -19,7 +19,8 @@ from pgmp_petsc.base.errors import InputError, nearest_name
 from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.results import Band, Ensemble, Statistics
-from pgmp_petsc.results.statistics import RareEvent
+from pgmp_petsc.results.numbers import behind
+from pgmp_petsc.results.statistics import RareEvent, Sensitivity
 
 LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
 NOTE_SIZE, NOTE_LENGTH = 8.5, 42  # of the letters there, points, and for how many there is room beside the last panel
@@ -132,7 +133,7 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
 
 def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[str], factor: float, unit: str) -> None:
     """Write mean and standard deviation with their intervals above the axes, two lines for each ensemble."""
-    shown = "" if unit in ("", "1") else f" {unit}"
+    shown = behind(unit)
     for number, (one, colour) in enumerate(zip(known, colours)):
         mean = _with_interval(factor * one.mean, factor * one.mean_interval)
         std = _with_interval(factor * one.std, factor * one.std_interval)
@@ -274,23 +275,25 @@ def sobol(ensemble: Ensemble, label: str = "") -> Figure:
     size = 3.4, 0.75 + 0.42 * len(one.parameters)
     figure, blocks = style.panel_grid(len(names), size, 0.9, 6.4, sharex=True)
     for axes, name in zip(blocks[:, 0], names):
-        found = ensemble.sobol[name]
-        places = np.arange(len(found.parameters))[::-1]
-        kinds = [(found.first, found.first_interval, FIRST, 0.0)]
-        if found.total is not None:
-            kinds = [(found.first, found.first_interval, FIRST, 0.5 * HEIGHT)]
-            kinds.append((found.total, found.total_interval, TOTAL, -0.5 * HEIGHT))
-        for values, ends, colour, shift in kinds:
-            errors = np.abs(ends.T - values)
-            axes.barh(places + shift, values, HEIGHT, xerr=errors, color=colour, ecolor="#333333", capsize=2.0)
-        axes.set_yticks(places, [parameter for parameter in found.parameters])
-        axes.grid(axis="y", visible=False)
+        draw_indices(axes, ensemble.sobol[name], np.arange(len(one.parameters))[::-1])
         axes.set_title(name)
     level = f"{100 * one.confidence:g} % intervals"
     keys = [Patch(facecolor=FIRST, label=f"first index: share of the variance by itself, {level}")]
     if one.total is not None:
         keys.append(Patch(facecolor=TOTAL, label="total index: with all that it acts together with"))
     return captions.headed(figure, keys, "Sobol indices of outputs", ensemble.record, label)
+
+
+def draw_indices(axes: Axes, found: Sensitivity, places: np.ndarray) -> None:
+    """Draw Sobol indices with their intervals as bars at the parameters' places, first ones above total ones."""
+    kinds = [(found.first, found.first_interval, FIRST, "first: by itself")]
+    if found.total is not None:
+        kinds.append((found.total, found.total_interval, TOTAL, "total: with all others"))
+    for shift, (values, ends, colour, label) in zip((0.5, -0.5) if len(kinds) > 1 else (0.0,), kinds):
+        look = {"color": colour, "label": label, "ecolor": "#333333", "capsize": 2.0}
+        axes.barh(places + shift * HEIGHT, values, HEIGHT, xerr=np.abs(ends.T - values), **look)
+    axes.set_yticks(places, list(found.parameters))
+    axes.grid(axis="y", visible=False)
 
 
 @style.styled

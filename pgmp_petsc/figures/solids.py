@@ -196,7 +196,7 @@ class _Drawn:
             self._line["number"] = np.arange(skin.points.shape[1])
             self._line = self._line.strip()
         self._mesh = self._solid(0)
-        self._actor = plotter.add_mesh(self._mesh, smooth_shading=True, show_scalar_bar=False, **look, **colour)
+        plotter.add_mesh(self._mesh, smooth_shading=True, show_scalar_bar=False, **look, **colour)
 
     def show(self, number: int) -> None:
         skin = self._skin
@@ -353,7 +353,6 @@ class Surround:
         self._box = self.axes.get_window_extent()
         self.size = int(round(self._box.width)), int(round(self._box.height))
         self._caption = self.axes.set_xlabel(caption, loc="right")
-        self._canvas: np.ndarray | None = None
 
     def measure(self, metre: float, unit: str) -> None:
         """Draw a bar of a round length below the bodies, of which a unit of length has so many pixels."""

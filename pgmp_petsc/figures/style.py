@@ -23,7 +23,7 @@ from matplotlib.ticker import Formatter
 from pgmp_petsc.base import __version__
 from pgmp_petsc.files.claims import replacing
 from pgmp_petsc.files.hdf5 import RunRecord
-from pgmp_petsc.results.numbers import axis_unit
+from pgmp_petsc.results.numbers import axis_unit, behind
 
 Arguments = ParamSpec("Arguments")
 
@@ -199,7 +199,7 @@ def axis_label(name: str, unit: str) -> str:
 def quantity(name: str, value: float, unit: str) -> str:
     """Return ``r1 = 5.6 mm``."""
     factor, shown = axis_unit(unit, np.array([value]))
-    return f"{name} = {value * factor:.4g}{'' if shown in ('', '1') else ' ' + shown}"
+    return f"{name} = {value * factor:.4g}{behind(shown)}"
 
 
 def scene_of(record: RunRecord) -> dict[str, Any]:

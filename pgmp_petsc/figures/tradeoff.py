@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -16,11 +18,21 @@ SURFACE_COLOUR = style.PALETTE[3]
 SECOND_ORDER_COLOUR = style.PALETTE[2]
 FLOOR = 1e-10  # %, shown for errors that are zero
 RIGHT = 0.6  # share of an axis beyond which labels are to the left of their points
-# Names of the keys, in their order, and of those whose points are connected the line.
-KINDS = (
-    "the scene as it is", "reduced", "static modes", "second order", "second order, static modes",
-    "component modes", "full order", "full order, more cells", "response surface (runs)",
-)  # fmt: skip
+_HOLLOW = {"markerfacecolor": "white"}
+_SMALLER = {"markersize": 5.0}
+#: Looks of settings by what keys call them, in the order of the keys.
+LOOKS: dict[str, dict[str, Any]] = {
+    "reduced": {"marker": "o", "color": style.REDUCED_COLOUR} | _HOLLOW,
+    "static modes": {"marker": "o", "color": style.REDUCED_COLOUR},
+    "second order": {"marker": "o", "color": SECOND_ORDER_COLOUR} | _HOLLOW,
+    "second order, static modes": {"marker": "o", "color": SECOND_ORDER_COLOUR},
+    "component modes": {"marker": "D", "color": style.COMPONENT_COLOUR} | _SMALLER,
+    "full order": {"marker": "s", "color": style.FULL_COLOUR} | _SMALLER,
+    "full order, more cells": {"marker": "s", "color": style.FULL_COLOUR} | _SMALLER | _HOLLOW,
+    "response surface (runs)": {"marker": "^", "color": SURFACE_COLOUR},
+}
+_OWN, _STAR = "the scene as it is", {"marker": "*", "markersize": 11.0, "markeredgecolor": "black", "zorder": 4}
+# Lines of those whose points are connected.
 CONNECTED = {"full order": "-", "full order, more cells": ":", "response surface (runs)": "-"}
 CLOSE = 1.3  # ratio of errors whose points share a label
 #: Models that have a front each, by its colour.
@@ -219,39 +231,22 @@ def _write(axes: Axes, text: str, x: float, y: float) -> None:
     axes.annotate(text, (x, y), **side, **look).set_in_layout(False)
 
 
-def _marker(study: Tradeoff, row: int) -> dict:
+def _marker(study: Tradeoff, row: int) -> dict[str, Any]:
     """Return the look of a setting."""
-    family, at = study.families[row], study.columns
-    look = {"linestyle": "none", "markersize": 5.5, "markeredgewidth": 1.1, "zorder": 3}
-    if family == "surface":
-        return look | {"marker": "^", "color": SURFACE_COLOUR}
-    if family == "components":
-        return look | {"marker": "D", "color": style.COMPONENT_COLOUR, "markersize": 5.0}
-    if family == "full":
-        return (
-            look | {"marker": "s", "color": style.FULL_COLOUR, "markersize": 5.0} | _hollow(at["refinement"][row] > 1)
-        )
-    colour = SECOND_ORDER_COLOUR if at["second_order"][row] else style.REDUCED_COLOUR
-    look |= {"marker": "o", "color": colour} | _hollow(not at["static_modes"][row])
-    if row == 0:
-        look |= {"marker": "*", "markersize": 11.0, "markeredgecolor": "black", "zorder": 4}
-    return look
-
-
-def _hollow(yes: bool) -> dict:
-    return {"markerfacecolor": "white"} if yes else {}
+    look = {"linestyle": "none", "markersize": 5.5, "markeredgewidth": 1.1, "zorder": 3} | LOOKS[_kind(study, row)]
+    return look | _STAR if row == 0 and study.families[row] == "reduced" else look
 
 
 def _keys(study: Tradeoff, drawn: np.ndarray, cost: np.ndarray) -> list[Line2D | Patch]:
     """Return the keys of what is drawn, shape (n,) of bool: of every mark one, and of nothing else."""
     rows: dict[str, list[int]] = {}
     for row in np.flatnonzero(drawn):
-        rows.setdefault(_kind(study, row), []).append(row)
+        rows.setdefault(_kind(study, row) if row else _OWN, []).append(row)
     keys: list[Line2D | Patch] = []
     connected = {label: len(each) for label, each in rows.items()}
     # from the scene's own mesh on
     connected["full order, more cells"] = np.count_nonzero(drawn[_over_meshes(study, "full")])
-    for label in sorted(rows, key=KINDS.index):
+    for label in sorted(rows, key=(_OWN, *LOOKS).index):
         look = {name: value for name, value in _marker(study, rows[label][0]).items() if name != "zorder"}
         if label in CONNECTED and connected[label] > 1:
             look["linestyle"] = CONNECTED[label]
@@ -269,18 +264,13 @@ def _keys(study: Tradeoff, drawn: np.ndarray, cost: np.ndarray) -> list[Line2D |
 
 
 def _kind(study: Tradeoff, row: int) -> str:
-    at = study.columns
-    if row == 0:
-        return "the scene as it is"
-    if study.families[row] == "surface":
-        return "response surface (runs)"
-    if study.families[row] == "components":
-        return "component modes"
-    if study.families[row] == "full":
-        return "full order, more cells" if at["refinement"][row] > 1 else "full order"
-    if at["second_order"][row]:
-        return "second order, static modes" if at["static_modes"][row] else "second order"
-    return "static modes" if at["static_modes"][row] else "reduced"
+    """Return which of `LOOKS` a setting has."""
+    at, family = study.columns, study.families[row]
+    if family == "reduced":
+        kinds = {"second order": at["second_order"][row], "static modes": at["static_modes"][row]}
+        return ", ".join(kind for kind, has in kinds.items() if has) or "reduced"
+    more = ", more cells" * bool(family == "full" and at["refinement"][row] > 1)
+    return {"surface": "response surface (runs)", "components": "component modes", "full": "full order"}[family] + more
 
 
 def _on_meshes(study: Tradeoff, family: str) -> str:

@@ -23,7 +23,7 @@ from pgmp_petsc.figures.captions import same_case, tell_apart
 from pgmp_petsc.figures.loads import OF_JOINTS, outputs_of
 from pgmp_petsc.results import Derivatives, Design, Fit, Trajectory
 from pgmp_petsc.results.gradients import FittedParameter
-from pgmp_petsc.results.numbers import ROUND_OFF, plain, sizes_of
+from pgmp_petsc.results.numbers import ROUND_OFF, behind, plain, sizes_of
 
 N_CROSSES = 36
 
@@ -379,7 +379,7 @@ def with_error(parameter: FittedParameter) -> str:
     if not np.isfinite(parameter.error):
         return f"{shown}, not identifiable"
     shown = f"{shown} ± {factor * parameter.error:.1g}"
-    return shown if unit in ("", "1") else f"{shown} {unit}"
+    return shown + behind(unit)
 
 
 @style.styled

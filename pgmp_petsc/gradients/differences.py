@@ -17,7 +17,6 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel, SeparateLengths
-from pgmp_petsc.stepping.second_order_system import State
 
 AnyModel = ReducedModel | LengthLanes | ComponentModel | SeparateLengths
 SHARE = 2e-3  # of a parameter's size, that runs beside are away
@@ -80,20 +79,6 @@ class Differences:
     @property
     def n_runs(self) -> int:
         return self.weights.shape[1]
-
-    def of_outputs(
-        self, model: ReducedModel | LengthLanes, times: np.ndarray, states: State
-    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """Return the outputs of all runs, each (n_runs, n_t), before anything is counted, for states (n_t, n_runs,
-        n_eta), and derivatives of coordinates, (n_t, n_parameters, n_eta)."""
-        found: dict[str, list[np.ndarray]] = {name: [] for name in model.outputs.functions}
-        for run in range(self.n_runs):
-            own = State(*(part[:, run] for part in (states.q, states.v, states.a)), np.zeros(0))
-            own.forces = states.forces[:, run] if states.forces.size else states.forces
-            observed = model.observed_of(times, own, {name: value[run] for name, value in self.values.items()})
-            for name, value in model.outputs.evaluate(observed).items():
-                found[name].append(value)
-        return {name: np.array(each) for name, each in found.items()}, np.einsum("ps,tsi->tpi", self.weights, states.q)
 
 
 def _size(model: AnyModel, values: Mapping[str, float], name: str) -> float:

@@ -53,14 +53,14 @@ from pgmp_petsc.gradients.contacts import Contact, Contacts
 from pgmp_petsc.gradients.differences import AnyModel, Differences, why_differences
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised, factorise, hold, substitute
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.models import ComponentModel, LengthLanes, OutputRecord, ReducedModel, SeparateLengths
+from pgmp_petsc.models import LengthLanes, OutputRecord, ReducedModel
 from pgmp_petsc.models.lengths import blended
 from pgmp_petsc.models.reduced_statics import JointAngles
 from pgmp_petsc.outputs.rainflow import counted_after, counted_changes
 from pgmp_petsc.scene.uses import offset_directions, velocity_names
 from pgmp_petsc.stepping.alpha_step import LENGTHS, WEIGHTS, First, first_accelerations, goes_on_resolved
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, StateRecord, integrate, integrate_with_smaller_steps
-from pgmp_petsc.stepping.second_order_system import Scheme, State
+from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 
 MOST_NUMBERS = 4_000_000  # of matrices along a run that are kept at once, 32 MB
@@ -74,8 +74,6 @@ class DifferentiatedRun:
     outputs: dict[str, np.ndarray]  # each of shape (n_t,)
     #: of every output with every parameter, by the names of both: ``derivatives[output][parameter]``, (n_t,)
     derivatives: dict[str, dict[str, np.ndarray]]
-    eta: np.ndarray  # eta, changes: reduced coordinates (n_t, n_eta), and their derivatives (n_t, n_parameters, n_eta)
-    changes: np.ndarray
     steps_divided: int = 1  # by what the scene's step was divided
     off: float = 0.0  # how far differences are from those of second order, a share; see `differences`
     contacts: tuple[Contact, ...] = ()  # instants at which end stops are met and left, with their own derivatives
@@ -102,29 +100,17 @@ def differentiate(
     """
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
-    beside = Differences.of(model, values, names if why_differences(model) else ())
-    if isinstance(model, (ComponentModel, SeparateLengths)):
-        return _of_components(model, values, names, beside, pulse)
-    kept: list[tuple[Attempt, Run, StateRecord, Any]] = []
+    if why_differences(model):
+        return _by_differences(model, values, names, pulse)
 
-    def once(attempt: Attempt) -> Run:
-        system = model.batch(beside.values, beside.n_runs)
-        system.precise = bool(model.scene.beside)
+    def once(attempt: Attempt) -> tuple[Run, tuple[StateRecord, SecondOrderSystem]]:
+        system = model.batch({name: np.array([value]) for name, value in values.items()}, 1)
         if system.settled is not None:
             system.settled.require()
         trail = StateRecord(pulse)
-        done = _worst(integrate(system, attempt.simulation, observer=trail))
-        kept[:] = [(attempt, done, trail, system)]
-        return done
+        return integrate(system, attempt.simulation, observer=trail), (trail, system)
 
-    integrate_with_smaller_steps(once, model.scene.simulation, np.ones(1, dtype=bool))
-    attempt, done, trail, system = kept[0]
-    _require_fine(model, done)
-    if model.scene.beside:
-        times, states = trail.of_batch()
-        with np.errstate(all="ignore"):
-            each, changes = beside.of_outputs(model, times, states)
-        return _compared(model, values, names, beside, times, each, states.q[:, 0], changes, attempt.divisor)
+    attempt, (trail, system) = _fine(model, once)
     times, states = trail.states()
     linearisation = Linearisation(model, values, names)
     step, radius = times[-1] / (len(times) - 1), model.scene.simulation.spectral_radius
@@ -136,81 +122,63 @@ def differentiate(
         observed = ObservedChanges(model, values, times, states)
         by_name = {name: observed.of(name, changes[:, :, number]) for number, name in enumerate(names)}
     outputs, derivatives = _counted(model, values, times, observed.outputs, by_name)
-    found = tuple(contacts.found)
-    return DifferentiatedRun(times, outputs, derivatives, states.q, changes[0], attempt.divisor, contacts=found)
+    return DifferentiatedRun(times, outputs, derivatives, attempt.divisor, contacts=tuple(contacts.found))
 
 
-def _worst(done: Run) -> Run:
-    """Return the first of runs with the same steps that stopped, or the first of all."""
-    worst = [int(np.argmax(done.status != Status.FINE))]
-    return replace(done, status=done.status[worst], failure_time=done.failure_time[worst])
+def _fine(model: AnyModel, once: Callable[[Attempt], tuple[Run, Any]]) -> tuple[Attempt, Any]:
+    """Integrate `once`, or again with smaller steps; return the attempt that came to the end and what it kept. Raises
+    `RunError` if none did."""
+    kept: list[tuple[Attempt, Run, Any]] = []
 
+    def run(attempt: Attempt) -> Run:
+        done, own = once(attempt)
+        kept[:] = [(attempt, done, own)]
+        return done
 
-def _require_fine(model: AnyModel, done: Run) -> None:
+    integrate_with_smaller_steps(run, model.scene.simulation, np.ones(1, dtype=bool))
+    attempt, done, own = kept[0]
     status = Status(done.status[0])
     if status != Status.FINE:
         raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {status.cure(model.name)}")
+    return attempt, own
 
 
-def _of_components(
-    model: ComponentModel | SeparateLengths,
-    values: Mapping[str, float],
-    names: Sequence[str],
-    beside: Differences,
-    pulse: Callable[[int], object],
+def _by_differences(
+    model: AnyModel, values: Mapping[str, float], names: Sequence[str], pulse: Callable[[int], object]
 ) -> DifferentiatedRun:
-    """Return a component run with differences of the runs beside it as derivatives; see `differentiate`."""
-    kept: list[tuple[Attempt, Run, np.ndarray, list[dict[str, np.ndarray]]]] = []
+    """Return a run with differences of the runs beside it as derivatives; see `differentiate`."""
+    beside = Differences.of(model, values, names)
 
-    def once(attempt: Attempt) -> Run:
-        runs: list[dict[str, np.ndarray]] = []
+    def once(attempt: Attempt) -> tuple[Run, tuple[np.ndarray, list[dict[str, np.ndarray]]]]:
+        times, runs = np.zeros(0), list[dict[str, np.ndarray]]()
         while len(runs) < beside.n_runs:
             n = min(model.largest_batch, beside.n_runs - len(runs))
             own = {name: column[len(runs) : len(runs) + n] for name, column in beside.values.items()}
             system = model.batch(own, n)
+            system.precise = True
             if system.settled is not None:
                 system.settled.require()
             record = OutputRecord(model, system, *([] if runs else [pulse]))
             with np.errstate(all="ignore"):
-                done = _worst(integrate(system, attempt.simulation, observer=record))
+                done = integrate(system, attempt.simulation, observer=record)
+            worst = [int(np.argmax(done.status != Status.FINE))]  # the first that stopped, or the first of all
+            done = replace(done, status=done.status[worst], failure_time=done.failure_time[worst])
             if done.status[0] != Status.FINE:
                 break
             times, found = record.evaluated()
             runs += [{name: values[:, k] for name, values in found.items()} for k in range(n)]
-        kept[:] = [(attempt, done, times, runs)]
-        return done
+        return done, (times, runs)
 
-    integrate_with_smaller_steps(once, model.scene.simulation, np.ones(1, dtype=bool))
-    attempt, done, times, runs = kept[0]
-    _require_fine(model, done)
+    attempt, (times, runs) = _fine(model, once)
     each = {output: np.array([run[output] for run in runs]) for output in model.outputs.functions}
-    eta = np.zeros((times.size, 0))  # amplitudes mean nothing elsewhere
-    return _compared(
-        model, values, names, beside, times, each, eta, np.zeros((times.size, len(names), 0)), attempt.divisor
-    )
-
-
-def _compared(
-    model: AnyModel,
-    values: Mapping[str, float],
-    names: Sequence[str],
-    beside: Differences,
-    times: np.ndarray,
-    each: Mapping[str, np.ndarray],
-    eta: np.ndarray,
-    changes: np.ndarray,
-    divisor: int,
-) -> DifferentiatedRun:
-    """Return the first of some runs, with differences of the outputs (n_runs, n_t) of all of them as derivatives."""
     with np.errstate(all="ignore"):
         by_name = {
             name: {output: weights @ found for output, found in each.items()}
             for name, weights in zip(names, beside.weights)
         }
         off = beside.off(each)
-    first = {output: found[0] for output, found in each.items()}
-    outputs, derivatives = _counted(model, values, times, first, by_name)
-    return DifferentiatedRun(times, outputs, derivatives, eta, changes, divisor, off)
+    outputs, derivatives = _counted(model, values, times, {name: found[0] for name, found in each.items()}, by_name)
+    return DifferentiatedRun(times, outputs, derivatives, attempt.divisor, off)
 
 
 def _counted(

@@ -480,7 +480,7 @@ class JointTurns:
 
         def measured(poses: np.ndarray) -> np.ndarray:
             sides = (side.frame_of_pose(poses) for side in connection.sides)
-            return kinematics.mechanism.space.angle(connection.angle, *sides)
+            return kinematics.mechanism.space.measure(connection.angle, *sides)
 
         axes = kinematics.branch.axes
         angles = measured(np.moveaxis(kinematics.branch.poses, 0, -1)).reshape([axis.size for axis in axes])

@@ -19,7 +19,7 @@ from math import comb
 
 import numpy as np
 
-from pgmp_petsc.mechanism.statements import Statement
+from pgmp_petsc.mechanism.statements import ANGLE, Statement
 
 
 class Plane:
@@ -40,10 +40,12 @@ class Plane:
         """Return how far bodies turn, about, with a step of poses (n_bodies, n_pose, n), shape (n_bodies, n), rad."""
         return np.abs(step[:, 2])
 
-    def angle(self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
-        """Return the angle between frames of shape (n_pose or more, ...), rad: in the plane frames count turns, in
-        space it is nearest to `turned`."""
-        return b[2] - a[2]
+    def measure(
+        self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Return a statement for frames of shape (n_pose or more, ...). Angles, rad, are as far as frames have turned
+        in the plane, and in space nearest to `turned`."""
+        return b[2] - a[2] if statement.kind == ANGLE else statement.value(self.natural(a), self.natural(b))
 
     def winding(self, change: np.ndarray) -> np.ndarray:
         """Return the whole turns in a change of poses (n_bodies, n_pose), shape (n_bodies,), that poses count."""
@@ -118,7 +120,9 @@ class Spatial:
     def turns(self, step: np.ndarray) -> np.ndarray:
         return np.max(np.abs(step[:, 3:]), axis=1)
 
-    def angle(self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
+    def measure(
+        self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0
+    ) -> np.ndarray:
         return statement.value(self.natural(a), self.natural(b), turned)
 
     def winding(self, change: np.ndarray) -> np.ndarray:

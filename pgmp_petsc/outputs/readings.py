@@ -27,7 +27,7 @@ from pgmp_petsc.mechanism.joints import Attachment, Connection
 from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.mechanism.space import SPATIAL, Space, leibniz
-from pgmp_petsc.mechanism.statements import ANGLE, Statement
+from pgmp_petsc.mechanism.statements import Statement
 
 AXES = {"x": 0, "y": 1, "z": 2}
 Frames = dict[int, np.ndarray]  # node -> frame, shape (n_frame, n)
@@ -176,10 +176,8 @@ class Reading:
             side.ground_frame(first.shape[1:]) if side.on_ground else side.frame_of(frames[side.node])
             for side in self.sides
         ]
-        if self.statement.kind == ANGLE:
-            near = 0.0 if self.turns is None else self.turns.near(first[SPATIAL.n_pose :])
-            return self.space.angle(self.statement, *sides, near)
-        return self.statement.value(*map(self.space.natural, sides))
+        near = 0.0 if self.turns is None else self.turns.near(first[SPATIAL.n_pose :])
+        return self.space.measure(self.statement, *sides, near)
 
     def _changes(self, seen: Seen, order: int) -> Jet:
         """Return what has the derivatives of the number; its first entry is not the number itself."""

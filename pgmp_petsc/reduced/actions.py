@@ -241,7 +241,7 @@ def _counted(
     space = kinematics.mechanism.space
 
     def measured(at: np.ndarray, turned: float = 0.0) -> np.ndarray:
-        return space.angle(part, *(side.frame_of_pose(at) for side in sides), turned)
+        return space.measure(part, *(side.frame_of_pose(at) for side in sides), turned)
 
     angles = measured(poses).reshape(fine.shape)
     for k in range(fine.n_coordinates):

@@ -32,7 +32,7 @@ from pgmp_petsc.report.sources import (
 )
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.estimates import OF_STEP, VALIDITY, EstimatedErrors, limits_of
-from pgmp_petsc.results.numbers import end_texts, interval_text, number_text, percent, plain, share_text
+from pgmp_petsc.results.numbers import behind, end_texts, interval_text, number_text, percent, plain, share_text
 from pgmp_petsc.results.statistics import DOUBT, RareEvent
 from pgmp_petsc.results.trajectory import truncated
 
@@ -288,7 +288,7 @@ def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:
             if s is not None and np.isfinite(s.mean_interval).all() and not s.constant:
                 half = 0.5 * float(s.mean_interval[1] - s.mean_interval[0])
                 factor, unit = axis_unit(result.units.get(name, "1"), np.array([half]))
-                size = [Datum(half, f"± {plain(factor * half)}"), "" if unit == "1" else f" {unit}"]
+                size = [Datum(half, f"± {plain(factor * half)}"), behind(unit)]
                 how = f"{percent(s.confidence)} interval of {s.count} samples"
                 yield Line(f"sampling: mean of {name}", size, how)
 
@@ -313,7 +313,7 @@ def _of_small_deformations(sources: Sequence[Source]) -> Iterator[Line]:
             if np.isfinite(value):
                 unit, about = VALIDITY[name]
                 shown = Datum(value, f"{value:.2g}", source.name, f"/validity/{name}")
-                size, limit = [shown, "" if unit == "1" else f" {unit}"], limits[name]
+                size, limit = [shown, behind(unit)], limits[name]
                 beyond = "no limit" if np.isinf(limit) else f"worth a warning beyond {limit:g}"
                 yield Line(f"small deformations: {name.replace('_', ' ')}", size, f"{about}; {beyond}")
 
@@ -455,7 +455,7 @@ def _of_run(source: Source) -> Iterator[Sentence]:
         place = int(np.argmax(known))
         factor, unit = axis_unit(run.units.get(name, "1"), values)
         largest = Datum(values[place], f"{factor * values[place]:.4g}", source.name, f"/outputs/{name}", str(place))
-        unit = "" if unit == "1" else f" {unit}"
+        unit = behind(unit)
         yield [f"{name} is furthest from zero at {run.time[place]:.4g} s: ", largest, f"{unit}."]
     if (stress := stress_of(run)) is not None:
         largest, unit = stress.shown(source.name, run.record.system.unit("Pa"))
@@ -524,7 +524,7 @@ def _largest_error(source: Source, name: str) -> tuple[Datum, float, str]:
     place = int(np.nanargmax(values))
     factor, unit = axis_unit(source.result.units.get(name, "1"), values[np.isfinite(values)])
     datum = Datum(values[place], plain(factor * values[place]), source.name, f"/errors/{name}", str(place))
-    return datum, factor, "" if unit == "1" else f" {unit}"
+    return datum, factor, behind(unit)
 
 
 def _of_failures(ensembles: Sequence[Source], runs: Sequence[Source]) -> Iterator[Sentence]:

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
-from pgmp_petsc.figures.ensembles import COLOURS, N_PLACES, kernel_density, pairs_of
+from pgmp_petsc.figures.ensembles import COLOURS, N_PLACES, draw_indices, kernel_density, pairs_of
 from pgmp_petsc.figures.loads import DIAGRAMS
 from pgmp_petsc.figures.style import PALETTE, QUIET, PlainNumbers, axis_label, axis_unit, new_figure, span, styled
 from pgmp_petsc.figures.trajectories import fitted, residuals
@@ -209,16 +209,7 @@ def ranking(name: str, found: Sensitivity) -> Chart:
     order = np.argsort(found.first if found.total is None else found.total)
 
     def draw(axes: Axes) -> None:
-        places = np.arange(order.size)
-        shift = 0.0 if found.total is None else 0.19
-        kinds = [(found.first, found.first_interval, PALETTE[0], "first: by itself", shift)]
-        if found.total is not None:
-            kinds.append((found.total, found.total_interval, PALETTE[4], "total: with all others", -0.19))
-        for values, ends, colour, label, shift in kinds:
-            look = {"xerr": np.abs(ends.T - values)[:, order], "ecolor": "#333333", "capsize": 2.0}
-            axes.barh(places + shift, values[order], 0.36, color=colour, label=label, **look)
-        axes.set_yticks(places, [found.parameters[k] for k in order])
-        axes.grid(axis="y", visible=False)
+        draw_indices(axes, found, np.argsort(order))
         axes.set_xlabel("share of the variance")
         _keys(axes)
 

@@ -48,7 +48,7 @@ from pgmp_petsc.report.sources import (
     sentence_case,
 )
 from pgmp_petsc.results import Ensemble, Fit, Tradeoff, Trajectory
-from pgmp_petsc.results.numbers import ROUND_OFF, one_unit_each, plain
+from pgmp_petsc.results.numbers import ROUND_OFF, behind, one_unit_each, plain
 from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.results.summary import Columns, columns_of, csv_text
 
@@ -138,7 +138,7 @@ def beside_each_other(sources: Sequence[Source]) -> Table | None:
             values = [known[name] for known in of_all]
             unit = values[0][2]
             factor, unit = (100.0, unit) if unit == "%" else axis_unit(unit, *(of for of, _, _ in values))
-            shown = "" if unit in ("", "1") else f" {unit}"
+            shown = behind(unit)
             row: list[Sentence] = [[name]]
             row += [[f"{factor * of:.4g}{_to_both_sides(factor * half)}{shown}"] for of, half, _ in values]
             if len(values) == 2:
@@ -201,7 +201,7 @@ def _parameters(scene: Mapping[str, Any], source: Source) -> Table:
         entry = scene.get("parameters", {}).get(name, {})
         unit = str(entry.get("unit", "1"))
         factor, shown = axis_unit(unit, np.array([value]))
-        shown = "" if shown in ("", "1") else f" {shown}"
+        shown = behind(shown)
         law = entry.get("distribution")
         drawn = "fixed"
         if isinstance(law, dict):
@@ -452,7 +452,7 @@ def _fit(source: Source) -> Table:
     found, rows = source.result, list[list[Sentence]]()
     for k, p in enumerate(found.parameters):
         factor, unit = axis_unit(p.unit, np.array([p.estimate]))
-        shown = "" if unit in ("", "1") else f" {unit}"
+        shown = behind(unit)
         value = Datum(p.estimate, f"{factor * p.estimate:.6g}", source.name, "/estimates", str(k))
         error = f"{factor * p.error:.2g}{shown}" if np.isfinite(p.error) else "not identifiable"
         limits = f"{factor * p.lower:.6g} to {factor * p.upper:.6g}{shown}"

@@ -20,7 +20,7 @@ from pgmp_petsc.figures.captions import read_scenes, short_names
 from pgmp_petsc.figures.style import axis_unit
 from pgmp_petsc.files.hdf5 import RunRecord, open_file
 from pgmp_petsc.results import Ensemble, Fit, Selection, Tradeoff, Trajectory
-from pgmp_petsc.results.numbers import end_texts, number_text
+from pgmp_petsc.results.numbers import behind, end_texts, number_text
 from pgmp_petsc.results.statistics import RareEvent
 
 
@@ -138,7 +138,7 @@ def mean_of(source: Source, name: str) -> tuple[Sentence, float, str]:
         mean = [place.datum("mean", s.mean, f"{factor * s.mean:.6g}")]
     else:
         mean = place.figure("mean", s.mean, "mean_interval", s.mean_interval, factor)
-    return mean, factor, "" if unit in ("", "1") else f" {unit}"
+    return mean, factor, behind(unit)
 
 
 def chance_of(source: Source) -> Sentence:

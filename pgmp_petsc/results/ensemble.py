@@ -32,7 +32,7 @@ from pgmp_petsc.declare.records import (
 )
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results.estimates import BALANCE_WORDS, OF_REDUCED, OF_STEP, VALIDITY_WORDS
-from pgmp_petsc.results.numbers import axis_unit, interval_text, number_text
+from pgmp_petsc.results.numbers import axis_unit, behind, interval_text, number_text
 from pgmp_petsc.results.statistics import MODELS, UNKNOWN, Band, Chance, Sensitivity, Statistics
 
 _UNIT = "as attribute units"
@@ -88,7 +88,7 @@ class Stopping(Record):
             self.rules, self.units, self.estimates[:, -1], self.intervals[:, -1], self.reached[:, -1], self.relative,
             self.met,
         ):  # fmt: skip
-            unit = "" if unit == "1" else f" {unit}"
+            unit = behind(unit)
             reached = f"{100 * share:.3g} %" if relative else f"{share:.3g}{unit}"
             known = f"{estimate:.6g}{unit} [{ends[0]:.6g}, {ends[1]:.6g}], +- {reached}"
             yield f"  {text:40s} {'met' if met else 'NOT MET':8s}{known if np.isfinite(share) else 'not known yet'}"

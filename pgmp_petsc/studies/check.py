@@ -220,10 +220,8 @@ def _placed(scene: Scene, mechanism: Mechanism, coordinate: Coordinate) -> str:
     """Say where bodies are placed, if runs begin elsewhere and the scene does not say where."""
     if coordinate.name in scene.simulation.initial or coordinate.prescribed or scene.initial.equilibrium:
         return ""
-    space = mechanism.space
-    frames = [side.frame_of_pose(mechanism.first_guess) for side in coordinate.sides]
-    natural = coordinate.statement.value(*map(space.natural, frames))
-    placed = space.angle(coordinate.statement, *frames) if coordinate.turns else natural
+    frames = (side.frame_of_pose(mechanism.first_guess) for side in coordinate.sides)
+    placed = mechanism.space.measure(coordinate.statement, *frames)
     start = start_of(scene, mechanism)[0][mechanism.coordinates.index(coordinate)]
     away = placed - start
     away -= 2.0 * np.pi * np.rint(away / (2.0 * np.pi)) if coordinate.turns else 0.0

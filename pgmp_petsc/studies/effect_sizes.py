@@ -39,6 +39,8 @@ from pgmp_petsc.declare.ideas import EFFECTS
 from pgmp_petsc.effects import actions_of, effects_of, loads_of, springs_of_joints
 from pgmp_petsc.effects.reduction_terms import GeometricStiffening, Gyroscopic, ModeInertia
 from pgmp_petsc.effects.springs import Block, linear_springs
+from pgmp_petsc.full.distributed import FullDistributed
+from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.mechanism.body_frames import linear_motion
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import size_of
@@ -46,13 +48,11 @@ from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, Unknowns
-from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import SpringStiffness
 from pgmp_petsc.outputs.outputs import in_order
-from pgmp_petsc.outputs.readings import Reading
+from pgmp_petsc.outputs.readings import Reading, Seen
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.sampler import TurnedLoads
 from pgmp_petsc.reduction.static_loads import BuiltInStress, InfluenceProbe
@@ -63,8 +63,8 @@ from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.fields import Table, quantities_of
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.references import parts_of
-from pgmp_petsc.stepping.generalised_alpha import integrate
-from pgmp_petsc.stepping.second_order_system import Energies, State, joined
+from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
+from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.static_equilibrium import require_settled
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.simulate import balance_of
@@ -115,24 +115,13 @@ def run_rigid(scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKi
 
 def _run(model: FullModel, n_steps: int) -> tuple[Status | None, RigidRun]:
     """Return why a run with so many steps failed, None where it did not, and the run."""
-    times, states, frames, energies = [], [], [], []
-    simulation = model.scene.simulation
+    simulation, record = model.scene.simulation, StateRecord(lambda n_steps: None)
     simulation = simulation.model_copy(update={"step": simulation.duration / n_steps})
     system = model.single(model.scene.values, alone())
     require_settled(system)
     with system:
-
-        def record(step: int, time: float, state: State) -> None:
-            times.append(time)
-            states.append([part[:, 0] for part in system.unknowns(state)])
-            frames.append(system.frames(state)[..., 0])
-            energies.append(system.energies(time, state))
-
-        run = integrate(system, simulation, observer=record)
-    status = Status(run.status[0])
-    parts = np.moveaxis(np.array(states), 0, -1)  # (3, n_dofs, n_t)
-    found = _collect(model, np.array(times), parts, np.moveaxis(np.array(frames), 0, -1), energies)
-    return (None if status == Status.FINE else status), found
+        status = Status(integrate(system, simulation, observer=record).status[0])
+        return (None if status == Status.FINE else status), _collect(model, system, *record.of_batch())
 
 
 def _needed(run: RigidRun, n_steps: int, turns: np.ndarray) -> int:
@@ -174,47 +163,38 @@ def _with_rigid_bodies(scene: Scene) -> Scene:
     return scene.model_copy(update={**changed, "controllers": controllers, "outputs": outputs, "fields": {}})
 
 
-def _collect(
-    model: FullModel, time: np.ndarray, parts: np.ndarray, frames: np.ndarray, energies: list[Energies]
-) -> RigidRun:
-    """Return the run of states (3, n_dofs, n_t) and frames of all nodes (n_nodes, n_frame, n_t)."""
+def _collect(model: FullModel, system: FullBatch | FullDistributed, time: np.ndarray, states: State) -> RigidRun:
+    """Return the run of states at instants (n_t,), s."""
     mechanism, values = model.kinematics.mechanism, model.scene.values
-    unknowns, d = Unknowns(mechanism), mechanism.space.dimension
-
-    def rates(statement: Statement, sides: tuple[Attachment, Attachment]) -> tuple[np.ndarray, np.ndarray]:
-        """Return s' and s'' of a statement."""
-        rows = StatementRows([statement], [sides], unknowns.frame, d)
-        slopes, (q, v, a) = rows.gradients(parts[0])[0], parts
-        felt, dofs = rows.dofs[0] >= 0, rows.dofs[0][rows.dofs[0] >= 0]
-        along_v, along_a = (np.einsum("it,it->t", slopes[felt], part[dofs]) for part in (v, a))
-        return along_v, along_a + rows.drift(q, v)[0]
-
+    changes = map(Unknowns(mechanism).frames, system.unknowns_over(states)[1:])
+    frames = (system.frames_over(states), *changes)  # with their rates and accelerations
+    seen = Seen(tuple(dict(enumerate(part)) for part in frames))
     coordinates = mechanism.coordinates
-    theta = np.array([Reading.of_coordinate(c, model.kinematics).value(frames) for c in coordinates])
-    moving = np.array([rates(c.statement, c.sides) for c in coordinates])
+    motion = np.array([Reading.of_coordinate(c, model.kinematics).jet(seen, 2) for c in coordinates])
     joints = {}
     for connection in mechanism.connections:
         name, entry = connection.name, model.scene.joints.get(connection.name)  # welded masses have none
-        for motion in () if entry is None else entry.motions:
-            if motion == "spin":
-                spins = [_spin(unknowns, side, parts) for side in connection.sides]
-                joints[name, motion] = np.linalg.norm(spins[1] - spins[0], axis=0)
+        for kind in () if entry is None else entry.motions:
+            if kind == "spin":
+                spins = [_spin(side, frames) for side in connection.sides]
+                joints[name, kind] = np.linalg.norm(spins[1] - spins[0], axis=0)
             else:
-                joints[name, motion] = rates(connection.measure(motion), connection.sides)[0]
-    heights, total = np.zeros((time.size, d)), 0.0
+                measure = Reading("MEASURE", connection.sides, connection.measure(kind), mechanism.space)
+                joints[name, kind] = measure.jet(seen, 1)[1]
+    heights, total = np.zeros((time.size, mechanism.space.dimension)), 0.0
     for body in mechanism.bodies:
         mass = body.mass_at(values)
-        heights += mass * parts[0][unknowns.frame(body.first_node)[:d]].T
+        heights += mass * frames[0][body.first_node, : mechanism.space.dimension].T
         total += mass
-    balance = balance_of(time, joined(energies))
-    return RigidRun(time, tuple(coordinates), theta.T, moving[:, 0].T, moving[:, 1].T, joints, heights, balance, total)
+    balance = balance_of(time, system.energies_over(time, states))
+    return RigidRun(time, tuple(coordinates), *motion.transpose(1, 2, 0), joints, heights, balance, total)
 
 
-def _spin(unknowns: Unknowns, side: Attachment, parts: np.ndarray) -> np.ndarray:
+def _spin(side: Attachment, frames: Sequence[np.ndarray]) -> np.ndarray:
     """Return the angular velocity ``1/2 sum_j d_j x d_j'`` of a rigid frame in space with directors d, (3, n_t)."""
     if side.on_ground:
         return np.zeros((3, 1))
-    directors, rates = (part[unknowns.frame(side.node)[3:]].reshape(3, 3, -1) for part in parts[:2])
+    directors, rates = (part[side.node, 3:12].reshape(3, 3, -1) for part in frames[:2])
     return 0.5 * np.sum(np.cross(directors, rates, axis=1), axis=0)
 
 

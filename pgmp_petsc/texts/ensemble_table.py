@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.results import Ensemble
-from pgmp_petsc.results.numbers import axis_unit, plain, share_text
+from pgmp_petsc.results.numbers import axis_unit, behind, plain, share_text
 from pgmp_petsc.results.numbers import interval_text as _interval
 from pgmp_petsc.results.numbers import number_text as _number
 from pgmp_petsc.results.numbers import percent as _percent
@@ -164,7 +164,7 @@ def report_of_rare_event(result: RareEvent, path: Path, said: Sequence[Remark] =
 
 def lines_of_rare_event(result: RareEvent) -> list[str]:
     """Return the levels and the probability of a rare event."""
-    unit = "" if result.unit == "1" else f" {result.unit}"
+    unit = behind(result.unit)
     found = [*_levels(result, unit), *_probability(result), *_most_likely(result)]
     return [f"  rare event              {result.event}", *found]
 

@@ -14,8 +14,6 @@ from pgmp_petsc.bench.history import History, ResponseSurface, largest_errors
 from pgmp_petsc.bench.reference import ReferenceSequence
 from pgmp_petsc.bench.tradeoff import (
     FULL,
-    Dealer,
-    Prices,
     best_settings,
     columns_of,
     first_settings,
@@ -31,7 +29,6 @@ from pgmp_petsc.stepping.status import Status
 from scenes import SLIDER_CRANK
 
 LIMITS = Limits(n_modes=28, n_static=1, n_terms=3)
-PRICES = Prices(full=4e-6, components=6e-5, reference=4e-6, timed=4.0)
 
 
 def varied(settings: list[Setting], around: Setting) -> dict[str, set]:
@@ -151,27 +148,15 @@ def test_fewer_coordinates_and_then_fewer_angles_are_cheaper() -> None:
     assert best_settings([reduced(10), Setting("full", 10)], [float("nan"), 0.1], [0, 36]) == []
 
 
-@pytest.mark.parametrize("n_ranks", [1, 2, 3, 100])
-def test_every_task_is_dealt_once(n_ranks: int) -> None:
+def test_every_setting_is_in_one_task_and_long_ones_come_first() -> None:
     scene = paper_scene()
     settings = first_settings(scene, FULL, LIMITS)
     runs = [Setting("reference", 16000), Setting("reference", 32000)]
-    dealer = Dealer(n_ranks, PRICES, 128, 3)
-    dealt = dealer.deal(tasks_of([*runs, *settings]))
-    works = [work for tasks in dealt for task in tasks for work in task]
-    assert len(works) == len(set(works)) == len(settings) + 2
-    assert set(works) == {*settings, *runs}
-    # settings that share a build are together, also in a later round
-    home = {task[0].build: rank for rank, tasks in enumerate(dealt) for task in tasks}
-    again = dealer.deal(tasks_of([replace(own_setting(scene), n_steps=8000)]))
-    assert [len(tasks) for tasks in again].index(1) == home[own_setting(scene).build]
-
-
-def test_ranks_have_about_as_much_to_do() -> None:
-    dealer = Dealer(2, PRICES, 128, 3)
-    dealt = dealer.deal(tasks_of(first_settings(paper_scene(), FULL, LIMITS)))
-    one, other = (sum(dealer.seconds(task) for task in tasks) for tasks in dealt)
-    assert 0.8 < one / other < 1.25
+    tasks = tasks_of([*settings, *runs])
+    assert sorted(map(repr, (one for task in tasks for one in task))) == sorted(map(repr, [*settings, *runs]))
+    assert tasks[:2] == [(runs[1],), (runs[0],)], "runs of the reference are apart"
+    builds = [task[0].build for task in tasks[2:]]
+    assert len(builds) == len(set(builds)) and all(one.build == task[0].build for task in tasks for one in task)
 
 
 NORMAL = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}'

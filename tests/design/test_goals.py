@@ -20,8 +20,6 @@ def outcome(r1: float = 2.0, c: float = 3.0) -> Outcome:
         TIME,
         {"angle": r1 * np.sin(TIME), "bend": -c * TIME},
         {"angle": {"r1": np.sin(TIME), "c-2": zero}, "bend": {"r1": zero, "c-2": -TIME}},
-        np.zeros((TIME.size, 1)),
-        np.zeros((TIME.size, 2, 1)),
     )
     return Outcome(run, {"r1": r1, "c-2": c, "max": 7.0}, ("r1", "c-2"))
 

@@ -662,7 +662,6 @@ def test_derivatives_are_those_of_a_spring_and_a_damper() -> None:
         differentiate(model, model.scene.values, ["stiff", "damp"])
         for model in (reduced_model(cart(*HELD, one)) for one in (SPRING, PD))
     )
-    np.testing.assert_allclose(found.changes, exact.changes, rtol=0, atol=1e-7 * np.abs(exact.changes).max())
     for output, by_name in exact.derivatives.items():
         for name, values in by_name.items():
             allowed = 1e-5 * np.abs(values).max()

@@ -69,18 +69,21 @@ def share_within(found: np.ndarray) -> float:
     return float(np.mean((found > 1.0 / FACTOR) & (found < FACTOR)))
 
 
-@pytest.mark.parametrize(
-    ("basis", "torque", "refinement"),
-    [("paper", RAMP, COARSE), ("accurate", STEP, FINE), ("accurate", HIDDEN_STEP, FINE)],
-    ids=["paper's basis", "sudden step", "step between two steps"],
-)
-def test_estimates_are_within_a_factor_of_the_true_errors(
-    basis: str, torque: str, refinement: int, accurate_rom: ReducedOrderModel
-) -> None:
+# of those that turn fast bodies bend by their inertia, and half a step is a hundredth of a radian
+LOADED = {
+    "paper's basis": ("paper", RAMP, COARSE), "sudden step": ("accurate", STEP, FINE),
+    "step between two steps": ("accurate", HIDDEN_STEP, FINE),
+    "turning fast": ("accurate", "simulation.initial.theta.velocity=30.0", COARSE),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", LOADED)
+def test_estimates_are_within_a_factor_of_the_true_errors(case: str, accurate_rom: ReducedOrderModel) -> None:
     """`studies.effectivity` measures more of it: 200 samples over 1 s, and more torques."""
+    basis, override, refinement = LOADED[case]
     make, rom = (runs.accurate_scene, accurate_rom) if basis == "accurate" else (runs.paper_scene, runs.paper_rom())
     values = draw(runs.paper_scene(), SEED, 0, N)
-    ratios, _ = effectivity(make, (SHORT, torque), rom, values, refinement)
+    ratios, _ = effectivity(make, (SHORT, override), rom, values, refinement)
     for name, found in ratios.items():
         assert share_within(found) >= SHARE, (name, np.sort(found))
 
@@ -127,27 +130,40 @@ def test_a_worse_basis_is_reported_as_worse() -> None:
         assert np.all(estimates[worse] > 1.5 * estimates[better])
 
 
-def test_a_mechanism_that_turns_fast(accurate_rom: ReducedOrderModel) -> None:
-    """At 30 rad/s bodies bend by their inertia, and half a step is a hundredth of a radian."""
-    values = draw(runs.paper_scene(), SEED, 0, N)
-    fast = (SHORT, "simulation.initial.theta.velocity=30.0")
-    ratios, _ = effectivity(runs.accurate_scene, fast, accurate_rom, values, COARSE)
-    for name, found in ratios.items():
-        assert share_within(found) >= SHARE, (name, np.sort(found))
+FEW_MODES = (
+    *SEEN, "reduction.angles=32", 'reduction.interpolation="spectral"', "simulation.duration=0.02",
+    "simulation.step=1e-4", "effects.motor.table=[[0.0, 0.0], [0.02, 0.5]]",
+)  # fmt: skip
+SPRUNG = (
+    *SEEN, 'effects.knee={type="spring_damper", joint="elbow", stiffness=30.0, rest=0.0}',
+    'effects.inner={type="structural_damping", stiffness=2e-5}',
+    "reduction={modes=8, static_modes=true, angles=24, second_order=true}", 'reduction.interpolation="spline"',
+    "simulation.initial.theta.position=1.0", "simulation.duration=0.002", "simulation.step=1e-4",
+)  # fmt: skip
+TURNED = (
+    SEEN[0], 'outputs.bent={type="deformation", point="rocker:4", axis="x"}',
+    "effects.motor.table=[[0.0, 0.0], [0.05, 0.1], [1.0, 0.1]]",
+)  # fmt: skip
+# What is far off: radii, steps of the reference, how near estimates are, and the least share of the deformation that is
+# wrong. Modes that are missing are a third of it or more: the estimate solves the same full-order equations, on the
+# same steps here. A spring that acts on undeformed bodies at once would bend them by many radians while the crank turns
+# by little. Constraints of a joint that turns with a flexible body are not linear in the nodes.
+FAR_OFF = {
+    "2 modes": (slider_crank, (*FEW_MODES, "reduction.modes=2"), (0.9, 1.0, 1.1), 4, 0.1, 0.3),
+    "5 modes": (slider_crank, (*FEW_MODES, "reduction.modes=5"), (0.9, 1.0, 1.1), 4, 0.1, 0.3),
+    "spring": (slider_crank, SPRUNG, (1.0,), 16, 0.3, 0.0),
+    "quick-return": (runs.quick_return, TURNED, (0.85, 0.95, 1.05, 1.15), 8, 0.3, 0.1),
+}
 
 
-@pytest.mark.parametrize("modes", [2, 5])
-def test_the_error_of_modes_that_are_missing(modes: int) -> None:
-    """A third of the deformation or more: the estimate solves the same full-order equations, on the same steps here."""
-    overrides = (
-        *SEEN, f"reduction.modes={modes}", "reduction.angles=32", 'reduction.interpolation="spectral"',
-        "simulation.duration=0.02", "simulation.step=1e-4", "effects.motor.table=[[0.0, 0.0], [0.02, 0.5]]",
-    )  # fmt: skip
-    values = runs.samples(slider_crank(*overrides), 3, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
-    ratios, shares = effectivity(slider_crank, overrides, None, values, refinement=4)
+@pytest.mark.parametrize("case", FAR_OFF)
+def test_large_errors_are_estimated_as_they_are(case: str) -> None:
+    make, overrides, radii, refinement, near, least = FAR_OFF[case]
+    values = runs.samples(make(*overrides), len(radii), r1=np.array(radii) * RADIUS)
+    ratios, shares = effectivity(make, overrides, None, values, refinement)
     for name, found in ratios.items():
-        np.testing.assert_allclose(found, 1.0, rtol=0, atol=0.1, err_msg=name)
-    assert shares["bent"].min() > 0.3
+        np.testing.assert_allclose(found, 1.0, rtol=0, atol=near, err_msg=name)
+    assert shares["bent"].min() > least
 
 
 def test_interpolated_inertia_that_comes_to_nothing_leaves_no_estimate() -> None:
@@ -168,20 +184,6 @@ def test_interpolated_inertia_that_comes_to_nothing_leaves_no_estimate() -> None
     assert set(found.absent.values()) == {(STOPPED,) * 3}
 
 
-def test_a_spring_that_acts_on_undeformed_bodies_at_once() -> None:
-    """Accelerations at the start that would bend the bodies by many radians while the crank turns by little."""
-    overrides = (
-        *SEEN, 'effects.knee={type="spring_damper", joint="elbow", stiffness=30.0, rest=0.0}',
-        'effects.inner={type="structural_damping", stiffness=2e-5}',
-        "reduction={modes=8, static_modes=true, angles=24, second_order=true}", 'reduction.interpolation="spline"',
-        "simulation.initial.theta.position=1.0", "simulation.duration=0.002", "simulation.step=1e-4",
-    )  # fmt: skip
-    values = runs.samples(slider_crank(*overrides), 1)
-    ratios, _ = effectivity(slider_crank, overrides, None, values, refinement=16)
-    for name, found in ratios.items():
-        np.testing.assert_allclose(found, 1.0, rtol=0, atol=0.3, err_msg=name)
-
-
 def test_a_complete_basis_with_small_steps_has_hardly_an_error() -> None:
     """All 30 flexible modes that the constraints leave: measured, a thousandth of what two modes have."""
     found = {}
@@ -192,20 +194,6 @@ def test_a_complete_basis_with_small_steps_has_hardly_an_error() -> None:
         )  # fmt: skip
         found[modes] = estimated(runs.reduced_model(scene), runs.samples(scene, 1), 1).largest["angle"][0]
     assert found[30] < 2e-3 * found[2]
-
-
-def test_a_joint_that_turns_with_a_flexible_body() -> None:
-    """The quick-return: constraints that are not linear in the nodes, gravity, a start in motion."""
-    overrides = (
-        SEEN[0],
-        'outputs.bent={type="deformation", point="rocker:4", axis="x"}',
-        "effects.motor.table=[[0.0, 0.0], [0.05, 0.1], [1.0, 0.1]]",
-    )
-    values = runs.samples(runs.quick_return(), 4, r1=np.linspace(0.85, 1.15, 4) * RADIUS)
-    ratios, shares = effectivity(runs.quick_return, overrides, None, values)
-    for name, found in ratios.items():
-        np.testing.assert_allclose(found, 1.0, rtol=0, atol=0.3, err_msg=name)
-    assert shares["bent"].min() > 0.1
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,7 @@
-"""The estimated error of reduced runs of every kind of body, of two coordinates, drives and local effects."""
+"""The estimated error of reduced runs of every kind of body, of two coordinates, drives and local effects, and of
+mechanisms that users met, with friction on light hinges, stops, springs and frames in space."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,20 +9,22 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from mpi4py import MPI
-from runs import components_model, full_model, history, read_meshes, samples
+from runs import components_model, full_model, history, read_meshes, samples, trajectory
 from solid_scenes import solid_meshes, solid_slider_crank
 from spatial import bars_of, slider_crank_in_space
 from spatial_beams import lines_of, slider_crank_of_beams
 from two_coordinates import double_pendulum
 
-from pgmp_petsc.estimates.error_indicator import indicator_of
+from pgmp_petsc.estimates.error_indicator import ErrorIndicator, indicator_of
 from pgmp_petsc.estimates.own_error import absence_of_estimates
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.studies.inputs import read_scene
 from scenes import meshes_of
 
 FACTOR = 3.0
@@ -163,3 +167,51 @@ def test_estimates_are_within_the_factor(case: str, tmp_path: Path) -> None:
 
 def _short(make: Callable[..., Made], overrides: tuple[str, ...]) -> Made:
     return make("reduction.angles=32", "simulation.duration=0.1", "simulation.step=5e-4", *overrides)
+
+
+FOLDER = ROOT / "tests" / "hard_cases" / "estimates"
+# overrides that make it short, steps of the reference in one, and outputs with their true error in per cent
+OF_USERS = {
+    "friction_on_a_hinge": ((), 8, {"q": 0.9, "r": 0.3, "mid": 56.0, "mx": 64.0, "s": 53.0}),
+    "press_with_a_stop": (("simulation.duration=0.5",), 4, {"q": 4.9, "x": 1.1, "mid": 104.0, "tip": 131.0}),
+    "frame_in_space": ((), 4, {"q": 1.7, "z": 1.0, "dz": 14.0, "dx": 20.0}),
+    "spinning_arm": (("simulation.duration=1.0",), 8, {"q": 0.04, "tip": 3.0, "F": 1.7}),
+    "rod_with_a_spring": ((), 4, {"q": 0.004, "x": 0.0002, "mid": 10.0, "F": 24.0}),
+}
+FEWER = "reduction.angles=96"  # than by default, which do not change what is estimated
+
+
+def model_of(path: Path, *overrides: str) -> ReducedModel:
+    """Build a reduced model of a scene."""
+    scene, meshes = read_scene(path, (FEWER, *overrides), (), MPI.COMM_SELF, Purpose.BUILD)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        return ReducedModel(scene, build_rom(scene, meshes, group))
+
+
+@pytest.mark.parametrize("case", OF_USERS)
+def test_estimates_see_friction_stops_and_the_step(case: str) -> None:
+    overrides, refinement, errors = OF_USERS[case]
+    path = FOLDER / f"{case}.toml"
+    model = model_of(path, *overrides)
+    step, values = model.scene.simulation.step, samples(model.scene, 1)
+    smaller = (FEWER, *overrides, f"simulation.step={step / refinement!r}")
+    exact = history(FullModel(*read_scene(path, smaller, (), MPI.COMM_SELF, Purpose.FULL)), values, 1, refinement)[1]
+    found = history(model, values, 1)[1]
+    system = model.batch(values, 1)
+    watched = ErrorIndicator(model).watch(system, np.arange(1))
+    run = integrate(system, model.scene.simulation, observer=watched)
+    estimate = watched.estimate(run.status)
+    assert found.keys() == errors.keys() and not any("".join(why) for why in estimate.absent.values())
+    for name, one in found.items():
+        true = np.abs(one - exact[name]).max()
+        ratio = estimate.largest[name][0] / true
+        assert 1.0 / FACTOR < ratio < FACTOR, (name, ratio)
+        assert 100.0 * true / np.abs(exact[name]).max() == pytest.approx(errors[name], rel=0.5), name
+
+
+def test_every_output_that_is_five_per_cent_off_is_warned_of() -> None:
+    """And no other: the angle and the displacement are known to 0.004 %."""
+    run = trajectory(model_of(FOLDER / "rod_with_a_spring.toml"))
+    (warned,) = (remark for remark in run.record.remarks if remark.text.startswith("large estimated errors"))
+    assert warned.kind == "warning"
+    assert re.search(r"over the run: mid \d+ %, F \d+ %; ", warned.text), warned.text

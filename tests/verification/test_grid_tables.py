@@ -1,23 +1,32 @@
-"""Reduced tables over two coordinates: order of their interpolation, gauge, clamped coordinates, the file, commands."""
+"""Tables over one coordinate and two: order of their interpolation, gauge, clamped coordinates, the file, commands; and
+angles that are added until tables meet a tolerance."""
+
+from functools import lru_cache
 
 import numpy as np
 import pytest
+from alike import assert_alike
+from length_scenes import HIGH, LOW, SMALL, long_crank, numbered
 from mpi4py import MPI
 from refusals import refusal
-from runs import rom_of
+from runs import history, reduced_model, rom_of, samples
 from two_coordinates import double_pendulum, five_bar, over
 
-from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.body_frames import linear_motion, rigid_velocities
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.reduction.angles import interpolation_errors, midpoints
+from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
+from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.modes_table import reduced_frequencies, tabulate_modes
-from scenes import kinematics_of, mechanism_of, meshes_of
+from scenes import RADIUS, kinematics_of, mechanism_of, meshes_of, slider_crank
 
 # one number of angles for all coordinates is what the scene's schema knows; the build takes one for each
 pytestmark = pytest.mark.filterwarnings("ignore:Pydantic serializer warnings")
@@ -189,3 +198,121 @@ FOURTH = (
 ])  # fmt: skip
 def test_what_is_for_fewer_coordinates_is_refused(overrides: tuple[str, ...], message: str) -> None:
     assert refusal(rom_of, double_pendulum(*overrides)).startswith(f"coordinates: {message}")
+
+
+BASIS = ("reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true")
+TABLES = ("mass", "stiffness", "inertia")
+FINE = 1540  # five times 308: places all over the cells, for the Overhauser error vanishes in their middle
+
+
+@lru_cache
+def built(n: int) -> ReducedOrderModel:
+    """Return the reduced model at n angles; even samples are the same for all schemes of a revolution."""
+    return rom_of(slider_crank(*BASIS, f"reduction.angles={n}", 'reduction.interpolation="spline"'))
+
+
+def errors(scheme: str, n: int) -> np.ndarray:
+    """Return the largest error of every table, each entry over its own largest value, at 770 angles."""
+    between, found = built(FINE).tables, []
+    theta = between.samples.axes[0].theta[1::2]
+    for name in TABLES:
+        exact = getattr(between, name)[1::2]
+        size = np.abs(exact).max(axis=0)
+        size = np.where(size > 1e-8 * size.max(), size, np.inf)  # entries that are zero but for round-off
+        tables = built(n).tables
+        found.append(
+            (np.abs(interpolant(tables.samples.axes[0], getattr(tables, name), scheme)(theta) - exact) / size).max()
+        )
+    return np.array(found)
+
+
+@pytest.mark.parametrize(("scheme", "order"), [("overhauser", 3.0), ("spline", 4.0)])
+def test_the_order_in_the_angle_spacing(scheme: str, order: float) -> None:
+    """Measured from 154 to 308 angles: 3.03 to 3.23, and 4.14 to 4.28; from 77 to 154 3.3 to 3.5, and 4.5 to 5.4."""
+    orders = np.log2(errors(scheme, 154) / errors(scheme, 308))
+    assert np.all(np.abs(orders - order) < 0.4), orders
+
+
+def test_spectral_errors_fall_faster_than_any_power() -> None:
+    """From 48 to 64 to 96 to 128 to 192 angles: observed orders of 4.3, 7.5, 8.7 and 12.4."""
+    n = np.array([48, 64, 96, 128, 192])
+    worst = np.array([errors("spectral", k).max() for k in n])
+    orders = -np.diff(np.log(worst)) / np.diff(np.log(n))
+    assert np.all(orders > 4.0) and orders[-1] > 10.0, orders
+    assert worst[-1] < 1e-5
+
+
+def adaptive(tolerance: float, *more: str) -> ReducedOrderModel:
+    return rom_of(slider_crank("reduction.angles=12", SPLINE, f"reduction.sampling_tolerance={tolerance}", *more))
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+def test_midpoints(periodic: bool) -> None:
+    samples = Samples(np.array([0.0, 1.0, 4.0]), 0.0, 4.0 if not periodic else 5.0, periodic)
+    expected = [0.5, 2.5, 4.5] if periodic else [0.5, 2.5]
+    np.testing.assert_array_equal(midpoints(samples), expected)
+    chosen = np.zeros(len(expected), dtype=bool)
+    chosen[1] = True
+    np.testing.assert_array_equal(midpoints(samples, chosen), [2.5])
+
+
+def test_tables_meet_the_tolerance_at_angles_that_took_no_part() -> None:
+    counts, errors = [], []
+    elsewhere = np.random.default_rng(0).uniform(0.0, 2 * np.pi, 20)
+    with ModalProblem(kinematics_of(slider_crank()), {"r1": RADIUS}, 5, MPI.COMM_SELF) as problem:
+        exact = np.array([problem.solve(theta).frequencies_hz for theta in elsewhere])
+    for tolerance in (1e-1, 1e-2, 1e-3):
+        rom = adaptive(tolerance)
+        found = reduced_frequencies(rom.tables, "spline", {"r1": RADIUS}, elsewhere[:, None])
+        counts.append(rom.tables.samples.n)
+        errors.append(np.max(np.abs(found / exact - 1)))
+        # an eigenvalue is the square of a frequency, and the tables' entries add up; the check is at middles only
+        assert errors[-1] < 3 * tolerance
+    assert counts[0] < counts[1] < counts[2] and errors[2] < 0.1 * errors[0]
+
+
+def test_angles_come_where_the_modes_change_fast() -> None:
+    theta = adaptive(1e-2).tables.samples.axes[0].theta
+    gaps = np.diff(np.append(theta, 2 * np.pi))
+    # the frequencies of the slider-crank change fastest beside the dead centre at 0
+    assert gaps[0] < 1.01 * gaps.min() and gaps[0] < 0.6 * gaps.max()
+
+
+def test_models_of_all_lengths_have_the_angles_that_the_extreme_ones_ask_for() -> None:
+    more = (*SMALL, "reduction.sampling_tolerance=0.05", "reduction.max_angles=192")
+    scene = long_crank(*more)
+    rom = rom_of(scene)
+    common = rom.tables.samples.axes[0].theta
+    own = [rom_of(numbered(length, *more)).tables.samples.axes[0].theta for length in (0.7, LOW, HIGH)]
+    np.testing.assert_array_equal(common, np.unique(np.concatenate(own)))
+    assert common.size > 12
+    for member in rom.family.members:
+        np.testing.assert_array_equal(member.tables.samples.axes[0].theta, common)
+    (said,) = [remark.text for remark in rom.record.remarks if "sampling_tolerance" in remark.text]
+    counts = ", ".join(str(theta.size) for theta in own)
+    assert f"{common.size} angles, all that the nominal lengths and the ends of their ranges ask for ({counts})" in said
+    # a run at an end, with the angles of all, is that of the model of this length with its own ones
+    at_end, number = (ReducedModel(scene.with_values({"rod_length": HIGH}), rom), reduced_model(numbered(HIGH, *more)))
+    (_, found), (_, expected) = (history(model, samples(model.scene, 1), 1) for model in (at_end, number))
+    assert_alike(expected, found, 0.05)
+
+
+def test_a_sample_that_was_interpolated_exactly_has_no_error() -> None:
+    rom = rom_of(slider_crank("reduction.angles=48", SPLINE))
+    groups = [np.array([k]) for k in range(rom.tables.n_modes)]
+    own = np.broadcast_to(np.eye(rom.tables.n_modes), (48, rom.tables.n_modes, rom.tables.n_modes))
+    basis = ContinuousBasis(rom.tables, rom.projection, groups, own, np.zeros((1, rom.tables.n_modes), dtype=bool))
+    some = rom.tables.samples.axes[0].theta[[3, 17]]
+    errors = interpolation_errors(basis, basis, some[:, None], {"r1": RADIUS})
+    np.testing.assert_allclose(errors, 0.0, atol=1e-9)
+
+
+def test_a_tolerance_that_needs_too_many_angles_is_said() -> None:
+    with pytest.raises(RunError, match="reduction.sampling_tolerance = 1e-06: with 2[0-9] angles .* raise"):
+        adaptive(1e-6, "reduction.max_angles=20")
+
+
+@pytest.mark.parametrize("scheme", ["overhauser", "spectral"])
+def test_only_splines_take_samples_anywhere(scheme: str) -> None:
+    with pytest.raises(InputError, match='reduction.sampling_tolerance = 0.01: needs interpolation = "spline"'):
+        slider_crank(f'reduction.interpolation="{scheme}"', "reduction.sampling_tolerance=0.01")

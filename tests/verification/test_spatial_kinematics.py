@@ -400,7 +400,7 @@ def test_the_derivatives_of_coordinates_in_small_motions_of_nodes() -> None:
                     turn = directors(frames[number])
                     turned = turn @ Rotation.from_rotvec(motion[3:]).as_matrix()
                     frames[number] = np.concatenate([frames[number][:3] + turn @ motion[:3], turned.T.ravel()])
-                    angles.append(SPATIAL.angle(coordinate.connection.angle, *frames))
+                    angles.append(SPATIAL.measure(coordinate.connection.angle, *frames))
                 # second order, 1e-10, and round-off over the step, 1e-11
                 assert gradient[0, moved.dofs[k]] == pytest.approx((angles[0] - angles[1]) / (2 * step), abs=1e-9)
 

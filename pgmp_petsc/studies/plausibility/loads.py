@@ -16,7 +16,7 @@ from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
-from pgmp_petsc.mechanism.statements import ANGLE, Statement
+from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.outputs.outputs import OutputSet
@@ -211,11 +211,8 @@ def _value(
     kinematics: RigidKinematics, statement: Statement, sides: tuple[Attachment, Attachment], theta: np.ndarray
 ) -> float:
     """Return a statement at a configuration (n_theta,)."""
-    space, poses = kinematics.mechanism.space, kinematics.poses(theta[None])[..., 0]
-    frames = [side.frame_of_pose(poses) for side in sides]
-    if statement.kind == ANGLE:
-        return float(space.angle(statement, *frames))
-    return float(statement.value(*map(space.natural, frames)))
+    poses = kinematics.poses(theta[None])[..., 0]
+    return float(kinematics.mechanism.space.measure(statement, *(side.frame_of_pose(poses) for side in sides)))
 
 
 MOMENT = 1e-6  # s, or less where coordinates are fast: over it the rate of a measure is a difference
