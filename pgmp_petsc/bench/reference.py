@@ -313,8 +313,8 @@ def _of_tables(model: ReducedModel) -> float:
 def _of_floating_bodies(model: ComponentModel) -> float:
     """Return the period of bodies in floating frames."""
     kinematics, nominal = model.kinematics, model.scene.nominal
-    mechanism = kinematics.mechanism
-    pose = kinematics.poses(start_of_coordinates(model.scene, kinematics)[None])[..., 0]
+    mechanism, start = kinematics.mechanism, start_of_coordinates(model.scene, kinematics)
+    pose = kinematics.poses(start[None])[..., 0]
     clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
     moved, masses, stiffnesses = [], [], []
     for body in mechanism.bodies:
@@ -339,7 +339,7 @@ def _of_floating_bodies(model: ComponentModel) -> float:
     )
     held = constraint_jacobian(mechanism, pose, clamped) @ motion
     free = null_space(held, rcond=DEPENDENT)
-    n_rigid = len(kinematics.coordinates) - len(clamped)
+    n_rigid = len(kinematics.coordinates) - len(clamped) + kinematics.motion(start).released.shape[-1]
     stiffness = free.T @ block_diag(*stiffnesses) @ free
     values = eigh(stiffness, free.T @ mass @ free, eigvals_only=True, subset_by_index=(n_rigid, n_rigid))
     return float(2.0 * np.pi / np.sqrt(values[0]))

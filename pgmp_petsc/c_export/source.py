@@ -28,13 +28,13 @@ from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.files.claims import check_output, locked, replacing
 from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.statements import KINDS
-from pgmp_petsc.reduced import lagrangian_terms
+from pgmp_petsc.reduced import lagrangian
 
 SHARED = ("steps", "statements", "actions", "control", "kinematics", "outputs", "counts")
 #: Parts of each kind of model beside the shared ones; the first has a header too.
 OWN = {"reduced": ("reduced", "interpolation", "lagrangian", "solution", "forces"), "tree": ("tree", "reactions")}
 OLDER = "model.c"  # what `steps.c` was called
-PRINTED = {"lagrangian": lagrangian_terms, "statements": statements}
+PRINTED = {"lagrangian": lagrangian, "statements": statements}
 HEAD = f"/* written by pgmp_petsc {__version__} */\n\n"
 PRINTED_HEAD = f'{HEAD}#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n\n'
 PER_LINE = 6

@@ -9,5 +9,5 @@ follow.
 
 An expression of a declaration (`expressions`) is checked as it is declared, differentiated by sympy, and printed as
 Python that numba compiles and as C99; laws (`effects.action`) are declared so. Of sums of products with tables in index
-notation, as of a Lagrangian (`reduced.lagrangian_terms`), `forms` prints the equations of motion and their derivatives.
+notation, as of a Lagrangian (`reduced.lagrangian`), `forms` prints the equations of motion and their derivatives.
 """

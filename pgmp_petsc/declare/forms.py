@@ -192,12 +192,13 @@ class Loops:
     """Prints loops over the entries of tables.
 
     Outputs are what each entry adds: target, source, factor, and in which condition, of `Term.only`. Entries are texts
-    by table that take up the value of an entry and its derivatives, of its place `{}`. The first loops fill `first`, in
-    place of adding to it; `read` takes up a coordinate, of its array and place, and `add` adds a number.
+    by table that take up the value of an entry, its derivatives and, where it is given, both at once, of its place
+    `{}`. The first loops fill `first`, in place of adding to it; `read` takes up a coordinate, of its array and place,
+    and `add` adds a number.
     """
 
     outputs: Outputs
-    entries: dict[str, tuple[str, str]]
+    entries: dict[str, tuple[str, ...]]
     conditions: dict[str, str]
     first: str = ""
     read: str = "load({}, {})"
@@ -286,8 +287,10 @@ class Loops:
             if factor:
                 drifting = source == "drift"
                 found.append(_Sum(target, value if source == "value" else slopes, drifting, factor, fresh))
-        own, slope = self.entries[term.table]
+        own, slope, *both = self.entries[term.table]
         sources = {one.source for one in found}
+        if both and {value, slopes} <= sources:
+            return [f"{value}, {slopes} = {both[0].format(place)}"], found
         lines = [f"let {value} = {own.format(place)}"] if value in sources else []
         return [*lines, *([f"all {slopes} = {slope.format(place)}"] if slopes in sources else [])], found
 

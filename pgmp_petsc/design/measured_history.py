@@ -68,7 +68,10 @@ def read_history(path: Path, outputs: OutputSet, duration: float, system: UnitSy
                 where = f"'{path}': line {line}"
                 table.append([_number(row[place], where, name) for name, place in places.items()])
                 lines.append(line)
-    except (OSError, UnicodeError, csv.Error) as error:
+    except UnicodeError as error:
+        text = f"measured history '{path}' is no text in UTF-8; take a CSV file, as pgmp export makes of a run"
+        raise InputError(text) from error
+    except (OSError, csv.Error) as error:
         raise InputError(f"measured history '{path}' cannot be read: {plain_reason(error) or error}") from error
     if not len(table):
         raise InputError(f"'{path}': there are no measurements in it, only a first line of names")
@@ -113,9 +116,6 @@ def _used(path: Path, names: list[str], outputs: OutputSet) -> list[str]:
         raise InputError(
             f"'{path}': none of its columns is an output of the scene{nearest_name('', outputs.functions)}"
         )
-    for name in used:
-        if names.count(name) > 1:
-            raise InputError(f"'{path}': {names.count(name)} columns are called '{name}'; one is needed")
     return used
 
 

@@ -28,7 +28,6 @@ from functools import lru_cache
 import numpy as np
 
 UNKNOWN = np.full(2, np.nan)
-RANK_TOLERANCE = 1e-9  # of a rank: values between neighbours are interpolated
 
 
 def of_mean(values: np.ndarray, confidence: float) -> np.ndarray:
@@ -124,10 +123,9 @@ def _rank(n: float, probability: float, beyond: float) -> float | None:
         return None
     # bisection is quick enough; scipy.optimize takes a twentieth of the start of an ensemble
     low, high = 1.0, float(n)
-    while high - low > RANK_TOLERANCE:
-        middle = 0.5 * (low + high)
+    while low < (middle := 0.5 * (low + high)) < high:
         low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
-    return 0.5 * (low + high)
+    return middle
 
 
 def of_probability(

@@ -175,9 +175,6 @@ def _used(where: str, names: list[str], scene: Scene) -> list[str]:
     if not used:
         known = nearest_name("", scene.parameters)
         raise InputError(f"{where}: none of its columns is a parameter of the scene{known}")
-    for name in used:
-        if names.count(name) > 1:
-            raise InputError(f"{where}: {names.count(name)} columns are called '{name}'; one is needed")
     return used
 
 

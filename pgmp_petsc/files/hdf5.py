@@ -381,8 +381,8 @@ def csv_table(
     the numbers of their lines, read one by one.
 
     Units are by name those of each column that has a part; empty where only the scene's units are known. Raises
-    `InputError`, in which `where` names the file, if columns are separated otherwise, a column is in another unit, or a
-    row has more or fewer entries.
+    `InputError`, in which `where` names the file, if columns are separated otherwise, one of these is there twice or in
+    another unit, or a row has more or fewer entries.
     """
     rows = csv.reader(stream, skipinitialspace=True)
     first = [name.strip() for name in next(rows, [])]
@@ -391,6 +391,9 @@ def csv_table(
             what = f"columns are separated by {plural} ('{shortened(' '.join(first[0].split()), 60)}')"
             raise InputError(f"{where}: {what}; commas are needed, and points in numbers")
     names = [without_unit(name, where, units) for name in first]
+    for name in units:
+        if names.count(name) > 1:
+            raise InputError(f"{where}: {names.count(name)} columns are called '{name}'; one is needed")
     return names, _rows(rows, len(names), where)
 
 

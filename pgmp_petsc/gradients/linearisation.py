@@ -48,7 +48,7 @@ from pgmp_petsc.lanes.vectors import (
 from pgmp_petsc.models import LengthLanes, ReducedModel
 from pgmp_petsc.reduced.arrays import Layout
 from pgmp_petsc.reduced.cells import Grid, place_of
-from pgmp_petsc.reduced.lagrangian_terms import fill_residual, fill_tangents
+from pgmp_petsc.reduced.lagrangian import fill_residual, fill_tangents
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 
 

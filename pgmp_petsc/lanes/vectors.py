@@ -339,7 +339,7 @@ def add_to_rows(typing, array, first, stride, x, y):
 
 
 def _horner(
-    builder: ir.IRBuilder, row: Callable[[int], ir.Value], places: list[ir.Value], n_powers: int, with_slopes: bool
+    builder: ir.IRBuilder, row: Callable[[int], ir.Value], places: list[ir.Value], n_powers: int
 ) -> tuple[ir.Value, list[ir.Value]]:
     """Build value and derivatives of a polynomial with n_powers along each of several places, from its coefficients."""
 
@@ -352,10 +352,9 @@ def _horner(
         slope = value
         for power in range(n_powers - 2, -1, -1):
             value = _fused(builder, s, value, c[power][0])
-            if with_slopes:
-                others = [_fused(builder, s, other, part) for other, part in zip(others, c[power][1])]
-                slope = _fused(builder, s, slope, value) if power else slope
-        return value, [slope, *others] if with_slopes else []
+            others = [_fused(builder, s, other, part) for other, part in zip(others, c[power][1])]
+            slope = _fused(builder, s, slope, value) if power else slope
+        return value, [slope, *others]
 
     return along(0, 0)
 
@@ -371,18 +370,14 @@ def _coefficients(context: Any, builder: ir.IRBuilder, sig: Any, args: Any, n_po
     return row
 
 
-def _polynomial(n_powers: int, with_slopes: bool, about: str) -> Callable:
+def _polynomial(n_powers: int, about: str) -> Callable:
     @intrinsic
     def function(typing, kept, entry, place):
-        slopes = types.UniTuple(vector, len(place))
-        result = types.Tuple((vector, slopes)) if with_slopes else vector
+        result = types.Tuple((vector, types.UniTuple(vector, len(place))))
 
         def build(context, builder, sig, args):
             rows = _coefficients(context, builder, sig, args, n_powers)
-            places = parts_of(builder, args[2], len(place))
-            value, parts = _horner(builder, rows, places, n_powers, with_slopes)
-            if not with_slopes:
-                return value
+            value, parts = _horner(builder, rows, parts_of(builder, args[2], len(place)), n_powers)
             return context.make_tuple(builder, sig.return_type, (value, join(builder, parts)))
 
         return result(kept, types.intp, place), build
@@ -394,6 +389,5 @@ def _polynomial(n_powers: int, with_slopes: bool, about: str) -> Callable:
 # Polynomials at a place, a tuple of r vectors, from kept coefficients: n_powers^r rows of each entry, with the powers
 # of the last coordinate running fastest.
 N_POWERS, N_POWERS_OF_RIGID = 4, 8
-polynomial = _polynomial(N_POWERS, True, "Return value and derivatives of a polynomial, cubic in each coordinate.")
-polynomial_value = _polynomial(N_POWERS, False, "Return the value of a polynomial alone, cubic in each coordinate.")
-rigid_polynomial = _polynomial(N_POWERS_OF_RIGID, True, "Return value and derivatives of a polynomial of degree 7.")
+polynomial = _polynomial(N_POWERS, "Return value and derivatives of a polynomial, cubic in each coordinate.")
+rigid_polynomial = _polynomial(N_POWERS_OF_RIGID, "Return value and derivatives of a polynomial of degree 7.")

@@ -69,26 +69,14 @@ class Work(NamedTuple):
     #: load, load_slope: ``a Q`` and ``a B`` (layout.load_end), and derivatives, coordinate after coordinate
     load: np.ndarray
     load_slope: np.ndarray
-    #: moved, pulled, turned: ``(d_k M) eta'`` and ``(d_k M) eta''`` (n_eta), and ``(d_k K) delta - a d_k Q_delta``
-    #: (n_delta), coordinate after coordinate
-    moved: np.ndarray
-    pulled: np.ndarray
-    turned: np.ndarray
-    bent: np.ndarray  # ``V delta``, packed
-    #: along, across: products of a matrix with delta and with delta', n_delta each
-    along: np.ndarray
-    across: np.ndarray
+    right: np.ndarray  # a right-hand side of the rigid coordinates, n_theta
     place: np.ndarray  # in the cells, n_theta, rad
 
     @classmethod
     def of(cls, layout: Layout) -> Work:
         """Return arrays for a layout, of any numbers."""
         r, n, n_load = len(layout.rigid), layout.n_eta, layout.load_end
-        m = n - r
-        sizes = (
-            n, n, n, n, n, n, layout.n_rigid, r * layout.n_rigid, n_load, r * n_load, r * n, r * n, r * m,
-            m * (m + 1) // 2, max(r, m), max(r, m), r,
-        )  # fmt: skip
+        sizes = n, n, n, n, n, n, layout.n_rigid, r * layout.n_rigid, n_load, r * n_load, r, r
         return cls(*(aligned((size, LANES)) for size in sizes))
 
 

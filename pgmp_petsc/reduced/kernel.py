@@ -124,7 +124,7 @@ def correct_block(equations, memory, room, block, amplitudes, gains, fresh):
     if fresh:
         _hold_prescribed(equations, matrix)
         eliminate(matrix, r, n - r)
-    solve(matrix, r, n - r, work.balance, work.along)
+    solve(matrix, r, n - r, work.balance, work.right)
 
 
 @njit(inline="always")

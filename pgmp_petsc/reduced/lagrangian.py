@@ -1,4 +1,4 @@
-"""The Lagrangian of the reduced model: residual and iteration matrix of LANES samples at once, compiled.
+"""The Lagrangian of the reduced model: its terms in index notation, and all that is printed from them.
 
 For any number of rigid coordinates theta_k and flexible ones delta, eta = [theta, delta]::
 
@@ -36,451 +36,462 @@ With all of it the system is Lagrangian in the interpolated tables and conserves
 call for have no entries. The iteration matrix leaves out second derivatives of the tables. Its flexible block is
 symmetric but for gyroscopic terms, rows and columns of theta border it.
 
-Each function adds its part to the residual and, if `fresh`, to the iteration matrix.
+Rows of `TERMS` are these terms (`declare.forms`). Printed are residual and iteration matrix of LANES samples at once,
+and the same in C; the exact derivatives of the residual; and the energies, which come from the same tables.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.declare.expressions import kept
+from pgmp_petsc.declare.forms import (
+    ANY,
+    THETA,
+    Loops,
+    Polynomial,
+    Target,
+    Term,
+    at,
+    equations,
+    in_c,
+    in_python,
+    tangents,
+    total,
+)
+from pgmp_petsc.lanes.compiled import njit, text_mark
+from pgmp_petsc.reduced.terms import ReducedTerms
+from pgmp_petsc.reduction.cell_products import unpacked
+from pgmp_petsc.reduction.interpolation import Interpolant
+from pgmp_petsc.reduction.tables import with_units
+
+HALF = Fraction(1, 2)
+Output = tuple[Target, str, Polynomial, str]
+
+
+def packed(letter: str) -> str:
+    """Return how many entries are before a row of a packed symmetric matrix."""
+    return f"{letter} * ({letter} + 1) // 2"
+
+
+_CUBIC = f"layout.cubic + i * (i + 1) * (i + 2) // 6 + {packed('j')} + h"
+_PAIR = f"({packed('k')} + l)"
+_MATRIX = f"{packed('i')} + j"
+_SECOND, _DRIVEN, _DAMPED = "second order", "prescribed motions of second order", "structural damping"
+#: Letters k and l are of theta, i, j and h of delta. The parts of M, Q and D have different tables or rules.
+TERMS = (
+    Term("1/2 M[kl] v_k v_l", _PAIR, "rigid", "kinetic"),
+    Term("M[i,k] v_i v_k", f"{packed('(r + i)')} + k", "inertia", "kinetic"),
+    Term("1/2 M[ij] v_i v_j", f"{packed('(r + i)')} + r + j", "inertia", "kinetic"),
+    Term("1/2 K[ij] q_i q_j", f"layout.stiffness + {_MATRIX}", "terms", "potential"),
+    Term("b[kl,i] v_k v_l q_i", f"layout.coupling + {_PAIR} * m + i", "inertia", "kinetic"),
+    Term("Q[k] q_k", "k", "load", "force", "loads"),
+    Term("Q[i] q_i", "r + i", "load", "load", "loads"),
+    Term("1/6 V[ijh] q_i q_j q_h", _CUBIC, "terms", "potential", _SECOND),
+    Term("-1/2 c[kl,ij] v_k v_l q_i q_j", f"layout.swing + {_PAIR} * (m * (m + 1) // 2) + {_MATRIX}", "terms",
+         "kinetic", _SECOND),
+    Term("A[k,i^j] v_k q_i v_j", "layout.gyroscopic + k * (m * (m - 1) // 2) + i * (i - 1) // 2 + j", "terms",
+         "kinetic", _SECOND),
+    Term("P[k,ij] v_k q_i v_j", f"layout.driven + k * (m * (m + 1) // 2) + {_MATRIX}", "terms", "kinetic", _DRIVEN),
+    Term("1/2 B[ij] q_i q_j", f"n + {_MATRIX}", "load", "load", "loads of second order"),
+    Term("1/2 D[kl] u_k u_l", f"layout.damping + {_PAIR}", "terms", "dissipation", _DAMPED),
+    Term("D[i,k] u_i u_k", f"layout.damping + {packed('(r + i)')} + k", "terms", "dissipation", _DAMPED),
+    Term("1/2 D[ij] u_i u_j", f"layout.damping + {packed('(r + i)')} + r + j", "terms", "dissipation", _DAMPED),
+)  # fmt: skip
+CONDITIONS = {
+    "loads": "loaded",
+    _SECOND: "layout.cubic < layout.damping",
+    _DRIVEN: "layout.driven < layout.damping",
+    "loads of second order": "loaded and layout.cubic < layout.damping",
+    _DAMPED: "layout.damping < layout.end",
+}
+PYTHON = '''"""The Lagrangian of the reduced model, printed from its terms."""
+
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.vectors import (
-    add,
-    add_product,
-    add_to_rows,
-    dot,
-    load,
-    load_rows,
-    polynomial,
-    polynomial_value,
-    spread,
-    store,
-    zeros,
+    add_product, add_to_rows, dot, load, load_rows, polynomial, spread, store, zeros
 )
-from pgmp_petsc.reduced.arrays import layout_n_rigid, pair
-
-
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
-def add_cubic(layout, kept, place, fresh, work, matrix):
-    """Add the terms of ``1/6 V delta delta delta``; `bent` becomes ``V delta``."""
-    q, balance, bent = work.q, work.balance, work.bent
-    r = len(place)
-    m = layout.n_eta - r
-    for entry in range(m * (m + 1) // 2):
-        store(bent, entry, 0.0)
-    energy = zeros(place)  # (d V) delta delta delta
-    at = layout.cubic
-    for i in range(m):
-        q_i = load(q, r + i)
-        row_i = i * (i + 1) // 2
-        for j in range(i + 1):
-            q_j = load(q, r + j)
-            row_j = j * (j + 1) // 2
-            part = zeros(place)
-            own = load(bent, row_i + j)
-            # entries with equal indices are separate: they count once, others for each of their orders
-            for k in range(j):
-                value, slopes = polynomial(kept, at, place)
-                q_k = load(q, r + k)
-                own += value * q_k
-                add(bent, row_i + k, value * q_j)
-                if j < i:
-                    add(bent, row_j + k, value * q_i)
-                part = add_product(part, slopes, q_k)
-                at += 1
-            value, slopes = polynomial(kept, at, place)
-            at += 1
-            store(bent, row_i + j, own + value * q_j)
-            if j < i:
-                add(bent, row_j + j, value * q_i)
-            product = q_i * q_j
-            energy = add_product(energy, part, product * (6.0 if j < i else 3.0))
-            energy = add_product(energy, slopes, product * q_j * (3.0 if j < i else 1.0))
-    add_to_rows(balance, 0, 1, energy, spread(1.0 / 6.0))
-    entry = 0
-    for i in range(m):
-        q_i, total = load(q, r + i), spread(0.0)
-        for j in range(i):
-            value = 0.5 * load(bent, entry + j)
-            total += value * load(q, r + j)  # 1/2 (V delta) delta
-            add(balance, r + j, value * q_i)
-        add(balance, r + i, total + 0.5 * load(bent, entry + i) * q_i)
-        entry += i + 1
-    if fresh:
-        for entry in range(m * (m + 1) // 2):
-            add(matrix.factor, entry, load(bent, entry))
-
-
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
-def add_bent_loads(layout, place, fresh, work, matrix):
-    """Add the terms of ``- 1/2 a delta^T B delta``."""
-    q, balance = work.q, work.balance
-    r, n = len(place), layout.n_eta
-    energy = zeros(place)  # a delta^T (d B) delta
-    entry = n
-    for i in range(n - r):
-        q_i = load(q, r + i)
-        for j in range(i + 1):
-            value = load(work.load, entry)
-            slopes = load_rows(work.load_slope, entry, layout.load_end, place)
-            product = q_i * load(q, r + j)
-            if j < i:
-                product = product + product
-                add(balance, r + j, -(value * q_i))  # - a B delta
-            add(balance, r + i, -(value * load(q, r + j)))
-            energy = add_product(energy, slopes, product)
-            if fresh:
-                add(matrix.factor, entry - n, -value)
-            entry += 1
-    add_to_rows(balance, 0, 1, energy, spread(-0.5))
-
-
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
-def add_swing(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
-    """Add the terms of ``- 1/2 sum_kl theta_k' theta_l' delta^T c_kl delta``, pair by pair (k >= j)."""
-    q, v, a, balance, swung = work.q, work.v, work.a, work.balance, work.along
-    r, n = len(place), layout.n_eta
-    m = n - r
-    at = layout.swing
-    for k in range(r):
-        for j in range(k + 1):
-            both = 1.0 if j == k else 2.0
-            v_k, v_j, a_k, a_j = load(v, k), load(v, j), load(a, k), load(a, j)
-            turning = both * v_k * v_j
-            energy = zeros(place)  # delta^T (d c) delta
-            entry = 0
-            for i in range(m):
-                q_i, total = load(q, r + i), spread(0.0)
-                for other in range(i + 1):
-                    c, slopes = polynomial(kept, at, place)
-                    q_j = load(q, r + other)
-                    product = q_i * q_j
-                    if other < i:
-                        product = product + product
-                        add(swung, other, c * q_i)
-                    total += c * q_j
-                    energy = add_product(energy, slopes, product)
-                    if fresh:
-                        add(matrix.factor, entry, turning * c)
-                    at += 1
-                    entry += 1
-                store(swung, i, total)
-            held, moving = spread(0.0), spread(0.0)  # delta^T c delta, delta'^T c delta
-            for i in range(m):
-                c = load(swung, i)
-                held += load(q, r + i) * c
-                moving += load(v, r + i) * c
-                add(balance, r + i, turning * c)  # theta_k' theta_j' c delta
-                if fresh:
-                    add(matrix.column, k * m + i, 2.0 * gain_v * (v_j * c))
-                    add(matrix.row, k * m + i, -2.0 * ((gain_v * v_j + a_j) * c))
-                    if j < k:
-                        add(matrix.column, j * m + i, 2.0 * gain_v * (v_k * c))
-                        add(matrix.row, j * m + i, -2.0 * ((gain_v * v_k + a_k) * c))
-            drift = dot(energy, velocity)
-            add(balance, k, -(held * a_j + 2.0 * (moving * v_j) + drift * v_j))  # - (delta^T c delta theta_j')'
-            if j < k:
-                add(balance, j, -(held * a_k + 2.0 * (moving * v_k) + drift * v_k))
-            add_to_rows(balance, 0, 1, energy, 0.5 * turning)
-            if fresh:
-                add(matrix.corner, k * r + j, -(gain_a * held + 2.0 * gain_v * moving))
-                if j < k:
-                    add(matrix.corner, j * r + k, -(gain_a * held + 2.0 * gain_v * moving))
-
-
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
-def add_gyroscopic(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
-    """Add the terms ``sum_k theta_k' (A_k delta').delta``, A_k skew."""
-    q, v, a, balance, skewed, driven = work.q, work.v, work.a, work.balance, work.along, work.across
-    r, n = len(place), layout.n_eta
-    m = n - r
-    at = layout.gyroscopic
-    for k in range(r):
-        v_k, a_k = load(v, k), load(a, k)
-        changing = zeros(place)  # delta'.(d A_k) delta
-        pushed = a_k + 2.0 * (gain_v * v_k)
-        entry = 0
-        for i in range(m):
-            q_i, v_i = load(q, r + i), load(v, r + i)
-            skew, drive = spread(0.0), spread(0.0)
-            for j in range(i):
-                value, slopes = polynomial(kept, at, place)
-                q_j, v_j = load(q, r + j), load(v, r + j)
-                # 2 A delta' + A' delta, with A' = sum_h theta_h' d_h A
-                change = dot(slopes, velocity)
-                skew += value * q_j
-                drive += 2.0 * (value * v_j) + change * q_j
-                add(skewed, j, -(value * q_i))
-                add(driven, j, -(2.0 * (value * v_i) + change * q_i))
-                changing = add_product(changing, slopes, v_i * q_j - v_j * q_i)
-                if fresh:
-                    before = load(matrix.skew, entry) if k > 0 else spread(0.0)
-                    store(matrix.skew, entry, before - (value * pushed + v_k * change))
-                at += 1
-                entry += 1
-            entry += 1
-            store(skewed, i, skew)
-            store(driven, i, drive)
-        total = spread(0.0)
-        for i in range(m):
-            skew = load(skewed, i)
-            # - theta_k'' A delta - theta_k' (2 A delta' + A' delta)
-            add(balance, r + i, -(a_k * skew + v_k * load(driven, i)))
-            total += load(a, r + i) * skew
-            if fresh:
-                add(matrix.column, k * m + i, -(gain_a * skew))
-                add(matrix.row, k * m + i, -(gain_a * skew))
-        add(balance, k, -(total + dot(changing, velocity)))  # - delta''.(A delta) - delta'.(A' delta)
-        add_to_rows(balance, 0, 1, changing, v_k)  # theta_k' delta'.(d A_k) delta
-
-
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
-def add_driven(layout, kept, place, velocity, fresh, work, matrix):
-    """Add the terms ``sum_k theta_k' (P_k delta').delta`` of prescribed coordinates, P_k symmetric; no corrections of
-    these, so that they have no part in the border of the iteration matrix."""
-    q, v, a, balance = work.q, work.v, work.a, work.balance
-    r, n = len(place), layout.n_eta
-    m = n - r
-    at = layout.driven
-    for k in range(r):
-        v_k, a_k = load(v, k), load(a, k)
-        held, changing = spread(0.0), zeros(place)  # delta''.P delta + delta'.(P delta)', delta'.(d P_k) delta
-        entry = 0
-        for i in range(m):
-            q_i, v_i, a_i = load(q, r + i), load(v, r + i), load(a, r + i)
-            for j in range(i + 1):
-                value, slopes = polynomial(kept, at, place)
-                q_j, v_j = load(q, r + j), load(v, r + j)
-                change = dot(slopes, velocity)
-                pushed = a_k * value + v_k * change
-                moved, pulled = v_i * q_j, a_i * q_j + v_i * v_j
-                add(balance, r + i, pushed * q_j)  # theta_k'' P delta + theta_k' P' delta
-                if j < i:
-                    add(balance, r + j, pushed * q_i)
-                    moved += v_j * q_i
-                    pulled += load(a, r + j) * q_i + v_i * v_j
-                held += value * pulled + change * moved
-                changing = add_product(changing, slopes, moved)
-                if fresh:
-                    add(matrix.factor, entry, pushed)
-                at += 1
-                entry += 1
-        add(balance, k, held)
-        add_to_rows(balance, 0, 1, changing, -v_k)  # - theta_k' delta'.(d P_k) delta
+from pgmp_petsc.reduced.arrays import layout_n_rigid
 
 
 @njit(inline="always")
 def inertia_of(layout, kept, entry, place):
     """Return an entry of the inertia, with its derivatives where inertia forces quadratic in the velocities act."""
-    if layout.quadratic:
-        return polynomial(kept, entry, place)
-    return polynomial_value(kept, entry, place), zeros(place)
+    value, slopes = polynomial(kept, entry, place)
+    return value, slopes if layout.quadratic else zeros(place)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"}, counted=False)
+@njit(cache=True, error_model="numpy", fastmath={{"contract"}}, counted=False)
 def evaluate(layout, kept, place, gain_v, gain_a, fresh, loaded, work, matrix):
     """Evaluate the residual into ``work.balance`` and, if `fresh`, the iteration matrix; see `Work` and `Matrix`.
 
     `kept` are polynomials of the cell of every sample, weighted with its parameters: rows of `polynomial`; `place` is
     that in the cell, a tuple of vectors. The positions of `work` are those of the iterate, ``v`` and ``a`` what the
-    inertia forces see; gain_v and gain_a are the derivatives of eta' and eta'' with eta within a step, vectors. The
-    terms are inlined: to hand the many arrays on would take as long as to evaluate some of them.
+    inertia forces see; gain_v and gain_a are the derivatives of eta' and eta'' with eta within a step, vectors.
     """
-    velocity = load_rows(work.v, 0, 1, place)
-    _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix)
-    _add_rigid_rows(layout, velocity, gain_v, gain_a, fresh, loaded, work, matrix)
-    _add_coupling(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix)
-    if layout.cubic < layout.damping:
-        add_cubic(layout, kept, place, fresh, work, matrix)
-        if loaded:
-            add_bent_loads(layout, place, fresh, work, matrix)
-        add_swing(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix)
-        add_gyroscopic(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix)
-    if layout.driven < layout.damping:
-        add_driven(layout, kept, place, velocity, fresh, work, matrix)
-    if layout.damping < layout.end:
-        _add_damping(layout, kept, place, gain_v, fresh, work, matrix)
-
-
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
-def _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
-    """Begin with ``M eta'' + K delta``, and fill `moved`, `turned` and, if `fresh`, `pulled`."""
-    q, v, a, balance, moved, turned = work.q, work.v, work.a, work.balance, work.moved, work.turned
-    pulled = work.pulled
+    q, v, a, rate, balance = work.q, work.v, work.a, work.rate, work.balance
+    factor, corner, column, row, skew = matrix.factor, matrix.corner, matrix.column, matrix.row, matrix.skew
     r, n = len(place), layout.n_eta
     m = n - r
-    for k in range(r):
-        total, change, pull = spread(0.0), zeros(place), zeros(place)
-        for j in range(r):
-            slopes = load_rows(work.rigid_slope, pair(k, j), layout_n_rigid(r), place)
-            total += load(work.rigid, pair(k, j)) * load(a, j)  # M_kj theta_j''
-            change = add_product(change, slopes, load(v, j))  # (d M_kj) theta_j'
-            pull = add_product(pull, slopes, load(a, j))  # (d M_kj) theta_j''
-        store(balance, k, total)
-        for h in range(r):
-            store(moved, h * n + k, change[h])
-            store(pulled, h * n + k, pull[h])
-    entry = layout.stiffness
-    into = 0
-    for i in range(m):
-        at = (r + i) * (r + i + 1) // 2
-        a_i, v_i, q_i = load(a, r + i), load(v, r + i), load(q, r + i)
-        total, change, pull, turn = spread(0.0), zeros(place), zeros(place), zeros(place)
-        for k in range(r):
-            mass, slopes = inertia_of(layout, kept, at + k, place)
-            total += mass * load(a, k)  # M_ik theta_k''
-            add(balance, k, mass * a_i)  # M_ki delta_i''
-            change = add_product(change, slopes, load(v, k))  # (d M_ik) theta_k'
-            add_to_rows(moved, k, n, slopes, v_i)  # (d M_ki) delta_i'
-            if fresh:
-                pull = add_product(pull, slopes, load(a, k))  # (d M_ik) theta_k''
-                add_to_rows(pulled, k, n, slopes, a_i)  # (d M_ki) delta_i''
-                coupled, swept = gain_a * mass, gain_v * dot(slopes, velocity)
-                store(matrix.column, k * m + i, coupled + swept)
-                store(matrix.row, k * m + i, coupled + swept)
-        for j in range(i):
-            mass, slopes = inertia_of(layout, kept, at + r + j, place)
-            stiffness, bends = polynomial(kept, entry + j, place)
-            total += mass * load(a, r + j) + stiffness * load(q, r + j)  # M_ij delta_j'' + K_ij delta_j
-            change = add_product(change, slopes, load(v, r + j))  # (d M_ij) delta_j'
-            turn = add_product(turn, bends, load(q, r + j))  # (d K_ij) delta_j
-            add(balance, r + j, mass * a_i + stiffness * q_i)
-            add_to_rows(moved, r + j, n, slopes, v_i)
-            add_to_rows(turned, j, m, bends, q_i)
-            if fresh:
-                pull = add_product(pull, slopes, load(a, r + j))  # (d M_ij) delta_j''
-                add_to_rows(pulled, r + j, n, slopes, a_i)
-                store(matrix.factor, into, gain_a * mass + gain_v * dot(slopes, velocity) + stiffness)
-            into += 1
-        mass, slopes = inertia_of(layout, kept, at + r + i, place)
-        stiffness, bends = polynomial(kept, entry + i, place)
-        store(balance, r + i, total + mass * a_i + stiffness * q_i)
-        change, turn = add_product(change, slopes, v_i), add_product(turn, bends, q_i)
-        pull = add_product(pull, slopes, a_i)
-        for h in range(r):
-            store(moved, h * n + r + i, change[h])
-            store(pulled, h * n + r + i, pull[h])
-            store(turned, h * m + i, turn[h])
-        if fresh:
-            store(matrix.factor, into, gain_a * mass + gain_v * dot(slopes, velocity) + stiffness)
-        into += 1
-        entry += i + 1
-
-
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
-def _add_rigid_rows(layout, velocity, gain_v, gain_a, fresh, loaded, work, matrix):
-    """Add what `moved`, `turned` and the loads give, and begin the border of the iteration matrix."""
-    q, v, balance, moved, turned = work.q, work.v, work.balance, work.moved, work.turned
-    r, n = len(velocity), layout.n_eta
-    m = n - r
-    for k in range(r):
-        twice, bending, leaning = spread(0.0), spread(0.0), spread(0.0)
-        for i in range(n):
-            change = load(moved, k * n + i)
-            add(balance, i, load(v, k) * change)  # theta_k' (d_k M) eta'
-            twice += load(v, i) * change
-        for i in range(m):
-            bending += load(q, r + i) * load(turned, k * m + i)
-        if loaded:
-            for i in range(m):
-                slope = load(work.load_slope, k * layout.load_end + r + i)
-                leaning += load(q, r + i) * slope
-                add(turned, k * m + i, -slope)
-        # 1/2 delta (d_k K) delta - 1/2 eta' (d_k M) eta' - d_k Q.delta
-        add(balance, k, 0.5 * (bending - twice) - leaning)
-    if loaded:
-        for i in range(n):
-            add(balance, i, -load(work.load, i))  # - a Q
+    velocity = load_rows(v, 0, 1, place)
+    for e in range(n):
+        store(balance, e, 0.0)
     if fresh:
-        for k in range(r):
-            for i in range(m):
-                turn, swing = load(turned, k * m + i), gain_v * load(moved, k * n + r + i)
-                add(matrix.column, k * m + i, turn + swing + load(work.pulled, k * n + r + i))
-                add(matrix.row, k * m + i, turn - swing)
-            for j in range(r):
-                total = gain_a * load(work.rigid, pair(k, j))
-                total += gain_v * (load(moved, j * n + k) - load(moved, k * n + j)) + load(work.pulled, j * n + k)
-                for h in range(r):
-                    n_rigid = layout_n_rigid(r)
-                    total += load(work.rigid_slope, h * n_rigid + pair(k, j)) * (gain_v * load(v, h))
-                store(matrix.corner, k * r + j, total)
+        for e in range(r * r):
+            store(corner, e, 0.0)
+        for e in range(r * m):
+            store(column, e, 0.0)
+            store(row, e, 0.0)
+        for e in range(skew.shape[0]):
+            store(skew, e, 0.0)
+{evaluate}
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
-def _add_coupling(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
-    """Add the terms of ``sum_kl theta_k' theta_l' b_kl.delta`` of the kinetic energy, pair by pair (k >= j)."""
-    q, v, a, balance, row, corner = work.q, work.v, work.a, work.balance, matrix.row, matrix.corner
-    r, n = len(place), layout.n_eta
+@njit(error_model="numpy", fastmath={{"contract"}}, counted=False)
+def fill_residual(layout, jets, load_jets, first, slopes, place, loaded, moment, balance):
+    """Fill the residual (n_eta,).
+
+    Parameters
+    ----------
+    jets, load_jets
+        Of the tables and of all loads together, with their amplitudes; see `gradients.linearisation`.
+    first, slopes
+        Where in a jet the value and the derivatives begin of what is taken for the tables.
+    place
+        A tuple as long as there are rigid coordinates.
+    loaded
+        Whether there are loads.
+    moment
+        Coordinates, velocities and accelerations as inertia forces see them, and velocities, (4, n_eta).
+    """
+    q, v, a, rate = moment[0], moment[1], moment[2], moment[3]
+    r, n, width = len(place), layout.n_eta, jets.shape[1]
     m = n - r
-    at = layout.coupling
-    for k in range(r):
-        for j in range(k + 1):
-            both = 1.0 if j == k else 2.0
-            v_k, v_j, a_k, a_j = load(v, k), load(v, j), load(a, k), load(a, j)
-            turning = both * v_k * v_j
-            leant, leaning = spread(0.0), spread(0.0)  # b.delta, b.delta'
-            turned, turning_on = zeros(place), zeros(place)  # (d b).delta, (d b).delta'
-            for i in range(m):
-                b, slopes = inertia_of(layout, kept, at + i, place)
-                q_i, v_i = load(q, r + i), load(v, r + i)
-                add(balance, r + i, -(b * turning))  # - b theta_k' theta_j'
-                leant, leaning = leant + b * q_i, leaning + b * v_i
-                turned = add_product(turned, slopes, q_i)
-                if fresh:
-                    turning_on = add_product(turning_on, slopes, v_i)
-                    change = dot(slopes, velocity)
-                    add(matrix.column, k * m + i, -2.0 * (gain_v * (b * v_j)))
-                    add(row, k * m + i, 2.0 * (b * (gain_v * v_j + a_j) + change * v_j))
-                    if j < k:
-                        add(matrix.column, j * m + i, -2.0 * (gain_v * (b * v_k)))
-                        add(row, j * m + i, 2.0 * (b * (gain_v * v_k + a_k) + change * v_k))
-                    add_to_rows(matrix.column, i, m, slopes, -turning)
-                    add_to_rows(row, i, m, slopes, -turning)
-            drift = dot(turned, velocity)
-            add(balance, k, 2.0 * (leant * a_j + leaning * v_j + drift * v_j))  # 2 (b.delta theta_j')'
-            if j < k:
-                add(balance, j, 2.0 * (leant * a_k + leaning * v_k + drift * v_k))
-            add_to_rows(balance, 0, 1, turned, -turning)  # - (d b).delta theta_k' theta_j'
-            if fresh:
-                own = 2.0 * (leant * gain_a + gain_v * (leaning + drift))
-                add(corner, k * r + j, own)
-                swept = gain_v * v_j
-                # rows of k: how (b.delta)' and b.delta change with every theta
-                add_to_rows(corner, k * r, 1, turned, 2.0 * (swept + a_j))
-                add_to_rows(corner, k * r, 1, turning_on, 2.0 * v_j)
-                add_to_rows(corner, k, r, turned, -2.0 * swept)
-                if j < k:
-                    add(corner, j * r + k, own)
-                    swept = gain_v * v_k
-                    add_to_rows(corner, j * r, 1, turned, 2.0 * (swept + a_k))
-                    add_to_rows(corner, j * r, 1, turning_on, 2.0 * v_k)
-                    add_to_rows(corner, j, r, turned, -2.0 * swept)
-            at += m
+    velocity = load_rows(v, 0, 1, place)
+    for e in range(n):
+        store(balance, e, 0.0)
+{residual}
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
-def _add_damping(layout, kept, place, gain_v, fresh, work, matrix):
-    """Add ``D eta'``; the change of D with theta is left out of the iteration matrix."""
-    rate, balance = work.rate, work.balance
-    r, n = len(place), layout.n_eta
+@njit(error_model="numpy", fastmath={{"contract"}}, counted=False)
+def fill_tangents(layout, jets, load_jets, place, loaded, moment, by_q, by_v, by_a):
+    """Fill the derivatives (n_eta, n_eta) of the residual with coordinates, velocities and accelerations.
+
+    Columns of theta of `by_q` are left zero; other parameters are those of `fill_residual`.
+    """
+    first, slopes = 0, 1
+    q, v, a, rate = moment[0], moment[1], moment[2], moment[3]
+    r, n, width = len(place), layout.n_eta, jets.shape[1]
     m = n - r
-    at, into = layout.damping, 0
-    for i in range(n):
-        total = spread(0.0)
-        for j in range(i + 1):
-            value, _ = polynomial(kept, at, place)
-            at += 1
-            total += value * load(rate, j)
-            if j < i:
-                add(balance, j, value * load(rate, i))
-            if fresh:
-                braked = gain_v * value
-                if i < r:
-                    add(matrix.corner, i * r + j, braked)
-                    if j < i:
-                        add(matrix.corner, j * r + i, braked)
-                elif j < r:
-                    add(matrix.column, j * m + i - r, braked)
-                    add(matrix.row, j * m + i - r, braked)
-                else:
-                    add(matrix.factor, into, braked)
-                    into += 1
-        add(balance, i, total)
+    velocity = load_rows(v, 0, 1, place)
+    for e in range(n * n):
+        store(by_q, e, 0.0)
+        store(by_v, e, 0.0)
+        store(by_a, e, 0.0)
+{tangents}
+
+
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def fill_energies(layout, entries, q, v, kinetic, strain):
+    """Add the energies of states (n, n_eta) with their tables' entries (n, n_entries) to results (n,), J."""
+    r, n = len(layout.rigid), layout.n_eta
+    m = n - r
+    for s in range(q.shape[0]):
+{energies}
+
+
+C = """{c}"""
+
+COMPLETE = True
+'''
+C = """struct slopes {{ double of[R]; }};
+#define load(array, at) ((array)[at])
+#define store(array, at, x) ((array)[at] = (x))
+#define spread(x) (x)
+#define loaded (N_LOADS > 0)
+#define zeros(place) ((struct slopes){{{{0}}}})
+
+static inline struct slopes load_rows(const double *array, int first, int stride) {{
+    struct slopes x;
+    for (int k = 0; k < R; k++) x.of[k] = array[first + k * stride];
+    return x;
+}}
+
+static inline struct slopes add_product(struct slopes total, struct slopes x, double y) {{
+    for (int k = 0; k < R; k++) total.of[k] += x.of[k] * y;
+    return total;
+}}
+
+static inline double dot(struct slopes x, struct slopes y) {{
+    double total = 0.0;
+    for (int k = 0; k < R; k++) total += x.of[k] * y.of[k];
+    return total;
+}}
+
+static inline void add_to_rows(double *array, int first, int stride, struct slopes x, double y) {{
+    for (int k = 0; k < R; k++) array[first + k * stride] += x.of[k] * y;
+}}
+
+/* Residual at eta, its rates and their rates and, if `fresh`, the iteration matrix without second derivatives of
+   tables. */
+void evaluate_lagrangian(const struct terms *t, const double q[N], const double rate[N], const double rates[N],
+                         double gain_v, double gain_a, int fresh, double balance[N], struct matrix *matrix) {{
+    enum {{ r = R, n = N, m = M }};
+    const double *rigid = t->rigid[0], *table = t->table[0], *loads = t->load[0];
+    double v[N], a[N], *factor = matrix->factor, *skew = matrix->skew;
+    double *corner = matrix->corner[0], *column = matrix->column[0], *row = matrix->row[0];
+    memset(balance, 0, N * sizeof(double));
+    if (fresh) memset(matrix, 0, sizeof *matrix);
+    /* damping proportional to the mass is what it adds to the accelerations */
+    gain_a += gain_v * MASS_DAMPING;
+    for (int i = 0; i < N; i++) v[i] = QUADRATIC ? rate[i] : 0.0, a[i] = rates[i] + MASS_DAMPING * rate[i];
+    const struct slopes velocity = load_rows(v, 0, 1);
+{evaluate}
+}}
+"""
+
+
+def _iterated(term: Term, bound: Sequence[str]) -> Iterator[Output]:
+    """Yield what an entry adds to the residual and, if `fresh`, to the iteration matrix.
+
+    That leaves out what hardly matters to Newton's iteration: second derivatives of tables, and in the border of the
+    flexible block, of terms of second order, their changes with theta and, in its rows and columns, with delta' and
+    delta''. Prescribed coordinates are not corrected, so that their terms have no part in the border.
+    """
+    yield from _balanced(term, bound)
+    blocks: dict[tuple[str, str, str], Polynomial] = {}
+    for part in tangents(term, bound):
+        gain = {"q": (), "v": ("gain_v",), "a": ("gain_a",)}[part.order]
+        factor = part.factor
+        rigid = [one in THETA or one == ANY for one in (part.row, part.column)]
+        if any(rigid) and term.only == _DRIVEN:
+            continue
+        if any(rigid) and term.only in (_SECOND, "loads of second order"):
+            if part.source != "value":
+                continue
+            if not all(rigid):
+                factor = {f: x for f, x in factor.items() if not any(_is_rate(one) for one in f)}
+        key = part.row, part.column, part.source
+        blocks[key] = total((1, blocks.get(key, {})), (1, total((1, factor), by=gain)))
+    for (x, y, source), factor in blocks.items():
+        if not ({x, y} & {ANY, *THETA}):
+            if bound.index(x) <= bound.index(y):  # row x of the lower triangle, which is the outer loop's
+                other = blocks.get((y, x, source), {})
+                place = f"{packed(x)} + {y}"
+                even = total((HALF, factor), (HALF, other))
+                yield Target("factor", place), source, even, "fresh"
+                yield Target("skew", place), source, total((HALF, factor), (-HALF, other)), "fresh"
+        else:
+            yield _bordered(x, y), source, factor, "fresh"
+
+
+def _is_rate(factor: str) -> bool:
+    """Return whether a factor is a rate of a flexible coordinate."""
+    return factor[0] in "va" and factor[2:] not in THETA
+
+
+def _bordered(x: str, y: str) -> Target:
+    """Return the place of a derivative of row x with y in the border of the flexible block."""
+    if y == ANY:
+        return Target("corner", f"{x} * r", "1") if x in THETA else Target("column", x, "m")
+    if x == ANY:
+        return Target("corner", y, "r") if y in THETA else Target("row", y, "m")
+    if x in THETA and y in THETA:
+        return Target("corner", f"{x} * r + {y}")
+    outer, inner, array = (x, y, "row") if x in THETA else (y, x, "column")
+    return Target(array, f"{outer} * m + {inner}")
+
+
+def _balanced(term: Term, bound: Sequence[str]) -> Iterator[Output]:
+    """Yield what an entry adds to the residual."""
+    for part in equations(term, bound):
+        x = part.row
+        target = Target("balance", "0", "1") if x == ANY else Target("balance", at(x))
+        yield target, part.source, part.factor, ""
+
+
+def _differentiated(term: Term, bound: Sequence[str]) -> Iterator[Output]:
+    """Yield what an entry adds to the derivatives of the residual, but for the columns of theta of `by_q`."""
+    for part in tangents(term, bound):
+        x, y, array = part.row, part.column, f"by_{part.order}"
+        if y == ANY and part.order == "q":
+            continue
+        if ANY in (x, y):
+            target = Target(array, at(y), "n") if x == ANY else Target(array, f"({at(x)}) * n", "1")
+        else:
+            target = Target(array, f"({at(x)}) * n + {at(y)}")
+        yield target, part.source, part.factor, ""
+
+
+def _stored(term: Term, bound: Sequence[str]) -> Iterator[Output]:
+    """Yield what an entry adds to the energies."""
+    if term.kind in ("kinetic", "potential"):
+        kinetic = term.kind == "kinetic"
+        scale = 1 if kinetic else -1
+        yield Target("kinetic" if kinetic else "strain", "s"), "value", total((scale, term.factor_of(bound))), ""
+
+
+def _printed() -> str:
+    of_c = {
+        name: (f"load({array}, {{}})", f"load_rows({array}, {end} + {{}}, {end})")
+        for name, array, end in (
+            ("rigid", "rigid", "PACKED(R)"), ("inertia", "table", "END"), ("terms", "table", "END"),
+            ("load", "loads", "LOAD_END"),
+        )
+    }  # fmt: skip
+    jets = {
+        name: (f"load({array}, ({{}}) * width + first)", f"load_rows({array}, ({{}}) * width + slopes, 1, place)")
+        for name, array in (("rigid", "jets"), ("inertia", "jets"), ("terms", "jets"), ("load", "load_jets"))
+    }
+    lanes = {
+        "rigid": ("load(work.rigid, {})", "load_rows(work.rigid_slope, {}, layout_n_rigid(r), place)"),
+        "inertia": ("", "", "inertia_of(layout, kept, {}, place)"),
+        "terms": ("polynomial(kept, {}, place)[0]", "", "polynomial(kept, {}, place)"),
+        "load": ("load(work.load, {})", "load_rows(work.load_slope, {}, layout.load_end, place)"),
+    }
+    stored = dict.fromkeys(jets, ("entries[s, {}]", ""))
+    energies = Loops(_stored, stored, CONDITIONS, read="{}[s, {}]", add="{}[{}] += {}")
+
+    def python(loops: Loops, indent: str = "    ") -> str:
+        return "\n".join(indent + line for line in in_python(loops.lines(TERMS)))
+
+    c = "\n".join(f"    {line}" for line in in_c(Loops(_iterated, of_c, CONDITIONS, "factor").lines(TERMS)))
+    c = re.sub(r"layout\.(\w+)", lambda one: one[1].upper(), c)  # places in a row are constants of a model
+    return PYTHON.format(
+        evaluate=python(Loops(_iterated, lanes, CONDITIONS, "factor")),
+        residual=python(Loops(_balanced, jets, CONDITIONS)),
+        tangents=python(Loops(_differentiated, jets, CONDITIONS)),
+        energies=python(energies, " " * 8).replace("spread(0.0)", "0.0"),
+        c=C.format(evaluate=c),
+    )
+
+
+_MARK = text_mark(__name__, "pgmp_petsc.declare.forms", "pgmp_petsc.declare.expressions")
+CODE = kept("lagrangian", _MARK, Path(__file__), _printed)
+evaluate, fill_residual = CODE.evaluate, CODE.fill_residual
+fill_tangents, fill_energies = CODE.fill_tangents, CODE.fill_energies
+
+
+SINGULAR = 1e-13  # least eigenvalue of a matrix with a unit diagonal that factors need, some hundred times round-off
+
+
+def reduced_energy(
+    terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return kinetic and strain energies, each of shape (n,), J, of a sample in several states, or of several samples.
+
+    Parameter values are numbers or of shape (n,), reduced coordinates and velocities of shape (n, n_eta). Terms of
+    second order in the deformation are in the energies where the model has them.
+    """
+    layout = terms.layout
+    weights, r = evaluate_weights(terms.weights, values), len(layout.rigid)
+    entries = _weighted(terms.terms, weights, q[:, :r])
+    entries[:, : layout.n_rigid] = _weighted(terms.rigid, weights, q[:, :r])
+    kinetic, strain = np.zeros((2, len(q)))
+    fill_energies(layout, entries, np.ascontiguousarray(q), np.ascontiguousarray(v), kinetic, strain)
+    return kinetic, strain
+
+
+def _weighted(terms: Interpolant, weights: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Return the sum of all terms at theta (n, n_theta), shape (n, n_entries).
+
+    Weights have the shape (n_terms,) for several states of one sample, whose terms are added up before they are
+    interpolated, or (n_terms, n).
+    """
+    if weights.ndim == 1:
+        return Interpolant(terms.axes, np.tensordot(weights, terms.rows, (0, terms.n_theta)))(theta)
+    return np.einsum("tn,nte->ne", weights, terms(theta))
+
+
+def least_stiffness(terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray) -> np.ndarray:
+    """Return the least share of the stiffness at rest that is left in the deformed state, shape (n,).
+
+    The lowest eigenvalue of the tangent of the strain energy, ``K + V delta``, beside K: 1 without terms of second
+    order, and negative where their cubic energy, which has no lower bound, has pulled the state over its crest. NaN
+    where K itself is not positive definite, as between samples that are too few for their interpolation.
+    """
+    layout = terms.layout
+    weights = np.broadcast_to(evaluate_weights(terms.weights, values).T, (len(q), len(terms.weights)))
+    r = len(layout.rigid)
+    entries = np.einsum("nt,nte->ne", weights, terms.terms(q[:, :r]))
+    stiffness = with_units(unpacked(entries[:, layout.stiffness : layout.cubic]))
+    bent = np.zeros_like(stiffness)
+    if layout.second_order:
+        bent = np.einsum("nijk,nk->nij", _unpacked_cubic(entries[:, layout.cubic : layout.swing]), q[:, r:])
+    # both scaled to a unit diagonal of K, so that round-off decides on nothing but a singular one
+    diagonal = np.einsum("nii->ni", stiffness)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    stiffness, bent = (matrix * scale[:, :, None] * scale[:, None, :] for matrix in (stiffness, bent))
+    positive = np.linalg.eigvalsh(stiffness)[:, 0] > SINGULAR
+    share = np.full(len(q), np.nan)
+    lower = np.linalg.inv(np.linalg.cholesky(stiffness[positive]))
+    share[positive] = 1.0 + np.linalg.eigvalsh(lower @ bent[positive] @ np.swapaxes(lower, 1, 2))[:, 0]
+    return share
+
+
+def load_powers(
+    terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray, v: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return each effect's power per unit amplitude, ``Q.eta' + sum_k theta_k' (d_k Q_delta).delta``, shape (n,), W."""
+    tables, r, n_eta = terms.tables, terms.tables.n_coordinates, terms.layout.n_eta
+    theta, delta, rate = q[:, :r], np.ascontiguousarray(q[:, r:]), np.ascontiguousarray(v[:, r:])
+    load, slopes = terms.load(theta), [terms.load.slope(theta, k) for k in range(r)]
+    power = np.einsum("nli,ni->ln", load[:, :, :n_eta], v)
+    for k, slope in enumerate(slopes):
+        power += v[:, k] * np.einsum("nli,ni->ln", slope[:, :, r:n_eta], delta)
+    if terms.layout.second_order:
+        # d/dt of 1/2 delta^T B delta
+        for number in range(len(power)):
+            first = number * load.shape[2] + n_eta
+            crossed = [_form(load, first, x) for x in (delta + rate, delta, rate)]
+            power[number] += 0.5 * (crossed[0] - crossed[1] - crossed[2])
+            for k, slope in enumerate(slopes):
+                power[number] += 0.5 * v[:, k] * _form(slope, first, delta)
+    weighted = np.broadcast_to(evaluate_weights(tables.load_weights, values).T, power.T.shape).T * power
+    result: dict[str, np.ndarray] = {}
+    for name, part in zip(tables.load_effects, weighted):
+        result[name] = result.get(name, 0.0) + part
+    return result
+
+
+def damping_power(
+    terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray, v: np.ndarray
+) -> np.ndarray:
+    """Return the power ``-eta'^T D eta'`` of structural damping but for what brakes the momentum, shape (n,), W."""
+    entries = terms.damping_terms(q[:, : terms.tables.n_coordinates])
+    weights = np.broadcast_to(evaluate_weights(terms.weights, values).T, (len(q), len(terms.weights)))
+    return -_form(np.einsum("nt,nte->ne", weights, entries), 0, v)
+
+
+def _form(entries: np.ndarray, first: int, x: np.ndarray) -> np.ndarray:
+    """Return ``x^T A x`` for symmetric matrices packed from an entry on, in tables (n, ...), and x (n, m)."""
+    result = np.zeros(len(x))
+    _add_forms(entries.reshape(len(x), -1), first, np.ascontiguousarray(x), result)
+    return result
+
+
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def _add_forms(entries, first, x, result):
+    """Add ``x^T A x`` to a result (n,); see `_form`."""
+    for k in range(x.shape[0]):
+        entry = first
+        for i in range(x.shape[1]):
+            row = 0.0
+            for j in range(i):
+                row += entries[k, entry + j] * x[k, j]
+            result[k] += x[k, i] * (2.0 * row + entries[k, entry + i] * x[k, i])
+            entry += i + 1
+
+
+def _unpacked_cubic(packed: np.ndarray) -> np.ndarray:
+    """Return tensors packed over ``i >= j >= k``, k fastest, as symmetric ones (n, m, m, m)."""
+    m = next(m for m in range(packed.shape[1] + 1) if m * (m + 1) * (m + 2) == 6 * packed.shape[1])
+    indices = np.indices((m, m, m))
+    i, j, k = np.sort(indices, axis=0)[::-1]
+    return packed[:, i * (i + 1) * (i + 2) // 6 + j * (j + 1) // 2 + k]

@@ -22,7 +22,7 @@ from pgmp_petsc.reduced.actions import ReducedActions, ReducedStrengths, functio
 from pgmp_petsc.reduced.arrays import Room, Strengths
 from pgmp_petsc.reduced.control import Control
 from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices, find_all_carried, load_on
-from pgmp_petsc.reduced.lagrangian_terms import damping_power, load_powers, reduced_energy
+from pgmp_petsc.reduced.lagrangian import damping_power, load_powers, reduced_energy
 from pgmp_petsc.reduced.sample_lanes import ReducedLanes
 from pgmp_petsc.reduced.steps import Clocks, Progress, advance
 from pgmp_petsc.reduced.terms import ReducedTerms

@@ -45,7 +45,7 @@ from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, first_ranks
-from pgmp_petsc.reduced.lagrangian_terms import least_stiffness, load_powers
+from pgmp_petsc.reduced.lagrangian import least_stiffness, load_powers
 from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.estimates import OF_STEP, Balance, EstimatedErrors
 from pgmp_petsc.results.numbers import felt

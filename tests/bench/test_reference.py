@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from combinations import meshes_for, scene_of
 from conftest import ROOT
+from elastic_scenes import MACHINE
 from mpi4py import MPI
 from refusals import refusal
-from runs import full_model, reduced_model
+from runs import full_model, read_meshes, reduced_model
 
 from pgmp_petsc.api.jobs import _Job
 from pgmp_petsc.base.errors import InputError
@@ -157,6 +158,14 @@ def test_a_dear_mesh_is_compared_over_a_part_of_the_run_or_not_at_all() -> None:
         told = distance_from_mesh(chosen(poor), meshes_for(poor), points(poor, 1), 1, 50, SELF)
         assert words in told.why, told.why
         assert bool(told.from_mesh) == (steps >= FEWEST_STEPS)
+
+
+def test_models_agree_on_the_first_period_where_joints_give_way() -> None:
+    """What joints give way to without bending a body is no vibration of its own."""
+    scene = scene_from_toml(MACHINE, ".")
+    expected = period_of(full_model(scene), SELF)
+    for model in (reduced_model(scene), component_model(scene, read_meshes(scene), SELF)):
+        assert period_of(model, SELF) == pytest.approx(expected, rel=1e-8)
 
 
 @pytest.mark.parametrize("kind", ["beams", "cells in the plane"])

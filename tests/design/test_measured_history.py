@@ -106,7 +106,7 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="measured history .* cannot be read: .*No such file"):
         read_history(tmp_path / "none.csv", OUTPUTS, DURATION)
     (tmp_path / "binary.csv").write_bytes(b"time,angle\n\xff\xfe\n")
-    with pytest.raises(InputError, match="cannot be read: a text or a name is not valid in its encoding"):
+    with pytest.raises(InputError, match="is no text in UTF-8; take a CSV file"):
         read_history(tmp_path / "binary.csv", OUTPUTS, DURATION)
 
 

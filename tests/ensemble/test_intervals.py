@@ -102,6 +102,17 @@ def test_whole_ranks_are_those_of_the_binomial_distribution() -> None:
     np.testing.assert_allclose(found, np.sort(values)[[rank - 1, n - rank]], rtol=1e-6)
 
 
+@pytest.mark.parametrize("size", [3e7, 1e10])
+def test_quantiles_of_sobol_sequences_are_worth_many_independent_values(size: float) -> None:
+    """Ranks beyond 4e6, whose neighbouring numbers are more than 1e-9 apart, were searched for ever."""
+    values = np.arange(1.0, 20_001.0) / 20_001.0
+    found = intervals.of_quantiles(values, PROBABILITIES, LEVEL, np.full(PROBABILITIES.size, size))
+    reach = stats.norm.ppf(0.975) * np.sqrt(PROBABILITIES * (1.0 - PROBABILITIES) / size)
+    # the binomial distribution is skewed by a part of 1 / sqrt(size); beyond that shares are rounded to 1e-16
+    expected = PROBABILITIES[:, None] + np.outer(reach, [-1.0, 1.0])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-3 * reach.min())
+
+
 def test_few_values_leave_ends_of_quantiles_open() -> None:
     found = intervals.of_quantiles(np.arange(10.0), [0.025, 0.5, 0.975], 0.95)
     assert found[0, 0] == -np.inf and found[2, 1] == np.inf

@@ -8,7 +8,7 @@ import pytest
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.reduced.arrays import Layout
-from pgmp_petsc.reduced.lagrangian_terms import reduced_energy
+from pgmp_petsc.reduced.lagrangian import reduced_energy
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedDamping, ReducedTerms, coupling_of, pack, pack_cubic, pack_skew
 from pgmp_petsc.reduction.interpolation import interpolant

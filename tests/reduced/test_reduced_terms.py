@@ -12,7 +12,7 @@ from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced import cells as cells_module
 from pgmp_petsc.reduced.cells import FEWEST_HELD, Cells
-from pgmp_petsc.reduced.lagrangian_terms import least_stiffness
+from pgmp_petsc.reduced.lagrangian import least_stiffness
 from pgmp_petsc.reduced.terms import WIDEST, ReducedTerms, grid_of
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel

@@ -7,7 +7,7 @@ from alike import assert_alike
 from scrambling import scrambled
 
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.reduced.lagrangian_terms import reduced_energy
+from pgmp_petsc.reduced.lagrangian import reduced_energy
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.generalised_alpha import integrate

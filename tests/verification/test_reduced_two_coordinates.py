@@ -5,7 +5,7 @@ import pytest
 from runs import full_model, history, reduced_model, samples
 from two_coordinates import double_pendulum
 
-from pgmp_petsc.reduced.lagrangian_terms import reduced_energy
+from pgmp_petsc.reduced.lagrangian import reduced_energy
 from pgmp_petsc.stepping.generalised_alpha import integrate
 
 SETTINGS = (
