@@ -14,6 +14,9 @@ from pgmp_petsc.scene import Scene
 from scenes import tables
 
 THICKNESS, WIDTH = 0.02, 0.03
+# fundamental frequencies in the plane of rotation over the spin, in units of sqrt(EI / rho A L^4), as is the spin
+PUBLISHED = [(0.0, 3.516), (2.0, 3.622), (4.0, 3.898), (6.0, 4.263), (10.0, 5.049)]
+SPINS = PUBLISHED[::2]
 
 
 def cantilever(body: str, text: str = "", *overrides: str) -> Scene:

@@ -234,9 +234,14 @@ def truncated_stresses(scene: Scene) -> Iterator[Remark]:
 
 
 def why_not_of_full_order(model: FullModel | SeparateLengths) -> tuple[Remark, ...]:
-    """Return which errors of full-order and component runs are not estimated, and what measures them."""
+    """Return which errors of full-order and component runs are not estimated, and what measures them.
+
+    There are none where no body deforms.
+    """
     scene, is_separate = model.scene, isinstance(model, SeparateLengths)
     model = model.model if is_separate else model
+    if not any(body.flexible for body in scene.bodies.values()):
+        return ()
     if isinstance(model, ComponentModel):
         counts = ", ".join(f"{n} of {name}" for name, n in model.n_amplitudes.items())
         return (

@@ -123,3 +123,27 @@ def test_amplitudes_may_be_turned() -> None:
     turned = np.einsum("abc,ai,bj,ck->ijk", third, turn, turn, turn)
     other = foreshortening(contraction_of(turned), turn.T @ stiffness @ turn, turn.T @ stretching @ turn, np.eye(n))
     np.testing.assert_allclose(np.einsum("ak,kij->aij", turn, other), np.einsum("aij,ik,jl->akl", found, turn, turn))
+
+
+FETCHED = """
+import traceback
+import numpy as np
+from mpi4py import MPI
+from pgmp_petsc.components.component_modes import own_nodes
+from pgmp_petsc.components.large_deformation import _fetched
+
+comm = MPI.COMM_WORLD
+try:
+    for n_nodes in (2, 11):
+        nodes, wanted = own_nodes(n_nodes, comm), np.arange(comm.rank, n_nodes)
+        rows = _fetched(wanted, nodes, np.array(nodes)[:, None] * [1.0, 10.0], comm)
+        assert rows.tolist() == (wanted[:, None] * [1.0, 10.0]).tolist(), (comm.rank, rows)
+except Exception:
+    traceback.print_exc()
+    comm.Abort(1)  # or the others would wait
+"""
+
+
+def test_rows_of_nodes_come_from_the_ranks_that_have_them(mpirun: Callable) -> None:
+    """On three ranks, of which one has none of two nodes."""
+    mpirun(3, "-c", FETCHED)

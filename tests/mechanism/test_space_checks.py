@@ -95,7 +95,6 @@ joints.slider={type='spherical', connect=['ground:origin', 'rod:tip'], axis=[0, 
     joints.slider.axis = [0, 0, 1]: unknown key (allowed: connect, elastic, offset, clearance, type)
 joints.elbow.type='hinge' -> = "hinge": unknown
 coordinates.theta.joint='slider' -> coordinates.theta.periodic = true: for angles; what slides has two ends
-coordinates.theta.motion='sliding' -> = "sliding": crank_hinge is revolute: allowed is "turning"
 ground.points.a=[1, 2] -> = [1.0, 2.0]: three numbers (x, y, z) are needed in space
 joints.slider.direction=[1, 2] -> = [1.0, 2.0]: three numbers (x, y, z) are needed in space
 bodies.crank.placement={origin=[1, 2]} -> bodies.crank.placement.origin = [1.0, 2.0]: three numbers (x, y, z) are needed

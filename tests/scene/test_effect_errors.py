@@ -25,8 +25,6 @@ effects.e={type="prescribed_motion", coordinate="theta"} -> effects.e.table: exa
 effects.e={type="prescribed_motion", coordinate="theta", table=[[0, 0]]} -> \
     effects.e.table = [[0, 0]]: a motion needs at least two rows
 effects.e={type="gravity", direction=[0, 0]} -> effects.e.direction = [0, 0]: a direction other than [0, 0] is needed
-effects.e={type="torque", joint="hinge", table=[[0, 1], [0, 2]]} -> \
-    effects.e.table = [[0, 1], [0, 2]]: times must increase strictly, but 0.0 s follows 0.0 s
 effects.e={type="point_mass", point="rod:tip", mass=0} -> effects.e.mass = 0: a positive number or the name of a
 effects.e={type="point_mass", point="rod:tip", mass=1, inertia=-1} -> effects.e.inertia = -1: a number that is not
 effects.e={type="point_mass", point="rod:tip", mass="negative"} -> \

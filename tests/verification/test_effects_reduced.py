@@ -237,41 +237,37 @@ ADDED = {
 }
 
 
-@pytest.mark.parametrize("kind", NAMED)
-def test_an_effect_adds_only_what_is_its_own(bare: dict[str, object], tmp_path: Path, kind: str) -> None:
+EVALUATED = {"torque": {"Effect.amplitude"}, "gravity": {"Effect.amplitude"}, "prescribed_motion": {"Motion.at"}}
+LOCAL = ("force", "joint_damping", "joint_friction", "spring_damper", "end_stop")
+
+
+@pytest.mark.parametrize("kind", ["none", *NAMED])
+def test_an_effect_adds_and_evaluates_only_what_is_its_own(
+    bare: dict[str, object], calls: Counter, tmp_path: Path, kind: str
+) -> None:
     """And a scene without it has none of that."""
-    scene = scene_of(BAR, f"{ANGLE}{SHORT}[effects.extra]\n{NAMED[kind]}\n", *STIFF)
+    extra = f"[effects.extra]\n{NAMED[kind]}\n" if kind in NAMED else ""
+    scene = scene_of(BAR, ANGLE + SHORT + extra, *STIFF)
     held = written(tmp_path, scene)
     assert "reduced:errors/time" in held and "reduced:errors/time" in bare
     bare, held = ({name: found[name] for name in found if not name.startswith(ESTIMATE)} for found in (bare, held))
     assert bare.keys() <= held.keys()
     changed = {name for name, value in held.items() if bare.get(name) != value}
     works = {f"{model}:work/extra" for model in ("reduced", "full")}
-    has_work = kind not in ("point_mass", "geometric_stiffening")
+    has_work = kind not in ("none", "point_mass", "geometric_stiffening")
     assert (changed & works) == (works if has_work else set())
     # how stiffness follows from forces has a column for each that acts
     rest = changed - works - {"loads", "rom:stiffness_changes/influence"}
     assert all(any(name.startswith(part) for part in ADDED.get(kind, ())) for name in rest), sorted(rest)
     assert held["loads"] == (["extra"] if kind in ("torque", "gravity") else [])
-
-
-EVALUATED = {"torque": {"Effect.amplitude"}, "gravity": {"Effect.amplitude"}, "prescribed_motion": {"Motion.at"}}
-
-
-@pytest.mark.parametrize("kind", ["none", *NAMED])
-def test_only_what_is_there_is_built_and_evaluated(calls: Counter, kind: str) -> None:
-    text = f"[effects.extra]\n{NAMED[kind]}\n" if kind in NAMED else ""
-    model = build(scene_of(BAR, ANGLE + SHORT + text, *STIFF))
+    model = build(scene)
     calls.clear()
     system: ReducedSystem = model.batch({}, 1)
     motion(model)
     assert set(calls) == EVALUATED.get(kind, set())
-    layout = model.terms.layout
-    equations = system._equations  # noqa: SLF001
-    local = {"force", "joint_damping", "joint_friction", "spring_damper", "end_stop"}
+    layout, equations, acts = model.terms.layout, system._equations, kind in LOCAL  # noqa: SLF001
     # what compiled code loops over, or skips because it is empty
-    assert len(model.actions.actions) == (kind in local)
-    assert equations.local.places.sides.shape[0] == (kind in local)
+    assert len(model.actions.actions) == equations.local.places.sides.shape[0] == acts
     assert system.n_events == (kind == "end_stop")
     assert (layout.damping < layout.end) == (kind == "structural_damping")
     assert equations.mass_damping == 0.0

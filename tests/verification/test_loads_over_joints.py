@@ -7,12 +7,12 @@ import pytest
 from conftest import ROOT
 from coupled_scenes import SCREW
 from differences import SHARES, carefully, compare
-from exported import assert_equal, compiled, needs_compiler, outputs_of
+from exported import assert_equal, assert_same_in_c, needs_compiler
 from length_scenes import SMALL, long_crank
 from machine_scenes import MODELS, RIGID, CartAndPole, cart, rail, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
-from runs import assert_close, full_model, in_turn, motion, pgmp, reduced_model
+from runs import assert_close, full_model, in_turn, pgmp, reduced_model
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.optimize import root
 
@@ -57,16 +57,6 @@ def test_the_law_of_a_table() -> None:
     assert [turns_of(rows) for rows in ends] == [None, 0, 0]
 
 
-def test_loads_over_joints_move_a_cart_and_a_pole() -> None:
-    times, found = run(cart(*RIGID, *LOADS, "simulation.step=5e-4"), "full")
-    exact = CartAndPole().motion(
-        times, (0.0, 0.0, 0.3, 0.0), lambda t, x, phi, v, w: 2.0 * float(np.interp(x, *zip(*WAY))),
-        lambda t, x, phi, v, w: float(np.interp(phi, *zip(*ROWS))),
-    )  # fmt: skip
-    for name, values in zip(("x", "swing"), exact):
-        np.testing.assert_allclose(found[name], values, rtol=0, atol=2e-5 * np.abs(values).max())
-
-
 def test_the_work_of_a_torque_over_turns_of_a_crank() -> None:
     """An engine's torque: the energy after each turn has grown by the area under the table."""
     turn = 2.0 * np.pi
@@ -82,13 +72,6 @@ def test_the_work_of_a_torque_over_turns_of_a_crank() -> None:
     assert angle[-1] > 2.0 * turn
     # (w h)^2 / 12 of the energy, with accelerations by the crank 20 times as fast as it
     np.testing.assert_allclose(kinetic - kinetic[0], np.interp(angle, grid, area), rtol=0, atol=1e-2)
-
-
-@needs_compiler
-@pytest.mark.usefixtures("short_tables")
-def test_loads_over_joints_in_c(tmp_path: Path) -> None:
-    model = reduced_model(cart(*LOADS, "simulation.duration=0.2", "reduction.angles=6"))
-    assert_equal(outputs_of(compiled(model, tmp_path)), motion(model).outputs)
 
 
 #: Each acts on one joint, and hangs on the other: a torque and a formula, forces along a joint and at a point.
@@ -113,13 +96,24 @@ def torque(t: float, x: float, phi: float, v: float, w: float) -> float:
     return 2.0 * float(np.interp(x, [-0.2, 0.0, 0.2], [-0.6, 0.0, 0.8])) - 0.5 * np.sin(phi) * blow(x)
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_loads_over_the_other_joint_move_a_cart_and_a_pole(model: str) -> None:
-    # a reduced model has bodies that deform, if only a little
-    near = ("coordinates.x.range=[-0.2,0.4]", "coordinates.swing.range=[-2.4,0.3]", "reduction.angles=18")
-    stiff = ("materials.steel.E=2e14", *near) if model == "reduced" else RIGID
-    times, found = run(cart(*stiff, *ACROSS, "simulation.step=5e-4"), model)
-    exact = CartAndPole().motion(times, (0.0, 0.0, 0.3, 0.0), force, torque)
+def push(t: float, x: float, phi: float, v: float, w: float) -> float:
+    return 2.0 * float(np.interp(x, *zip(*WAY)))
+
+
+def turn(t: float, x: float, phi: float, v: float, w: float) -> float:
+    return float(np.interp(phi, *zip(*ROWS)))
+
+
+# a reduced model has bodies that deform, if only a little
+NEAR = ("coordinates.x.range=[-0.2,0.4]", "coordinates.swing.range=[-2.4,0.3]", "reduction.angles=18")
+
+
+@pytest.mark.parametrize(("model", "own"), [("full", True), *((model, False) for model in MODELS)])
+def test_loads_over_joints_move_a_cart_and_a_pole(model: str, own: bool) -> None:
+    loads, forces = (LOADS, (push, turn)) if own else (ACROSS, (force, torque))
+    stiff = ("materials.steel.E=2e14", *NEAR) if model == "reduced" else RIGID
+    times, found = run(cart(*stiff, *loads, "simulation.step=5e-4"), model)
+    exact = CartAndPole().motion(times, (0.0, 0.0, 0.3, 0.0), *forces)
     # the step leaves 2e-6, a quarter of it at half the step; the distances of 28 angles in the whole range 6e-6, twice
     # as large ones 8e-5
     for name, values in zip(("x", "swing"), exact):
@@ -195,9 +189,9 @@ def test_derivatives_with_a_length_of_what_leads(monkeypatch) -> None:
 
 @needs_compiler
 @pytest.mark.usefixtures("short_tables")
-def test_loads_over_the_other_joint_in_c(tmp_path: Path) -> None:
-    model = reduced_model(cart(*ACROSS, "simulation.duration=0.2", "reduction.angles=6"))
-    assert_equal(outputs_of(compiled(model, tmp_path)), motion(model).outputs)
+@pytest.mark.parametrize("loads", [LOADS, ACROSS], ids=["own", "other"])
+def test_loads_over_joints_in_c(loads: tuple[str, ...], tmp_path: Path) -> None:
+    assert_same_in_c(reduced_model(cart(*loads, "simulation.duration=0.2", "reduction.angles=6")), tmp_path)
 
 
 def test_loads_over_the_other_joint_on_ranks(tmp_path: Path) -> None:

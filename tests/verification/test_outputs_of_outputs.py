@@ -1,4 +1,4 @@
-"""Rates and formulas of outputs: against closed forms, differences of runs, and in every model."""
+"""Rates, speeds and formulas of outputs: against closed forms, differences of runs, and in every model."""
 
 import json
 from pathlib import Path
@@ -151,6 +151,12 @@ outputs.o={type="formula",formula="x ** swing"} -> outputs.o.formula = "x ** swi
 outputs.o={type="formula",formula="x * swing",unit="N"} -> outputs.o.unit = "N": the formula is in m
 outputs.o={type="formula",formula="x * swing",unit="nonsense"} -> outputs.o.unit = "nonsense": no such unit
 outputs.o={type="formula",formula="2 * x",unit="km"} -> outputs.o.unit = "km": outputs are in the units of the scene
+outputs.o={type="speed"} -> outputs.o | exactly one of point, joint is needed
+outputs.o={type="speed",joint="pivot",axis="x"} -> outputs.o.axis
+outputs.o={type="speed",point="pole:tip"} -> outputs.o.axis
+outputs.o={type="speed",point="pole:tip",axis="z"} -> outputs.o.axis | in the plane
+outputs.o={type="speed",joint="none"} -> outputs.o.joint = "none"
+outputs.o={type="speed",joint="pivot",motion="sliding"} -> outputs.o.motion
 """
 
 

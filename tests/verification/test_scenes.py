@@ -59,7 +59,6 @@ COMPARED = {
     "machine_on_mounts": (1.2, 1e-3, 2e-3, 1e-2),  # through two resonances of the mounts
     "engine": (0.03, 2e-5, 3e-3, 1e-2),  # stress of the rod, through the first ignition
     "crank_press": (0.42, 1.25e-4, 3e-3, 1e-2),  # forces in the bearing through the stroke; 1.2 kN of 150 across it
-    "spinning_beam": (20.0, 1e-2, 1e-3, 1e-2),
     "slider_crank_effects": (0.3, 2e-4, 1e-3, 0.04),
     "rssr_beams": (0.2, 1e-3, 1e-3, 0.03),
     "spatial_mixed": (0.1, 1e-3, 1e-3, 0.03),

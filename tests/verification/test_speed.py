@@ -6,7 +6,6 @@ from runs import motion, reduced_model
 from spatial import slider_crank_in_space
 from test_free_play import MODELS
 
-from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.stepping.second_order_system import State
 from scenes import CRANK, ROD, slider_crank
 
@@ -72,16 +71,3 @@ def test_speeds_of_a_reduced_model_are_derivatives_along_its_motion(dimension: i
         parts = [factor * outputs(k * h)[place] for k, factor in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0))]
         # round-off and closure to 1e-12 over the step
         np.testing.assert_allclose(found[speed], sum(parts) / (12.0 * h), rtol=0, atol=1e-7, err_msg=speed)
-
-
-@pytest.mark.parametrize(("entry", "message"), [
-    ('{type="speed"}', r"outputs\.s.*exactly one of point, joint is needed"),
-    ('{type="speed",joint="elbow",axis="x"}', r"outputs\.s\.axis"),
-    ('{type="speed",point="rod:tip"}', r"outputs\.s\.axis"),
-    ('{type="speed",point="rod:tip",axis="z"}', r"outputs\.s\.axis.*in the plane"),
-    ('{type="speed",joint="none"}', r"outputs\.s\.joint = \"none\""),
-    ('{type="speed",joint="elbow",motion="sliding"}', r"outputs\.s\.motion"),
-])  # fmt: skip
-def test_what_is_refused(entry: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        slider_crank(f"outputs.s={entry}")

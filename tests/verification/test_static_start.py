@@ -1,6 +1,5 @@
 """Runs that start from static equilibrium, against closed forms, between the models, and over time."""
 
-import warnings
 from contextlib import closing
 from pathlib import Path
 
@@ -61,16 +60,6 @@ def settled_frames(model: FullModel | ReducedModel) -> np.ndarray:
 
 def both(scene: Scene, text: str) -> list[FullModel | ReducedModel]:
     return [full_model(scene), reduced_of(scene, text)]
-
-
-def test_samples_side_by_side_settle_without_a_warning() -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        model = full_model(scene_of(BAR, "held"))
-        values = {name: np.array([value, value]) for name, value in model.scene.values.items()}
-        with closing(model.batch(values, 2)) as system:
-            q = system.start().q
-    np.testing.assert_array_equal(*np.moveaxis(q, -1, 0)[:2])
 
 
 def test_a_held_bar_bends_under_its_weight_as_a_cantilever_does() -> None:
@@ -138,11 +127,12 @@ def test_reduced_and_full_deformation_agree_anywhere() -> None:
         assert np.max(np.abs(full - reduced)) < 0.02 * bent
 
 
+@pytest.mark.filterwarnings("error")
 def test_samples_settle_each_for_itself() -> None:
     scene = scene_of(LINK, "held", 0.4)
-    radii = np.array([4e-3, 5.6e-3, 7e-3])
+    radii = np.array([4e-3, 5.6e-3, 7e-3, 7e-3])
     for model in both(scene, LINK):
-        together = model.batch({"r1": radii}, 3)
+        together = model.batch({"r1": radii}, 4)
         for k, radius in enumerate(radii):
             alone = model.batch({"r1": np.array([radius])}, 1)
             np.testing.assert_array_equal(together.settled.unknowns[:, k], alone.settled.unknowns[:, 0])
@@ -295,11 +285,11 @@ def driven() -> Scene:
 def test_samples_without_equilibrium_are_records_and_are_not_tried_again(name: str, tmp_path: Path) -> None:
     scene = driven()
     model = full_model(scene) if name == "full" else reduced_of(scene, BAR)
-    ensemble = run_ensemble(model, Plan(8, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1))
+    ensemble = run_ensemble(model, Plan(4, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1))
     # 3 N m times T against the weight's m g L / 2, the arm a little shorter as it bends
     largest = 0.5 * STEEL["rho"] * np.pi * 5e-3**2 * 9.80665 / 3.0
     held = ensemble.parameters["T"] < largest
-    assert 0 < held.sum() < 8 and np.min(np.abs(ensemble.parameters["T"] - largest)) > 1e-2
+    assert 0 < held.sum() < 4 and np.min(np.abs(ensemble.parameters["T"] - largest)) > 1e-2
     np.testing.assert_array_equal(ensemble.status, np.where(held, Status.FINE, Status.NO_EQUILIBRIUM))
     np.testing.assert_array_equal(ensemble.steps_divided, 1)
     np.testing.assert_array_equal(ensemble.failure_time[~held], 0.0)
