@@ -211,18 +211,16 @@ def rigid_line(mesh: LineMesh, terms: Mapping[Monomial, tuple[float, ...]], axes
 
 
 def rigid_of_properties(shape: LineMesh, given: Rigid, nominal: Mapping[str, float]) -> Component:
-    """Return the component of a rigid body with given mass properties, whose points are those of `shape`.
+    """Return the component of a rigid body in space with given mass properties, whose points are those of `shape`.
 
     Where entries of the inertia have several factors, no rigid motion has the momenta of a linear field in every term:
     `fields` have those at the nominal values, and each term the rest.
     """
-    d = given.dimension
-    n = d + len(TURNS[d])
-    parts = [(given.mass, np.diag(np.where(np.arange(n) < d, 1.0, 0.0)))]
+    parts = [(given.mass, np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))]
     for name, moment in given.moments.items():
-        i, j = MOMENTS[name] if d == 3 else (0, 0)
-        unit = np.zeros((n, n))
-        unit[d + i, d + j] = unit[d + j, d + i] = 1.0
+        i, j = MOMENTS[name]
+        unit = np.zeros((6, 6))
+        unit[3 + i, 3 + j] = unit[3 + j, 3 + i] = 1.0
         parts.append((moment, unit))
     mass: dict[Monomial, np.ndarray] = {}
     for value, unit in parts:
@@ -233,8 +231,7 @@ def rigid_of_properties(shape: LineMesh, given: Rigid, nominal: Mapping[str, flo
     centre = shape.nodes[0]
 
     def momenta(term: np.ndarray) -> np.ndarray:
-        turning = term[d:, d:]
-        return _momenta(term[0, 0], centre, directors(turning) if d == 3 else 0.5 * turning[0, 0] * np.eye(2))
+        return _momenta(term[0, 0], centre, directors(term[3:, 3:]))
 
     fields = np.linalg.solve(matrix, momenta(matrix))
     lost = {weight: momenta(term) - term @ fields for weight, term in mass.items()}
@@ -245,8 +242,8 @@ def rigid_of_properties(shape: LineMesh, given: Rigid, nominal: Mapping[str, flo
         stiffness={},
         moments={},
         fields=fields,
-        probes=np.zeros((n, 1)),
-        n_mesh_dofs=n,
+        probes=np.zeros((6, 1)),
+        n_mesh_dofs=6,
         error=0.0,
         centre_of_mass=centre,
         lost_momenta={weight: part for weight, part in lost.items() if np.abs(part).max() > MASSLESS * matrix.max()},

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.body import Body, Entries, LumpedMass, Lumps, dense_entries, frame_mesh
 from pgmp_petsc.bodies.component import (
     Component,
@@ -51,9 +51,13 @@ class RigidBody(Body):
         """See `Body`; raises as `rigid_component`."""
         given = scene.bodies[name].rigid
         if given is not None:
-            body = cls.of_component(name, rigid_of_properties(shape, given, scene.nominal))
             length = given.extent(lambda value: scene.number(value, scene.nominal))
-            return replace(body, shape=shape, drawn=shape, length=length)
+            body = cls(name, cls._centre(shape.nodes[0]), shape, drawn=shape, length=length)
+            if given.dimension == 3:
+                return replace(body, component=rigid_of_properties(shape, given, scene.nominal))
+            mass, inertia = Quantity.of(given.mass), Quantity.of(given.inertia)
+            body = body.with_lumps(0, {mass.monomial: LumpedMass(mass.coefficient, 0.0)})
+            return body.with_lumps(0, {inertia.monomial: LumpedMass(0.0, inertia.coefficient)})
         if isinstance(shape, LineMesh):
             section = BeamSection.of(scene, name)
             if scene.dimension == 2:
