@@ -21,6 +21,7 @@ from pgmp_petsc.bench.cases import Setting, Training
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.models import FullModel, OutputRecord, ReducedModel
 from pgmp_petsc.models.model import floors_of as floors_of
+from pgmp_petsc.outputs.rainflow import at_the_end
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
@@ -120,7 +121,7 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, pulse:
     nodes = sorted(set().union(*(angle.nodes for _, angle in measures)))
     record = _Record(model, system, nodes, pulse, spacing(n_steps))
     run = integrate(system, with_steps(model.scene, n_steps).simulation, observer=record)
-    outputs = np.array(list(record.outputs()[1].values()))
+    outputs = np.array(list(at_the_end(model.scene, record.outputs()[1]).values()))
     by_node = record.by_node()
     inside = _inside([(c, angle.value(by_node).reshape(-1, n_samples)) for c, angle in measures], n_samples)
     outputs[..., run.status != Status.FINE] = np.nan

@@ -38,6 +38,7 @@ import numpy as np
 
 from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.models import Model, OutputRecord
+from pgmp_petsc.outputs.rainflow import at_the_end
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation, count_steps
@@ -58,7 +59,7 @@ LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of 
 MET = np.pi  # rad; phases that meet after a turn leave d below `LOST` for 4 asin(LOST / 2) = 1.3 rad
 PEAK, AROUND = 1.3, 17  # of a vibration over the median of so many bands around it
 TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations are worth naming
-RUBS = 0.015  # of it, from which on they move what has friction or stops
+RUBS = 0.015  # of it, from which on they move what has friction or stops, and their cycles count
 BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
 ROUGH = 7.0  # the mean, on a logarithmic scale, of 24 and 2
 SOME = 0.1  # of the steps, taken in parts, from which on an estimate is unsure
@@ -221,7 +222,11 @@ def step_errors(
         order = ratio - 1.0
     order *= max(1.0 - float(other.divided[sample]), 1.0 / times)
     errors = {name: np.copysign(np.hypot(d / order, lost[name]), d) for name, d in differences.items()}
-    return StepErrors(at, errors, lost_hz if loudest > TREMBLES else np.nan, unsure)
+    for name in [name for name in outputs if scene.outputs[name].is_counted]:
+        made_of = np.isin(list(outputs), list(scene.outputs[name].made_in(scene)))
+        # cycles of a vibration that is lost are those of neither run, and their damage has no order
+        errors[name] = differences[name] / (1.0 if shares[made_of].max() > RUBS else order)
+    return StepErrors(at, at_the_end(scene, errors), lost_hz if loudest > TREMBLES else np.nan, unsure)
 
 
 @dataclass(frozen=True)

@@ -111,6 +111,11 @@ class OutputEntry(Table):
         dotted name, if a body's mesh does not have a point that it is at."""
         raise NotImplementedError
 
+    @property
+    def is_counted(self) -> bool:
+        """Whether it is counted over a run: a figure of the whole of it, as a damage."""
+        return "history" in self.reads
+
     def kinked_in(self, scene: AnyScene) -> bool:
         """Whether it is the largest at many points: its history has kinks where another point takes over."""
         return any(scene.outputs[one].kinked_in(scene) for one in self.made_in(scene))

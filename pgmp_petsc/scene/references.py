@@ -511,7 +511,7 @@ def _outputs(scene: AnyScene) -> Iterator[str]:
         for other, key in output.made_in(scene).items():
             if other not in scene.outputs:
                 yield unknown(f"outputs.{name}.{key}", "output", other, [one for one in scene.outputs if one != name])
-            elif "history" in scene.outputs[other].reads:
+            elif scene.outputs[other].is_counted:
                 words = f"{other} is counted over the run, and an output is made of what is known at an instant"
                 yield problem(f"outputs.{name}.{key}", f"{words}; name what {other} is of", getattr(output, key))
         circle = circle_of(scene, name)

@@ -41,7 +41,7 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.models.body_fields import Fields, FullFields
 from pgmp_petsc.models.body_fields import joined as joined_fields
-from pgmp_petsc.outputs.rainflow import counted_after
+from pgmp_petsc.outputs.rainflow import at_the_end, counted_after
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, first_ranks
@@ -238,7 +238,7 @@ def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None,
     found = step_errors(model.scene, part.time, part.outputs, other)
     if found is None:
         return None, list(step_remarks(model, part.time, part.outputs, other, found))
-    errors = EstimatedErrors(found.time, found.outputs, _largest(part.outputs, model.outputs.units), OF_STEP)
+    errors = EstimatedErrors(found.time, found.outputs, _largest(model, part.outputs), OF_STEP)
     large = large_errors(*errors.of_one_run(), model.outputs.units, model.name, model.scene.system)
     return errors, [*large, *step_remarks(model, part.time, part.outputs, other, found)]
 
@@ -266,7 +266,7 @@ def _reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
         absent = {name: why for name, (why,) in estimate.absent.items() if why}
-        sizes = _largest(part.outputs, model.outputs.units)
+        sizes = _largest(model, part.outputs)
         errors = EstimatedErrors(*estimate.histories[0], sizes, absent=absent)
         remarks += [*steps, *large_errors(*errors.of_one_run(), model.outputs.units, system=model.scene.system)]
         remarks += [*not_estimated(errors, model.scene), *few_steps(part.time.size - 1), *left_out_of_estimates(model)]
@@ -364,9 +364,9 @@ def _described(
     }
 
 
-def _largest(outputs: Mapping[str, np.ndarray], units: Mapping[str, str]) -> dict[str, float]:
-    sizes = {name: np.max(np.abs(values)) for name, values in outputs.items()}
-    return {name: float(size) for name, size in felt(sizes, units).items()}
+def _largest(model: FullModel | ReducedModel, outputs: Mapping[str, np.ndarray]) -> dict[str, float]:
+    sizes = {name: np.max(np.abs(values)) for name, values in at_the_end(model.scene, outputs).items()}
+    return {name: float(size) for name, size in felt(sizes, model.outputs.units).items()}
 
 
 LOOK_BACK = 400  # steps before a failure in which its cause is looked for
