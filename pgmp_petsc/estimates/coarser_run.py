@@ -222,7 +222,7 @@ def step_errors(
         order = ratio - 1.0
     order *= max(1.0 - float(other.divided[sample]), 1.0 / times)
     errors = {name: np.copysign(np.hypot(d / order, lost[name]), d) for name, d in differences.items()}
-    for name in [name for name in outputs if scene.outputs[name].is_counted]:
+    for name in scene.counted:
         made_of = np.isin(list(outputs), list(scene.outputs[name].made_in(scene)))
         # cycles of a vibration that is lost are those of neither run, and their damage has no order
         errors[name] = differences[name] / (1.0 if shares[made_of].max() > RUBS else order)

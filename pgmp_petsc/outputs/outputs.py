@@ -225,7 +225,7 @@ class OutputSet:
         return cls(
             tuple(sorted(needs.nodes)), units, n_frame, mechanism.space.n_pose, functions, tuple(stresses), forces,
             reached, rigid, order, needs.time, tuple(sorted(needs.parameters | of_bases)), bases,
-            tuple(name for name, entry in scene.outputs.items() if entry.is_counted),
+            scene.counted,
             {name: numbers[controller] for name, controller in beside},
             bool(beside) or bool(forces and scene.controllers),
         )  # fmt: skip

@@ -178,6 +178,11 @@ class Scene(Table):
         return {name: parameter.current for name, parameter in self.parameters.items()}
 
     @property
+    def counted(self) -> tuple[str, ...]:
+        """Outputs that are counted over a run: figures of the whole of it, as a damage."""
+        return tuple(name for name, output in self.outputs.items() if output.is_counted)
+
+    @property
     def nominal(self) -> dict[str, float]:
         """Nominal value of each parameter, where the reduced basis is built."""
         return {name: parameter.nominal for name, parameter in self.parameters.items()}
