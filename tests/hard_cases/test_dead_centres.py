@@ -5,6 +5,25 @@ import pytest
 from mechanisms import QUIET, accurate, both, nominal_rom, run_for, start
 from runs import assert_close
 
+from scenes import CRANK, ROD, kinematics_of, slider_crank
+
+
+@pytest.mark.parametrize(("theta", "sign"), [(0.0, 1.0), (np.pi, -1.0), (2 * np.pi, 1.0)])
+def test_the_rigid_velocities_at_dead_centres_are_those_of_the_closed_form(theta: float, sign: float) -> None:
+    """The slider stands still and the rod turns by -L1/L2 of the crank; x'' = -L1 (cos theta + L1/L2)."""
+    kinematics = kinematics_of(slider_crank())
+    poses = kinematics.poses(np.array([theta]))
+    rates = kinematics.rates(poses)
+    curvatures = kinematics.curvatures(poses, rates)[:, :, 0, 0, 0]
+    rod_pose, rod_rate, rod_curvature = poses[1, :, 0], rates[1, :, 0, 0], curvatures[1]
+    arm = np.array([np.cos(rod_pose[2]), np.sin(rod_pose[2])])  # of the rod's tip, 1 m from its mesh's origin
+    across = np.array([-arm[1], arm[0]])
+    # the closure is exact to 1e-12 of the mechanism's size
+    np.testing.assert_allclose(rod_rate[:2] + rod_rate[2] * across, 0.0, rtol=0, atol=1e-11)
+    assert rod_rate[2] == pytest.approx(-sign * CRANK / ROD, rel=1e-10)
+    acceleration = rod_curvature[:2] + rod_curvature[2] * across - rod_rate[2] ** 2 * arm
+    np.testing.assert_allclose(acceleration, [-CRANK * (sign + CRANK / ROD), 0.0], rtol=0, atol=1e-10)
+
 
 # from rest 0.6 rad before the dead centre, the torque (N m) rising over a time (s), speed there, and what is allowed;
 # half of the angle's errors and more are the two models' different errors of time integration
