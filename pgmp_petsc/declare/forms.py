@@ -192,13 +192,13 @@ class Loops:
     """Prints loops over the entries of tables.
 
     Outputs are what each entry adds: target, source, factor, and in which condition, of `Term.only`. Entries are texts
-    by table that take up the value of an entry, its derivatives and, where it is given, both at once, of its place
-    `{}`. The first loops fill `first`, in place of adding to it; `read` takes up a coordinate, of its array and place,
+    by table that take up the value of an entry and its derivatives, of its place `{}`: two, or one that gives both at
+    once. The first loops fill `first`, in place of adding to it; `read` takes up a coordinate, of its array and place,
     and `add` adds a number.
     """
 
     outputs: Outputs
-    entries: dict[str, tuple[str, ...]]
+    entries: dict[str, tuple[str, str] | str]
     conditions: dict[str, str]
     first: str = ""
     read: str = "load({}, {})"
@@ -287,10 +287,10 @@ class Loops:
             if factor:
                 drifting = source == "drift"
                 found.append(_Sum(target, value if source == "value" else slopes, drifting, factor, fresh))
-        own, slope, *both = self.entries[term.table]
-        sources = {one.source for one in found}
-        if both and {value, slopes} <= sources:
-            return [f"{value}, {slopes} = {both[0].format(place)}"], found
+        texts, sources = self.entries[term.table], {one.source for one in found}
+        if isinstance(texts, str) and {value, slopes} <= sources:
+            return [f"{value}, {slopes} = {texts.format(place)}"], found
+        own, slope = (f"{texts}[0]", f"{texts}[1]") if isinstance(texts, str) else texts
         lines = [f"let {value} = {own.format(place)}"] if value in sources else []
         return [*lines, *([f"all {slopes} = {slope.format(place)}"] if slopes in sources else [])], found
 

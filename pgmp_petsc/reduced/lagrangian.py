@@ -351,8 +351,8 @@ def _printed() -> str:
     }
     lanes = {
         "rigid": ("load(work.rigid, {})", "load_rows(work.rigid_slope, {}, layout_n_rigid(r), place)"),
-        "inertia": ("", "", "inertia_of(layout, kept, {}, place)"),
-        "terms": ("polynomial(kept, {}, place)[0]", "", "polynomial(kept, {}, place)"),
+        "inertia": "inertia_of(layout, kept, {}, place)",
+        "terms": "polynomial(kept, {}, place)",
         "load": ("load(work.load, {})", "load_rows(work.load_slope, {}, layout.load_end, place)"),
     }
     stored = dict.fromkeys(jets, ("entries[s, {}]", ""))
