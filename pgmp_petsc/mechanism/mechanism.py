@@ -24,9 +24,9 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connections_of, couplings_of, first_guess
-from pgmp_petsc.mechanism.joints import Attachment, Connection, Coupling, orthonormality
+from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupling, orthonormality
 from pgmp_petsc.mechanism.space import SPATIAL, Space, rotate, space_of
-from pgmp_petsc.mechanism.statements import ANGLE, Combination, Statement, distance
+from pgmp_petsc.mechanism.statements import ANGLE, Statement, distance
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.uses import slides
@@ -196,9 +196,7 @@ class Mechanism:
         Phi)``, shape (n_bodies, 3, ...)."""
         return placed(self.space, self.bodies, self.n_dofs, poses)
 
-    def holding(
-        self, frames: Sequence[Attachment], moving: bool = False
-    ) -> tuple[list[tuple[Statement | Combination, tuple[Attachment, ...]]], np.ndarray]:
+    def holding(self, frames: Sequence[Attachment], moving: bool = False) -> tuple[list[Attached], np.ndarray]:
         """Return what holds the mechanism together, statements with their sides, and the values that they have, (n,).
 
         These are the statements of the joints, which are zero, combinations of what couplings couple, and in space the
