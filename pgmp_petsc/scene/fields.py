@@ -385,6 +385,14 @@ Triple = Annotated[
 ]
 #: A direction in space.
 Axis = Annotated[Triple, _NOT_ZERO]
+
+
+@cache
+def directions_of(table: type[Table]) -> tuple[str, ...]:
+    """Return the entries of a table that are directions, in their order."""
+    return tuple(key for key, field in table.model_fields.items() if _NOT_ZERO in notes_on(field, AfterValidator))
+
+
 #: A moment of inertia, or the six entries of a tensor, each a number or the name of a parameter.
 Inertia = Annotated[
     float | str | tuple[float | str, ...],
