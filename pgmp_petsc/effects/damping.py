@@ -56,16 +56,6 @@ from pgmp_petsc.scene.messages import MAX_RECEIVED, Finding, doubt, problem
 SLOWEST = 4.0  # times as slowly as between hinges a beam with one free end and a mass may bend
 
 
-@dataclass(frozen=True)
-class BodyDamping:
-    """Damping of one body."""
-
-    #: stiffness, mass: beta (s) and alpha (1/s)
-    stiffness: float = 0.0
-    mass: float = 0.0
-    ratios: tuple[float, ...] = ()  # ``zeta_i`` of its first elastic free modes
-
-
 _OF_DAMPING = no_parameter(
     "matrices of structural damping are made once for all samples; build once for each value (--override), or damp "
     "joints, springs or bushings, whose coefficients may be parameters"
@@ -161,16 +151,15 @@ class StructuralDamping(EffectEntry):
 
 
 class BodiesDamping(Effect):
-    """Structural damping in the models, `of_body` by the body's number; see the module."""
+    """Structural damping in the models: what is damped, by the body's number, and how; see the module."""
 
     def __init__(self, name: str, entry: StructuralDamping, mechanism: Mechanism) -> None:
         super().__init__(name)
-        chosen = [
-            i
+        self.of_body = {
+            i: entry
             for i, body in enumerate(mechanism.bodies)
             if (body.flexible if entry.bodies is None else body.name in entry.bodies)
-        ]
-        self.of_body = {i: BodyDamping(entry.stiffness, entry.mass, entry.ratios) for i in chosen}
+        }
 
 
 @dataclass(frozen=True)
