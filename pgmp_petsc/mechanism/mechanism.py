@@ -82,20 +82,6 @@ def words_of(coordinates: Sequence[Coordinate], theta: np.ndarray, digits: int =
     return ", ".join(c.described(value, digits) for c, value in zip(coordinates, theta))
 
 
-def placed(space: Space, bodies: Sequence[Body], n_dofs: int, poses: np.ndarray) -> np.ndarray:
-    """Return unknowns (n_dofs, ...) of undeformed bodies at poses (n_bodies, n_pose, ...).
-
-    They are the frames of all nodes, as poses are, and the positions of meshes where the bodies say that they are.
-    """
-    q = np.zeros((n_dofs, *poses.shape[2:]))
-    n_nodes = sum(body.n_nodes for body in bodies)
-    frames = q[: space.n_pose * n_nodes].reshape(n_nodes, space.n_pose, *poses.shape[2:])
-    for body, pose in zip(bodies, poses):
-        frames[body.nodes] = space.place(pose, body.mesh.nodes)
-        body.at_points(q)[:] = space.place(pose, body.points)[:, : space.dimension]
-    return q
-
-
 def _point_rates(pose: np.ndarray, rate: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Return the velocities (n, 2, k) of points (n, 2) of a body at a pose (3,) with rates (3, k)."""
     x, y = rotate(pose[2], points.T)[..., None]
@@ -177,10 +163,6 @@ class Mechanism:
         """
         return attachment_at(self.scene, self.bodies, address, entry)
 
-    def node(self, address: str, entry: str) -> int:
-        """Return the global number of the node at ``"body:point"``; raises as `attachment`."""
-        return self.attachment(address, entry).node
-
     def node_dofs(self, node: int) -> np.ndarray:
         """Return the unknowns of a node, shape (3,), in space (6,)."""
         return self.space.n_dofs * node + np.arange(self.space.n_dofs)
@@ -190,11 +172,6 @@ class Mechanism:
         number = next(i for i, body in enumerate(self.bodies) if body.nodes.start <= node < body.nodes.stop)
         body = self.bodies[number]
         return number, body.mesh.nodes[node - body.first_node]
-
-    def place(self, poses: np.ndarray) -> np.ndarray:
-        """Place the undeformed bodies, rho of eq. (4): return unknowns q, shape (n_dofs, ...), for poses ``(X, Y,
-        Phi)``, shape (n_bodies, 3, ...)."""
-        return placed(self.space, self.bodies, self.n_dofs, poses)
 
     def holding(self, frames: Sequence[Attachment], moving: bool = False) -> tuple[list[Attached], np.ndarray]:
         """Return what holds the mechanism together, statements with their sides, and the values that they have, (n,).
@@ -297,11 +274,16 @@ class Unknowns:
         return q[: n_pose * n_nodes].reshape(n_nodes, n_pose, *q.shape[1:])
 
     def place(self, poses: np.ndarray) -> np.ndarray:
-        """Return the unknowns (n_dofs, ...) of undeformed bodies at poses (n_bodies, n_pose, ...).
+        """Return the unknowns (n_dofs, ...) of undeformed bodies, rho of eq. (4), at poses (n_bodies, n_pose, ...).
 
         In space it is linear in the poses, so that rates of poses give those of the unknowns.
         """
-        return placed(self._space, self.bodies, self.n_dofs, poses)
+        q, space = np.zeros((self.n_dofs, *poses.shape[2:])), self._space
+        frames = self.frames(q)
+        for body, pose in zip(self.bodies, poses):
+            frames[body.nodes] = space.place(pose, body.mesh.nodes)
+            body.at_points(q)[:] = space.place(pose, body.points)[:, : space.dimension]
+        return q
 
     def share(self, rank: int, size: int) -> range:
         """Return a rank's contiguous share of the unknowns, whole frames and whole nodes of meshes at a time."""

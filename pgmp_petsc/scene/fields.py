@@ -533,6 +533,15 @@ class LoadHarmonic(Table):
     mean: Annotated[NumberOrParameter, Unit()] = Field(0.0, description=f"mean value (N m) or (N), {NAMED}")
 
 
+def with_values(over_time: Any, value: Callable[[Any], Any]) -> Any:
+    """Return an entry with a `LoadTable` or a `LoadHarmonic` with other values in it."""
+    if over_time.harmonic is None:
+        return over_time.model_copy(update={"table": tuple((time, value(one)) for time, one in over_time.table)})
+    wave = over_time.harmonic
+    changed = wave.model_copy(update={key: value(getattr(wave, key)) for key in ("amplitude", "mean")})
+    return over_time.model_copy(update={"harmonic": changed})
+
+
 class SpinUp(Table):
     """From rest to a constant speed without a jump of the acceleration (Simo and Vu-Quoc 1986, section 5)."""
 
