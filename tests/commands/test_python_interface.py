@@ -324,7 +324,7 @@ pgmp.simulate(rom, "r1=1") -> parameters = 'r1=1': allowed are a mapping
 pgmp.simulate(rom, ["r1"]) -> parameters r1:
 pgmp.simulate("a", model="half") -> model = 'half': allowed are 'reduced'
 pgmp.simulate("nowhere.h5") -> nowhere.h5
-pgmp.simulate(PAPER_SCENE) -> 'pgmp build [^ ]*.toml -o ROM.h5', or give model = 'components' or
+pgmp.simulate(PAPER_SCENE) -> 'pgmp build [^ ]*.toml -o ROM.h5', or give model = 'components', or for
 pgmp.simulate(rom, overrides="a=1") -> overrides = 'a=1': allowed are a mapping
 pgmp.simulate(rom, overrides={"reduction.modes": 5}) -> overrides reduction: 'the reduced model' was
 pgmp.montecarlo(rom, n=0) -> n = 0: allowed are whole numbers from 1
