@@ -147,6 +147,7 @@ class Controls:
         self._rows = rows[n_carried:]
         self._acting = np.zeros((rows[-1].stop, n_samples, 3))
         self.iterates = self.jumps = False
+        self.holds = scene.held
         self.clock: Callable[[float], float] = float
         self._side: int | None = None  # which part `forces` returns where it is not said; None for the mean
         self._n_samples = n_samples
@@ -189,12 +190,19 @@ class Controls:
         self._keep(0.0, state, np.ones(self._n_samples, dtype=bool))
         return bool(np.any(self._changes > SETTLED * np.abs(self._carried)))
 
+    def n_held(self, ends: np.ndarray) -> int:
+        """Return after how many of the steps with the given ends a controller is sampled at first, or else how many
+        there are."""
+        due = (any(one.is_due(self.clock(end)) for one in self.each) for end in ends.tolist())
+        return next((number for number, jumps in enumerate(due, 1) if jumps), ends.size)
+
     def open(self, times: np.ndarray) -> np.ndarray:
         """Make room for the forces at times (n_t,) that are to be seen, (n_t, n_samples, 2, n_names); return it.
 
         Of several samples, those that were seen before the last ones are forgotten."""
         if self._n_samples > 1 and self._times:
             del self._times[: -max(self._n_last, 1)], self._seen[: -max(self._n_last, 1)]
+        self.now[:, BEFORE] = self.now[:, AFTER]
         room = np.empty((times.size, *self.now.shape))
         room[:] = self.now[:, AFTER:]
         self._times += times.tolist()
