@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from length_scenes import SMALL, long_crank, numbered
 from mpi4py import MPI
-from runs import full_model, read_meshes, reduced_model
+from runs import full_model, reduced_model
 from tradeoffs import LEAST, small_scene, study
 
 from pgmp_petsc.base.errors import InputError, RunError
@@ -16,6 +16,7 @@ from pgmp_petsc.bench.history import floors_of, largest_errors, run_history
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.results import Tradeoff
 from pgmp_petsc.scene import load_scene
+from scenes import meshes_of
 
 # a part of the revolution: the closure takes less time
 LIMITED = 'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}'
@@ -120,7 +121,7 @@ def test_a_length_is_held_and_its_study_is_that_of_the_number() -> None:
     named = long_crank(*SMALL, *run, settings=("rod_length=0.68",))
     number = numbered(0.68, *SMALL, *run, "parameters.rod_length={nominal=0.7}")
     one, other = (
-        measure_tradeoff(scene, read_meshes(scene), LEAST, 1000, True, MPI.COMM_SELF) for scene in (named, number)
+        measure_tradeoff(scene, meshes_of(scene), LEAST, 1000, True, MPI.COMM_SELF) for scene in (named, number)
     )
     assert one.varied == ("r1",)
     # the eigensolver starts from a random vector

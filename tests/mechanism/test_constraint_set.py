@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from runs import quick_return
 from scipy.spatial.transform import Rotation
-from spatial import kinematics_in_space, slider_crank_in_space, spatial_slider_crank
+from spatial import slider_crank_in_space, spatial_slider_crank
 
 from pgmp_petsc.mechanism.body_frames import ConstraintHessians
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
-from scenes import four_bar, mechanism_of, pendulum, slider_crank, trammel
+from scenes import four_bar, kinematics_of, mechanism_of, pendulum, slider_crank, trammel
 
 SCENES = {one.__name__: one for one in (slider_crank, pendulum, four_bar, trammel, quick_return)}
 
@@ -101,9 +101,9 @@ def test_only_a_line_on_a_moving_body_makes_them_nonlinear() -> None:
 @pytest.mark.parametrize(
     ("kinematics", "curved"),
     [
-        (lambda: kinematics_in_space(slider_crank_in_space()), 2),
-        (lambda: kinematics_in_space(spatial_slider_crank()), 3),
-        (lambda: kinematics_in_space(slider_crank_in_space("bodies.crank.flexible=false")), 2),
+        (lambda: kinematics_of(slider_crank_in_space()), 2),
+        (lambda: kinematics_of(spatial_slider_crank()), 3),
+        (lambda: kinematics_of(slider_crank_in_space("bodies.crank.flexible=false")), 2),
     ],
     ids=["hinges", "ball, cross and guide", "rigid crank"],
 )

@@ -10,11 +10,10 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.action_frames import factors_of, rotation_of, spin_of
 from pgmp_petsc.reduced.terms import coupling_of
-from scenes import meshes_of, slider_crank
+from scenes import mechanism_of, slider_crank
 
 GRAVITY = 'effects.weight={type="gravity"}'
 
@@ -39,7 +38,7 @@ def test_the_coupling_is_what_the_modes_change_makes_with_the_rigid_motion() -> 
     rom = rom_of(scene)
     samples = rom.tables.samples.axes[0]
     n, step = samples.n, 2 * np.pi / samples.n
-    mechanism = Mechanism.from_scene(scene, meshes_of(scene))
+    mechanism = mechanism_of(scene)
     kinematics = RigidKinematics(mechanism)
     mass = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).mass, scene.nominal)
     poses = kinematics.poses(samples.theta)

@@ -6,7 +6,7 @@ from conftest import ROOT
 from length_scenes import numbered
 from mpi4py import MPI
 from runs import built_rom, rom_of
-from spatial_beams import lines_of, pendulum_in_space
+from spatial_beams import pendulum_in_space
 from two_coordinates import double_pendulum
 
 from pgmp_petsc.ranks.groups import RankGroup
@@ -16,6 +16,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.interpolation import interpolant, samples_for
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.scene import load_scene
+from scenes import meshes_of
 
 
 def asked(name: str, quantity: str, place: str, body: str) -> str:
@@ -122,7 +123,7 @@ def test_a_force_that_is_not_there_asks_for_no_angles() -> None:
     weight = 'effects.weight={type="gravity", direction=[0.0,-1.0,0.0]}'
     scene = pendulum_in_space(twist, weight, "reduction.angles=16", "reduction.static_modes=true")
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        rom = build_rom(scene, lines_of(scene), group)
+        rom = build_rom(scene, meshes_of(scene), group)
     assert rom.tables.samples.n == 16 and not rom.record.remarks
 
 

@@ -7,7 +7,7 @@ from alike import assert_alike, assert_samples_are_those_alone, residuals
 from differences import compare
 from loose_scenes import ball, gears, worn
 from machine_scenes import MODELS
-from runs import history, motion, read_meshes, reduced_model, samples, trajectory
+from runs import history, motion, reduced_model, samples, trajectory
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -16,9 +16,8 @@ from pgmp_petsc.effects.clearance import BACKLASH, CONTACT, LAWS, RUBBING, hyste
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.composition import loosened
 from pgmp_petsc.mechanism.joints import meeting
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
+from scenes import kinematics_of
 
 
 def _outputs(scene: Scene, model: str, **values: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -129,7 +128,7 @@ def test_a_pin_in_space_is_the_one_in_the_plane_and_a_ball_has_room_in_all_direc
     _, held = _outputs(ball(*IN_SPACE, tilted, *_forces("bore", 3)), "full")
     np.testing.assert_allclose(held["fz"], -10.0 * 0.5 / np.sqrt(0.16 + 1.0 + 0.25), rtol=1e-9)
     scene = ball(*IN_SPACE[:3])
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+    kinematics = kinematics_of(scene)
     assert kinematics.motion(np.zeros(1)).released.shape[-1] == 2
     (bore,) = kinematics.mechanism.connections
     held, released = loosened(meeting(3), np.eye(3), "everywhere")

@@ -23,7 +23,7 @@ from pgmp_petsc.reduction.sampler import Sampler, TurnedLoads
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import HEADER, mechanism_of, slider_crank, tables
+from scenes import HEADER, kinematics_of, slider_crank, tables
 
 N_MODES = 6
 ALONE = RankGroup.split(MPI.COMM_SELF, 1)
@@ -195,7 +195,7 @@ def test_frequencies_with_a_scaled_cross_section() -> None:
         with problem_of(other, meshes) as problem:
             np.testing.assert_allclose(found, problem.solve(0.7).frequencies_hz, rtol=1e-8)
         beams = slider_crank('bodies.crank.mesh="0.0:0.3:40"', 'bodies.rod.mesh="0.3:1.0:40"')
-        with ModalProblem(RigidKinematics(mechanism_of(beams)), {"r1": 5.6e-3 * scale}, 4, MPI.COMM_SELF) as problem:
+        with ModalProblem(kinematics_of(beams), {"r1": 5.6e-3 * scale}, 4, MPI.COMM_SELF) as problem:
             np.testing.assert_allclose(found[:4], problem.solve(0.7).frequencies_hz, rtol=1e-2)
 
 

@@ -16,18 +16,7 @@ from exported import FMPY, Unit, assert_equal, compiled, needs_compiler, outputs
 from machine_scenes import MODELS, cart, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
-from runs import (
-    assert_close,
-    full_model,
-    history,
-    in_turn,
-    motion,
-    overridden,
-    read_meshes,
-    reduced_model,
-    run_model,
-    samples,
-)
+from runs import assert_close, full_model, history, in_turn, motion, overridden, reduced_model, run_model, samples
 from scipy.integrate import solve_ivp, trapezoid
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
@@ -49,7 +38,7 @@ from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.simulate import simulate
-from scenes import HEADER, slider_crank, tables
+from scenes import HEADER, meshes_of, slider_crank, tables
 
 SERVO_ARM = ROOT / "pgmp_petsc" / "scene" / "templates" / "servo.toml"
 INERTIA, G = 0.1, 9.80665
@@ -719,7 +708,7 @@ def test_a_reduction_is_chosen_under_control(entries: tuple[str, ...]) -> None:
     """It keeps its tolerance at a gain that took no part, held forces included."""
     given = 'reduction={tolerance=1e-2,angles=6,interpolation="spline",inertia_modes=false,second_order=false}'
     asked = cart(*entries, *NEAR[:2], given, *FORCES, "simulation.duration=0.05")
-    found = choose(asked, read_meshes(asked), RankGroup.split(MPI.COMM_SELF, 1), lambda text: None)
+    found = choose(asked, meshes_of(asked), RankGroup.split(MPI.COMM_SELF, 1), lambda text: None)
     assert found.rom.tables.n_modes < 15
     values = {"lead": np.array([36.0])}
     exact = history(full_model(found.scene), values, 1)[1]
@@ -731,7 +720,7 @@ def test_sizes_of_effects_are_those_of_the_motion_under_control() -> None:
     """Of the rigid arm under its controller, whose speed is that of the flexible one but for 2 % of vibrations; a
     build that chooses effects takes them."""
     scene = load_scene(SERVO_ARM, ("simulation.duration=0.5", 'reduction.effects="auto"'))
-    sizes, (times, found) = estimate_effects(scene, read_meshes(scene)), run(scene, "full")
+    sizes, (times, found) = estimate_effects(scene, meshes_of(scene)), run(scene, "full")
     fastest = np.abs(np.gradient(found["tip_angle"], times)).max()
     assert sizes.largest_speed["theta"] == pytest.approx(fastest, rel=0.05)
     assert {size.name for size in sizes.sizes if size.keeps} >= {"tool", "rotor", "structure"}

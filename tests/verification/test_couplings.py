@@ -11,7 +11,7 @@ from differences import differences
 from exported import assert_equal, assert_same_in_c, compiled, needs_compiler, outputs_of, simulated
 from machine_scenes import MODELS, run
 from mpi4py import MPI
-from runs import assert_close, history, motion, read_meshes, reduced_model, rom_of, samples
+from runs import assert_close, history, motion, reduced_model, rom_of, samples
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.linalg import eigh
@@ -22,13 +22,12 @@ from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.estimates.own_error import why_not_of_full_order
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel, SeparateLengths, of_samples
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.inputs import with_meshes
+from scenes import kinematics_of
 
 RATIO = -0.37
 
@@ -155,7 +154,7 @@ def test_a_flexible_shaft_with_a_disc_and_a_geared_wheel_twists_at_the_rate_of_i
 
     exact = brentq(gap, 100.0, 200.0) / (2.0 * np.pi)
     scene = scene_from_toml(SHAFTS, ".")
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+    kinematics = kinematics_of(scene)
     with ModalProblem(kinematics, scene.nominal, 8, MPI.COMM_SELF) as problem:
         found = problem.solve(0.7).frequencies_hz
     # eight elements of a mode that is almost linear
@@ -214,7 +213,7 @@ def test_a_turn_that_does_not_bring_a_geared_body_back_says_so() -> None:
     turn = ("coordinates.phi.range=[0.0, 6.283185307179586]", "coordinates.phi.periodic=true")
     with pytest.raises(InputError, match="joints.mesh a body moved by a part of a turn: the slowest joint"):
         scene = scene_from_toml(ROTORS, ".", turn)
-        RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+        kinematics_of(scene)
 
 
 RIGID = {

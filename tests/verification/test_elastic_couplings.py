@@ -10,20 +10,18 @@ from differences import compare
 from machine_scenes import MODELS, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
-from runs import history, motion, read_meshes, reduced_model, rom_of, samples
+from runs import history, motion, reduced_model, rom_of, samples
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import of_samples
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
 from pgmp_petsc.studies.plausibility import plausibility
-from scenes import HEADER, tables
+from scenes import HEADER, kinematics_of, tables
 
 RATIO, TORQUE, FIRST, SECOND = -0.37, 0.7, 0.02, 0.5  # of the rotors: N m, kg m2
 
@@ -215,7 +213,7 @@ def test_a_flexible_shaft_geared_by_an_elastic_mesh_has_the_frequencies_of_its_c
     exact = np.array([brentq(gap, trials[k], trials[k + 1]) for k in ends]) / (2.0 * np.pi)
     assert len(exact) == 1
     scene = scene_from_toml(SHAFTS, ".", (f"joints.mesh.elastic={{stiffness={stiffness}}}",))
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+    kinematics = kinematics_of(scene)
     springs, _ = springs_of(scene, kinematics)
     with VibrationProblem(springs, scene.nominal, 8, MPI.COMM_SELF) as problem:
         found = frequencies_of(problem.eigenvalues(np.array([0.7])))
@@ -363,7 +361,7 @@ def test_reduced_frequencies_on_an_elastic_mesh_are_those_of_its_linkage() -> No
     own = ("reduction.second_order=false", "joints.mesh.elastic={stiffness=2e4}")
     scene = scene_from_toml(GEARED, ".", own)
     rom = rom_of(scene)
-    springs, _ = springs_of(scene, RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene))))
+    springs, _ = springs_of(scene, kinematics_of(scene))
     theta = rom.tables.samples.theta[[5]]
     found = reduced_vibrations(rom, springs, scene.interpolation, scene.values, theta)
     with VibrationProblem(springs, scene.values, 6, MPI.COMM_SELF) as problem:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from mpi4py import MPI
-from runs import components_model, full_model, history, read_meshes, samples, trajectory
+from runs import components_model, full_model, history, samples, trajectory
 from solid_scenes import solid_meshes, solid_slider_crank
-from spatial import bars_of, slider_crank_in_space
-from spatial_beams import lines_of, slider_crank_of_beams
+from spatial import slider_crank_in_space
+from spatial_beams import slider_crank_of_beams
 from two_coordinates import double_pendulum
 
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator, indicator_of
@@ -88,14 +88,14 @@ def in_plane(*overrides: str) -> Made:
 def in_space(*overrides: str) -> Made:
     """Return bodies of cells in space."""
     scene = slider_crank_in_space(*BASIS, RAMP, OUTPUTS, *overrides)
-    return scene, bars_of(scene)
+    return scene, meshes_of(scene)
 
 
 def beams_in_space(*overrides: str) -> Made:
     """Return beams in space whose weight bends them out of the plane."""
     weight = 'effects.weight={type="gravity", direction=[0.0, -0.6, -0.8]}'
     scene = slider_crank_of_beams(*BASIS, RAMP, OUTPUTS, weight, *overrides)
-    return scene, lines_of(scene)
+    return scene, meshes_of(scene)
 
 
 def two_beams(*overrides: str) -> Made:
@@ -107,7 +107,7 @@ def two_beams(*overrides: str) -> Made:
 def every_effect(*overrides: str) -> Made:
     """Return the repository's slider-crank with friction, springs and an end stop."""
     scene = load_scene(ROOT / "scenes" / "slider_crank_effects.toml", overrides)
-    return scene, read_meshes(scene)
+    return scene, meshes_of(scene)
 
 
 def kept_rom(made: Made, directory: Path) -> ReducedOrderModel:
@@ -126,7 +126,7 @@ def finer(made: Made, parts: int) -> Scene:
 def platform(*overrides: str) -> Made:
     """Return a loop with three coordinates."""
     scene = load_scene(ROOT / "scenes" / "platform_3rrr.toml", overrides)
-    return scene, read_meshes(scene)
+    return scene, meshes_of(scene)
 
 
 CASES = {

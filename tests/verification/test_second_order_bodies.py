@@ -11,8 +11,8 @@ from green_lagrange import energy_of
 from mpi4py import MPI
 from runs import motion, rom_of
 from solid_scenes import solid_meshes, solid_slider_crank
-from spatial import bars_of, slider_crank_in_space, spatial_slider_crank
-from spatial_beams import lines_of, slider_crank_of_beams
+from spatial import slider_crank_in_space, spatial_slider_crank
+from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.matrices import assemble
@@ -37,7 +37,7 @@ HALVINGS = 5
 SECOND = "reduction.second_order=true"
 CELLS = {
     "plane": (solid_slider_crank, lambda scene: solid_meshes(n_per_metre=10)),
-    "space": (slider_crank_in_space, bars_of),
+    "space": (slider_crank_in_space, meshes_of),
 }
 
 
@@ -108,10 +108,10 @@ def frames_and_residual(scene: Scene, meshes: dict) -> list[dict[str, list[float
 
 
 IN_SPACE = {
-    "beams": (slider_crank_of_beams, lines_of),
-    "solids": (slider_crank_in_space, bars_of),
-    "ball, cross and guide": (spatial_slider_crank, bars_of),
-    "rigid crank": (lambda *more: slider_crank_in_space("bodies.crank.flexible=false", *more), bars_of),
+    "beams": (slider_crank_of_beams, meshes_of),
+    "solids": (slider_crank_in_space, meshes_of),
+    "ball, cross and guide": (spatial_slider_crank, meshes_of),
+    "rigid crank": (lambda *more: slider_crank_in_space("bodies.crank.flexible=false", *more), meshes_of),
 }
 
 
@@ -139,7 +139,7 @@ def test_beams_in_the_plane_are_the_same_in_space() -> None:
     common = (*SHORT, *OUTPUTS, SECOND, "reduction.static_modes=true", "reduction.inertia_modes=true",
               'reduction.stretching="dynamic"')  # fmt: skip
     deep = slider_crank_of_beams(*common, "reduction.modes=6")
-    other = rom_with(deep, lines_of(deep))
+    other = rom_with(deep, meshes_of(deep))
     many = slider_crank("reduction.modes=6", "reduction.angles=4")
     own = rom_with(many, meshes_of(many)).frequencies_hz[0]
     n = sum(np.abs(own / frequency - 1.0).min() < 1e-6 for frequency in other.frequencies_hz[0])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from exported import assert_same_in_c, needs_compiler
 from machine_scenes import MODELS, RAIL_MASS, RIGID, CartAndPole, cart, rail, run
-from runs import assert_close, motion, read_meshes, reduced_model
+from runs import assert_close, motion, reduced_model
 
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.fmu import variables_of
 from pgmp_petsc.studies.check import summary_of_scene
-from scenes import pendulum
+from scenes import meshes_of, pendulum
 
 START = ("simulation.initial.x.velocity=0.3", "simulation.initial.swing.velocity=-2.0")
 PUSHED = ('effects.push={type="force",joint="rail",table=[[0.0,0.0],[0.1,8.0],[0.2,-4.0]]}',)
@@ -125,7 +125,7 @@ def test_files_and_summaries_have_the_coordinate_in_metres() -> None:
     full = motion("full", scene)
     for trajectory in (full, motion(reduced)):
         assert trajectory.coordinate_units == {"x": "m", "swing": "rad"}
-    units = {name: one["unit"] for name, one in summary_of_scene(scene, read_meshes(scene))["coordinates"].items()}
+    units = {name: one["unit"] for name, one in summary_of_scene(scene, meshes_of(scene))["coordinates"].items()}
     assert units == trajectory.coordinate_units
     variables = {one.name: one.unit for one in variables_of(constants_of(reduced, "it"))}
     assert [variables[name] for name in ("states.x", "rates.x", "der(rates.x)", "states.swing")] == [

@@ -12,7 +12,7 @@ from scipy.linalg import eig, eigh
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 from spatial import DENSITY
-from spatial_beams import HEIGHT, WIDTH, lines_of, pendulum_in_space, slider_crank_of_beams
+from spatial_beams import HEIGHT, WIDTH, pendulum_in_space, slider_crank_of_beams
 
 from pgmp_petsc.bodies.beam3d import at_rest
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
@@ -23,7 +23,7 @@ from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import STEEL, meshes_of, slider_crank, tables
+from scenes import STEEL, mechanism_of, meshes_of, slider_crank, tables
 
 # --- large deformations ----------------------------------------------------------------------------------------------
 
@@ -205,7 +205,7 @@ def closed_forms(clamped: bool) -> dict[str, float]:
 def frequencies(n: int, clamped: bool) -> dict[str, float]:
     """Return the same of the mesh: the lowest of the modes that move in each way."""
     scene = pendulum_in_space(f'bodies.arm.mesh="0.0:1.0:{n}"')
-    mechanism = Mechanism.from_scene(scene, lines_of(scene))
+    mechanism = mechanism_of(scene)
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     free = slice(6 if clamped else 0, None)
     mass, stiffness = (weighted_sum(terms, {}).toarray()[free, free] for terms in (matrices.mass, matrices.stiffness))
@@ -250,7 +250,7 @@ def short(step: float) -> tuple[str, ...]:
 
 def planar_and_spatial(step: float) -> tuple[tuple[Scene, dict], tuple[Scene, dict]]:
     planar, spatial = slider_crank(*short(step)), slider_crank_of_beams(*short(step))
-    return (planar, meshes_of(planar)), (spatial, lines_of(spatial))
+    return (planar, meshes_of(planar)), (spatial, meshes_of(spatial))
 
 
 def modes_at(scene: Scene, meshes: dict, n_modes: int) -> np.ndarray:

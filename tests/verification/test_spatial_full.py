@@ -9,15 +9,15 @@ import pytest
 from equations import load_vectors
 from mpi4py import MPI
 from runs import assert_close, full_model, motion
-from spatial import WIDTH, arm, bars_of, slider_crank_in_space, spatial_slider_crank
+from spatial import WIDTH, arm, slider_crank_in_space, spatial_slider_crank
 
 from pgmp_petsc.effects import effects_of, motions_of
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
+from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene
-from scenes import slider_crank
+from scenes import kinematics_of, slider_crank
 
 TORQUE = 'effects.motor={type="torque", joint="crank_hinge", table=[[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]}'
 WEIGHT = 'effects.weight={type="gravity", direction=[0.0, -1.0, 0.3]}'
@@ -65,7 +65,7 @@ def largest(difference: np.ndarray, values: np.ndarray) -> float:
 @lru_cache
 def constraints(driven: bool) -> tuple[ConstraintSet, Unknowns, RigidKinematics]:
     scene = spatial_slider_crank(*([f"effects={{{DRIVEN[8:]}}}"] if driven else []))
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, bars_of(scene)))
+    kinematics = kinematics_of(scene)
     unknowns = Unknowns(kinematics.mechanism)
     return ConstraintSet(unknowns), unknowns, kinematics
 

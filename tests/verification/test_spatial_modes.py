@@ -29,6 +29,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_scene
+from scenes import kinematics_of, meshes_of
 
 LIMITED = ("coordinates.theta.range=[-1.0,1.0]", "coordinates.theta.periodic=false")
 
@@ -40,7 +41,7 @@ def group() -> RankGroup:
 
 def condensed_kinematics(scene: Scene, meshes: dict[str, BodyShape] | None = None) -> RigidKinematics:
     """Return the kinematics of a scene with condensed bodies."""
-    shapes = condensed(scene, spatial.bars_of(scene) if meshes is None else meshes, group())
+    shapes = condensed(scene, meshes_of(scene) if meshes is None else meshes, group())
     return RigidKinematics(Mechanism.from_scene(scene, shapes))
 
 
@@ -202,7 +203,7 @@ SCENES = {
 @pytest.mark.parametrize("name", SCENES)
 def test_condensed_bodies_have_the_modes_of_their_meshes(name: str) -> None:
     scene, angles = SCENES[name]
-    small, large = condensed_kinematics(scene), RigidKinematics(Mechanism.from_scene(scene, spatial.bars_of(scene)))
+    small, large = condensed_kinematics(scene), kinematics_of(scene)
     assert large.mechanism.n_dofs >= 2 * small.mechanism.n_dofs
     with modal_problem(scene, small) as condensed_problem, modal_problem(scene, large) as problem:
         for theta in np.array(angles):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import full_model, paper_scene, read_meshes
+from runs import full_model, paper_scene
 
 from pgmp_petsc.bench.cases import Table
 from pgmp_petsc.bench.choice import Choice, choose
@@ -16,7 +16,7 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation, count_steps
 from pgmp_petsc.scene.parameters import spanning_values
-from scenes import RADIUS
+from scenes import RADIUS, meshes_of
 
 SHARES = np.array([0.72, 0.91, 1.13, 1.27])  # of the nominal radius; three standard deviations are 0.7 and 1.3
 DURATION = 0.5
@@ -69,7 +69,7 @@ class Chosen:
 def chosen(*overrides: str) -> Chosen:
     """Choose everything of the slider-crank."""
     scene = paper_scene(*overrides)
-    return Chosen(scene, choose(scene, read_meshes(scene), RankGroup.split(MPI.COMM_SELF, 1)))
+    return Chosen(scene, choose(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)))
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 from combinations import meshes_for, scene_of
 from length_scenes import HIGH, LOW, long_crank
 from mpi4py import MPI
-from runs import full_model, read_meshes
+from runs import full_model
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench import choice as length_choice
@@ -19,6 +19,7 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.uses import length_names
+from scenes import meshes_of
 
 TOLERANCE = 1e-2
 # what is not looked at here: the search over families and angles is that of beams
@@ -101,7 +102,7 @@ OPEN = (
 def chosen(scene: Scene, said: list[str]) -> Choice:
     """Choose on this process."""
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        return length_choice.choose_over_lengths(scene, read_meshes(scene), group, said.append)
+        return length_choice.choose_over_lengths(scene, meshes_of(scene), group, said.append)
 
 
 def test_what_is_chosen_at_the_nominal_length_is_checked_at_both_ends() -> None:
