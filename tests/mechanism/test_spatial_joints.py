@@ -61,17 +61,11 @@ def joint(kind: str) -> tuple[Statement, ...]:
     return make_joint(kind, *axes_of(1))
 
 
-# --- constraints and their derivatives -------------------------------------------------------------------------------
-
-
 def test_the_number_of_constraints(kind: str, joint: tuple[Statement, ...]) -> None:
     assert len(joint) == COUNTS[kind] == lengths(joint).size
     assert share_position(joint) == (kind in ("spherical", "revolute", "universal", "fixed"))
     # each length is the gap of one direction that the joint holds
     assert lengths(joint).sum() == 3 - len(SLIDES.get(kind, ()))
-
-
-# --- what joints leave free ------------------------------------------------------------------------------------------
 
 
 def free_twists(kind: str, axes: tuple[np.ndarray, np.ndarray], a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -109,9 +103,3 @@ def test_triads() -> None:
                 # as near to the other direction as a right angle to the axis allows: in their plane, on its side
                 assert abs(found[:, 2] @ second) < 10 * EPSILON and found[:, 1] @ second > 0.0
     np.testing.assert_array_equal(triad(np.array([0.0, 0.0, 2.0]), np.array([1.0, 0.0, 0.0]))[:, 1], [1.0, 0.0, 0.0])
-
-
-# --- on bodies -------------------------------------------------------------------------------------------------------
-
-
-# --- the angle of a hinge --------------------------------------------------------------------------------------------

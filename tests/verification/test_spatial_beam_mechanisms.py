@@ -42,9 +42,6 @@ coordinates.theta2: joint = "elbow"
     return scene_from_toml(text, ".", overrides)
 
 
-# --- energy and momentum ---------------------------------------------------------------------------------------------
-
-
 def test_energy_and_momentum_of_free_motion() -> None:
     """Two steel beams thrown about, spectral radius 1: energy and the momentum about the fixed axis stay."""
     step = 1e-4
@@ -88,9 +85,6 @@ def test_energy_is_balanced_with_the_square_of_the_step() -> None:
         assert run.balance.work["friction"][-1] < 0.0
         shares.append(np.abs(run.balance.residual).max() / run.balance.exchanged)
     assert np.log2(shares[0] / shares[1]) > 1.7, shares
-
-
-# --- inertia of sections ---------------------------------------------------------------------------------------------
 
 
 def test_sections_have_the_inertia_forces_of_their_fibres() -> None:
@@ -183,8 +177,6 @@ def test_a_section_by_coefficients_has_the_height_of_its_larger_bending() -> Non
     )
     assert half_height(scene, "rod", {}) == pytest.approx(2.0 * np.sqrt(640.0 / 2e7))
 
-
-# --- bad input -------------------------------------------------------------------------------------------------------
 
 SQUARE = 'section={shape="rectangle", width=0.01, height=0.01}'
 COEFFICIENTS = (

@@ -25,8 +25,6 @@ from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import STEEL, mechanism_of, meshes_of, slider_crank, tables
 
-# --- large deformations ----------------------------------------------------------------------------------------------
-
 BEND = tables("""
 scene: name = "bend"
 materials.soft: E = 1e7; nu = 0.0; rho = 1.0
@@ -152,8 +150,6 @@ def test_a_moment_rolls_a_cantilever_into_a_circle(n: int, about: list[float]) -
     np.testing.assert_allclose(np.linalg.norm(places - places[:-1].mean(axis=0), axis=1), radius, rtol=1e-10)
 
 
-# --- frequencies -----------------------------------------------------------------------------------------------------
-
 AREA, ABOUT_2, ABOUT_3 = WIDTH * HEIGHT, HEIGHT * WIDTH**3 / 12, WIDTH * HEIGHT**3 / 12
 E, SHEAR = STEEL["E"], STEEL["E"] / 2.6
 ODD = np.arange(1, 200, 2)  # of the series of Timoshenko and Goodier 1951, art. 94
@@ -234,8 +230,6 @@ def test_frequencies_of_bending_torsion_and_extension(clamped: bool) -> None:
     assert_order(errors, within=0.1)
     assert max(errors[-1]) < 6e-3, errors
 
-
-# --- the plane in space ----------------------------------------------------------------------------------------------
 
 DRIVEN = "effects.motor.table=[[0, 0], [0.05, 5.0], [1, 5.0]]"
 OUTPUTS = (

@@ -20,8 +20,6 @@ from pgmp_petsc.scene import Scene
 GRAVITY = 9.81
 
 
-# --- rigid bars by Lagrange's equations ------------------------------------------------------------------------------
-
 Place = tuple[np.ndarray, np.ndarray]  # rotation (3, 3) and origin (3,)
 
 
@@ -122,7 +120,6 @@ def arm_places(theta: np.ndarray) -> list[Place]:
 
 ARM = RigidBars((spatial.UPPER, spatial.LOWER), arm_places)
 
-# --- stiff bars ------------------------------------------------------------------------------------------------------
 
 NO_STATIC = ("reduction.static_modes=false", "reduction.inertia_modes=false")
 STIFF = ("materials.steel.E=2.1e14", "reduction.modes=2", *NO_STATIC)
@@ -270,8 +267,6 @@ def test_a_prescribed_motion_of_stiff_bars() -> None:
     np.testing.assert_allclose(found.balance.work["drive"], kinetic, rtol=0, atol=1e-5 * kinetic.max())
 
 
-# --- two coordinates -------------------------------------------------------------------------------------------------
-
 ARM_STIFF = (
     "materials.steel.E=2.1e14", "reduction.modes=2", "reduction.angles=12", 'reduction.interpolation="spline"',
     *(f"coordinates.theta{k}.{entry}" for k in (1, 2) for entry in ("range=[-1.1,1.1]", "periodic=false")),
@@ -343,8 +338,6 @@ def test_a_torque_between_two_moving_bodies_is_action_and_reaction() -> None:
     np.testing.assert_allclose(found.balance.work["motor"], work, rtol=0, atol=3e-5 * work.max())
 
 
-# --- the balance of energy -------------------------------------------------------------------------------------------
-
 ELASTIC = (
     *WITHIN, "reduction.modes=5", "simulation.duration=0.2", "effects={}",
     'effects.motor={type="torque",joint="crank_hinge",table=[[0.0,0.0],[0.1,0.3],[1.0,0.3]]}',
@@ -409,6 +402,3 @@ def test_damping_within_the_bars_takes_energy_out() -> None:
         assert np.all(np.diff(lost) > -1e-15) and lost[-1] > 1e-7
         # the scheme does not dissipate here, and what the trapezoidal rule leaves is small beside it
         assert np.abs(balance.residual).max() < 0.05 * lost[-1]
-
-
-# --- beams -----------------------------------------------------------------------------------------------------------

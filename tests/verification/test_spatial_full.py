@@ -59,9 +59,6 @@ def largest(difference: np.ndarray, values: np.ndarray) -> float:
     return float(np.abs(difference).max() / np.abs(values).max())
 
 
-# --- constraints -----------------------------------------------------------------------------------------------------
-
-
 @lru_cache
 def constraints(driven: bool) -> tuple[ConstraintSet, Unknowns, RigidKinematics]:
     scene = spatial_slider_crank(*([f"effects={{{DRIVEN[8:]}}}"] if driven else []))
@@ -130,9 +127,6 @@ def test_constraints_that_follow_from_others_are_left_out() -> None:
     assert np.linalg.matrix_rank(dense(kept, q), tol=1e-9) == kept.n_constraints
 
 
-# --- against reduced models ------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("scene", "limits"),
     [
@@ -182,9 +176,6 @@ def test_effects_together() -> None:
     full, reduced = full_run(made), reduced_run(made)
     assert_close(full.outputs, reduced.outputs, angle=3e-4, position=5e-6, deformation=0.05)
     assert np.abs(full.balance.residual).max() < 1e-3 * full.balance.exchanged
-
-
-# --- against what is known -------------------------------------------------------------------------------------------
 
 
 def test_a_planar_mechanism_moves_in_space_as_beams_do_in_the_plane() -> None:

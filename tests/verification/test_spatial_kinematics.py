@@ -75,9 +75,6 @@ def check_derivatives(kinematics: RigidKinematics, theta: np.ndarray) -> None:
         np.testing.assert_allclose(second[:, :, :, k], bend, rtol=0, atol=1e-8)
 
 
-# --- the spatial slider-crank ----------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def crank_and_slider() -> RigidKinematics:
     return kinematics_of(spatial_slider_crank())
@@ -122,9 +119,6 @@ def test_the_angle_of_a_coordinate_counts_turns_and_its_poses_do_not(crank_and_s
     residual = crank_and_slider.residual(expected, theta)
     assert residual.shape == (17 + 18 + 1, 9)  # joints, what makes three poses rigid, and the coordinate
     np.testing.assert_allclose(residual, 0.0, rtol=0, atol=1e-12)
-
-
-# --- the plane -------------------------------------------------------------------------------------------------------
 
 
 def test_a_slider_crank_in_space_moves_as_the_one_in_the_plane() -> None:
@@ -180,8 +174,6 @@ def test_hinges_everywhere_say_many_things_again() -> None:
     np.testing.assert_allclose(kinematics.poses(IN_PART)[:2], lifted(flat.poses(IN_PART)), rtol=0, atol=CLOSED)
     check_derivatives(kinematics, 0.9 * IN_PART[:, None])
 
-
-# --- further loops with a closed form --------------------------------------------------------------------------------
 
 BENNETT = (0.3, 0.5)  # lengths of the sides, m
 TWISTS = (0.5, np.arcsin(BENNETT[1] / BENNETT[0] * np.sin(0.5)))  # lengths over sines of twists are the same
@@ -327,8 +319,6 @@ def test_a_weld_keeps_the_rotation_as_placed() -> None:
     np.testing.assert_allclose(place(kinematics, "arm:hinge", IN_PART), 0.3 * crank[:, :, 0].T, rtol=0, atol=CLOSED)
 
 
-# --- one body on two joints ------------------------------------------------------------------------------------------
-
 SPINDLE = np.array([0.36, 0.48, 0.8])
 ACROSS = np.array([0.8, -0.6, 0.0])
 START = Rotation.from_matrix(np.column_stack([SPINDLE, ACROSS, np.cross(SPINDLE, ACROSS)]))
@@ -363,9 +353,6 @@ def test_a_bar_that_turns_about_itself(kind: str) -> None:
     np.testing.assert_allclose(
         place(kinematics, "bar:tip", IN_PART), 0.3 * SPINDLE[:, None] + 0.0 * IN_PART, rtol=0, atol=CLOSED
     )
-
-
-# --- two coordinates -------------------------------------------------------------------------------------------------
 
 
 def test_an_open_chain_of_two_coordinates() -> None:
@@ -404,9 +391,6 @@ def test_the_derivatives_of_coordinates_in_small_motions_of_nodes() -> None:
                 assert gradient[0, moved.dofs[k]] == pytest.approx((angles[0] - angles[1]) / (2 * step), abs=1e-9)
 
 
-# --- ranges ----------------------------------------------------------------------------------------------------------
-
-
 def test_a_range_that_does_not_begin_at_zero() -> None:
     """More than half a turn away from the placement, where the measured angle is another one by a whole turn."""
     kinematics = kinematics_of(slider_crank_in_space(
@@ -437,9 +421,6 @@ def test_a_trammel() -> None:
     assert kinematics.n_redundant == 3
     np.testing.assert_allclose(place(kinematics, "near:hinge", THETA)[0], np.cos(THETA), rtol=0, atol=CLOSED)
     np.testing.assert_allclose(place(kinematics, "far:tip", THETA)[1], np.sin(THETA), rtol=0, atol=CLOSED)
-
-
-# --- refusals --------------------------------------------------------------------------------------------------------
 
 
 def test_too_few_coordinates_are_refused() -> None:
