@@ -14,7 +14,7 @@ from refusals import cases, check_said, refusal
 from runs import components_model, full_model, history, motion, reduced_model, samples
 from scipy.integrate import solve_ivp
 from spatial_beams import slider_crank_of_beams
-from test_moving_mass import moving
+from test_sliding_coordinates import moving
 
 from pgmp_petsc.bench.history import run_history
 from pgmp_petsc.bench.prices import BESIDE, step_seconds
