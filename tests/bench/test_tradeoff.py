@@ -225,7 +225,7 @@ def solid_scene() -> Scene:
 
 
 def written(path: Path, scene: Scene, resume: bool) -> dict[str, object]:
-    """Measure and write the written; return what its file holds, but times and what follows from them."""
+    """Measure and write the study; return what its file holds, but times and what follows from them."""
     meshes = meshes_for(scene)
     kept = Finished(path, {"command": "test"}, scene, meshes, MPI.COMM_SELF, resume)
     measure_tradeoff(scene, meshes, SWEEP, 1000, True, MPI.COMM_SELF, kept).write(path)
@@ -242,7 +242,7 @@ def written(path: Path, scene: Scene, resume: bool) -> dict[str, object]:
 
 
 def killed_after(n: int, monkeypatch: pytest.MonkeyPatch, path: Path, scene: Scene, resume: bool) -> int:
-    """Run a written until it has begun n tasks that it does not find finished; return how many pieces are kept."""
+    """Run a study until it has begun n tasks that it does not find finished; return how many pieces are kept."""
     begun = [0]
 
     def counted(method: str) -> None:

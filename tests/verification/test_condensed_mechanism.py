@@ -277,7 +277,7 @@ outputs.bent: type = "deformation"; point = "lower:right"; axis = "y"
 
 
 def test_a_double_pendulum_of_a_beam_and_a_bar_of_cells() -> None:
-    """Two coordinates, released at rest with both_models bars along the x axis."""
+    """Two coordinates, released at rest with both bars along the x axis."""
     lower = rectangle_mesh("quad8", (12, 1), (0.4, HEIGHT))
     shapes = {
         "upper": straight(0.0, 0.5, 10),

@@ -1,4 +1,4 @@
-"""Lengths, places, ratios as parameters: lanes of samples with their own, and models at lengths that no build had.
+"""Lengths, places, ratios as parameters: lanes of samples with their own, and models at lengths that no build had."""
 
 from collections.abc import Mapping
 from pathlib import Path
