@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crooked_scenes import FOUR_BAR, pivot_off, spatial_four_bar
+from offset_scenes import FOUR_BAR, pivot_off, spatial_four_bar
 from refusals import refusal
 from runs import in_turn
 from scipy.optimize import least_squares

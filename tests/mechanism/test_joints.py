@@ -1,14 +1,38 @@
 """Joints: what their constraints mean on bodies and on the ground, the motions that they leave free, and their axes."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
-from joint_arrays import jacobian, joint, lengths, residual
 from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 
+from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.mechanism.joints import Attachment, ridden, share_position, triad
 from pgmp_petsc.mechanism.space import PLANE, SPATIAL, directors
 from pgmp_petsc.mechanism.statements import Statement
+
+
+def joint(kind: str, in_a: np.ndarray, in_b: np.ndarray) -> tuple[Statement, ...]:
+    """Return what a joint of some kind holds."""
+    JOINTS.found()
+    return tuple(JOINTS.classes[kind].model_construct().statements(in_a, in_b))
+
+
+def residual(joint: Sequence[Statement], a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return c, shape (n_constraints, ...)."""
+    return np.array([part.value(a, b) for part in joint])
+
+
+def jacobian(joint: Sequence[Statement], a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return dc/d(a, b), shape (n_constraints, 2 d (d + 1), ...)."""
+    return np.array([part.gradient(a, b) for part in joint])
+
+
+def lengths(joint: Sequence[Statement]) -> np.ndarray:
+    """Return which constraints are measured in m, shape (n_constraints,)."""
+    return np.array([part.is_length for part in joint])
+
 
 EPSILON = 1e-15  # round-off of sums of products of numbers of order 1
 NATURAL = PLANE.natural

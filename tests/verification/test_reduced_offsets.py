@@ -10,12 +10,22 @@ import numpy as np
 import pytest
 from alike import assert_alike
 from conftest import ROOT
-from crooked_scenes import FOUR_BAR, spatial_four_bar
 from differences import compare
 from machine_scenes import MODELS
 from millimetres import in_millimetres
 from mpi4py import MPI
-from offset_scenes import CLAMPED, HEIGHT, LENGTH, WIDTH, E, clamped_beam, clamped_stiffness, offset
+from offset_scenes import (
+    CLAMPED,
+    FOUR_BAR,
+    HEIGHT,
+    LENGTH,
+    WIDTH,
+    E,
+    clamped_beam,
+    clamped_stiffness,
+    offset,
+    spatial_four_bar,
+)
 from runs import PGMP, built_rom, full_model, motion, overridden, reduced_model, refused
 from scipy.optimize import brentq
 from scipy.stats import norm
