@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from frames import check_derivatives
 from refusals import refusal
 from scipy.spatial.transform import Rotation
 from spatial import (
@@ -55,24 +56,6 @@ def lifted(planar: np.ndarray) -> np.ndarray:
     x, y, phi = np.moveaxis(planar, 1, 0)
     cos, sin, zero = np.cos(phi), np.sin(phi), np.zeros_like(phi)
     return np.stack([x, y, zero, cos, sin, zero, -sin, cos, zero, zero, zero, zero + 1.0], axis=1)
-
-
-def check_derivatives(kinematics: RigidKinematics, theta: np.ndarray) -> None:
-    """Compare rates and curvatures with differences, at theta of shape (n, n_theta)."""
-    step, n_theta = 1e-3, theta.shape[1]
-    rates = kinematics.rates(kinematics.poses(theta))
-    second = kinematics.curvatures(kinematics.poses(theta), rates)
-    n_bodies = len(kinematics.mechanism.bodies)
-    assert rates.shape == (n_bodies, 12, n_theta, len(theta))
-    assert second.shape == (n_bodies, 12, n_theta, n_theta, len(theta))
-    for k in range(n_theta):
-        at = {i: kinematics.poses(theta + i * step * np.eye(n_theta)[k]) for i in (-2, -1, 1, 2)}
-        slope = (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * step)
-        # fourth order, 1e-12 times the fifth derivative over 30, and poses solved to 1e-12 over the step
-        np.testing.assert_allclose(rates[:, :, k], slope, rtol=0, atol=1e-8)
-        of = {i: kinematics.rates(poses) for i, poses in at.items()}
-        bend = (8 * (of[1] - of[-1]) - (of[2] - of[-2])) / (12 * step)
-        np.testing.assert_allclose(second[:, :, :, k], bend, rtol=0, atol=1e-8)
 
 
 @pytest.fixture(scope="module")
