@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from refusals import refusal
+from refusals import cases, check_said, refusal
 from scipy import stats
 
 from pgmp_petsc.base.errors import InputError
@@ -220,36 +220,29 @@ def test_blocks_that_are_not_whole_are_refused(n: int, near: str) -> None:
         Sampler(drawn_by("saltelli"), Plan(n, 0))
 
 
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
-        ('ensemble.sampler="halton"', 'ensemble.sampler = "halton": unknown'),
-        ("ensemble.replicates=1", "ensemble.replicates = 1: must be at least 2"),
-        ("ensemble.confidence=1.0", "ensemble.confidence = 1.0: must be less than 1"),
-        ("ensemble.bands=1", "ensemble.bands = 1: must be 0, or at least 2: the start and the end"),
-        ("ensemble.extremes=1", "ensemble.extremes = 1: true or false is needed"),
-        (
-            'ensemble.probabilities.p={output="no", above=1.0}',
-            'ensemble.probabilities.p.output = "no": there is no such',
-        ),
-        ('ensemble.probabilities.p={output="crank_angle"}', "exactly one of above, below is needed; none is given"),
-        (
-            'ensemble.probabilities.p={output="crank_angle", above=1.0, below=2.0}',
-            "exactly one of above, below is needed; above and below are given",
-        ),
-        (
-            'ensemble.probabilities.r1={output="crank_angle", above=1.0}',
-            "ensemble.probabilities.r1: parameters.r1 has the same name; give the event another one",
-        ),
-        (
-            'ensemble.probabilities.crank_angle={output="crank_angle", above=1.0}',
-            "ensemble.probabilities.crank_angle: outputs.crank_angle has the same name",
-        ),
-        ('ensemble.probabilities.p={output="crank_angle", above=1.0, when="often"}', 'when = "often": unknown'),
-    ],
-)
-def test_what_an_ensemble_cannot_be_asked_for(override: str, message: str) -> None:
-    assert message in refusal(slider_crank, NORMAL, 'outputs.crank_angle={type="angle", joint="crank_hinge"}', override)
+NOT_ASKED = cases("""
+ensemble.sampler="halton" -> = "halton": unknown
+ensemble.replicates=1 -> = 1: must be at least 2
+ensemble.confidence=1.0 -> = 1.0: must be less than 1
+ensemble.bands=1 -> = 1: must be 0, or at least 2: the start and the end
+ensemble.extremes=1 -> = 1: true or false is needed
+ensemble.probabilities.p={output="no", above=1.0} -> ensemble.probabilities.p.output = "no": there is no such
+ensemble.probabilities.p={output="crank_angle"} ->
+    ensemble.probabilities.p | exactly one of above, below is needed; none is given
+ensemble.probabilities.p={output="crank_angle", above=1.0, below=2.0} ->
+    ensemble.probabilities.p | exactly one of above, below is needed; above and below are given
+ensemble.probabilities.r1={output="crank_angle", above=1.0} ->
+    : parameters.r1 has the same name; give the event another one
+ensemble.probabilities.crank_angle={output="crank_angle", above=1.0} -> : outputs.crank_angle has the same name
+ensemble.probabilities.p={output="crank_angle", above=1.0, when="often"} ->
+    ensemble.probabilities.p.when = "often": unknown
+""")
+
+
+@pytest.mark.parametrize(("override", "said"), NOT_ASKED)
+def test_what_an_ensemble_cannot_be_asked_for(override: str, said: str) -> None:
+    output = 'outputs.crank_angle={type="angle", joint="crank_hinge"}'
+    check_said(refusal(slider_crank, NORMAL, output, override), said, override)
 
 
 @pytest.mark.filterwarnings("error")
