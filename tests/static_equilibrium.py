@@ -32,7 +32,7 @@ class StaticEquilibrium:
         self.stiffness = weighted_sum(matrices.stiffness, values).toarray()
         poses = kinematics.poses(np.array([theta]))
         self.pose = poses[..., 0]
-        self._rho = mechanism.place(self.pose)
+        self._rho = Unknowns(mechanism).place(self.pose)
         rigid = rigid_velocities(mechanism, self.pose, kinematics.rates(poses)[..., 0])
         self.rigid = rigid
         self._rest = np.zeros((mechanism.n_nodes, 3))

@@ -277,7 +277,7 @@ def _holds(
     slots, numbers, held = {k: k for k in range(n_nodes)}, {row: k for k, row in enumerate(gaps)}, own.held
     terms = [
         TermInC(-1, StatementInC(statement, *(Side.of(side, slots) for side in sides)), statement.terms[0][1], -1)
-        for statement, sides in held.parts
+        for statement, sides in held.rows.parts
     ]
     holds = [
         f"{{{body}, {numbers.get(place, -1)}, {first + k}}}"

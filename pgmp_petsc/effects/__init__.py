@@ -13,7 +13,7 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.clearance import loose_coupling, loose_joint
 from pgmp_petsc.effects.effect import Effect, Load, Patterns
 from pgmp_petsc.effects.loads import HoldingTorque
-from pgmp_petsc.effects.motion import Held, Motion, driven
+from pgmp_petsc.effects.motion import Motion, driven
 from pgmp_petsc.effects.springs import elastic_coupling, elastic_joint
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.effects import Driving
@@ -110,7 +110,6 @@ def patterns_of(effects: Sequence[Effect], matrices: AffineMatrices) -> Patterns
 __all__ = [
     "Action",
     "Effect",
-    "Held",
     "Load",
     "Motion",
     "Patterns",

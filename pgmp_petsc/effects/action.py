@@ -184,12 +184,8 @@ def counted_from(action: Action, kinematics: RigidKinematics, theta: np.ndarray)
     near = np.array([theta[numbers[s]] if s in numbers else np.zeros(theta.shape[1]) for s, _ in terms])
     if len(terms) == 1:
         return near
-    n_pose, sides = mechanism.space.n_pose, [side.on_pose() for side in action.sides]
-    rows = StatementRows(
-        [Combination((term,)) for term in terms],
-        list(zip(sides[::2], sides[1::2])),
-        lambda body: n_pose * body + np.arange(n_pose),
-        mechanism.space.dimension,
+    rows = StatementRows.on_poses(
+        [(Combination((term,)), pair) for term, pair in zip(terms, action.pairs)], mechanism.space
     )
     values = rows.values(kinematics.poses(theta.T).reshape(-1, theta.shape[1]), near)
     value = next((one.value for one in mechanism.couplings if one.combination is action.statement), 0.0)

@@ -173,7 +173,7 @@ def loose_joint(name: str, scene: Scene, mechanism: Mechanism) -> ClearanceEffec
     contact = Action(name, distance, *sides[:2], laws.touching, parameters, further=tuple(sides[2:]))
     if not entry.friction:
         return ClearanceEffect([contact], connection, mechanism)
-    if scene.joints[name].slides_in(scene.dimension):
+    if "sliding" in scene.joints[name].motions_in(scene.dimension):
         law, way = laws.sliding, connection.measure("sliding")
     else:
         law, way = laws.rubbing, sweeping(*(part.statement.axes[U] for part in connection.released))

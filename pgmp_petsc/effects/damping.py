@@ -56,16 +56,6 @@ from pgmp_petsc.scene.messages import MAX_RECEIVED, Finding, doubt, problem
 SLOWEST = 4.0  # times as slowly as between hinges a beam with one free end and a mass may bend
 
 
-@dataclass(frozen=True)
-class BodyDamping:
-    """Damping of one body."""
-
-    #: stiffness, mass: beta (s) and alpha (1/s)
-    stiffness: float = 0.0
-    mass: float = 0.0
-    ratios: tuple[float, ...] = ()  # ``zeta_i`` of its first elastic free modes
-
-
 _OF_DAMPING = no_parameter(
     "matrices of structural damping are made once for all samples; build once for each value (--override), or damp "
     "joints, springs or bushings, whose coefficients may be parameters"
@@ -161,16 +151,15 @@ class StructuralDamping(EffectEntry):
 
 
 class BodiesDamping(Effect):
-    """Structural damping in the models, `of_body` by the body's number; see the module."""
+    """Structural damping in the models: what is damped, by the body's number, and how; see the module."""
 
     def __init__(self, name: str, entry: StructuralDamping, mechanism: Mechanism) -> None:
         super().__init__(name)
-        chosen = [
-            i
+        self.of_body = {
+            i: entry
             for i, body in enumerate(mechanism.bodies)
             if (body.flexible if entry.bodies is None else body.name in entry.bodies)
-        ]
-        self.of_body = {i: BodyDamping(entry.stiffness, entry.mass, entry.ratios) for i in chosen}
+        }
 
 
 @dataclass(frozen=True)
@@ -193,13 +182,8 @@ def modal_damping(
 
     Raises `InputError` if a body's mesh has fewer modes than ratios are given.
     """
-    found = []
-    for effect in effects:
-        if isinstance(effect, BodiesDamping):
-            for number, damping in effect.of_body.items():
-                if any(damping.ratios) and not bodies[number].n_amplitudes:
-                    found.append(_of_body(effect.name, number, bodies[number], damping.ratios, nominal))
-    return tuple(found)
+    every = _with_ratios(effects)
+    return tuple(_of_body(*one, bodies[one[1]], nominal) for one in every if not bodies[one[1]].n_amplitudes)
 
 
 def amplitude_damping(
@@ -211,25 +195,31 @@ def amplitude_damping(
     Raises `InputError` if a body has fewer component modes than ratios are given.
     """
     found = {}
-    for effect in effects:
-        if isinstance(effect, BodiesDamping):
-            for number, damping in effect.of_body.items():
-                n = len(damping.ratios)
-                for floating in bodies[number].blocks("floating") if any(damping.ratios) else ():
-                    if n > floating.n:
-                        raise InputError(
-                            f"effects.{effect.name}.ratios: {n} modes of {bodies[number].name} are asked for; it has "
-                            f"{floating.n} component modes; take more reduction.modes"
-                        )
-                    mass, stiffness = floating.modal(nominal)
-                    coefficients = np.zeros(floating.n)
-                    coefficients[:n] = 2.0 * np.array(damping.ratios) * np.sqrt(stiffness * mass)[:n]
-                    found[number] = effect.name, coefficients
+    for effect, number, ratios in _with_ratios(effects):
+        n = len(ratios)
+        for floating in bodies[number].blocks("floating"):
+            if n > floating.n:
+                raise InputError(
+                    f"effects.{effect}.ratios: {n} modes of {bodies[number].name} are asked for; it has {floating.n} "
+                    "component modes; take more reduction.modes"
+                )
+            mass, stiffness = floating.modal(nominal)
+            coefficients = np.zeros(floating.n)
+            coefficients[:n] = 2.0 * np.array(ratios) * np.sqrt(stiffness * mass)[:n]
+            found[number] = effect, coefficients
     return found
 
 
+def _with_ratios(effects: Sequence[Effect]) -> Iterator[tuple[str, int, tuple[float, ...]]]:
+    """Yield the names of effects with ratios, the numbers of the bodies that they damp, and these ratios."""
+    for effect in effects:
+        for number, entry in effect.of_body.items() if isinstance(effect, BodiesDamping) else ():
+            if any(entry.ratios):
+                yield effect.name, number, entry.ratios
+
+
 def _of_body(
-    effect: str, number: int, body: Body, ratios: Sequence[float], nominal: Mapping[str, float]
+    effect: str, number: int, ratios: Sequence[float], body: Body, nominal: Mapping[str, float]
 ) -> ModalDamping:
     omega, phi, mass = free_modes(body, nominal, len(ratios), f"effects.{effect}.ratios")
     factor = mass @ phi * np.sqrt(2.0 * np.array(ratios) * omega)

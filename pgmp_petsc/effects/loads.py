@@ -25,7 +25,7 @@ from pgmp_petsc.effects.action import FRICTION, SOURCE, Action
 from pgmp_petsc.effects.effect import ActionEffect, Effect, Load
 from pgmp_petsc.effects.formula import load_over_joint, load_over_problems
 from pgmp_petsc.effects.joint_effects import joint_measure
-from pgmp_petsc.effects.time_function import amplitude_of
+from pgmp_petsc.effects.time_function import TimeFunction, amplitude_of
 from pgmp_petsc.mechanism.joints import Attachment, Connection, share_position
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statements import along, distance, following
@@ -267,12 +267,17 @@ def _couples(connection: Connection, matrices: AffineMatrices) -> np.ndarray:
 
 
 class Weights(Effect):
-    """A uniform field of acceleration (m/s2) in the models, along a unit vector of shape (d,); see the module."""
+    """A uniform field of acceleration (m/s2) in the models, along a unit vector of shape (d,), constant or over time;
+    see the module."""
 
-    conservative = True
-
-    def __init__(self, name: str, direction: Sequence[float], acceleration: Quantity, mechanism: Mechanism) -> None:
+    def __init__(
+        self, name: str, direction: Sequence[float], acceleration: Quantity, mechanism: Mechanism,
+        over_time: TimeFunction | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(name)
+        self.conservative = over_time is None
+        if over_time is not None:
+            self.strength = over_time
         direction = self.direction = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
         self.acceleration = acceleration
         self._translational = {weight for body in mechanism.bodies for weight in body.translational_weights}

@@ -22,19 +22,29 @@ these is the harmonic base: its integrals have no constant, and a mean value beg
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal, NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.loads import Weights
-from pgmp_petsc.effects.time_function import Course, Piece, TimeFunction, amplitude_of, derived, harmonic, integrated
+from pgmp_petsc.effects.time_function import Piece, TimeFunction, amplitude_of, derived, harmonic, integrated
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Driving, OverTime
-from pgmp_petsc.scene.fields import ConstantSpeed, Direction, Harmonic, SpinUp, TimeTable, exactly_one, refusal
+from pgmp_petsc.scene.fields import (
+    ConstantSpeed,
+    Direction,
+    Harmonic,
+    LoadTable,
+    SpinUp,
+    TimeTable,
+    exactly_one,
+    refusal,
+)
 from pgmp_petsc.scene.messages import Finding, doubt, problem
 from pgmp_petsc.scene.references import harmonic_problems, load_problems, unknown
 from pgmp_petsc.scene.uses import Use, slides
@@ -139,7 +149,7 @@ class PrescribedMotion(Driving):
 
     def motion(self, name: str) -> Motion:
         """Return the motion over time."""
-        return Motion(name, self)
+        return Motion.of(name, self)
 
 
 class Instant(NamedTuple):
@@ -150,51 +160,44 @@ class Instant(NamedTuple):
     acceleration: float | np.ndarray
 
 
+@dataclass(eq=False)
 class Motion:
-    """The motion of a coordinate that an effect prescribes: its `angle` over time, rad or m."""
+    """The motion of a coordinate that an effect prescribes, or that holds it where it is."""
 
-    def __init__(self, name: str, entry: PrescribedMotion) -> None:
-        self.name = name
-        self.coordinate = entry.coordinate
+    name: str  # of the effect
+    coordinate: str
+    angle: TimeFunction  # rad or m
+
+    @classmethod
+    def of(cls, name: str, entry: PrescribedMotion) -> Motion:
+        """Return that of an effect by its name."""
         makers = {
-            "table": _table,
+            "table": lambda rows: TimeFunction(*_spline(rows)),
             "harmonic": lambda wave: TimeFunction(harmonic(wave)),
             "spin_up": _spin_up,
             "constant_speed": lambda given: TimeFunction(Piece(cubic=(given.start, given.speed))),
         }
-        self.angle = next(make(getattr(entry, key)) for key, make in makers.items() if getattr(entry, key) is not None)
+        angle = next(make(getattr(entry, key)) for key, make in makers.items() if getattr(entry, key) is not None)
+        return cls(name, entry.coordinate, angle)
 
     def at(self, time: float | np.ndarray) -> Instant:
         """Return the motion at a time (s), or at each of several."""
         return Instant(*self.angle.with_rates(time))
 
 
-class Held:
-    """A coordinate that is held where it is, rad or m, as `Motion`."""
-
-    name = "held"
-
-    def __init__(self, angle: float) -> None:
-        self.angle = angle
-
-    def at(self, time: float | np.ndarray) -> Instant:
-        """Return the angle, at rest."""
-        rest = np.zeros_like(time, dtype=float)
-        return Instant(rest + self.angle, rest, rest)
-
-
-def driven(motions: Sequence[Motion | Held], time: float) -> Instant:
+def driven(motions: Sequence[Motion], time: float) -> Instant:
     """Return several motions at a time (s)."""
     return Instant(*np.array([motion.at(time) for motion in motions]).reshape(-1, 3).T)
 
 
-def _table(rows: TimeTable) -> TimeFunction:
+def _spline(rows: TimeTable | LoadTable) -> list[Piece]:
+    """Return a cubic spline through rows, at rest at both ends and beyond."""
     from scipy.interpolate import CubicSpline  # takes a noticeable time, and few motions are tables
 
-    times, angles = np.array(rows, dtype=float).T
-    cubics = CubicSpline(times, angles, bc_type="clamped").c[::-1].T
-    between = [Piece(*one) for one in zip(times, times, cubics)]
-    return TimeFunction(Piece(cubic=(angles[0],)), *between, Piece(times[-1], cubic=(angles[-1],)))
+    times, values = np.array(rows, dtype=float).T
+    cubics = CubicSpline(times, values, bc_type="clamped").c[::-1].T
+    between = [Piece(start, start, tuple(c)) for start, c in zip(times, cubics)]
+    return [Piece(cubic=(values[0],)), *between, Piece(times[-1], times[-1], (values[-1],))]
 
 
 def _spin_up(entry: SpinUp) -> TimeFunction:
@@ -232,11 +235,6 @@ class BaseMotion(OverTime):
         """Unit of the values over time."""
         return GIVEN[self.of][1]
 
-    @classmethod
-    def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> None:
-        """Nobody can say how a base would move."""
-        return None
-
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if steps do not resolve it."""
         if self.of == "acceleration":
@@ -246,17 +244,7 @@ class BaseMotion(OverTime):
 
     def forces(self, name: str, mechanism: Mechanism) -> Weights:
         """Return the inertia forces."""
-        return MovingBase(name, self, mechanism)
-
-
-class MovingBase(Weights):
-    """The inertia forces of a base's acceleration: weights that change over time."""
-
-    conservative = False
-
-    def __init__(self, name: str, entry: BaseMotion, mechanism: Mechanism) -> None:
-        super().__init__(name, entry.direction, -1.0 * Quantity.of(entry.scale), mechanism)
-        self.strength = acceleration_of(entry)
+        return Weights(name, self.direction, -1.0 * Quantity.of(self.scale), mechanism, acceleration_of(self))
 
 
 def acceleration_of(entry: BaseMotion) -> TimeFunction:
@@ -267,15 +255,15 @@ def acceleration_of(entry: BaseMotion) -> TimeFunction:
     return TimeFunction(*pieces)
 
 
-def displacement_of(entry: BaseMotion) -> Course:
+def displacement_of(entry: BaseMotion) -> TimeFunction:
     """Return how far a base has gone along its direction over time, m; its scale is not in it."""
     pieces = _given(entry)
     for _ in range(GIVEN[entry.of][0], 2):
         pieces = integrated(pieces)
-    return Course(*pieces)
+    return TimeFunction(*pieces)
 
 
-def bases_of(scene: Scene) -> Iterator[tuple[BaseMotion, Course]]:
+def bases_of(scene: Scene) -> Iterator[tuple[BaseMotion, TimeFunction]]:
     """Yield the motions of a scene's base, those whose values name parameters as several with a scale each."""
     for entry in scene.plain_effects.values():
         if isinstance(entry, BaseMotion):
@@ -285,11 +273,4 @@ def bases_of(scene: Scene) -> Iterator[tuple[BaseMotion, Course]]:
 def _given(entry: BaseMotion) -> Sequence[Piece]:
     """Return the pieces of what is given."""
     order, _ = GIVEN[entry.of]
-    if order == 0 or entry.harmonic is not None:
-        return amplitude_of(entry).pieces
-    from scipy.interpolate import CubicSpline  # takes a noticeable time, and few bases move
-
-    times, values = np.array(entry.table, dtype=float).T
-    spline = CubicSpline(times, values, bc_type="clamped")
-    between = [Piece(start, start, tuple(c[::-1])) for (start, _), c in zip(pairwise(times), spline.c.T)]
-    return [Piece(cubic=(values[0],)), *between, Piece(times[-1], times[-1], (values[-1],))]
+    return amplitude_of(entry).pieces if order == 0 or entry.harmonic is not None else _spline(entry.table)

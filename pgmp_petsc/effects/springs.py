@@ -24,7 +24,6 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
-from scipy.linalg import block_diag
 
 from pgmp_petsc.base.errors import Remark, gathered, note
 from pgmp_petsc.bodies.affine import AffineSum, Quantity
@@ -118,48 +117,16 @@ def spring_force(
 
 
 def spring_block(
-    spring: Action,
-    gradient: np.ndarray,
-    mechanism: Mechanism,
-    poses: np.ndarray,
-    values: Mapping[str, float],
-    force: float = 0.0,
+    spring: Action, gradient: np.ndarray, values: Mapping[str, float], preload: np.ndarray | float = 0.0
 ) -> Block:
-    """Return the stiffness of a spring on the rigid mechanism at poses (n_bodies, n_pose), in body frames.
+    """Return the stiffness of a spring on the rigid mechanism at a configuration, in body frames.
 
-    The gradient is that of its statement in the unknowns of `moving_dofs` there, shape (n,). The force is that it has
-    already (`spring_force`), N or N m; 0 leaves the second term of the module's equation out.
+    The gradient is that of its statement in the unknowns of `moving_dofs` there, shape (n,). The preload is the force
+    that it has already (`spring_force`) times the statement's second derivatives in these (`BodyHessians`), shape (n,
+    n); 0 leaves the second term of the module's equation out.
     """
-    matrix = spring.stiffness.at(values) * np.outer(gradient, gradient)
-    if force:
-        space = mechanism.space
-        sides = [(number, side) for number, side in enumerate(spring.sides) if not side.on_ground]
-        frames = [space.natural(side.frame_of_pose(poses)) for side in spring.sides]
-        n = frames[0].size
-        chosen = np.concatenate([n * number + np.arange(n) for number, _ in sides])
-        turn = block_diag(*(space.natural_gradient(poses[side.body], side.arm) for _, side in sides))
-        in_frames = spring.statement.gradient(*frames)
-        bent = turn.T @ spring.statement.hessian(*frames)[np.ix_(chosen, chosen)] @ turn
-        halves = np.split(in_frames, 2)
-        parts = [_turning_part(side.arm, space.rotation(poses[side.body]), halves[k]) for k, side in sides]
-        matrix = matrix - force * (bent + block_diag(*parts))
+    matrix = spring.stiffness.at(values) * np.outer(gradient, gradient) - preload
     return Block(moving_dofs(spring), 0.5 * (matrix + matrix.T))
-
-
-def _turning_part(arm: np.ndarray, rotation: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """Return the second derivatives of ``gradient . zeta`` in the displacement of a node, shape (n_dofs, n_dofs).
-
-    The frame zeta is at the arm (d,) of the node, whose displacements the rotation (n_dofs, n_dofs) turns from the
-    body's frame. ``g . phi x (phi x a) = (g . phi) (a . phi) - g . a phi . phi`` for the arm and the directors a.
-    """
-    d = arm.size
-    result = np.zeros_like(rotation)
-    for fixed, part in zip([arm, *np.eye(d)], gradient.reshape(d + 1, d)):
-        in_body = rotation[:d, :d].T @ part
-        along = 0.5 * (np.outer(fixed, in_body) + np.outer(in_body, fixed))
-        # in the plane phi is at a right angle to both
-        result[d:, d:] += -fixed @ in_body * np.eye(len(rotation) - d) + (along if d == 3 else 0.0)
-    return result
 
 
 def _springs(

@@ -11,6 +11,7 @@ Strengths over time: tables, linear between their rows, and harmonics.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -28,7 +29,7 @@ class TimeFunctions(NamedTuple):
     #: from which instant on a piece holds, s; minus infinity for the first one of a function, shape (n_pieces,)
     begins: np.ndarray
     origins: np.ndarray  # from where a piece counts time, s, shape (n_pieces,)
-    cubics: np.ndarray  # c_0 to c_3 of each piece, shape (n_pieces, 4)
+    cubics: np.ndarray  # c_0 to c_3 of each piece, shape (n_pieces, 4); of a higher degree for `TimeFunction.jet` alone
     waves: np.ndarray  # a, w (rad/s) and p (rad) of each piece, shape (n_pieces, 3)
 
 
@@ -46,7 +47,6 @@ class TimeFunction:
 
     def __init__(self, *pieces: Piece) -> None:
         self.pieces = pieces
-        self._alone = joined([self])
 
     @classmethod
     def constant(cls, value: float) -> TimeFunction:
@@ -64,38 +64,21 @@ class TimeFunction:
         fill(self._alone, times.ravel(), found)
         return found.reshape(3, *times.shape)
 
-    def third(self, time: float) -> float:
-        """Return the third derivative at a time."""
-        alone = self._alone
-        piece = max(int(np.searchsorted(alone.begins, time, side="right")) - 1, 0)
-        amplitude, rate, phase = alone.waves[piece]
-        return float(6.0 * alone.cubics[piece, 3] - rate**3 * amplitude * np.cos(rate * time + phase))
-
-
-class Course:
-    """A function of time with its derivatives, of polynomials of any degree; see `TimeFunctions`.
-
-    Pieces are as of `TimeFunction`, with as many coefficients as there are.
-    """
-
-    def __init__(self, *pieces: Piece) -> None:
-        self.pieces = pieces
-        self._begins, self._origins = (np.array([getattr(p, key) for p in pieces]) for key in ("begin", "origin"))
-        self._cubics = np.zeros((max(len(p.cubic) for p in pieces), len(pieces)))
-        for column, p in zip(self._cubics.T, pieces):
-            column[: len(p.cubic)] = p.cubic
-        self._waves = np.array([p.wave for p in pieces]).T
-
-    def jet(self, time: np.ndarray) -> list[np.ndarray]:
-        """Return value, first and second derivative at times (n,), each (n,)."""
-        at = np.maximum(np.searchsorted(self._begins, time, side="right") - 1, 0)
-        c, s, (amplitude, rate, phase) = self._cubics[:, at], time - self._origins[at], self._waves[:, at]
+    def jet(self, time: np.ndarray, order: int) -> list[np.ndarray]:
+        """Return value and derivatives up to an order at times (n,), each (n,); polynomials may have any degree."""
+        _, begins, origins, cubics, waves = self._alone
+        at = np.maximum(np.searchsorted(begins, time, side="right") - 1, 0)
+        c, s, (amplitude, rate, phase) = cubics[at].T, time - origins[at], waves[at].T
         found = []
-        for order in range(3):
-            smooth = sum(c[j] * s**j for j in range(len(c)))
-            found.append(smooth + amplitude * rate**order * np.sin(rate * time + phase + 0.5 * np.pi * order))
+        for k in range(order + 1):
+            smooth = sum((c[j] * s**j for j in range(len(c))), np.zeros_like(s))
+            found.append(smooth + amplitude * rate**k * np.sin(rate * time + phase + 0.5 * np.pi * k))
             c = np.arange(1, len(c))[:, None] * c[1:]
         return found
+
+    @cached_property
+    def _alone(self) -> TimeFunctions:
+        return joined([self])
 
 
 def derived(pieces: Sequence[Piece]) -> list[Piece]:
@@ -130,7 +113,7 @@ def joined(functions: Sequence[TimeFunction]) -> TimeFunctions:
     """Return several functions as compiled code takes them."""
     pieces = [piece for function in functions for piece in function.pieces]
     counts = [len(function.pieces) for function in functions]
-    cubics = np.zeros((len(pieces), 4))
+    cubics = np.zeros((len(pieces), max((4, *(len(piece.cubic) for piece in pieces)))))
     for row, piece in zip(cubics, pieces):
         row[: len(piece.cubic)] = piece.cubic
     return TimeFunctions(

@@ -15,7 +15,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.effects import Effect
-from pgmp_petsc.effects.damping import BodiesDamping, BodyDamping, ModalDamping, amplitude_damping, modal_damping
+from pgmp_petsc.effects.damping import BodiesDamping, ModalDamping, amplitude_damping, modal_damping
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -25,7 +25,7 @@ from pgmp_petsc.mechanism.space import SPATIAL
 class BodyDampings:
     """The damping of all bodies."""
 
-    rayleigh: dict[int, BodyDamping]  # damping of each body that has Rayleigh's, by the body's number
+    rayleigh: dict[int, tuple[float, float]]  # beta (s) and alpha (1/s) of each body that has Rayleigh's, by its number
     effects: dict[int, str]  # name of the effect that each of these belongs to, and each of those with amplitudes
     modal: tuple[ModalDamping, ...]  # modal damping of bodies on their meshes
     #: modal damping of bodies in floating frames, N s/m of each amplitude, by the body's number
@@ -43,7 +43,7 @@ class BodyDampings:
             if isinstance(effect, BodiesDamping):
                 for number, damping in effect.of_body.items():
                     if damping.stiffness or damping.mass:
-                        rayleigh[number], names[number] = damping, effect.name
+                        rayleigh[number], names[number] = (damping.stiffness, damping.mass), effect.name
         bodies, nominal = mechanism.bodies if bodies is None else bodies, mechanism.scene.nominal
         braked = amplitude_damping(effects, bodies, nominal)
         names |= {number: effect for number, (effect, _) in braked.items()}
@@ -52,8 +52,7 @@ class BodyDampings:
 
     def rayleigh_of(self, number: int) -> tuple[float, float]:
         """Return beta (s) and alpha (1/s) of a body."""
-        damping = self.rayleigh.get(number, BodyDamping())
-        return damping.stiffness, damping.mass
+        return self.rayleigh.get(number, (0.0, 0.0))
 
 
 TURNING, POSITION, DIRECTED = range(3)  # what a node has: (x, y, phi), a position, or a position and directors

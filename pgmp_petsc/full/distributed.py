@@ -26,8 +26,9 @@ import numpy as np
 
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.effects import Held, Motion
+from pgmp_petsc.effects import Motion, driven
 from pgmp_petsc.effects.law import any_bend
+from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.full.energy import energies_of
 from pgmp_petsc.full.forces import act
 from pgmp_petsc.full.kernel import count_turns, evaluate
@@ -52,7 +53,7 @@ class FullDistributed(FullSystem):
         self,
         equations: FullEquations,
         comm: Comm,
-        motions: Mapping[int, Motion | Held],
+        motions: Mapping[int, Motion],
         settled: Settled | None = None,
         built_in: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> None:
@@ -262,8 +263,8 @@ class FullStatics:
 
     def __init__(self, equations: FullEquations, n_theta: int, comm: Comm) -> None:
         self._equations = equations
-        self._held = {k: Held(0.0) for k in range(n_theta)}
-        self._system = FullDistributed(equations, comm, self._held)
+        self._held = [Motion("held", "", TimeFunction.constant(0.0)) for _ in range(n_theta)]
+        self._system = FullDistributed(equations, comm, dict(enumerate(self._held)))
         self._q, self._share = np.zeros((equations.n_dofs, 1)), 0.0
 
     def __enter__(self) -> Self:
@@ -277,8 +278,8 @@ class FullStatics:
         torques = np.full(theta.shape, np.nan)
         if not samples[0]:
             return torques, np.zeros(1, dtype=bool)
-        for held, angle in zip(self._held.values(), theta[0]):
-            held.angle = float(angle)
+        for held, angle in zip(self._held, theta[0]):
+            held.angle = TimeFunction.constant(float(angle))
         place = self._equations.place(theta[0], np.zeros_like(theta[0]))[0]
         state = self._system.at_rest(place, theta[0])
 
@@ -304,7 +305,7 @@ class FullStatics:
 
     def inertia(self) -> np.ndarray:
         """Return the inertia of the rigid mechanism at the start, shape (1, n_theta)."""
-        theta, moments = np.array([held.angle for held in self._held.values()]), []
+        theta, moments = driven(self._held, 0.0).angle, []
         for rates in np.eye(theta.size):
             moments.append(2.0 * self._system.kinetic_energy(self._equations.place(theta, rates)[1]))
         return np.array([moments])

@@ -9,7 +9,7 @@ import numpy as np
 
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.beam2d import strain_rates, strains, stresses, viscous_stresses, work_of
-from pgmp_petsc.effects import Held, Motion
+from pgmp_petsc.effects import Motion
 from pgmp_petsc.full.damping import add_modal_damping
 from pgmp_petsc.full.elements import add_energies, add_energies_of_beams, add_energies_of_masses
 from pgmp_petsc.full.floating import add_energies_of_floating
@@ -33,7 +33,7 @@ class EnergyNames:
     rows: tuple[tuple[bool, str] | None, ...]
 
     @classmethod
-    def of(cls, equations: FullEquations, motions: Sequence[Motion | Held]) -> EnergyNames:
+    def of(cls, equations: FullEquations, motions: Sequence[Motion]) -> EnergyNames:
         """Name the rows of a model."""
         names = equations.damping.effects
         braked = [(False, names[k]) if k in names else None for k in section_owners(equations.unknowns.bodies)]

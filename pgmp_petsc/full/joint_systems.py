@@ -30,7 +30,6 @@ from pgmp_petsc.full.systems import FullBatch, Gains
 from pgmp_petsc.lanes.lane_items import SampleBlocks, aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.constraint_set import null_space
-from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
 from pgmp_petsc.stepping.second_order_system import Energies, State
@@ -41,8 +40,7 @@ ROUND_OFF = 1e-9  # of the slopes of constraints, over the largest of a row
 class Held(NamedTuple):
     """What the tree's joints hold of frames, and what drives them."""
 
-    parts: tuple[tuple[Statement, tuple[Attachment, Attachment]], ...]  # n statements, and their sides
-    rows: StatementRows  # of them
+    rows: StatementRows  # n statements
     places: np.ndarray  # of their multipliers among those of joints and driven angles, shape (n,)
     bodies: np.ndarray  # number in the tree of the body that each joint moves, shape (n,)
     felt: np.ndarray  # which slopes of the rows are in the unknowns of the frame that it holds, shape (n, 2 n_pose)
@@ -94,11 +92,11 @@ class JointEquations:
         bodies = np.searchsorted(self._tree.firsts[:, 5], self.driven[:, 0], side="right") - 1
         found += [(len(parts) + k, body, prescribed[k]) for body, k in zip(bodies, self.driven[:, 1])]
         places, bodies, parts = zip(*found) if found else ((), (), ())
-        rows = StatementRows(*(list(zip(*parts)) or ([], [])), unknowns.frame, unknowns.dimension)
+        rows = StatementRows(parts, unknowns.frame, unknowns.dimension)
         bodies = np.array(bodies, dtype=int)
         frames = np.array([unknowns.frame(node) for node in self._tree.nodes[bodies, 1]], dtype=int)
         felt = (rows.dofs[:, :, None] == frames.reshape(bodies.size, 1, unknowns.frame(0).size)).any(axis=2)
-        return Held(parts, rows, np.array(places, dtype=int), bodies, felt)
+        return Held(rows, np.array(places, dtype=int), bodies, felt)
 
     def multipliers_of_joints(self, q: np.ndarray, left: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Return the multipliers of joints and driven angles, shape (n, n_samples).

@@ -145,7 +145,7 @@ class FullEquations:
         self.actions = acting = self._actions_of(effects)
         dofs, entries, of_actions = pairs_of(acting, unknowns.frame)
         coordinates = mechanism.coordinates if d == 3 else ()
-        angles = StatementRows([c.statement for c in coordinates], [c.sides for c in coordinates], unknowns.frame, d)
+        angles = StatementRows([(c.statement, c.sides) for c in coordinates], unknowns.frame, d)
         modal = self.modal = [one for one in self.damping.modal if share.owns(one.dofs).any()]
         patterns = [pattern for _, pattern in parts] + [bound.pattern, of_actions]
         needed = [np.arange(rows.start, rows.stop), angles.dofs[angles.dofs >= 0], *(one.dofs for one in modal)]

@@ -156,7 +156,8 @@ class Contacts:
         q[-1] += start.v[0] + 2.0 * h * mean
         v[-1] += (1.0 - scheme.gamma) * behind[0] + scheme.gamma * part.auxiliary[0]
         for k, motion in self._model.motions.items():
-            rates = part.state.v[0, k], part.state.a[0, k], motion.angle.third(part.end)
+            (jerk,) = motion.angle.jet(np.array([part.end]), 3)[3]
+            rates = part.state.v[0, k], part.state.a[0, k], jerk
             q[:, k], v[:, k], a[:, k] = late[:, 0] * np.array(rates)[:, None]
         by_parameters, by_time = there.by_parameters[0, :-1], there.by_parameters[0, -1]
         right = -late * by_time - q @ there.by_q[0].T - v @ there.by_v[0].T - a @ there.by_a[0].T

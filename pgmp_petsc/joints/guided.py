@@ -30,11 +30,6 @@ class PointOnLine(JointEntry):
         description="direction of the line, (x, y) or in space (x, y, z), fixed to the owner of the first point"
     )
 
-    @property
-    def axes(self):
-        """The line's direction."""
-        return (self.direction,)
-
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
         """Return that the point is on the line."""
         return guided(in_a)
@@ -71,11 +66,6 @@ class PointOnPlane(JointEntry):
     dimensions = (3,)
     normal: Axis = Field(description="normal (x, y, z) of the plane, fixed to the owner of the first point")
 
-    @property
-    def axes(self):
-        """The plane's normal."""
-        return (self.normal,)
-
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
         """Return that the point is on the plane."""
         return [along(in_a[:, 0])]
@@ -90,11 +80,6 @@ class Cylindrical(JointEntry):
     loose = "across"
     axis: Axis = Field(description="axis (x, y, z) in the frame of the first point's owner")
 
-    @property
-    def axes(self):
-        """The axis of the motion."""
-        return (self.axis,)
-
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
         """Return that the axes of both bodies are one line."""
         return [*guided(in_a), *aligned(in_a, in_b)]
@@ -108,11 +93,6 @@ class Prismatic(JointEntry):
     motions = ("sliding",)
     loose = "across"
     axis: Direction = Field(description="axis (x, y), in space (x, y, z), in the frame of the first point's owner")
-
-    @property
-    def axes(self):
-        """The axis of the motion."""
-        return (self.axis,)
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
         """Return that the point is on the axis, and nothing turns."""
@@ -131,11 +111,6 @@ class Planar(JointEntry):
     dimensions = (3,)
     motions = ("turning",)
     normal: Axis = Field(description="normal (x, y, z) of the plane, fixed to the owner of the first point")
-
-    @property
-    def axes(self):
-        """The plane's normal."""
-        return (self.normal,)
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
         """Return that the point is on the plane, and that the normals of both bodies agree."""

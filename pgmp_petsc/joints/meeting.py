@@ -23,11 +23,6 @@ class Revolute(JointEntry):
     loose = "across"
     axis: Axis | None = Field(None, description="axis (x, y, z) in the frame of the first point's owner; in space")
 
-    @property
-    def axes(self):
-        """The axis of rotation."""
-        return () if self.axis is None else (self.axis,)
-
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
         """Return that the points meet, and in space that the axes agree."""
         return [*meeting(len(in_a)), *(aligned(in_a, in_b) if len(in_a) == 3 else ())]
@@ -83,11 +78,6 @@ class Universal(JointEntry):
         if are_parallel(self.axis, self.second_axis):
             raise refusal("must not have the direction of axis; both axes are at a right angle", "second_axis")
         return self
-
-    @property
-    def axes(self):
-        """Both axes of rotation."""
-        return self.axis, self.second_axis
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
         """Return that the points meet, and that the first axis, in a, is across the second one, in b."""

@@ -30,10 +30,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag
 
-from pgmp_petsc.mechanism.joints import Attachment
+from pgmp_petsc.mechanism.joints import Attached
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, StatementRows
-from pgmp_petsc.mechanism.statements import Combination, Statement
 
 
 def to_body(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -84,19 +83,14 @@ class BodyGradients:
     entry is zero everywhere.
     """
 
-    def __init__(
-        self, mechanism: Mechanism, held: Sequence[tuple[Statement | Combination, tuple[Attachment, ...]]]
-    ) -> None:
+    def __init__(self, mechanism: Mechanism, held: Sequence[Attached]) -> None:
         space, sides = mechanism.space, [own for _, own in held]
         self.n, self._space, self._n_dofs = len(held), space, mechanism.n_dofs
         moving = {side.node: side for pair in sides for side in pair if not side.on_ground}
         nodes = np.array(sorted(moving), dtype=int)
         # statements see the nodes that they are about, one after the other
         self._rows = StatementRows(
-            [part for part, _ in held],
-            sides,
-            lambda node: space.n_pose * np.searchsorted(nodes, node) + np.arange(space.n_pose),
-            space.dimension,
+            held, lambda node: space.n_pose * np.searchsorted(nodes, node) + np.arange(space.n_pose), space.dimension
         )
         starts, columns, _ = self._rows.compiled.entries
         self._slopes = np.repeat(np.arange(starts.size - 1), np.diff(starts)), columns
@@ -116,7 +110,7 @@ class BodyGradients:
 
     def values(self, poses: np.ndarray) -> np.ndarray:
         """Return the entries at poses (n_bodies, n_pose), shape (n_entries,)."""
-        return np.bincount(self._entry_of, self._everything(poses)[self._entries], self.rows.size)
+        return np.bincount(self._entry_of, self._everything(poses, False)[self._entries], self.rows.size)
 
     def dense(self, poses: np.ndarray) -> np.ndarray:
         """Return the gradients in all unknowns at poses (n_bodies, n_pose), shape (n, n_dofs)."""
@@ -126,14 +120,14 @@ class BodyGradients:
         found[self.rows, self.dofs] = self.values(poses)
         return found
 
-    def _everything(self, poses: np.ndarray) -> np.ndarray:
-        """Return the derivatives of terms in both nodes' unknowns, shape (n_terms, 2, n_dofs of a node); any on the
-        ground."""
+    def _everything(self, poses: np.ndarray, generic: bool) -> np.ndarray:
+        """Return the derivatives of terms in both nodes' unknowns, shape (n_terms, 2, n_dofs of a node), any on the
+        ground; `generic` as of `StatementRows.jacobian_values`."""
         space = self._space
         frames = [space.place(poses[body], points).ravel() for body, points in self._nodes]
         n = len(self._bodies)
         slopes = np.zeros((n, 2 * space.n_pose))
-        slopes[self._slopes] = self._rows.jacobian_values(np.concatenate([*frames, np.zeros(0)]))
+        slopes[self._slopes] = self._rows.jacobian_values(np.concatenate([*frames, np.zeros(0)]), generic)
         turns = np.array([space.frame_gradient(pose) for pose in poses])
         return (slopes.reshape(n, 2, 1, space.n_pose) @ turns[self._bodies])[:, :, 0]
 
@@ -143,8 +137,7 @@ class BodyGradients:
         poses = random.normal(size=(n_bodies, self._space.n_pose))
         if self._space.n_tied:  # directors
             poses[:, d:] = np.linalg.qr(poses[:, d:].reshape(n_bodies, d, d))[0].reshape(n_bodies, d * d)
-        with self._rows.bent_functions():
-            felt = np.abs(self._everything(poses)) > ROUND_OFF
+        felt = np.abs(self._everything(poses, True)) > ROUND_OFF
         return np.nonzero(felt & (dofs >= 0))
 
 
@@ -197,6 +190,36 @@ def _ties(mechanism: Mechanism) -> Iterator[sp.spmatrix]:
             yield sp.coo_matrix((data, (rows, columns)), shape=(n, mechanism.n_dofs))
 
 
+class BodyHessians:
+    """Second derivatives of statements, or combinations of them, about attachments of a mechanism, in body frames, at
+    configurations of the rigid mechanism.
+
+    With the frames ``z(u)`` of the nodes in their displacements u these are ``F^T h F + g.z''``, F the frames'
+    gradient, and g and h the derivatives of a statement in the frames; z'' is zero in the plane. `dofs` are the nodal
+    unknowns that they depend on, shape (k,), and `linear` says whether they are zero everywhere.
+    """
+
+    def __init__(self, mechanism: Mechanism, parts: Sequence[Attached]) -> None:
+        space = self._space = mechanism.space
+        self._moving = list({side.node: side for _, own in parts for side in own if not side.on_ground}.values())
+        numbers = {side.node: space.n_pose * k for k, side in enumerate(self._moving)}
+        self._rows = StatementRows(parts, lambda node: numbers.get(node, 0) + np.arange(space.n_pose), space.dimension)
+        self.dofs = np.concatenate([np.zeros(0, dtype=int), *(side.dofs for side in self._moving)])
+        self.linear = not parts or not (self._rows.curvature_pattern[0].size or space.n_tied)
+
+    def at(self, poses: np.ndarray) -> np.ndarray:
+        """Return them at poses (n_bodies, n_pose), shape (n, k, k)."""
+        space, at = self._space, [poses[side.body] for side in self._moving]
+        places = [space.place(pose, (side.point - side.arm)[None])[0] for pose, side in zip(at, self._moving)]
+        slopes, values = self._rows.dense(np.concatenate(places))
+        turn = block_diag(*(space.frame_gradient(pose) for pose in at))
+        curved = turn.T @ values @ turn
+        for k, pose in enumerate(at):
+            own = slice(space.n_dofs * k, space.n_dofs * (k + 1))
+            curved[:, own, own] += space.frame_curvature(pose, slopes[:, space.n_pose * k : space.n_pose * (k + 1)])
+        return curved
+
+
 @dataclass(frozen=True, eq=False)
 class ConstraintHessian:
     """Second derivatives of the constraints of one joint or coupling, or of a clamped coordinate, in body frames."""
@@ -208,46 +231,17 @@ class ConstraintHessian:
 
 class ConstraintHessians:
     """Second derivatives of joints and clamped coordinates that are not linear, in body frames, at configurations of
-    the rigid mechanism.
-
-    With the frames ``z(u)`` of the nodes in their displacements u these are ``F^T h F + g.z''``, F the frames'
-    gradient, and g and h the derivatives of a statement in the frames; z'' is zero in the plane.
-    """
+    the rigid mechanism."""
 
     def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
-        self._mechanism = mechanism
-        n_pose = mechanism.space.n_pose
-        self._joints: list[tuple[slice, list[Attachment], StatementRows]] = []
+        self._joints: list[tuple[slice, BodyHessians]] = []
         first = 0
         held = [one.holding(moving=True) for one in mechanism.holders]
         for parts in [*held, *([(c.statement, c.sides)] for c in clamped)]:
-            numbered = slice(first, first := first + len(parts))
-            moving = list({side.node: side for _, own in parts for side in own if not side.on_ground}.values())
-            numbers = {side.node: n_pose * k for k, side in enumerate(moving)}
-            rows = StatementRows(
-                [part for part, _ in parts],
-                [sides for _, sides in parts],
-                lambda node, numbers=numbers: numbers.get(node, 0) + np.arange(n_pose),
-                mechanism.space.dimension,
-            )
-            if parts and (rows.curvature_pattern[0].size or mechanism.space.n_tied):
-                self._joints.append((numbered, moving, rows))
+            numbered, hessians = slice(first, first := first + len(parts)), BodyHessians(mechanism, parts)
+            if not hessians.linear:
+                self._joints.append((numbered, hessians))
 
     def at(self, poses: np.ndarray) -> list[ConstraintHessian]:
         """Return them at poses (n_bodies, n_pose)."""
-        return [self._of_joint(*joint, poses) for joint in self._joints]
-
-    def _of_joint(
-        self, numbered: slice, moving: list[Attachment], rows: StatementRows, poses: np.ndarray
-    ) -> ConstraintHessian:
-        space = self._mechanism.space
-        at = [poses[side.body] for side in moving]
-        places = [space.place(pose, (side.point - side.arm)[None])[0] for pose, side in zip(at, moving)]
-        slopes, values = rows.dense(np.concatenate(places))
-        turn = block_diag(*(space.frame_gradient(pose) for pose in at))
-        curved = turn.T @ values @ turn
-        for k, pose in enumerate(at):
-            own = slice(space.n_dofs * k, space.n_dofs * (k + 1))
-            curved[:, own, own] += space.frame_curvature(pose, slopes[:, space.n_pose * k : space.n_pose * (k + 1)])
-        dofs = np.concatenate([self._mechanism.node_dofs(side.node) for side in moving])
-        return ConstraintHessian(numbered, dofs, curved)
+        return [ConstraintHessian(rows, one.dofs, one.at(poses)) for rows, one in self._joints]

@@ -30,11 +30,10 @@ import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.block_solves import Blocks, solved, triangular_blocks
-from pgmp_petsc.mechanism.joints import Attachment, Connection, Coupling
+from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupling
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.mechanism.statements import Statement
 
 MAX_ITERATIONS = 25
 NEAR = 1e-9  # scaled residual, left by a step of 3e-5, of which the same J leaves 3e-14
@@ -71,25 +70,18 @@ class LoopClosure:
         parts, wanted = mechanism.holding([Attachment(k, -1, origin, origin) for k in range(len(mechanism.bodies))])
         self.n_constraints = len(parts)
         parts += [(c.statement, c.sides) for c in mechanism.coordinates]
-        # joints hold at points of rigid bodies here: their unknowns are those of the bodies' poses
-        sides = [tuple(side.on_pose() for side in pair) for _, pair in parts]
-        statements = [part for part, _ in parts]
-        self._rows = StatementRows(statements, sides, self.pose_dofs, mechanism.space.dimension)
+        self._rows = StatementRows.on_poses(parts, mechanism.space)
         self.jacobian = _jacobian_of(self._rows, self.n_pose * len(mechanism.bodies))
         self._wanted = np.concatenate([wanted, np.zeros(self.n_coordinates)])
         periodic = [c.periodic for c in mechanism.coordinates]
         counted = len(mechanism.bodies), mechanism.n_constraints, len(mechanism.couplings)
-        self.equations = statements, sides, wanted, periodic, counted, self.size
+        self.equations = self._rows.parts, wanted, periodic, counted, self.size
         self._units = np.tile(mechanism.space.units(self.size), len(mechanism.bodies))
-        self._scale = np.where([part.is_length for part in statements], self.size, 1.0)
+        self._scale = np.where([part.is_length for part, _ in parts], self.size, 1.0)
         # those that make poses rigid are no joints
         self._tied = slice(mechanism.n_constraints, self.n_constraints)
         n_tied, n_bodies = mechanism.space.n_tied * len(mechanism.bodies), len(mechanism.bodies)
         self.has_redundant = self._rows.n - n_tied > mechanism.space.n_dofs * n_bodies
-
-    def pose_dofs(self, body: int) -> np.ndarray:
-        """Return the unknowns of a body's pose, shape (n_pose,)."""
-        return self.n_pose * body + np.arange(self.n_pose)
 
     def describe(self, theta: np.ndarray) -> str:
         """Name a configuration (n_theta,): ``theta = 0.1 rad``."""
@@ -325,11 +317,10 @@ class LoopClosure:
         """Close the loops near poses (n_bodies, n_pose, n) wherever the coordinates then are; best effort."""
         return self.newton(poses, None)[0]
 
-    def moving(self, parts: Sequence[tuple[Statement, tuple[Attachment, Attachment]]], poses: np.ndarray) -> np.ndarray:
+    def moving(self, parts: Sequence[Attached], poses: np.ndarray) -> np.ndarray:
         """Return which statements, with their sides, can change at poses (n_bodies, n_pose, 1) while the coordinates
         rest."""
-        sides = [tuple(side.on_pose() for side in pair) for _, pair in parts]
-        rows = StatementRows([part for part, _ in parts], sides, self.pose_dofs, self.mechanism.space.dimension)
+        rows = StatementRows.on_poses(parts, self.mechanism.space)
         _, values, right = np.linalg.svd(self.scaled(self.jacobian(poses))[0])
         free = right[np.sum(values > SINGULAR_TOLERANCE * values[0]) :]
         slopes = (_jacobian_of(rows, self._units.size)(poses)[0] * self._units) @ free.T
@@ -503,11 +494,9 @@ class ReleasedClosure:
         turning = [c.combination.terms for c in mechanism.couplings if c.elastic]
         carries += [any(function.breaks.size for _, function in terms) for terms in turning]
         self._carries = np.array([False] * self._n_held + carries, dtype=bool)
-        sides = [tuple(side.on_pose() for side in pair) for _, pair in parts]
-        statements = [part for part, _ in parts]
-        self._rows = StatementRows(statements, sides, closure.pose_dofs, mechanism.space.dimension)
+        self._rows = StatementRows.on_poses(parts, mechanism.space)
         self._jacobian_at = _jacobian_of(self._rows, closure.n_pose * len(mechanism.bodies))
-        self._scale = np.where([part.is_length for part in statements], closure.size, 1.0)
+        self._scale = np.where([part.is_length for part, _ in parts], closure.size, 1.0)
         self._chosen: np.ndarray | None = None  # numbers of the rows, all that are held and the chosen released ones
 
     def rates(self, poses: np.ndarray) -> np.ndarray:

@@ -155,7 +155,7 @@ def couplings_of(
     in space its turn follows from the others.
     """
     by_name, row = {one.name: one for one in connections}, sum(len(one.statements) for one in connections)
-    n_pose, couplings = poses.shape[1], []
+    couplings = []
     for name, entry in scene.joints.items():
         if not isinstance(entry, CouplingEntry):
             continue
@@ -168,12 +168,11 @@ def couplings_of(
             terms.append((joint.measure(share.motion), function, joint.sides))
         terms.sort(key=lambda term: term[0].kind == ANGLE and term[0] not in known and not term[1].breaks.size)
         combination = Combination(tuple(term[:2] for term in terms))
-        sides = [side for term in terms for side in term[2]]
-        at = [tuple(side.on_pose() for side in sides)]
-        rows = StatementRows([combination], at, lambda k: n_pose * k + np.arange(n_pose), scene.dimension)
+        sides = tuple(side for term in terms for side in term[2])
+        rows = StatementRows.on_poses([(combination, sides)], space_of(scene.dimension))
         value = float(rows.values(poses.ravel())[0]) if entry.from_placements else 0.0
         elastic = bool(entry.gives_way)
-        couplings.append(Coupling(name, combination, tuple(sides), value, slice(row, row + 1), elastic))
+        couplings.append(Coupling(name, combination, sides, value, slice(row, row + 1), elastic))
         row += 1
     return tuple(couplings)
 

@@ -27,10 +27,9 @@ from scipy.linalg import lapack
 from scipy.sparse.csgraph import connected_components
 
 from pgmp_petsc.mechanism.frame_ties import FrameTies
-from pgmp_petsc.mechanism.joints import Attachment
+from pgmp_petsc.mechanism.joints import Attached, Attachment
 from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.mechanism.statement_rows import FROM_SUM, ROUND_OFF, StatementRows, near_rows
-from pgmp_petsc.mechanism.statements import Combination, Statement
 
 RANK_TOLERANCE = 1e-10  # of the largest pivot of a block; joint Jacobians have entries of order 1
 
@@ -190,10 +189,7 @@ class ConstraintSet:
         frames = [Attachment(0, node, np.zeros(d), np.zeros(d)) for node in range(mechanism.n_nodes)]
         parts, self._wanted = mechanism.holding(frames, moving=True)
         driven = [(c.statement, c.sides) for c in mechanism.coordinates if c.prescribed]
-        self._joints, self._drives = (
-            StatementRows([part for part, _ in rows], [sides for _, sides in rows], unknowns.frame, d)
-            for rows in (parts, driven)
-        )
+        self._joints, self._drives = (StatementRows(rows, unknowns.frame, d) for rows in (parts, driven))
         self._statements = [*parts, *driven]
         self._n_directors = len(parts) - mechanism.n_held
         self._ties = FrameTies.of(unknowns)
@@ -253,7 +249,7 @@ class ConstraintSet:
         elif own.size == self.n_driven and (motions >= 0).all():
             rows = self._drives
         else:
-            rows = StatementRows(*(list(zip(*parts)) or ([], [])), self._unknowns.frame, self._unknowns.dimension)
+            rows = StatementRows(parts, self._unknowns.frame, self._unknowns.dimension)
         of, first = rows.row_of, np.diff(rows.row_of, prepend=-1) > 0
         terms = [term for part, _ in parts for term in part.terms]
         angles = {c.statement: k for k, c in enumerate(self._unknowns.mechanism.coordinates)}
@@ -265,9 +261,7 @@ class ConstraintSet:
             rows, own[of], np.where(first, wanted[of], 0.0), motions[of], self.of_directors[chosen][own][of], near
         )
 
-    def statements_among(
-        self, chosen: np.ndarray
-    ) -> tuple[np.ndarray, list[tuple[Statement | Combination, tuple[Attachment, ...]]], np.ndarray, np.ndarray]:
+    def statements_among(self, chosen: np.ndarray) -> tuple[np.ndarray, list[Attached], np.ndarray, np.ndarray]:
         """Return which of constraints with given numbers are statements, (n,), these with their sides, and their values
         and motions as of `ChosenRows`, each (n,)."""
         original = self._kept[chosen]

@@ -114,6 +114,10 @@ class Attachment:
         return found
 
 
+#: A statement, or a combination of several, with the attachments that it is about, a pair for each term.
+Attached = tuple[Statement | Combination, tuple[Attachment, ...]]
+
+
 def meeting(dimension: int) -> list[Statement]:
     """Return that two points share their position."""
     return [meet(axis) for axis in np.eye(dimension)]
@@ -141,9 +145,7 @@ def weld(in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
     return [*meeting(len(in_a)), *parallel(in_a, in_b)]
 
 
-def ridden(
-    in_a: np.ndarray, in_b: np.ndarray, run: Sequence[Attachment], b: Attachment
-) -> list[tuple[Combination, tuple[Attachment, ...]]]:
+def ridden(in_a: np.ndarray, in_b: np.ndarray, run: Sequence[Attachment], b: Attachment) -> list[Attached]:
     """Return that b, which rides on them, is on the bent line through the nodes of a run, in its order, with the sides.
 
     Hermite's interpolation between nodes at X_i with directors t_i, n_i has the deflection ``sum_i H_i w_i + G_i w'_i``
@@ -172,9 +174,7 @@ def ridden(
     return found
 
 
-def about(
-    statements: Sequence[Statement | Combination], *sides: Attachment
-) -> tuple[tuple[Statement | Combination, tuple[Attachment, ...]], ...]:
+def about(statements: Sequence[Statement | Combination], *sides: Attachment) -> tuple[Attached, ...]:
     """Return statements about two attachments with these as the sides of each of their terms."""
     return tuple((part, len(part.terms) * sides) for part in statements)
 
@@ -230,17 +230,17 @@ class Connection:
     #: each, one axis a column
     axes: tuple[np.ndarray, np.ndarray]
     #: what is zero in the motion, with its sides: about a where the joint is, if it is off, or along a beam
-    held: tuple[tuple[Statement | Combination, tuple[Attachment, ...]], ...]
+    held: tuple[Attached, ...]
     released: tuple[Release, ...]  # directions that are held in the configuration alone
     #: what would be zero in the motion if it were where it should be; None if it is
-    level: tuple[tuple[Statement | Combination, tuple[Attachment, ...]], ...] | None = None
+    level: tuple[Attached, ...] | None = None
 
     @property
     def sides(self) -> tuple[Attachment, Attachment]:
         """Both attachments."""
         return self.a, self.b
 
-    def holding(self, moving: bool = False) -> list[tuple[Statement | Combination, tuple[Attachment, ...]]]:
+    def holding(self, moving: bool = False) -> list[Attached]:
         """Return what is zero in the configuration, or in the motion too, with its sides."""
         return list(self.held if moving else about(self.statements, *self.sides))
 
@@ -271,6 +271,6 @@ class Coupling:
     rows: slice
     elastic: bool  # whether it does so in the configuration alone
 
-    def holding(self, moving: bool = False) -> list[tuple[Combination, tuple[Attachment, ...]]]:
+    def holding(self, moving: bool = False) -> list[Attached]:
         """Return what has its value in the configuration, or in the motion too, with its sides."""
         return [] if moving and self.elastic else [(self.combination, self.sides)]

@@ -24,9 +24,9 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connections_of, couplings_of, first_guess
-from pgmp_petsc.mechanism.joints import Attachment, Connection, Coupling, orthonormality
+from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupling, orthonormality
 from pgmp_petsc.mechanism.space import SPATIAL, Space, rotate, space_of
-from pgmp_petsc.mechanism.statements import ANGLE, Combination, Statement, distance
+from pgmp_petsc.mechanism.statements import ANGLE, Statement, distance
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.uses import slides
@@ -80,20 +80,6 @@ class Coordinate:
 def words_of(coordinates: Sequence[Coordinate], theta: np.ndarray, digits: int = 6) -> str:
     """Name a configuration (n_theta,): ``theta = 0.1 rad, x = 0.2 m``."""
     return ", ".join(c.described(value, digits) for c, value in zip(coordinates, theta))
-
-
-def placed(space: Space, bodies: Sequence[Body], n_dofs: int, poses: np.ndarray) -> np.ndarray:
-    """Return unknowns (n_dofs, ...) of undeformed bodies at poses (n_bodies, n_pose, ...).
-
-    They are the frames of all nodes, as poses are, and the positions of meshes where the bodies say that they are.
-    """
-    q = np.zeros((n_dofs, *poses.shape[2:]))
-    n_nodes = sum(body.n_nodes for body in bodies)
-    frames = q[: space.n_pose * n_nodes].reshape(n_nodes, space.n_pose, *poses.shape[2:])
-    for body, pose in zip(bodies, poses):
-        frames[body.nodes] = space.place(pose, body.mesh.nodes)
-        body.at_points(q)[:] = space.place(pose, body.points)[:, : space.dimension]
-    return q
 
 
 def _point_rates(pose: np.ndarray, rate: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -177,10 +163,6 @@ class Mechanism:
         """
         return attachment_at(self.scene, self.bodies, address, entry)
 
-    def node(self, address: str, entry: str) -> int:
-        """Return the global number of the node at ``"body:point"``; raises as `attachment`."""
-        return self.attachment(address, entry).node
-
     def node_dofs(self, node: int) -> np.ndarray:
         """Return the unknowns of a node, shape (3,), in space (6,)."""
         return self.space.n_dofs * node + np.arange(self.space.n_dofs)
@@ -191,14 +173,7 @@ class Mechanism:
         body = self.bodies[number]
         return number, body.mesh.nodes[node - body.first_node]
 
-    def place(self, poses: np.ndarray) -> np.ndarray:
-        """Place the undeformed bodies, rho of eq. (4): return unknowns q, shape (n_dofs, ...), for poses ``(X, Y,
-        Phi)``, shape (n_bodies, 3, ...)."""
-        return placed(self.space, self.bodies, self.n_dofs, poses)
-
-    def holding(
-        self, frames: Sequence[Attachment], moving: bool = False
-    ) -> tuple[list[tuple[Statement | Combination, tuple[Attachment, ...]]], np.ndarray]:
+    def holding(self, frames: Sequence[Attachment], moving: bool = False) -> tuple[list[Attached], np.ndarray]:
         """Return what holds the mechanism together, statements with their sides, and the values that they have, (n,).
 
         These are the statements of the joints, which are zero, combinations of what couplings couple, and in space the
@@ -299,11 +274,16 @@ class Unknowns:
         return q[: n_pose * n_nodes].reshape(n_nodes, n_pose, *q.shape[1:])
 
     def place(self, poses: np.ndarray) -> np.ndarray:
-        """Return the unknowns (n_dofs, ...) of undeformed bodies at poses (n_bodies, n_pose, ...).
+        """Return the unknowns (n_dofs, ...) of undeformed bodies, rho of eq. (4), at poses (n_bodies, n_pose, ...).
 
         In space it is linear in the poses, so that rates of poses give those of the unknowns.
         """
-        return placed(self._space, self.bodies, self.n_dofs, poses)
+        q, space = np.zeros((self.n_dofs, *poses.shape[2:])), self._space
+        frames = self.frames(q)
+        for body, pose in zip(self.bodies, poses):
+            frames[body.nodes] = space.place(pose, body.mesh.nodes)
+            body.at_points(q)[:] = space.place(pose, body.points)[:, : space.dimension]
+        return q
 
     def share(self, rank: int, size: int) -> range:
         """Return a rank's contiguous share of the unknowns, whole frames and whole nodes of meshes at a time."""

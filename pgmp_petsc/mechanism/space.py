@@ -79,15 +79,6 @@ class Plane:
         cos, sin = np.cos(frame[2]), np.sin(frame[2])
         return np.array([frame[0], frame[1], cos, sin, -sin, cos])
 
-    def natural_gradient(self, pose: np.ndarray, arm: np.ndarray) -> np.ndarray:
-        """Return the change of position and directors of a point at an arm (d,) of a node with the node's displacement
-        in the body's frame, shape (d (d + 1), n_dofs): ``dp = R (u + phi J arm)``, ``d(d_k) = phi J d_k``, J a right
-        angle's rotation."""
-        turn, gradient = self.rotation(pose)[:2, :2], np.zeros((6, 3))
-        gradient[:2, :2], gradient[:2, 2] = turn, turn @ [-arm[1], arm[0]]
-        gradient[2:4, 2], gradient[4:6, 2] = turn[:, 1], -turn[:, 0]
-        return gradient
-
     def place(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return the frames (n, n_pose, ...) of points (n, d) of a rigid body at a pose (n_pose, ...)."""
         frames = np.empty((len(points), *pose.shape))
@@ -167,12 +158,6 @@ class Spatial:
 
     def natural(self, frame: np.ndarray) -> np.ndarray:
         return frame[: self.n_pose]
-
-    def natural_gradient(self, pose: np.ndarray, arm: np.ndarray) -> np.ndarray:
-        """Return `frame_gradient` for a point at an arm."""
-        moved = np.eye(6)
-        moved[:3, 3:] = -cross_matrix(arm)
-        return self.frame_gradient(pose) @ moved
 
     def place(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
         frames = np.empty((len(points), *pose.shape))

@@ -9,8 +9,7 @@ value. Trailing axes of the unknowns (samples, configurations) are kept.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import combinations_with_replacement
 from typing import NamedTuple
@@ -20,9 +19,10 @@ import numpy as np
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import WIDE, empty_lanes, items, keep
 from pgmp_petsc.lanes.vectors import LANES
-from pgmp_petsc.mechanism.joints import Attachment
+from pgmp_petsc.mechanism.joints import Attached
 from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
-from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Statement
+from pgmp_petsc.mechanism.space import Space
+from pgmp_petsc.mechanism.statements import ANGLE, Function, Statement
 
 VALUES, SLOPES, CURVATURES, DRIFT = range(4)
 FROM_SUM = -1  # of an angle that is near to what the other terms leave of its row's value
@@ -32,8 +32,8 @@ ROUND_OFF = 1e-14  # of derivatives of order 1 at a generic place, below which t
 class StatementRows:
     """Statements about pairs of nodes, one a row, or combinations of them.
 
-    Of n `parts` the attachments are `sides`, a pair for each term; `node_dofs` leads from a node to the unknowns that
-    its frame depends on, shape (m,): ``(x, y, phi)`` or natural coordinates.
+    There are n `parts`; `node_dofs` leads from a node to the unknowns that its frame depends on, shape (m,): ``(x, y,
+    phi)`` or natural coordinates.
 
     Terms have the rows `row_of`, increasing, (n_terms,), and in `dofs` the unknowns of both nodes, -1 on the ground,
     (n_terms, 2 m). `jacobian_pattern` has rows and unknowns of their first derivatives that are not zero everywhere,
@@ -42,17 +42,11 @@ class StatementRows:
     `compiled` are the rows as compiled functions take them.
     """
 
-    def __init__(
-        self,
-        parts: Sequence[Statement | Combination],
-        sides: Sequence[tuple[Attachment, ...]],
-        node_dofs: Callable[[int], np.ndarray],
-        dimension: int,
-    ) -> None:
-        self.n = len(parts)
-        terms = [term for part in parts for term in part.terms]
-        self.row_of = np.repeat(np.arange(self.n), [len(part.terms) for part in parts])
-        every = [side for own in sides for side in own]
+    def __init__(self, parts: Sequence[Attached], node_dofs: Callable[[int], np.ndarray], dimension: int) -> None:
+        self.parts, self.n = parts, len(parts)
+        terms = [term for part, _ in parts for term in part.terms]
+        self.row_of = np.repeat(np.arange(self.n), [len(part.terms) for part, _ in parts])
+        every = [side for _, sides in parts for side in sides]
         own = [part for part, _ in terms], list(zip(every[::2], every[1::2])), dimension
         self.statements = NodeStatements.of(*own, [function for _, function in terms])
         # derivatives may be zero at some place, as those of a cam that dwells, or of what is local along a line
@@ -61,10 +55,16 @@ class StatementRows:
         )
         grounded = np.full(node_dofs(0).size, -1)
         dofs = [grounded if side.on_ground else node_dofs(side.node) for side in every]
-        angles = {part: row for row, part in enumerate(parts) if isinstance(part, Statement) and part.kind == ANGLE}
+        angles = {one: row for row, (one, _) in enumerate(parts) if isinstance(one, Statement) and one.kind == ANGLE}
         self.near = near_rows(terms, self.row_of, angles)
         self.dofs = np.array(dofs, dtype=np.int64).reshape(len(terms), 2 * grounded.size)
         self._compile()
+
+    @classmethod
+    def on_poses(cls, parts: Sequence[Attached], space: Space) -> StatementRows:
+        """Return the rows of parts on rigid bodies, whose unknowns are the poses of all bodies."""
+        placed = [(part, tuple(side.on_pose() for side in sides)) for part, sides in parts]
+        return cls(placed, lambda body: space.n_pose * body + np.arange(space.n_pose), space.dimension)
 
     def values(self, q: np.ndarray, known: np.ndarray | float = 0.0) -> np.ndarray:
         """Return the statements, shape (n, ...), for unknowns (n_dofs, ...).
@@ -76,11 +76,11 @@ class StatementRows:
 
     def gradients(self, q: np.ndarray) -> np.ndarray:
         """Return the first derivatives of terms in the unknowns of `dofs`, shape (n_terms, 2 m, ...)."""
-        return self._everything(SLOPES, q).reshape(*self.dofs.shape, *q.shape[1:])
+        return self._everything(SLOPES, q, self.statements)
 
     def hessians(self, q: np.ndarray) -> np.ndarray:
         """Return the second derivatives of terms in the unknowns of `dofs`, shape (n_terms, 2 m, 2 m, ...)."""
-        return self._everything(CURVATURES, q).reshape(*self.dofs.shape, self.dofs.shape[1], *q.shape[1:])
+        return self._everything(CURVATURES, q, self.statements)
 
     def dense(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return all first and second derivatives of the rows, shapes (n, n_dofs) and (n, n_dofs, n_dofs), at unknowns
@@ -102,9 +102,11 @@ class StatementRows:
             found[:, :, i, j] = found[:, :, j, i] = self.drift(q, ways[:, i], ways[:, j]).T
         return found
 
-    def jacobian_values(self, q: np.ndarray) -> np.ndarray:
-        """Return the first derivatives on `jacobian_pattern`, shape (n_entries, ...)."""
-        return self._evaluated(SLOPES, self.jacobian_pattern[0].size, q)
+    def jacobian_values(self, q: np.ndarray, generic: bool = False) -> np.ndarray:
+        """Return the first derivatives on `jacobian_pattern`, shape (n_entries, ...); `generic` are those of statements
+        and functions whose derivatives are zero nowhere, in the places of all."""
+        rows = self.compiled._replace(statements=self._generic) if generic else self.compiled
+        return self._evaluated(SLOPES, self.jacobian_pattern[0].size, q, rows=rows)
 
     def curvature_values(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """Return the second derivatives times the rows' multipliers (n, ...) on `curvature_pattern`, shape (n_curved,
@@ -138,11 +140,12 @@ class StatementRows:
         _evaluate(what, self.compiled if rows is None else rows, q, rates, known, result)
         return result.reshape(size, *trailing)
 
-    def _everything(self, what: int, q: np.ndarray) -> np.ndarray:
-        """Return all first or second derivatives, zeros included, row by row."""
-        ones = np.ones((self.n, *q.shape[1:]))
-        size = self.dofs.size * (1 if what == SLOPES else self.dofs.shape[1])
-        return self._evaluated(what, size, q, ones, rows=self._all)
+    def _everything(self, what: int, q: np.ndarray, statements: NodeStatements) -> np.ndarray:
+        """Return all first or second derivatives of statements in the places of all terms, zeros included."""
+        ones, shape = np.ones((self.n, *q.shape[1:])), self.dofs.shape
+        shape += shape[1:] if what == CURVATURES else ()
+        found = self._evaluated(what, math.prod(shape), q, ones, rows=self._all._replace(statements=statements))
+        return found.reshape(*shape, *q.shape[1:])
 
     @cached_property
     def _all(self) -> Rows:
@@ -160,8 +163,7 @@ class StatementRows:
         """Find what is not zero at a place that no mechanism comes to, and what is the same everywhere."""
         n_dofs, n = self.dofs.max(initial=0) + 1, len(self.dofs)
         generic, at_zero = np.random.default_rng(0).normal(size=(n_dofs, 2)), np.zeros((n_dofs, 1))
-        with self.bent_functions():
-            gradients, hessians = self.gradients(generic), self.hessians(generic)
+        gradients, hessians = (self._everything(what, generic, self._generic) for what in (SLOPES, CURVATURES))
         moving = self.dofs >= 0
         curved = _not_zero(hessians) & moving[:, :, None] & moving[:, None, :]
         bent = curved.any(axis=(1, 2))
@@ -180,22 +182,6 @@ class StatementRows:
             self.statements, self.dofs, self.row_of, self.near, np.flatnonzero(~bent), np.flatnonzero(bent),
             constants, entries, self.gradients(at_zero)[..., 0][first], (_starts(terms, n), i, j),
         )  # fmt: skip
-
-    @contextmanager
-    def bent_functions(self) -> Iterator[None]:
-        """Put functions whose derivatives are zero nowhere in the places of those of all terms."""
-        own, self.statements = self.statements, self._generic
-        compiled = self.__dict__.get("compiled")
-        if compiled is not None:
-            self.compiled = compiled._replace(statements=self._generic)
-        self.__dict__.pop("_all", None)
-        try:
-            yield
-        finally:
-            self.statements = own
-            if compiled is not None:
-                self.compiled = compiled
-            self.__dict__.pop("_all", None)
 
 
 class Rows(NamedTuple):

@@ -218,10 +218,4 @@ def _step(scene: Scene, size: float, name: str | None) -> float:
 
 def _statements(mechanism: Mechanism) -> StatementRows:
     """Return the constraints of the joints in the poses of the bodies."""
-    parts, n_pose = [part for one in mechanism.holders for part in one.holding(True)], mechanism.space.n_pose
-    return StatementRows(
-        [statement for statement, _ in parts],
-        [tuple(side.on_pose() for side in sides) for _, sides in parts],
-        lambda body: n_pose * body + np.arange(n_pose),
-        mechanism.space.dimension,
-    )
+    return StatementRows.on_poses([part for one in mechanism.holders for part in one.holding(True)], mechanism.space)

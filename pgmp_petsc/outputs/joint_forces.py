@@ -35,7 +35,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import SI
 from pgmp_petsc.effects import springs_of_joints
 from pgmp_petsc.effects.action import SPRING_DAMPER, Action
-from pgmp_petsc.mechanism.joints import Attachment, Connection, Coupling
+from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupling
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, Unknowns
 from pgmp_petsc.mechanism.space import Space
@@ -111,10 +111,8 @@ class InJoint(OfMultipliers):
         mechanism = kinematics.mechanism
         coupling = next((one for one in mechanism.couplings if one.name == self.joint), None)
         if coupling is not None:
-            made: ForceOutput = OfCoupling.of(name, self, coupling, kinematics)
-        else:
-            made = OfConnection.of(name, self, mechanism.connection(self.joint), mechanism)
-        return made
+            return OfCoupling.of(name, self, coupling, kinematics)
+        return OfConnection.of(name, self, mechanism.connection(self.joint), mechanism)
 
 
 class JointForce(InJoint):
@@ -278,7 +276,7 @@ class OfConnection(ForceOutput):
     entry: InJoint
     space: Space  # of the mechanism
     connection: Connection
-    held: tuple[tuple[Statement | Combination, tuple[Attachment, ...]], ...]  # what the rows hold, and of which points
+    held: tuple[Attached, ...]  # what the rows hold, and of which points
     pulls: tuple[Pull, ...]  # what acts in the directions that it releases
     #: force for a unit of each multiplier, shape (d, n_rows), where that is the same everywhere
     shares: np.ndarray | None = None
@@ -306,7 +304,7 @@ class OfConnection(ForceOutput):
                     connection.name,
                 )
             )
-        d, first = mechanism.space.dimension, _first_row(mechanism, connection.name)
+        d, first = mechanism.space.dimension, _rows_of(mechanism, connection.name).start
         chosen = [k for k, (part, _) in enumerate(connection.held) if _acts(part, entry.turning, d)]
         rows, held = first + np.array(chosen, dtype=int), tuple(connection.held[k] for k in chosen)
         sides = [*connection.sides, *(side for _, own in held for side in own)]
@@ -459,7 +457,7 @@ class OfCoupling(ForceOutput):
             if pair == wanted and part.is_length == (share.motion == "sliding")
         )  # fmt: skip
         pull, nodes = None, set(readings[number].nodes)
-        rows = np.array([_first_row(mechanism, coupling.name)])
+        rows = np.array([_rows_of(mechanism, coupling.name).start])
         if joint.gives_way:
             (action,) = _actions_in(coupling.name, mechanism)
             pull = Pull(action, tuple(readings))
@@ -531,13 +529,13 @@ def _actions_in(name: str, mechanism: Mechanism) -> list[Action]:
     return next(effect.actions() for effect in every if effect.name == name)
 
 
-def _first_row(mechanism: Mechanism, name: str) -> int:
-    """Return the number of the first multiplier of a joint or coupling."""
+def _rows_of(mechanism: Mechanism, name: str) -> slice:
+    """Return the numbers of the multipliers of a joint or coupling."""
     row = 0
     for one in mechanism.holders:
+        rows = slice(row, row := row + len(one.holding(moving=True)))
         if one.name == name:
-            return row
-        row += len(one.holding(moving=True))
+            return rows
     raise KeyError(name)
 
 
@@ -587,24 +585,16 @@ def _refuse_undetermined(
             continue
         if isinstance(output, OfCoupling):
             _refuse(f"{table}.{output.name}", sharing, "")
-        of = _map_of(output, frames, mechanism)
-        for axis, row in zip(_axes(output, frames), _chosen(output, frames) @ of):
+        of, axes = _map_of(output, frames, mechanism), _chosen(output, frames)
+        for axis, row in zip(axes, axes @ of):
             if np.abs(row @ shares).max() > UNDETERMINED * max(1.0, np.abs(row).max()):
                 words = _combination(output, axis, shares, sharing, frames, mechanism)
                 _refuse(f"{table}.{output.name}", sharing, words)
 
 
-def _rows_of(mechanism: Mechanism, name: str) -> slice:
-    first = _first_row(mechanism, name)
-    one = next(one for one in mechanism.holders if one.name == name)
-    return slice(first, first + len(one.holding(moving=True)))
-
-
 def _map_of(output: OfConnection, frames: Frames, mechanism: Mechanism) -> np.ndarray:
     """Return the force or moment of a joint for a unit of each multiplier, shape (n_components, n_held)."""
-    columns, nothing = [], OfConnection(
-        output.name, output.rows, output.nodes, False, output.entry, output.space, output.connection, output.held, ()
-    )  # fmt: skip
+    columns, nothing = [], replace(output, pulls=())
     for unit in np.eye(mechanism.n_held):
         force, moment = nothing.wrench(frames, {}, unit[:, None], {})
         columns.append((moment if output.entry.turning else force)[:, 0])
@@ -624,10 +614,6 @@ def _chosen(output: OfConnection, frames: Frames) -> np.ndarray:
     return np.array([output.component(every[:, [k]], frames)[0, 0] for k in range(size)])[None]
 
 
-def _axes(output: OfConnection, frames: Frames) -> list[np.ndarray]:
-    return list(_chosen(output, frames))
-
-
 def _combination(
     output: OfConnection, axis: np.ndarray, shares: np.ndarray, sharing: Sequence[str], frames: Frames,
     mechanism: Mechanism,
@@ -637,8 +623,7 @@ def _combination(
     others = {}
     for connection in mechanism.connections:
         if connection.name in sharing and connection.name != output.connection.name:
-            first = _first_row(mechanism, connection.name)
-            rows = np.arange(first, first + len(connection.held))
+            rows = np.arange(mechanism.n_held)[_rows_of(mechanism, connection.name)]
             other = replace(output, rows=rows, connection=connection, held=tuple(connection.held), pulls=())
             others[connection.name] = axis @ _map_of(other, frames, mechanism)
     for n in range(1, len(others) + 1):

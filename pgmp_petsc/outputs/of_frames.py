@@ -88,11 +88,6 @@ class AlongAxis(OutputEntry):
     axis: Axis = Field(description="x or y, in space also z")
     reads, unit = ("frames",), "m"
 
-    def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line if there is no such axis."""
-        if scene.dimension == 2 and self.axis == "z":
-            yield problem(f"outputs.{name}.axis", "x or y is needed in the plane", "z")
-
 
 class OnTheGround(AlongAxis):
     """What is read of a point along an axis of the ground, whose points go along where a base moves."""
@@ -165,11 +160,6 @@ class Speed(OutputEntry):
         if self.absolute and self.point is None:
             raise refusal("a joint's speed is that of one body against the other; leave it out", "absolute")
         return self
-
-    def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line if there is no such axis."""
-        if scene.dimension == 2 and self.axis == "z":
-            yield problem(f"outputs.{name}.axis", "x or y is needed in the plane", "z")
 
     def unit_in(self, scene: Scene) -> str:
         """Return rad/s for what turns."""

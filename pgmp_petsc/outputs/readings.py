@@ -22,7 +22,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects.motion import Course
+from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.joints import Attachment, Connection
 from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate
@@ -56,7 +56,7 @@ class Base(NamedTuple):
 
     direction: np.ndarray
     factor: Quantity
-    course: Course
+    course: TimeFunction
 
 
 @dataclass(frozen=True)
@@ -253,7 +253,7 @@ class Absolute:
         found = self.of.jet(seen, order)
         for direction, factor, course in seen.bases:
             share = direction[self.of.axis] * factor.at(seen.values)
-            found = [x + share * y for x, y in zip(found, course.jet(seen.time))]
+            found = [x + share * y for x, y in zip(found, course.jet(seen.time, order))]
         return found
 
 

@@ -26,6 +26,7 @@ from pgmp_petsc.scene.fields import (
     exactly_one,
     jumps_within,
     refusal,
+    with_values,
 )
 from pgmp_petsc.scene.joints import MEASURED, joints_with
 from pgmp_petsc.scene.messages import problem
@@ -70,13 +71,8 @@ class Setpoint(Table):
         return self.constant is None
 
     def changed(self, value: Callable[[Any], Any]) -> Setpoint:
-        wave = self.harmonic
-        found = {
-            "constant": None if self.constant is None else value(self.constant),
-            "table": self.table and tuple((time, value(one)) for time, one in self.table),
-            "harmonic": wave and wave.model_copy(update={"amplitude": value(wave.amplitude), "mean": value(wave.mean)}),
-        }
-        return self.model_copy(update=found)
+        """Return the same with other values."""
+        return with_values(self, value) if self.changes else Setpoint(constant=value(self.constant))
 
 
 class ControllerEntry(Table):

@@ -385,6 +385,14 @@ Triple = Annotated[
 ]
 #: A direction in space.
 Axis = Annotated[Triple, _NOT_ZERO]
+
+
+@cache
+def directions_of(table: type[Table]) -> tuple[str, ...]:
+    """Return the entries of a table that are directions, in their order."""
+    return tuple(key for key, field in table.model_fields.items() if _NOT_ZERO in notes_on(field, AfterValidator))
+
+
 #: A moment of inertia, or the six entries of a tensor, each a number or the name of a parameter.
 Inertia = Annotated[
     float | str | tuple[float | str, ...],
@@ -523,6 +531,15 @@ class LoadHarmonic(Table):
     frequency_hz: Annotated[Number, _OF_TIME, Unit("Hz")] = Field(gt=0.0, description="frequency (Hz)")
     phase: Annotated[Angle, _OF_TIME, Unit("rad")] = Field(0.0, description="phase at time 0 (rad)")
     mean: Annotated[NumberOrParameter, Unit()] = Field(0.0, description=f"mean value (N m) or (N), {NAMED}")
+
+
+def with_values(over_time: Any, value: Callable[[Any], Any]) -> Any:
+    """Return an entry with a `LoadTable` or a `LoadHarmonic` with other values in it."""
+    if over_time.harmonic is None:
+        return over_time.model_copy(update={"table": tuple((time, value(one)) for time, one in over_time.table)})
+    wave = over_time.harmonic
+    changed = wave.model_copy(update={key: value(getattr(wave, key)) for key in ("amplitude", "mean")})
+    return over_time.model_copy(update={"harmonic": changed})
 
 
 class SpinUp(Table):

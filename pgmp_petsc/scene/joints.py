@@ -30,6 +30,7 @@ from pgmp_petsc.scene.fields import (
     StiffnessOrParameter,
     Table,
     Unit,
+    directions_of,
     exactly_one,
     quantities_of,
     refusal,
@@ -316,11 +317,6 @@ class JointTable(Table):
         """Return the motions that it leaves free in the plane or in space, that which effects mean first."""
         return cls.motions + (cls.also_in_plane if dimension == 2 else ())
 
-    @classmethod
-    def slides_in(cls, dimension: int) -> bool:
-        """Whether it leaves sliding free in the plane or in space."""
-        return "sliding" in cls.motions_in(dimension)
-
     def motion_of(self, said: str | None, allowed: Sequence[str], dimension: int) -> str | None:
         """Return the one of the allowed motions that an entry means that says one, or none; None where it has to."""
         free = [one for one in self.motions if one in allowed]
@@ -390,8 +386,10 @@ class JointEntry(JointTable):
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
-        """Directions that say how the joint stands, in the frame of the first point's owner: none, one or two."""
-        return ()
+        """How the joint stands, none, one or two directions in the frame of the first point's owner: its entries that
+        are directions."""
+        given = (getattr(self, key) for key in directions_of(type(self)))
+        return tuple(axis for axis in given if axis is not None)
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> Sequence[Any]:
         """Return what is to be zero, `mechanism.statements` about the frames a and b of its points.

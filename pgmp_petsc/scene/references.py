@@ -30,7 +30,7 @@ from pgmp_petsc.base.errors import nearest_name, shortened
 from pgmp_petsc.base.units import QUANTITY
 from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
-from pgmp_petsc.scene.fields import GROUND, AnyScene, split_point
+from pgmp_petsc.scene.fields import GROUND, AnyScene, split_point, with_values
 from pgmp_petsc.scene.joints import MEASURED, WHERE, CouplingEntry, JointEntry, joints_with
 from pgmp_petsc.scene.messages import COMPONENTS, MAX_RECEIVED, problem
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry, circle_of
@@ -58,7 +58,7 @@ def effect_problems(scene: AnyScene) -> Iterator[str]:
 
 
 def _place_problems(scene: AnyScene, entry: str, table: EffectEntry | OutputEntry) -> Iterator[str]:
-    """Yield a line for each joint and point that an effect or an output is at and that there is not."""
+    """Yield a line for each joint and point that an effect or an output is at, and its axis, that there is not."""
     if table.joints and table.joint is not None:
         fitting = joints_with(*table.joints, dimension=scene.dimension)
         yield from joint_problems(scene, f"{entry}.joint", table.joint, fitting)
@@ -70,6 +70,8 @@ def _place_problems(scene: AnyScene, entry: str, table: EffectEntry | OutputEntr
     points = getattr(table, "points", None)
     if points is not None:
         yield from points_problems(scene, f"{entry}.points", points)
+    if scene.dimension == 2 and getattr(table, "axis", None) == "z":
+        yield problem(f"{entry}.axis", "x or y is needed in the plane", "z")
 
 
 def joint_problems(scene: AnyScene, entry: str, joint: str, allowed: tuple[type, ...]) -> Iterator[str]:
@@ -213,9 +215,6 @@ def _ends_apart(scene: AnyScene) -> Iterator[str]:
                 break
 
 
-HARMONIC = ("amplitude", "mean")
-
-
 def parts_of(name: str, effect: EffectEntry) -> dict[str, EffectEntry]:
     """Return the loads that an effect is made of; any other effect as it is.
 
@@ -244,12 +243,8 @@ def _part(effect: OverTime, parameter: str | None) -> OverTime:
             return 0.0 if isinstance(value, str) else value
         return effect.scale if value == parameter else 0.0
 
-    if effect.harmonic is not None:
-        values = {key: value_of(getattr(effect.harmonic, key)) for key in HARMONIC}
-        changed = {"harmonic": effect.harmonic.model_copy(update=values)}
-    else:
-        changed = {"table": tuple((time, value_of(value)) for time, value in effect.table)}
-    return effect.model_copy(update=changed | ({} if parameter is None else {"scale": parameter}))
+    changed = with_values(effect, value_of)
+    return changed if parameter is None else changed.model_copy(update={"scale": parameter})
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from pgmp_petsc.effects import Action, actions_of, effects_of
 from pgmp_petsc.effects.effect import UnitForces
 from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.effects.springs import left_out, linear_springs, moving_dofs, spring_block, spring_force, spring_remarks
+from pgmp_petsc.mechanism.body_frames import BodyHessians
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
@@ -60,14 +61,15 @@ def test_the_stiffness_is_that_of_the_energy(dimension: int, number: int) -> Non
     dofs, measure = measure_of(spring, mechanism, poses)
     slopes = slopes_of(measure, dofs.size)
     gradient = UnitForces([spring], mechanism).at(poses)[moving_dofs(spring), 0]
-    plain = spring_block(spring, gradient, mechanism, poses, scene.values)
+    plain = spring_block(spring, gradient, scene.values)
     np.testing.assert_array_equal(plain.dofs, dofs)
     # central differences with steps of 1e-5 and 1e-4 leave 1e-9 and 1e-7
     np.testing.assert_allclose(plain.matrix, stiffness * np.outer(slopes, slopes), rtol=0, atol=1e-8 * stiffness)
     force = spring_force(spring, mechanism, poses, theta, scene.values)
     away = measure(np.zeros(dofs.size)) - spring.parameters[2].at(scene.values)
     assert force == pytest.approx(-stiffness * away, rel=1e-12, abs=1e-12)
-    loaded = spring_block(spring, gradient, mechanism, poses, scene.values, -3.0)
+    hessian = BodyHessians(mechanism, [(spring.statement, spring.sides)]).at(poses)[0]
+    loaded = spring_block(spring, gradient, scene.values, -3.0 * hessian)
     np.testing.assert_allclose(loaded.matrix - plain.matrix, 3.0 * bends_of(measure, dofs.size), rtol=0, atol=1e-6)
 
 

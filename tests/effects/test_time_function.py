@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from pgmp_petsc.effects.loads import Torque
-from pgmp_petsc.effects.motion import Motion, PrescribedMotion
+from pgmp_petsc.effects.motion import PrescribedMotion
 from pgmp_petsc.effects.time_function import Piece, TimeFunction, amplitude_of, joined
 
 TIMES = np.concatenate([np.linspace(-0.5, 3.0, 701), [0.2, 0.9, 1.4]])
@@ -33,7 +33,7 @@ def test_harmonics_are_sines() -> None:
 def test_motions_by_tables_are_clamped_splines() -> None:
     times, angles = np.array(ROWS).T
     spline = CubicSpline(times, angles, bc_type="clamped")
-    motion = Motion("drive", PrescribedMotion(type="prescribed_motion", coordinate="theta", table=ROWS))
+    motion = PrescribedMotion(type="prescribed_motion", coordinate="theta", table=ROWS).motion("drive")
     found = np.array([motion.at(time) for time in TIMES]).T
     outside = (TIMES < times[0]) | (TIMES >= times[-1])
     for order, size in enumerate((1.0, 1e2, 1e4)):
@@ -46,12 +46,12 @@ def test_motions_by_tables_are_clamped_splines() -> None:
 def test_third_derivatives_are_those_of_the_second() -> None:
     wave, table = {"amplitude": 0.7, "frequency_hz": 2.0, "phase": 0.4}, ROWS
     for entry in ({"harmonic": wave}, {"table": table}, {"spin_up": {"speed": 8.0, "time": 1.0}}):
-        angle = Motion("drive", PrescribedMotion(type="prescribed_motion", coordinate="theta", **entry)).angle
+        angle = PrescribedMotion(type="prescribed_motion", coordinate="theta", **entry).motion("drive").angle
         for time, h in ((-0.1, 1e-4), (0.5, 1e-4), (0.97, 1e-4), (3.0, 1e-4)):
             before, after = (float(angle.with_rates(time + s * h)[2]) for s in (-1, 1))
             expected = (after - before) / (2.0 * h)
             # truncation of the differences is (w h)^2 / 6, with w up to 13 / s
-            assert angle.third(time) == pytest.approx(expected, rel=1e-6, abs=1e-6)
+            assert angle.jet(np.array([time]), 3)[3] == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
 def test_functions_are_joined_one_behind_the_other() -> None:
@@ -88,6 +88,6 @@ FORMULAS = {
 @pytest.mark.parametrize("name", FORMULAS)
 def test_motions_by_formulas_are_those_and_their_derivatives(name: str) -> None:
     entry, formula = FORMULAS[name]
-    moved = Motion("drive", PrescribedMotion(type="prescribed_motion", coordinate="theta", **{name: entry}))
+    moved = PrescribedMotion(type="prescribed_motion", coordinate="theta", **{name: entry}).motion("drive")
     for time in np.append(np.linspace(0.0, 3.2, 65), 1.2):
         np.testing.assert_allclose(moved.at(time), formula(time), rtol=1e-13, atol=1e-13)

@@ -33,7 +33,7 @@ def kinematics() -> RigidKinematics:
 def state() -> tuple[np.ndarray, np.ndarray]:
     """Return unknowns of a turned and deformed mechanism, and velocities."""
     random = np.random.default_rng(1)
-    q = kinematics().mechanism.place(kinematics().poses(np.array([0.9])))[:, 0]
+    q = Unknowns(kinematics().mechanism).place(kinematics().poses(np.array([0.9])))[:, 0]
     return q + random.normal(0.0, 1e-4, q.size), random.normal(0.0, 1.0, q.size)
 
 

@@ -84,10 +84,10 @@ def test_the_rigid_motion_satisfies_them(mechanism: Mechanism) -> None:
     kinematics, constraints = RigidKinematics(mechanism), ConstraintSet(Unknowns(mechanism))
     poses = kinematics.poses(np.array([0.4, 2.0, 5.0]))
     # the closure's own tolerance is 1e-12 of the mechanism's size
-    np.testing.assert_allclose(constraints.residual(mechanism.place(poses)), 0.0, rtol=0, atol=2e-12)
+    np.testing.assert_allclose(constraints.residual(Unknowns(mechanism).place(poses)), 0.0, rtol=0, atol=2e-12)
     rates = kinematics.rates(poses)
     for k in range(3):
-        q = mechanism.place(poses[..., k])
+        q = Unknowns(mechanism).place(poses[..., k])
         velocity = mechanism.place_rates(poses[..., k], rates[..., k])
         np.testing.assert_allclose(dense_jacobian(constraints, q) @ velocity, 0.0, rtol=0, atol=1e-11)
 

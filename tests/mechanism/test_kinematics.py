@@ -63,8 +63,7 @@ def test_slider_crank_poses(crank_slider: RigidKinematics) -> None:
     poses = crank_slider.poses(THETA)
     # the closure is solved to 1e-12 of the largest body, 0.7 m
     np.testing.assert_allclose(poses, slider_crank_poses(THETA), rtol=0, atol=1e-11)
-    body, point = crank_slider.mechanism.body_of(crank_slider.mechanism.node("rod:tip", "test"))
-    slider = crank_slider.mechanism.space.place(poses[body], point[None])[0]
+    slider = crank_slider.mechanism.attachment("rod:tip", "test").frame_of_pose(poses)
     expected = CRANK * np.cos(THETA) + np.sqrt(ROD**2 - (CRANK * np.sin(THETA)) ** 2)
     np.testing.assert_allclose(slider[0], expected, rtol=0, atol=1e-11)
     np.testing.assert_allclose(slider[1], 0.0, rtol=0, atol=1e-11)

@@ -11,6 +11,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
 from pgmp_petsc.effects import effects_of, loads_of
 from pgmp_petsc.mechanism.capabilities import FEATURES, Purpose, check_capabilities
+from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene
 from scenes import RADIUS, ROD, STEEL, four_bar, mechanism_of, slider_crank, trammel
@@ -38,11 +39,11 @@ def test_unknowns_are_numbered_body_after_body() -> None:
 
 def test_nodes_have_addresses() -> None:
     mechanism = mechanism_of(slider_crank())
-    assert mechanism.node("rod:hinge", "outputs.a.point") == 6
-    assert mechanism.node("rod:tip", "outputs.a.point") == 11
-    assert mechanism.node("rod:2", "outputs.a.point") == 8
+    assert mechanism.attachment("rod:hinge", "outputs.a.point").node == 6
+    assert mechanism.attachment("rod:tip", "outputs.a.point").node == 11
+    assert mechanism.attachment("rod:2", "outputs.a.point").node == 8
     with pytest.raises(InputError, match=r'outputs\.a\.point = "tipp".*did you mean \'tip\''):
-        mechanism.node("rod:tipp", "outputs.a.point")
+        mechanism.attachment("rod:tipp", "outputs.a.point").node
     with pytest.raises(InputError, match=r'joints\.elbow\.connect = "top".*no point of this name'):
         mechanism_of(slider_crank('joints.elbow.connect=["crank:top","rod:hinge"]'))
 
@@ -50,7 +51,7 @@ def test_nodes_have_addresses() -> None:
 def test_the_frame_of_a_node_and_of_the_pose_agree() -> None:
     mechanism = mechanism_of(four_bar())
     poses = np.random.default_rng(0).normal(size=(3, 3, 4))
-    q = mechanism.place(poses)
+    q = Unknowns(mechanism).place(poses)
     assert q.shape == (mechanism.n_dofs, 4)
     for connection in mechanism.connections:
         for side in (connection.a, connection.b):

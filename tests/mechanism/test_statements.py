@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.mechanism import statements
-from pgmp_petsc.mechanism.space import space_of
 from pgmp_petsc.mechanism.statements import ANGLE, FOLLOWING, Statement, evaluate, n_frame
 
 RANDOM = np.random.default_rng(3)
@@ -120,20 +119,3 @@ def test_two_points_that_meet_pull_nowhere(d: int) -> None:
     statement = statements.distance(d)
     assert statement.value(frame, frame) == 0.0
     assert not statement.gradient(frame, frame).any() and np.isfinite(statement.hessian(frame, frame)).all()
-
-
-@pytest.mark.parametrize("d", [2, 3])
-def test_a_point_at_an_arm_goes_with_its_node(d: int) -> None:
-    """Against central differences, of second order, of a node that is displaced and turned in its body's frame."""
-    place, arm, turn = RANDOM.normal(size=d), RANDOM.normal(size=d), Rotation.random(random_state=4).as_matrix()
-    if d == 2:
-        turn = Rotation.from_rotvec([0.0, 0.0, 0.7]).as_matrix()[:2, :2]
-    pose = np.array([*place, 0.7]) if d == 2 else np.concatenate([place, turn.T.ravel()])
-
-    def frame(moved: np.ndarray) -> np.ndarray:
-        vector = np.array([0.0, 0.0, *moved[2:]]) if d == 2 else moved[3:]
-        turned = turn @ Rotation.from_rotvec(vector).as_matrix()[:d, :d]
-        return np.concatenate([place + turn @ moved[:d] + turned @ arm, turned.T.ravel()])
-
-    found = central(frame, np.zeros(3 * (d - 1)), 1e-4)
-    np.testing.assert_allclose(space_of(d).natural_gradient(pose, arm), found, rtol=0, atol=1e-7)

@@ -50,8 +50,7 @@ def test_an_open_chain_follows_its_closed_form() -> None:
 def test_a_five_bar_follows_its_closed_form(linkage: RigidKinematics) -> None:
     poses = linkage.poses(THETA)
     for name in ("first:tip", "second:tip"):
-        body, point = linkage.mechanism.body_of(linkage.mechanism.node(name, "test"))
-        pin = linkage.mechanism.space.place(poses[body], point[None])[0]
+        pin = linkage.mechanism.attachment(name, "test").frame_of_pose(poses)
         np.testing.assert_allclose(pin[:2], five_bar_pin(THETA), rtol=0, atol=1e-11)
     np.testing.assert_allclose(poses[:2, 2], THETA.T, rtol=0, atol=1e-11)
     np.testing.assert_allclose(linkage.residual(poses, THETA), 0.0, rtol=0, atol=2e-12)

@@ -8,6 +8,7 @@ import pytest
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.kinematics import REACH, RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.readings import Rate
 from pgmp_petsc.scene import Scene
@@ -36,7 +37,7 @@ def prepared(*overrides: str) -> tuple[Scene, RigidKinematics, OutputSet]:
 
 def rigid_frames(kinematics: RigidKinematics, outputs: OutputSet, theta: np.ndarray) -> np.ndarray:
     """Return the frames of the outputs' nodes of the rigid mechanism."""
-    q = kinematics.mechanism.place(kinematics.poses(theta))
+    q = Unknowns(kinematics.mechanism).place(kinematics.poses(theta))
     return q.reshape(-1, 3, theta.size)[list(outputs.nodes)]
 
 
@@ -77,7 +78,10 @@ def test_units_and_nodes() -> None:
         ("x", "y", "moved", "bent", "bent_y"), "m"
     )
     mechanism = kinematics.mechanism
-    needed = {mechanism.node(point, "") for point in ("crank:hinge", "crank:2", "crank:tip", "rod:hinge", "rod:tip")}
+    needed = {
+        mechanism.attachment(point, "").node
+        for point in ("crank:hinge", "crank:2", "crank:tip", "rod:hinge", "rod:tip")
+    }
     assert outputs.nodes == tuple(sorted(needed))
     scene = slider_crank()  # without outputs
     outputs = OutputSet.of(scene, kinematics_of(scene))
@@ -88,11 +92,11 @@ def test_a_deformation_is_measured_at_the_same_rotation_of_the_hinge_node() -> N
     _, kinematics, outputs = prepared()
     theta = np.array([0.5, 1.0])
     frames = rigid_frames(kinematics, outputs, theta)
-    hinge = outputs.nodes.index(kinematics.mechanism.node("crank:hinge", ""))
+    hinge = outputs.nodes.index(kinematics.mechanism.attachment("crank:hinge", "").node)
     frames[hinge, 2] += 0.01
     bent = seen(outputs, frames)["bent"]
     np.testing.assert_allclose(bent, slider(theta) - slider(theta + 0.01), rtol=0, atol=5e-12)
-    tip = outputs.nodes.index(kinematics.mechanism.node("rod:tip", ""))
+    tip = outputs.nodes.index(kinematics.mechanism.attachment("rod:tip", "").node)
     frames[tip, 0] += 1e-4
     bent = seen(outputs, frames)["bent"]
     np.testing.assert_allclose(bent, slider(theta) - slider(theta + 0.01) + 1e-4, rtol=0, atol=5e-12)
@@ -102,7 +106,7 @@ def test_a_deformation_far_outside_a_limited_range_is_no_number() -> None:
     _, kinematics, outputs = prepared(*LIMITED)
     inside = np.array([0.1, 0.8, 1.5])
     frames = rigid_frames(kinematics, outputs, np.array([0.1, 0.8, 1.5, 1.5, 0.1]))
-    hinge = outputs.nodes.index(kinematics.mechanism.node("crank:hinge", ""))
+    hinge = outputs.nodes.index(kinematics.mechanism.attachment("crank:hinge", "").node)
     frames[hinge, 2] = [*inside, 1.5 + 1.1 * REACH, 0.1 - 1.1 * REACH]
     found = seen(outputs, frames)
     np.testing.assert_array_equal(np.isnan(found["bent"]), [False, False, False, True, True])
@@ -116,7 +120,7 @@ def test_outputs_next_to_known_ones_have_the_same_slopes() -> None:
     for beyond in (0.0, 0.5 * REACH, 1.1 * REACH):
         _, kinematics, outputs = prepared(*LIMITED)
         theta, step = np.array([0.1, 0.8, 1.5]), 1e-5
-        hinge = outputs.nodes.index(kinematics.mechanism.node("crank:hinge", ""))
+        hinge = outputs.nodes.index(kinematics.mechanism.attachment("crank:hinge", "").node)
 
         def moved(by: float) -> np.ndarray:
             frames = rigid_frames(kinematics, outputs, theta)

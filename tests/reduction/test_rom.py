@@ -17,6 +17,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, loads_of
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian, rigid_velocities, to_body
+from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.reduction.cell_products import pair_rotations, unpacked
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
@@ -85,7 +86,7 @@ def test_the_inertia_table_is_the_projection_of_the_rigid_acceleration(rom: Redu
     mechanism, tables, step = kinematics.mechanism, rom.tables, 1e-3
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     for k, theta in enumerate(tables.samples.axes[0].theta):
-        places = mechanism.place(kinematics.poses(theta + step * np.arange(-1, 2)))
+        places = Unknowns(mechanism).place(kinematics.poses(theta + step * np.arange(-1, 2)))
         acceleration = (places[:, 0] - 2 * places[:, 1] + places[:, 2]) / step**2
         local = to_body(mechanism, kinematics.poses(np.array([theta]))[..., 0], acceleration)
         for i, weight in enumerate(tables.mass_weights):

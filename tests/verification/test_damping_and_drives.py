@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from effect_scenes import BAR, BAR_INERTIA, CANTILEVER, G, linear_mode, recorded, run_batch, run_of, scene_of
 
-from pgmp_petsc.effects import Motion
-
 # a beam hinged at its middle: its antisymmetric free modes feel nothing of the hinge
 SPINNER = CANTILEVER.replace('"beam:hinge"]', '"beam:middle"]').split("[effects.hold]")[0]
 MIDDLE = (12, 13)  # x and y of the node there
@@ -80,7 +78,7 @@ def test_a_prescribed_motion_is_followed(name: str, flexible: bool) -> None:
     base = CANTILEVER.split("[effects.hold]")[0] if flexible else BAR
     scene, finer = (scene_of(base, drive + WEIGHT + run_of(0.8, step, 0.8)) for step in (2e-3, 1e-3))
     run = recorded(scene, alone=flexible or name != "table")
-    motion = Motion("drive", scene.effects["drive"])
+    motion = scene.effects["drive"].motion("drive")
     angles, speeds, accelerations = np.array([motion.at(t) for t in run.time]).T
     np.testing.assert_allclose(run.angle, angles, rtol=0, atol=1e-11)
     assert np.abs(run.balance.residual).max() < 5e-3 * run.balance.exchanged

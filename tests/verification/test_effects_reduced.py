@@ -83,7 +83,7 @@ def test_a_stiff_bar_turns_as_a_rigid_one(name: str) -> None:
 def test_a_prescribed_motion_takes_the_torque_of_a_rigid_bar(name: str) -> None:
     drive = f'[effects.drive]\ntype = "prescribed_motion"\ncoordinate = "theta"\n{MOTIONS[name]}\n'
     run = run_of(drive + '[effects.weight]\ntype = "gravity"\n', 0.6)
-    motion = Motion("drive", scene_of(BAR, drive).effects["drive"])
+    motion = scene_of(BAR, drive).effects["drive"].motion("drive")
     angles, _, accelerations = np.array([motion.at(t) for t in run.time]).T
     np.testing.assert_allclose(run.outputs["angle"], angles, rtol=0, atol=1e-12)
     torque = INERTIA * accelerations + 0.5 * G * np.cos(angles)

@@ -141,7 +141,7 @@ def test_a_prescribed_coordinate_stays_in_the_tables() -> None:
     scale = np.sqrt(np.abs(np.einsum("ntii->nti", tables.mass)))
     coupling = np.abs(tables.mass / (scale[..., :, None] * scale[..., None, :]))[:, 0, :2, 2:]
     assert coupling[:, 0].max() > 0.1 and coupling[:, 1].max() < 1e-9
-    hinge = mechanism_of(scene).node("upper:hinge", "test")
+    hinge = mechanism_of(scene).attachment("upper:hinge", "test").node
     np.testing.assert_allclose(rom.projection[:, 3 * hinge + 2], 0.0, rtol=0, atol=1e-12)
     weights = (evaluate_weights(tables.mass_weights, {}), evaluate_weights(tables.stiffness_weights, {}))
     found = tables.frequencies_hz(*weights, free=[1])

@@ -436,7 +436,7 @@ def test_static_answers_of_a_mechanism_that_is_driven_altogether() -> None:
 def test_a_torque_on_a_driven_joint_has_no_static_answer() -> None:
     scene = slider_crank("reduction.modes=4")
     with problem_of(driven(scene, "theta"), scene, 4) as problem:
-        node = problem.mechanism.node("crank:hinge", "test")
+        node = problem.mechanism.attachment("crank:hinge", "test").node
         loads = np.zeros((problem.mechanism.n_dofs, 2))
         loads[3 * node + 2, 0] = loads[3 * node + 5, 1] = 2.0
         assert problem.independent(loads).shape[1] == 1

@@ -220,7 +220,7 @@ def test_loads_and_inertia_forces_work_along_the_curvature(given: bool) -> None:
         expected = np.tensordot(load.vector, chi, axes=1)
         np.testing.assert_allclose(table, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
     step = 1e-3
-    places = mechanism.place(kinematics.poses(theta + step * np.arange(-1, 2)))
+    places = Unknowns(mechanism).place(kinematics.poses(theta + step * np.arange(-1, 2)))
     acceleration = (places[:, 0] - 2 * places[:, 1] + places[:, 2]) / step**2
     velocity = (places[:, 2] - places[:, 0]) / (2 * step)
     # those that are free have none, in the sum of all terms
@@ -283,7 +283,7 @@ def test_the_back_transformation_stays_in_the_joints(turning: ReducedOrderModel)
     assert abs(orders(errors["curved"])[-1] - 3) < 0.1 and abs(orders(errors["straight"])[-1] - 2) < 0.1
     u = turning.projection[row] @ delta + turning.curvature[row] @ pair_products(delta[None])[0]
     pose = kinematics.poses(np.array([theta]))[..., 0]
-    expected = mechanism.place(pose) + to_inertial(mechanism, pose, u)
+    expected = Unknowns(mechanism).place(pose) + to_inertial(mechanism, pose, u)
     found = back.frames(np.array([[theta, *delta]])).ravel()
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
 
