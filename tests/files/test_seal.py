@@ -1,5 +1,6 @@
 """Seals: everything that is not as it was written is noticed; identities of data."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,6 +51,12 @@ def test_every_cut_and_what_was_added_is_noticed(path: Path) -> None:
         path.write_bytes(whole[:length])
         with pytest.raises(BrokenSeal, match="cut off|no seal"):
             check_seal(path)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.h5")
+    with pytest.raises(BrokenSeal, match="no regular file"):
+        seal_of(tmp_path / "pipe.h5")
 
 
 @pytest.mark.parametrize("text", [b"{}", b"null", b"[1, 2]", b'{"kind": 1}', b"[" * 400, b"\xff\xfe"])
