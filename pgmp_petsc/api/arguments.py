@@ -28,7 +28,7 @@ _PLAIN = ("int", "float", "bool")  # whose value says more than its type
 # whether a command line calls, in whose words messages of the program are
 _of_command_line: ContextVar[bool] = ContextVar("of_command_line", default=False)
 # a command line that a message quotes, which stays as it is, or an option
-_OPTION = re.compile(r"pgmp [^;,.)]*|(?<![\w-])(?:--[a-z][a-z-]+|-[a-z])(?![\w-])")
+_OPTION = re.compile(r"pgmp (?:[^;,.)]|\.(?=\w))*|(?<![\w-])(?:--[a-z][a-z-]+|-[a-z])(?![\w-])")
 
 
 @dataclass(frozen=True)

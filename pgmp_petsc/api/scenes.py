@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -121,7 +122,7 @@ def new(
         written = on_root(comm, write_template, template, Path(file or f"{template}{ENDING}"), force)
     for path in written:
         tell(comm, str(path))
-    tell(comm, f"try: pgmp {attempt.format(written[0])}")
+    tell(comm, f"try: pgmp {attempt.format(shlex.quote(str(written[0])))}")
     return written
 
 

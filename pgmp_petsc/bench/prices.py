@@ -34,7 +34,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.controllers.acting import has_motion, measured_by
-from pgmp_petsc.estimates.reference_motion import OF_BESIDE
+from pgmp_petsc.estimates.reference_motion import OF_BESIDE, found_beside
 from pgmp_petsc.full.joint_tree import count_of
 from pgmp_petsc.mechanism.capabilities import SECONDS, SECONDS_PER_UNKNOWN, Purpose, why_refused
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -43,14 +43,14 @@ from pgmp_petsc.outputs.stress import points_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import uncertain_names
-from pgmp_petsc.scene.references import points_used
+from pgmp_petsc.scene.references import has_field, points_used, stressed_bodies
 from pgmp_petsc.scene.uses import count_builds, length_names
 
 LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
 # s, of a step of a sample of a component model: a pair of a body's amplitudes, a body in space, and of the matrix
 PAIR, BODY, CUBE = 1.1e-8, 1.2e-6, 3.3e-11
 # s, of a step of a full-order or component sample: a controller, or friction by the force that a joint carries, which
-# are found between corrections; and where lengths are drawn, which part samples: how often what it takes in a batch
+# are found beside it; and where lengths are drawn, which part samples: how often what it takes in a batch
 BESIDE, APART = OF_BESIDE / 1e6, 4.0
 # s, of a step of a sample whose outputs are forces in joints, by the dimension of space: of the mesh and of components,
 # and in the lanes of a reduced model
@@ -88,7 +88,7 @@ class Price:
 def step_seconds(mechanism: Mechanism, by_itself: bool = False) -> float:
     """Return the predicted processor time of a step of one sample of a full-order or component model, s: in a batch, or
     of a run by itself."""
-    beside = BESIDE * len(mechanism.scene.beside) + _forces(mechanism.scene, FORCES)
+    beside = BESIDE * found_beside(mechanism.scene) + _forces(mechanism.scene, FORCES)
     beside += BY_ITSELF[mechanism.space.dimension] if by_itself else 0.0
     floating = {body.name: body.n_internal for body in mechanism.bodies if body.blocks("floating")}
     if floating:
@@ -162,7 +162,7 @@ def prospects(
     answered = scene.reduction.static_modes or not n_loads or scene.reduction.tolerance is not None
     besides, n_carried = STRAIN * n_strains(scene, mechanism), len(scene.carried)
     of_components = component_step(mechanism, fields) + CARRIED_BESIDE * n_carried + besides
-    of_components += BESIDE * len(scene.controllers) + _forces(scene, FORCES)
+    of_components += BESIDE * (found_beside(scene) - n_carried) + _forces(scene, FORCES)
     measured = (name for one in scene.controllers.values() for name in measured_by(scene, one).motions)
     of_lanes = all(has_motion(scene, name) for name in measured)
     beside = np.array((CARRIED_IN_LANES, CONTROLLED_IN_LANES) if of_lanes else READ_APART)
@@ -229,12 +229,15 @@ def cheapest_from(offline: np.ndarray, online: np.ndarray) -> list[tuple[int, in
 
 def amplitudes(scene: Scene, mechanism: Mechanism, n_modes: int) -> dict[str, int]:
     """Return how many amplitudes flexible bodies in floating frames are predicted to have for so many modes."""
-    found = {}
+    found, stressed = {}, stressed_bodies(scene)
     for body in mechanism.bodies:
         if body.flexible:
             rigid = body.dimension * (body.dimension + 1) // 2
             free = (body.dofs.size if not body.to_condense else body.n_internal) - rigid
-            found[body.name] = max(min(n_modes + rigid * len(points_used(scene, body.name)), free), 0)
+            answers = rigid * len(points_used(scene, body.name))
+            if not body.to_condense and body.name in stressed and has_field(scene, body.name):
+                answers *= 1 + sum(bool(weight.powers) for weight in body.stiffness_weights)
+            found[body.name] = max(min(n_modes + answers, free), 0)
     return found
 
 

@@ -141,12 +141,14 @@ class Controls:
             one = Running.of(scene, entry, every, n_samples, self.n_beside, n_motions)
             self.each.append(one)
             self.n_beside, n_motions = one.columns.stop, one.motions.stop
+        self._continuous = [one for one in self.each if not one.entry.sample_time]
         rows = rows_of(scene)
         self.firsts = np.cumsum([0, *rows])[:-1].tolist()
         rows = [slice(first - n_carried, first - n_carried + n) for first, n in zip(self.firsts, rows)]
         self._rows = rows[n_carried:]
         self._acting = np.zeros((rows[-1].stop, n_samples, 3))
         self.iterates = self.jumps = False
+        self.holds = scene.held
         self.clock: Callable[[float], float] = float
         self._side: int | None = None  # which part `forces` returns where it is not said; None for the mean
         self._n_samples = n_samples
@@ -189,12 +191,19 @@ class Controls:
         self._keep(0.0, state, np.ones(self._n_samples, dtype=bool))
         return bool(np.any(self._changes > SETTLED * np.abs(self._carried)))
 
+    def n_held(self, ends: np.ndarray) -> int:
+        """Return after how many of the steps with the given ends a controller is sampled at first, or else how many
+        there are."""
+        due = (any(one.is_due(self.clock(end)) for one in self.each) for end in ends.tolist())
+        return next((number for number, jumps in enumerate(due, 1) if jumps), ends.size)
+
     def open(self, times: np.ndarray) -> np.ndarray:
         """Make room for the forces at times (n_t,) that are to be seen, (n_t, n_samples, 2, n_names); return it.
 
         Of several samples, those that were seen before the last ones are forgotten."""
         if self._n_samples > 1 and self._times:
             del self._times[: -max(self._n_last, 1)], self._seen[: -max(self._n_last, 1)]
+        self.now[:, BEFORE] = self.now[:, AFTER]
         room = np.empty((times.size, *self.now.shape))
         room[:] = self.now[:, AFTER:]
         self._times += times.tolist()
@@ -207,9 +216,7 @@ class Controls:
         self._number, s = 0, scheme
         self._carried[:] = state.beside[:, : len(self._carried)].T
         step, kappa = s.gamma / (s.beta * s.gain_v), s.gain_v / s.gain_a
-        for one in self.each:
-            if one.entry.sample_time:
-                continue
+        for one in self._continuous:
             z, change, auxiliary, _ = one.parts(state.beside)
             share = step * s.gamma / (1 - s.alpha_m)
             one.c[:] = z + step * (1 - s.gamma) * auxiliary + share * (s.alpha_f * change - s.alpha_m * auxiliary)
@@ -218,7 +225,8 @@ class Controls:
     def act(self, time: float, state) -> None:
         """Give the mechanics the forces about an iterate."""
         self.iterates = True
-        self._look(time, state)
+        if self._continuous:
+            self._look(time, state)
         for one, rows in zip(self.each, self._rows):
             acting = self._acting[rows]
             if one.entry.sample_time:
@@ -233,11 +241,10 @@ class Controls:
 
     def end(self, time: float, state, scheme, samples: np.ndarray) -> None:
         """Take the numbers beside of some samples, a mask, to the end of the step."""
-        self._look(time, state)
+        if self._continuous:
+            self._look(time, state)
         s = scheme
-        for one in self.each:
-            if one.entry.sample_time:
-                continue
+        for one in self._continuous:
             one.respond()
             z, change, auxiliary, force = one.parts(state.beside)
             found = ((1 - s.alpha_f) * one.rates + s.alpha_f * change - s.alpha_m * auxiliary) / (1 - s.alpha_m)

@@ -165,6 +165,10 @@ class ErrorSystem(SecondOrderSystem):
     def beside(self) -> Beside | None:
         return self.full.beside
 
+    @property
+    def held(self) -> bool:
+        return self.full.held
+
     def whole(self, time: float, state: State) -> State:
         """Return the state of the full-order equations at a time, s, from that of the error."""
         q, v, a = self._reference(time)

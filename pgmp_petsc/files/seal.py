@@ -132,7 +132,10 @@ def sealed(content: bytes | memoryview, kind: str, format_version: int, run: str
 
 
 def seal_of(path: Path) -> Seal:
-    """Return what the seal of a file says, without checking the rest of it. Raises `BrokenSeal` if it has none."""
+    """Return what the seal of a file says, without checking the rest of it. Raises `BrokenSeal` if it has none: a pipe,
+    which may never end, is not read."""
+    if path.exists() and not path.is_file():
+        raise BrokenSeal("it is no regular file")
     with open(path, "rb") as stream:
         return Seal.unpacked(stream.read(SIZE))
 

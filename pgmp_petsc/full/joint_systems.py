@@ -341,6 +341,10 @@ class JointBatch(FullBatch):
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         return self.full.depths(time, self._in_unknowns(state))
 
+    def measured(self, state: State) -> np.ndarray:
+        """Return the motions that forces of controllers are of, or are led by; see `FullBatch`."""
+        return self.full.measured(self._in_unknowns(state))
+
     def unknowns_over(self, states: State) -> list[np.ndarray]:
         """Return the unknowns of all frames, their velocities and accelerations; see `FullSystem`."""
         return self.full.unknowns_over(self._all_in_unknowns(states))

@@ -17,6 +17,7 @@ from typing import Self
 import numpy as np
 
 from pgmp_petsc.base.surroundings import Comm, alone
+from pgmp_petsc.controllers.acting import NOTED
 from pgmp_petsc.controllers.running import BEFORE, MOST_STARTS, Controls
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.full.energy import EnergyNames, energies_of
@@ -226,6 +227,7 @@ class FullSystem(SecondOrderSystem):
     def control(self, controls: Controls) -> None:
         """Let controllers act on the only sample."""
         self.beside = self._sources.controls = controls
+        self.held = controls.holds
 
     def put_forces(self, forces: Sequence[np.ndarray]) -> None:
         """Take what is given to each action; see `Controls`."""
@@ -390,15 +392,26 @@ class FullBatch(FullSystem):
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
-        amplitudes, found = self._sources.at(np.array([time])).actions[0], []
-        problem = self._equations.problem
+        return self._blocks.unpack(np.array(self._depths(self._sources.at(np.array([time])).actions[0], state)))
+
+    def measured(self, state: State) -> np.ndarray:
+        """Return the motions that forces of controllers are of, or are led by, and their rates, a row for each part of
+        what is given, (n_rows, n_samples, 2)."""
+        columns, numbers = self._sources.controlled
+        self._depths(np.zeros(len(self._sources.actions)), state)
+        noted = self._equations.problem.actions.parameters[0, columns]
+        return noted[np.argsort(numbers), : self.n_samples, NOTED]
+
+    def _depths(self, amplitudes: np.ndarray, state: State) -> list[np.ndarray]:
+        """Evaluate the actions of all blocks; return how far edges are crossed, (n_events, n_lanes) each."""
+        problem, found = self._equations.problem, []
         for block in range(self._blocks.n_blocks):
             turns = state.turns[block, len(state.turns[block]) - len(problem.actions.dofs) :]
             now = act(
                 self._actions, problem.width, block, amplitudes, state.q[block], state.v[block], turns, 0.0, False
             )
             found.append(now.depths.T)
-        return self._blocks.unpack(np.array(found))
+        return found
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
         """Return why samples fail; see `SecondOrderSystem.reasons`."""

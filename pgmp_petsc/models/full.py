@@ -139,7 +139,10 @@ class FullModel(Model):
                 return [system.frames_over(states)[nodes], unknowns.frames(system.unknowns_over(states)[1])[nodes]]
 
             def measure(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
-                return measures.motions(frames(whole(time, state)), time, values)
+                state = whole(time, state)
+                if measures.known and isinstance(system, FullBatch):  # which has all actions
+                    return measures.noted(system.measured(state))
+                return measures.motions(frames(state), time, values)
 
             def carry(time: float, state: State, before: np.ndarray) -> np.ndarray:
                 state = whole(time, state)

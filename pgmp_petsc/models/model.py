@@ -174,6 +174,11 @@ class Measures:
         self.origins = np.zeros(sum(rows))
         self.origins[self.rows] = [one.origin if isinstance(one, Reading) else 0.0 for one, _ in self._read]
 
+    def noted(self, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what `motions` does of what actions measure, (n_rows, n_samples, 2)."""
+        found = found[self.rows]
+        return found[:, :, 0] - self.origins[self.rows, None], found[:, :, 1]
+
     def motions(
         self, frames: Sequence[np.ndarray], time: float, values: Mapping[str, np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray]:

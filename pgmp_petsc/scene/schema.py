@@ -241,6 +241,11 @@ class Scene(Table):
         return (*(f"controllers.{name}" for name in self.controllers), *(f"effects.{name}" for name in self.carried))
 
     @property
+    def held(self) -> bool:
+        """Whether these forces hold still within steps: where all are those of controllers that are sampled."""
+        return not self.carried and all(one.sample_time for one in self.controllers.values())
+
+    @property
     def plain_effects(self) -> dict[str, Effect]:
         """The effects with loads whose functions of time hold numbers alone; see `parts_of`."""
         return {part: plain for name, effect in self.effects.items() for part, plain in parts_of(name, effect).items()}

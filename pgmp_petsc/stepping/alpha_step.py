@@ -119,7 +119,7 @@ class AlphaStep:
         ends, scheme = ends[:1] if self._projects else ends, self.scheme(step)
         probed = (np.rint(ends / step) % PROBED_EVERY == 0) | self._system.bends
         asked = StepsAsked(moment, ends, step, probed, scheme, samples)
-        taken = None if self._system.beside is not None else self._system.take_steps(asked)
+        taken = None if self._system.changing is not None else self._system.take_steps(asked)
         if taken is None:
             taken = _taken_by_corrections(self._system, asked)
         self.count(taken.n_corrections, -(-taken.n_corrections // REFRESH_EVERY), taken.n_calls)
@@ -163,7 +163,7 @@ class AlphaStep:
 
     def advance(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
         """Take some samples through equal steps; see `SecondOrderSystem.advance`."""
-        alone = self._system.beside is not None and not self._system.carries
+        alone = self._system.changing is not None and not self._system.carries
         found = None if alone else self._system.advance(stretch)
         return self._advanced_together(stretch) if found is None else found
 
@@ -213,7 +213,7 @@ class AlphaStep:
         like their linearisation: nodes turn by half a revolution. A correction is shortened to `LONGEST`.
         """
         active, lost = alive.copy(), np.zeros_like(alive)
-        beside = self._system.beside
+        beside = self._system.changing
         self._system.begin_iteration()
         if beside is not None:
             beside.begin(time, state, scheme)
@@ -273,24 +273,25 @@ def iterate(
     active, lost, last = alive.copy(), np.zeros_like(alive), np.full(alive.size, np.inf)
     n_corrections, n_calls, going = 0, 0, alive.copy()
     system.begin_iteration()
-    if system.beside is not None:
-        system.beside.begin(time, state, scheme)
+    beside = system.changing
+    if beside is not None:
+        beside.begin(time, state, scheme)
     for iteration in range(MAX_ITERATIONS):
-        if system.beside is not None:
-            system.beside.act(time, state)
+        if beside is not None:
+            beside.act(time, state)
         size = system.correct(time, state, scheme, going, iteration % refresh_every == 0)
         last[system.limited()] = 0.0  # nothing follows from the size of the last correction
         n_corrections += int(going.sum())
         n_calls += 1
         judge(iteration, size, last, expected, active, lost)
-        if system.beside is None:
+        if beside is None:
             going = active
         else:
-            going &= active | system.beside.unsettled & (size > ROUND_OFF)
+            going &= active | beside.unsettled & (size > ROUND_OFF)
         if not going.any():
             break
-    if system.beside is not None:
-        system.beside.end(time, state, scheme, alive & ~lost & ~active)
+    if beside is not None:
+        beside.end(time, state, scheme, alive & ~lost & ~active)
     return lost | active, n_corrections, n_calls
 
 
@@ -302,7 +303,7 @@ def standing(state: State, auxiliary: np.ndarray, n_samples: int) -> Moment:
 def put(system: SecondOrderSystem, target: Moment, source: Moment, samples: np.ndarray) -> None:
     """Copy where some samples are, a mask; a system alone knows where its samples are in arrays."""
     state = target.state
-    if state.beside.size:
+    if state.beside.size and source.state.beside.size:  # steps that hold it have none
         state.beside[samples] = source.state.beside[samples]
     if samples.all():
         for into, found in zip((*state.parts(), *target[1:]), (*source.state.parts(), *source[1:])):
@@ -390,14 +391,14 @@ def first_accelerations(
         begun = standing(start, start.a, system.n_samples)
         after, failed = stepper.take_one(begun, length, length, samples)
         # to the last digit: what is left of positions is 2 / h^2 times as much of accelerations
-        alone = system.beside is None
-        if (samples & ~failed).any() and (alone or not system.beside.n_carried):
-            if not alone:
-                system.beside.act(length, after.state)
+        beside = system.changing
+        if (samples & ~failed).any() and (beside is None or not beside.n_carried):
+            if beside is not None:
+                beside.act(length, after.state)
             system.correct(length, after.state, stepper.scheme(length), samples & ~failed, True)
             stepper.count(samples & ~failed, 0, 1)
-            if not alone:
-                system.beside.put_nothing()
+            if beside is not None:
+                beside.put_nothing()
         ends.append(after.state)
         lost |= failed
     found = replace(start.copy(), a=sum(weight * end.a for weight, end in zip(WEIGHTS, ends)))

@@ -162,10 +162,14 @@ class GeneralisedAlpha:
     def advance(self) -> None:
         """Advance all living samples to the next stop."""
         last = int(self.stops[np.searchsorted(self.stops, self.n_done, side="right")])
-        alone = self.system.beside is not None and not self.system.carries
-        at_once = 1 if alone else self.system.steps_at_once
+        system = self.system
         while self.n_done < last:
-            self._advance_to(min(last, self.n_done + at_once))
+            until = min(last, self.n_done + system.steps_at_once)
+            if system.held:
+                until = self.n_done + system.beside.n_held(self.instants[self.n_done + 1 : until + 1])
+            elif system.beside is not None and not system.carries:
+                until = self.n_done + 1
+            self._advance_to(until)
         if self._pulse is not None:
             self._pulse(last / (self.instants.size - 1))
 

@@ -252,6 +252,7 @@ class Beside(Protocol):
     jumps: bool  # whether forces jump between two steps
     now: np.ndarray  # forces at the instant that was reached last, before and after they jump, (n_samples, 2, n_names)
     n_carried: int  # forces that joints carry, which are found between corrections
+    holds: bool  # whether nothing of it changes but between two steps
 
     def start(self, state: State) -> None:
         """Begin a run, before the first accelerations are known."""
@@ -274,6 +275,10 @@ class Beside(Protocol):
     def sample(self, time: float, state: State, samples: np.ndarray) -> bool:
         """Change forces of some samples that jump between two steps; return whether any did. Until `jumps` is put back
         they are what they are then."""
+
+    def n_held(self, ends: np.ndarray) -> int:
+        """Return after how many of the steps with the given ends forces may jump at first, or else how many there are;
+        where it `holds`."""
 
     def open(self, times: np.ndarray) -> np.ndarray:
         """Make room for what is to be seen of the forces at times (n_t,), and return it."""
@@ -301,7 +306,13 @@ class SecondOrderSystem:
     moving_constraints: bool = False  # whether constraints turn or follow motions; see `AlphaStep`
     beside: Beside | None = None  # states beside the mechanics; None where there are none
     carries: bool = False  # whether steps of its own (`advance`) take what is beside along
+    held: bool = False  # whether what is beside holds, and steps know its forces as they know loads
     about_motion: bool = False  # whether states are about a motion, whose accelerations jump with those of the system
+
+    @property
+    def changing(self) -> Beside | None:
+        """What is beside and changes within a step; None where nothing does."""
+        return None if self.held else self.beside
 
     def start(self) -> State:
         """Return the consistent state at time 0."""

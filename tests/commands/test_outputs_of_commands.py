@@ -100,7 +100,12 @@ def contents(folder: Path) -> dict[Path, bytes]:
         (("export", "trajectory.h5"), "meshes/rod_5.msh", "the ending .msh is that of another format"),
         (("export", "trajectory.h5"), "modes.h5", "name it"),
         (("export", "modes.h5"), ".", "has no frames, a trajectory has; a table of it is written as -o NAME.csv"),
-        (("simulate", "scenes/scene.toml"), "x.h5", "make it of the scene with 'pgmp build"),
+        (("simulate", "scenes/scene.toml"), "x.h5", "-o ROM.h5', or give --components, or for runs and samples --full"),
+        (
+            ("report", "scenes/scene.toml"),
+            "x.html",
+            "make it of the scene with 'pgmp build scenes/scene.toml -o ROM.h5'\n",
+        ),
     ],
 )
 def test_nothing_else_is_overwritten(

@@ -321,9 +321,10 @@ pgmp.simulate(rom, model="full") -> model = 'full': the reduced model is built a
 pgmp.simulate(rom, {"r7": 1}) -> parameters r7=1.0: the scene has no parameter 'r7'
 pgmp.simulate(rom, {"r1": "x"}) -> parameters r1=x: 'x' is not a finite number
 pgmp.simulate(rom, "r1=1") -> parameters = 'r1=1': allowed are a mapping
-pgmp.simulate(rom, ["r1"]) -> parameters r1: 
+pgmp.simulate(rom, ["r1"]) -> parameters r1:
 pgmp.simulate("a", model="half") -> model = 'half': allowed are 'reduced'
 pgmp.simulate("nowhere.h5") -> nowhere.h5
+pgmp.simulate(PAPER_SCENE) -> 'pgmp build [^ ]*.toml -o ROM.h5', or give model = 'components', or for
 pgmp.simulate(rom, overrides="a=1") -> overrides = 'a=1': allowed are a mapping
 pgmp.simulate(rom, overrides={"reduction.modes": 5}) -> overrides reduction: 'the reduced model' was
 pgmp.montecarlo(rom, n=0) -> n = 0: allowed are whole numbers from 1
@@ -406,9 +407,9 @@ pgmp.write_report([3], "x.html") -> results: list received; allowed is a list of
 def test_what_is_wrong_is_said(call: str, said: str, rom: pgmp.Rom, scene: Scene, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(pgmp.InputError, match=said) as caught:
-        eval(call, {"pgmp": pgmp, "rom": rom, "scene": scene})
+        eval(call, {"pgmp": pgmp, "rom": rom, "scene": scene, "PAPER_SCENE": PAPER_SCENE})
     # arguments are called by their names in Python; commands that messages quote have their options
-    assert not re.search(r"(?<![\w-])--?[a-z]", re.sub(r"pgmp [^;,.)]*", "", str(caught.value)))
+    assert not re.search(r"(?<![\w-])--?[a-z]", re.sub(r"pgmp (?:[^;,.)]|\.(?=\w))*", "", str(caught.value)))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -233,6 +233,12 @@ def test_every_cut_and_what_was_added_is_noticed(path: Path) -> None:
             check_seal(path)
 
 
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.h5")
+    with pytest.raises(BrokenSeal, match="no regular file"):
+        seal_of(tmp_path / "pipe.h5")
+
+
 @pytest.mark.parametrize("text", [b"{}", b"null", b"[1, 2]", b'{"kind": 1}', b"[" * 400, b"\xff\xfe"])
 def test_a_head_that_is_no_seal(path: Path, text: bytes) -> None:
     path.write_bytes((b"pgmp_petsc\n" + text).ljust(SIZE - 1) + b"\n" + CONTENT)

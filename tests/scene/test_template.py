@@ -1,6 +1,7 @@
 """Scenes to begin with: each is written with its mesh, is sound without a warning, is built, and runs."""
 
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +59,12 @@ def test_files_are_replaced_with_force_alone(tmp_path: Path) -> None:
     assert f"file '{scene}' exists" in one_message("new", "arm", scene)
     write_template("solid_link", scene, force=True)
     assert "[bodies.rod]" in scene.read_text() and "$MeshFormat" in mesh.read_text()
+
+
+def test_what_to_try_next_can_be_pasted_into_a_shell(tmp_path: Path) -> None:
+    file = tmp_path / "my o'arm.toml"
+    out, _ = said("new", "arm", file)
+    assert shlex.split(out.splitlines()[-1]) == ["try:", "pgmp", "run", str(file)]
 
 
 def test_an_unknown_template_names_those_that_are_there_and_the_help_what_they_show(tmp_path: Path) -> None:

@@ -16,7 +16,18 @@ from exported import FMPY, Unit, assert_equal, compiled, needs_compiler, outputs
 from machine_scenes import MODELS, cart, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
-from runs import assert_close, full_model, history, in_turn, motion, overridden, reduced_model, run_model, samples
+from runs import (
+    assert_close,
+    components_model,
+    full_model,
+    history,
+    in_turn,
+    motion,
+    overridden,
+    reduced_model,
+    run_model,
+    samples,
+)
 from scipy.integrate import solve_ivp, trapezoid
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
@@ -252,15 +263,21 @@ STOPPED = 'effects.stop={type="end_stop",joint="rail",upper=0.02,stiffness=5e4,d
     "entries", [(*ARM, STOPPED), (*ARM, *SAMPLED, STOPPED), SEEN, SEEN_SAMPLED],
     ids=["continuous", "sampled", "several measures", "several measures sampled"],
 )  # fmt: skip
-def test_steps_in_lanes_are_those_by_corrections(entries: tuple[str, ...]) -> None:
-    """Controllers in compiled lanes, over contacts too, against those in Python, which read outputs: iterations leave
-    1e-12 in a step, and outputs close the mechanism where lanes interpolate (1e-9 over two coordinates)."""
+@pytest.mark.parametrize("kind", ["components", "reduced"])
+def test_compiled_steps_are_those_by_corrections(kind: str, entries: tuple[str, ...]) -> None:
+    """Controllers in compiled lanes, and steps of components between two samplings, over contacts too, against those in
+    Python, which read outputs: iterations leave 1e-12 in a step, and outputs close mechanisms where lanes interpolate
+    (1e-9 over two coordinates)."""
     short = "parameters.lead={nominal=30.0}", "simulation.duration=0.15", "reduction.angles=7"
-    model, found = reduced_model(cart(*entries, *short)), []
+    model, found = (reduced_model if kind == "reduced" else components_model)(cart(*entries, *short)), []
     for known in (True, False):
         model.measures.known = known
         system = model.batch(samples(model.scene, 1), 1)
-        system.precise = True
+        if kind == "reduced":
+            system.precise = True
+        else:
+            assert system.held == (entries not in ((*ARM, STOPPED), SEEN))
+            system.held &= known
         found.append(history(model, samples(model.scene, 1), 1, system=system)[1])
     for name, values in found[1].items():
         allowed = 1e-8 * np.abs(values).max()
