@@ -184,6 +184,12 @@ def _listed(declaration: str, entries: Iterable[str], none: str = "0") -> str:
     return f"{declaration} = {{{', '.join(entries) or none}}};"
 
 
+def _function(head: str, arguments: str, lines: Iterable[str]) -> str:
+    """Return a function with such arguments, of which it need not use any."""
+    unused = ", ".join(f"(void){name}" for name in arguments.split())
+    return "\n    ".join([f"void {head} {{", f"{unused};", *lines]) + "\n}\n"
+
+
 def _strings(name: str, values: Iterable[str]) -> str:
     return _listed(f"const char *const {name}[]", (f'"{value}"' for value in values))
 
@@ -251,9 +257,8 @@ def _force(force: ForceInC, last: int) -> str:
 
 def _combine(constants: Constants) -> str:
     arrays = "double (*bases)[3], double (*readings)[3], double (*acting)[3], double outputs[], double counted[]"
-    head = f"void combine(double time, const double *p, {arrays}) {{"
-    unused = "(void)time, (void)p, (void)bases, (void)readings, (void)acting, (void)outputs, (void)counted;"
-    return "\n    ".join([head, unused, constants.outputs.combined]) + "\n}\n"
+    head, names = f"combine(double time, const double *p, {arrays})", "time p bases readings acting outputs counted"
+    return _function(head, names, [constants.outputs.combined])
 
 
 def _count(count: CountInC) -> str:
@@ -261,16 +266,13 @@ def _count(count: CountInC) -> str:
 
 
 def _weigh_counts(counts: Sequence[CountInC]) -> str:
-    lines = ["void weigh_counts(const double *p, double (*curves)[MOST_PARTS][3], double ultimates[]) {"]
-    lines.append("    (void)p, (void)curves, (void)ultimates;")
+    lines = []
     for k, count in enumerate(counts):
-        lines += [
-            f"    curves[{k}][{part}][{i}] = {number};"
-            for part, numbers in enumerate(count.curve)
-            for i, number in enumerate(numbers)
-        ]
-        lines.append(f"    ultimates[{k}] = {count.ultimate};")
-    return "\n".join([*lines, "}", ""])
+        for part, numbers in enumerate(count.curve):
+            lines += [f"curves[{k}][{part}][{i}] = {number};" for i, number in enumerate(numbers)]
+        lines.append(f"ultimates[{k}] = {count.ultimate};")
+    head = "weigh_counts(const double *p, double (*curves)[MOST_PARTS][3], double ultimates[])"
+    return _function(head, "p curves ultimates", lines)
 
 
 def _action(action: ActionInC, first: int) -> str:
@@ -297,26 +299,24 @@ def _controls(constants: Constants) -> Iterator[str]:
 
 
 def _weigh(constants: Constants) -> str:
-    numbers = constants.parameters_in_c
-    lines = ["void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW], double *given,"]
-    lines.append("           double (*controls)[AT_LEAST_ONE(N_CONTROL)]) {")
-    lines.append("    (void)p, (void)terms, (void)loads, (void)laws, (void)given, (void)controls;")
+    numbers, lines = constants.parameters_in_c, []
     for k, one in enumerate(constants.controls):
         for i, value in enumerate(one.parameters):
             text = numbers.get(value, "") if isinstance(value, str) else _number(float(value))
-            lines.append(f"    controls[{k}][{i}] = {text};")
+            lines.append(f"controls[{k}][{i}] = {text};")
     weights = {"terms": constants.weights, "loads": constants.load_weights, "given": constants.given}
     for into, monomials in weights.items():
-        lines += [f"    {into}[{k}] = {monomial_in_c(weight, numbers)};" for k, weight in enumerate(monomials)]
+        lines += [f"{into}[{k}] = {monomial_in_c(weight, numbers)};" for k, weight in enumerate(monomials)]
     for k, law in enumerate(constants.laws):
         for i, quantity in enumerate(law):
             parts = quantity if isinstance(quantity, AffineSum) else (quantity,)
             terms = [f"{_number(float(one.coefficient))} * {monomial_in_c(one.monomial, numbers)}" for one in parts]
-            lines.append(f"    laws[{k}][{i}] = {' + '.join(terms)};")
-    return "\n".join([*lines, "}", ""])
+            lines.append(f"laws[{k}][{i}] = {' + '.join(terms)};")
+    arrays = "double *terms, double *loads, double (*laws)[N_LAW], double *given"
+    head = f"weigh(const double *p, {arrays},\n           double (*controls)[AT_LEAST_ONE(N_CONTROL)])"
+    return _function(head, "p terms loads laws given controls", lines)
 
 
 def _weigh_gaps(weights: Sequence[Monomial], numbers: Mapping[str, str]) -> str:
-    lines = (f"    weights[{k}] = {monomial_in_c(one, numbers)};" for k, one in enumerate(weights))
-    head = ["void weigh_gaps(const double *p, double *weights) {", "    (void)p, (void)weights;"]
-    return "\n".join([*head, *lines, "}", ""])
+    lines = (f"weights[{k}] = {monomial_in_c(one, numbers)};" for k, one in enumerate(weights))
+    return _function("weigh_gaps(const double *p, double *weights)", "p weights", lines)

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.declare.formulas import evaluated
 
 FUNCTIONS = {"abs": 1, "atan": 1, "cos": 1, "exp": 1, "log": 1, "max": 2, "min": 2, "sin": 1, "sqrt": 1, "tanh": 1}
 _ARITHMETIC = (
@@ -98,40 +99,20 @@ def symbolic(text: str, names: Mapping[str, Any]) -> Any:
     """Return an expression that was checked in sympy's form, with the values of its names."""
     import sympy as sp
 
-    operations = {
-        ast.Add: lambda a, b: a + b, ast.Sub: lambda a, b: a - b, ast.Mult: lambda a, b: a * b,
-        ast.Div: lambda a, b: a / b, ast.Pow: lambda a, b: a**b, ast.USub: lambda a: -a, ast.UAdd: lambda a: a,
-        ast.Not: sp.Not, ast.And: sp.And, ast.Or: sp.Or, ast.Lt: sp.Lt, ast.LtE: sp.Le, ast.Gt: sp.Gt, ast.GtE: sp.Ge,
-    }  # fmt: skip
     # cases in place of functions with corners, whose derivatives sympy would write with Heaviside's
     cornered = {
         "abs": lambda a: sp.Piecewise((-a, a < 0), (a, True)),
         "max": lambda a, b: sp.Piecewise((a, a > b), (b, True)),
         "min": lambda a, b: sp.Piecewise((a, a < b), (b, True)),
     }
-
-    def read(node: ast.expr) -> Any:
-        match node:
-            case ast.Name(id=name):
-                return names[name]
-            case ast.Constant(value=value):
-                return sp.sympify(value)
-            case ast.BinOp(left=left, op=op, right=right):
-                return operations[type(op)](read(left), read(right))
-            case ast.UnaryOp(op=op, operand=operand):
-                return operations[type(op)](read(operand))
-            case ast.BoolOp(op=op, values=values):
-                return operations[type(op)](*map(read, values))
-            case ast.Compare(left=left, ops=ops, comparators=others):
-                ends = [read(one) for one in (left, *others)]
-                return sp.And(*(operations[type(op)](a, b) for op, a, b in zip(ops, ends, ends[1:])))
-            case ast.IfExp(test=test, body=body, orelse=orelse):
-                return sp.Piecewise((read(body), read(test)), (read(orelse), True))
-            case ast.Call(func=ast.Name(id=name), args=args):
-                return (cornered.get(name) or getattr(sp, name))(*map(read, args))
-        raise TypeError(ast.dump(node))  # `check` lets nothing else through
-
-    return read(ast.parse(text.strip(), mode="eval").body)
+    algebra = types.SimpleNamespace(
+        number=sp.sympify,
+        compared=lambda ordering, a, b: ordering(a, b),
+        joined=lambda word, tests: {"and": sp.And, "or": sp.Or, "not": sp.Not}[word](*tests),
+        chosen=lambda test, body, orelse: sp.Piecewise((body, test), (orelse, True)),
+        called=lambda name, *given: (cornered.get(name) or getattr(sp, name))(*given),
+    )
+    return evaluated(text.strip(), names, algebra)
 
 
 def printed(expressions: Sequence[Any], in_c: bool = False) -> tuple[list[str], list[str]]:

@@ -164,8 +164,8 @@ def _literal(node: ast.expr) -> float | None:
 
 
 def evaluated(text: str, names: Mapping[str, Any], algebra: Any) -> Any:
-    """Return a formula in the language of declarations for values of its names, in an algebra of numbers, comparisons,
-    conditions, cases and functions: `SeriesAlgebra`, `Dimensions`, or one of :mod:`~pgmp_petsc.declare.own_units`."""
+    """Return an expression of a declaration for values of its names, in an algebra of numbers, comparisons, conditions,
+    cases and functions: `SeriesAlgebra`, `Dimensions`, or one of :mod:`~pgmp_petsc.declare.own_units` or of sympy's."""
     operations = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
                   ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos}  # fmt: skip
     ordering = {ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge}
@@ -175,7 +175,7 @@ def evaluated(text: str, names: Mapping[str, Any], algebra: Any) -> Any:
             case ast.Name(id=name):
                 return names[name]
             case ast.Constant(value=value):
-                return algebra.number(float(value))
+                return algebra.number(value)
             case ast.BinOp(left=left, op=op, right=right):
                 return operations[type(op)](read(left), read(right))
             case ast.UnaryOp(op=ast.Not(), operand=operand):
@@ -192,7 +192,7 @@ def evaluated(text: str, names: Mapping[str, Any], algebra: Any) -> Any:
                 return algebra.chosen(read(test), read(body), read(orelse))
             case ast.Call(func=ast.Name(id=name), args=args):
                 return algebra.called(name, *map(read, args))
-        raise TypeError(ast.dump(node))  # `declared` writes nothing else
+        raise TypeError(ast.dump(node))  # neither `declared` nor `expressions.check` lets anything else through
 
     return read(_tree(text))
 
@@ -272,7 +272,7 @@ class SeriesAlgebra:
     order: int
 
     def number(self, value: float) -> Series:
-        return Series([np.array(value), *(np.zeros(()) for _ in range(self.order))])
+        return Series([np.array(float(value)), *(np.zeros(()) for _ in range(self.order))])
 
     def compared(self, ordering: Callable[..., Any], a: Series, b: Series) -> np.ndarray:
         return ordering(a.parts[0], b.parts[0])

@@ -117,7 +117,7 @@ class OwnUnits:
 
     def number(self, value: float) -> Part:
         power = self.unknown({0.0: OF_NAMES, 1.0: OF_ONE}.get(abs(value), OF_NUMBERS))
-        return Part(self, power, lambda found: repr(shifted(value, -self.solved(power, found))), value)
+        return Part(self, power, lambda found: repr(shifted(float(value), -self.solved(power, found))), float(value))
 
     def compared(self, ordering: Callable[..., Any], a: Part, b: Part) -> Part:
         return a.joined(SIGNS[ordering], b, {}, b.at(a.power))

@@ -122,7 +122,7 @@ class Law(Printed):
     def code(self) -> ModuleType:
         """The module that is printed from the declaration. Raises `InputError` if the force is not finite."""
         *declaration, place = astuple(self)
-        key = repr((text_mark(__name__, "pgmp_petsc.declare.expressions"), declaration))
+        key = repr((text_mark(__name__, "pgmp_petsc.declare.expressions", "pgmp_petsc.declare.formulas"), declaration))
         found = kept(self.name, key, Path(self.file), self._printed)
         self._check_finite(found)
         return found

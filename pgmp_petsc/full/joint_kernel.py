@@ -63,19 +63,9 @@ def evaluate_in_joints(problem, joints, block, amplitudes, angles, residual, sta
         add_lumps(problem.lumps, width, problem.section, block, v, a, gains, False, x, joints.turn, entries, entries)
     if problem.masses.body.size:
         add_masses(
-            problem.masses,
-            width,
-            problem.rayleigh,
-            block,
-            v,
-            a,
-            gains,
-            np.bool_(False),
-            x,
-            joints.turn,
+            problem.masses, width, problem.rayleigh, block, v, a, gains, np.bool_(False), x, joints.turn, entries,
             entries,
-            entries,
-        )
+        )  # fmt: skip
     if problem.floating.body.size:
         add_floating(
             d, problem.floating, width, problem.rayleigh, block, amplitudes[0], 1.0, q, v, a, gains, fresh, x,

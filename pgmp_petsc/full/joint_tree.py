@@ -76,9 +76,7 @@ class Motion(NamedTuple):
     turns: bool
     slides: bool
     number: int  # of the connection, -1 of a free body
-    backwards: (
-        bool  # whether the body is the first of the connection: its coordinates are minus what the joint measures
-    )
+    backwards: bool  # whether the body is the connection's first: its coordinates are minus what the joint measures
 
 
 def rows_of(connection: Connection, dimension: int) -> tuple[int, int, bool, bool]:

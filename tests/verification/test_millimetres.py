@@ -219,7 +219,8 @@ SEEN_ONCE = ("run as JSON", "samples as JSON", "samples in components", "picture
 CASES = {
     "four bar": Case(FOUR_BAR, "thick", "minimise max(abs(stress))", ("code", "unit", "trade-off", *OF_CHOICE)),
     "four bar, chosen": Case(FOUR_BAR, "thick", "minimise max(abs(stress))", ("code", "unit", "trade-off")),
-    "cart": Case(CART, "drag", "minimise max(abs(x))", (*SEEN_ONCE, "fit", *OF_CHOICE, "trade-off")),
+    "cart": Case(CART, without=tuple(set(STEPS) - {*"check effects full build run code unit".split()})),
+    "cart, all": Case(CART, "drag", "minimise max(abs(x))", (*SEEN_ONCE, "fit", *OF_CHOICE, "trade-off")),
     "rotor": Case(ROTOR,
                   without=(*SEEN_ONCE, *OF_PARAMETERS, *"effects code unit page trade-off".split(), *OF_CHOICE)),
     "solid": Case(SOLID, "thick", "minimise max(abs(bent))", ("code", "unit", *OF_CHOICE, "trade-off")),
@@ -227,7 +228,7 @@ CASES = {
     "off": Case(CLAMPED_OFF,
                 without=(*"effects modes pictures code unit sensitivities design fit trade-off".split(), *OF_CHOICE)),
 }  # fmt: skip
-THOROUGH = ("four bar, chosen", "solid", "geared", "off")
+THOROUGH = ("four bar, chosen", "cart, all", "solid", "geared", "off")
 ROWS = [
     pytest.param(name, step, marks=[pytest.mark.thorough] if name in THOROUGH else [])
     for name, case in CASES.items()
