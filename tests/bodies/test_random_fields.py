@@ -99,9 +99,9 @@ def test_no_variables_within_their_bounds_make_a_quantity_negative_and_the_messa
         mesh = meshes_of(scene)["rod"]
         if not fine:
             with pytest.raises(InputError, match="may fall to"):
-                checked_expansion("soft", scene.fields["soft"], mesh)
+                checked_expansion(scene, "soft", mesh)
             continue
-        functions = checked_expansion("soft", scene.fields["soft"], mesh).functions
+        functions = checked_expansion(scene, "soft", mesh).functions
         reach = scene.parameters["soft_1"].bounds[1]
         least = min(
             1.0 + variation * float(reach * np.sign(functions[:, cell]) @ functions[:, cell]) * sign
