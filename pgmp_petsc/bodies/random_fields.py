@@ -56,15 +56,15 @@ def profiles_of(scene: Scene, body: str, mesh: LineMesh | SolidMesh) -> Profiles
     found: dict[str, Profile] = {}
     for name, field in scene.fields.items():
         if field.body == body:
-            terms = field.variation * checked_expansion(name, field, mesh).functions
+            terms = field.variation * checked_expansion(scene, name, mesh).functions
             weights = [Monomial(((variable, 1),)) for variable in field.names(name)]
             found[ROLE.get(field.quantity, "size")] = Profile(dict(zip(weights, terms)))
     return Profiles(**found) if found else UNIFORM
 
 
-def checked_expansion(name: str, field: RandomField, mesh: LineMesh | SolidMesh) -> Expansion:
-    """Return the expansion of a field of some name over the mesh of its body; raises as `profiles_of`."""
-    entry, (places, volumes) = f"fields.{name}", _cells(mesh)
+def checked_expansion(scene: Scene, name: str, mesh: LineMesh | SolidMesh) -> Expansion:
+    """Return the expansion of a scene's field over the mesh of its body; raises as `profiles_of`."""
+    field, entry, (places, volumes) = scene.fields[name], f"fields.{name}", _cells(mesh)
     if field.terms > volumes.size:
         raise InputError(
             f"{entry}.terms = {field.terms}: {field.body} has {volumes.size} cells, and no more terms; take fewer, or "
@@ -82,14 +82,15 @@ def checked_expansion(name: str, field: RandomField, mesh: LineMesh | SolidMesh)
     reach = np.sum(np.abs(found.functions), axis=0) * field.reach
     worst = int(np.argmax(reach))
     if not field.variation * reach[worst] <= 1.0 - LEAST:
-        place = ", ".join(f"{x:.4g}" for x in places[worst])
+        place, unit = scene.system.named(places[worst], "m")
+        at = ", ".join(f"{x:.4g}" for x in place)
         limit, cure = "", "or fewer terms"
         if field.distribution == "normal":
             limit, cure = f" within {field.limit:g} deviations", 'a lower limit, or distribution = "uniform"'
         raise InputError(
             f"{entry}.variation = {field.variation:g}: with {field.terms} {field.distribution} variables{limit} "
             f"{field.quantity} of {field.body} may fall to {1.0 - field.variation * reach[worst]:.3g} times its mean, "
-            f"at ({place}) m, and must stay positive; take at most {(1.0 - LEAST) / reach[worst]:.3g}, {cure}"
+            f"at ({at}) {unit}, and must stay positive; take at most {(1.0 - LEAST) / reach[worst]:.3g}, {cure}"
         )
     return found
 
@@ -98,7 +99,7 @@ def field_remarks(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> I
     """Yield what the expansions of a scene's fields keep and leave out; raises as `profiles_of`."""
     for name, field in scene.fields.items():
         mesh = meshes[field.body]
-        found = checked_expansion(name, field, mesh)
+        found = checked_expansion(scene, name, mesh)
         least, most = (100 * field.variation * part for part in (found.deviations.min(), found.deviations.max()))
         text = (
             f"fields.{name}: {field.terms} {'term keeps' if field.terms == 1 else 'terms keep'} "

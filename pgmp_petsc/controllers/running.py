@@ -141,6 +141,7 @@ class Controls:
             one = Running.of(scene, entry, every, n_samples, self.n_beside, n_motions)
             self.each.append(one)
             self.n_beside, n_motions = one.columns.stop, one.motions.stop
+        self._continuous = [one for one in self.each if not one.entry.sample_time]
         rows = rows_of(scene)
         self.firsts = np.cumsum([0, *rows])[:-1].tolist()
         rows = [slice(first - n_carried, first - n_carried + n) for first, n in zip(self.firsts, rows)]
@@ -215,9 +216,7 @@ class Controls:
         self._number, s = 0, scheme
         self._carried[:] = state.beside[:, : len(self._carried)].T
         step, kappa = s.gamma / (s.beta * s.gain_v), s.gain_v / s.gain_a
-        for one in self.each:
-            if one.entry.sample_time:
-                continue
+        for one in self._continuous:
             z, change, auxiliary, _ = one.parts(state.beside)
             share = step * s.gamma / (1 - s.alpha_m)
             one.c[:] = z + step * (1 - s.gamma) * auxiliary + share * (s.alpha_f * change - s.alpha_m * auxiliary)
@@ -226,7 +225,8 @@ class Controls:
     def act(self, time: float, state) -> None:
         """Give the mechanics the forces about an iterate."""
         self.iterates = True
-        self._look(time, state)
+        if self._continuous:
+            self._look(time, state)
         for one, rows in zip(self.each, self._rows):
             acting = self._acting[rows]
             if one.entry.sample_time:
@@ -241,11 +241,10 @@ class Controls:
 
     def end(self, time: float, state, scheme, samples: np.ndarray) -> None:
         """Take the numbers beside of some samples, a mask, to the end of the step."""
-        self._look(time, state)
+        if self._continuous:
+            self._look(time, state)
         s = scheme
-        for one in self.each:
-            if one.entry.sample_time:
-                continue
+        for one in self._continuous:
             one.respond()
             z, change, auxiliary, force = one.parts(state.beside)
             found = ((1 - s.alpha_f) * one.rates + s.alpha_f * change - s.alpha_m * auxiliary) / (1 - s.alpha_m)

@@ -189,8 +189,10 @@ def _run(scene: Scene, bodies: Sequence[Body], joint: str, first: Attachment, wa
         raise InputError(problem(f"joints.{joint}", words + "the joint point_on_line has a line fixed to the point"))
     for name, entry in scene.coordinates.items():
         if entry.joint == joint and slides(scene, entry) and not _within(entry.range, along):
-            words = f"must be within the run of nodes, {along[0]:.6g} to {along[-1]:.6g} m from the first point"
-            raise InputError(problem(f"coordinates.{name}.range", words, list(entry.range)))
+            (low, high), unit = scene.system.named(along[[0, -1]], "m")
+            words = f"must be within the run of nodes, {low:.6g} to {high:.6g} {unit} from the first point"
+            received = [scene.system.shown(end, "m") for end in entry.range]
+            raise InputError(problem(f"coordinates.{name}.range", words, received))
     places = body.mesh.nodes
     return [Attachment(first.body, body.first_node + k, places[k], np.zeros_like(way)) for k in nodes]
 

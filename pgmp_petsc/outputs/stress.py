@@ -23,6 +23,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import FixedPlace
+from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import STRESSES, OutputEntry
 from pgmp_petsc.scene.references import stress_problems, stressed_bodies
 
@@ -113,7 +114,7 @@ class StressOutput:
                 f'outputs.{name}.body = "{entry.body}": the reduced model was built without what its stresses need; '
                 "name the output in the scene and run pgmp build again"
             )
-        law, points = stresses.law, points_of(f"outputs.{name}", entry, stresses)
+        law, points = stresses.law, points_of(scene, name, stresses)
         return cls(name, entry, number, points, law, law.size(entry.quantity, points, scene.nominal))
 
 
@@ -126,26 +127,27 @@ def check_stresses(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> 
         bodies = {body.name: body for body in bodies_of(scene, meshes)}
         for name, entry in scene.outputs.items():
             if "stresses" in entry.reads:
-                points_of(f"outputs.{name}", entry, bodies[entry.body].stresses(scene))
+                points_of(scene, name, bodies[entry.body].stresses(scene))
 
 
-def points_of(name: str, entry: Stress, stresses: BodyStresses) -> Strains:
-    """Return where the strains of an output are taken; raises as `StressOutput.of`."""
+def points_of(scene: Scene, name: str, stresses: BodyStresses) -> Strains:
+    """Return where the strains of an output of a scene are taken; raises as `StressOutput.of`."""
+    entry = scene.outputs[name]
     if entry.region is not None:
-        return stresses.in_region(entry.region, f"{name}.region")
+        return stresses.in_region(entry.region, f"outputs.{name}.region")
     if entry.group is not None:
-        return stresses.in_group(entry.group, f"{name}.group")
+        return stresses.in_group(entry.group, f"outputs.{name}.group")
     if entry.at is None:
         return stresses.everywhere()
     place, nodes = np.array(entry.at), stresses.mesh.nodes
     points = stresses.at_place(place)
     if points is None:
         nearest = nodes[np.argmin(np.linalg.norm(nodes - place, axis=1))]
-        low, high = (", ".join(f"{x:.6g}" for x in corner) for corner in (nodes.min(axis=0), nodes.max(axis=0)))
-        raise InputError(
-            f"{name}.at = {list(entry.at)}: outside the mesh of {entry.body}, which reaches from ({low}) to ({high}) "
-            f"m; its nearest node is at ({', '.join(f'{x:.6g}' for x in nearest)})"
-        )
+        shown, unit = scene.system.named(np.array([nodes.min(axis=0), nodes.max(axis=0), nearest]), "m")
+        low, high, nearest = (f"({', '.join(f'{x:.6g}' for x in place)})" for place in shown)
+        at = [scene.system.shown(x, "m") for x in entry.at]
+        words = f"outside the mesh of {entry.body}, which reaches from {low} to {high} {unit}; its nearest node is at"
+        raise InputError(problem(f"outputs.{name}.at", f"{words} {nearest}", at))
     return points
 
 

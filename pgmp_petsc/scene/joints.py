@@ -165,8 +165,8 @@ class Clearance(Table):
 
     def problems(self, scene: AnyScene, entry: str) -> Iterator[str]:
         """Yield a line if exponent or restitution, or a value that a parameter of them has, is none that can be."""
-        if isinstance(self.exponent, str) and not scene.system.is_si:
-            words = "a number is needed in a scene in mm, where the unit of the stiffness, N/mm^exponent, hangs on it"
+        if not scene.system.is_si and (isinstance(self.exponent, str) or self.exponent >= 10.0):
+            words = "a number below 10 is needed in a scene in mm, where N/mm^exponent is the unit of the stiffness"
             yield problem(f"{entry}.exponent", f"{words}; or give the scene in SI units", self.exponent)
         for key, low, high, words in (
             ("exponent", 1.0, math.inf, "must be at least 1, so that the force begins without a jump of its slope"),

@@ -8,7 +8,7 @@ from runs import PAPER_SCENE
 from scipy.optimize import brentq
 from solid_scenes import solid_meshes, solid_slider_crank
 from solids import third_of
-from spatial_beams import lines_of, slider_crank_of_beams
+from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies import random_fields
@@ -20,7 +20,6 @@ from pgmp_petsc.bodies.random_fields import checked_expansion, correlation, expa
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler, draw_remarks
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from scenes import mechanism_of, meshes_of, slider_crank
 
@@ -100,9 +99,9 @@ def test_no_variables_within_their_bounds_make_a_quantity_negative_and_the_messa
         mesh = meshes_of(scene)["rod"]
         if not fine:
             with pytest.raises(InputError, match="may fall to"):
-                checked_expansion("soft", scene.fields["soft"], mesh)
+                checked_expansion(scene, "soft", mesh)
             continue
-        functions = checked_expansion("soft", scene.fields["soft"], mesh).functions
+        functions = checked_expansion(scene, "soft", mesh).functions
         reach = scene.parameters["soft_1"].bounds[1]
         least = min(
             1.0 + variation * float(reach * np.sign(functions[:, cell]) @ functions[:, cell]) * sign
@@ -171,7 +170,7 @@ def test_matrices_of_planar_beams_are_those_of_elements_with_their_own_constants
 def test_matrices_of_beams_in_space_are_scaled_element_by_element() -> None:
     scene = slider_crank_of_beams(FIELD.replace("0.1,", "0.15,"))
     values = scene.values | {"soft_1": 1.3, "soft_2": -0.7, "soft_3": 2.0}
-    body = next(body for body in Mechanism.from_scene(scene, lines_of(scene)).bodies if body.name == "rod")
+    body = next(body for body in mechanism_of(scene).bodies if body.name == "rod")
     every = np.arange(len(body.mesh.cells))
     uniform = replace(body, profiles=UNIFORM)
     factor = 1.0 + sum(float(w.evaluate(values)) * part for w, part in body.profiles.modulus.terms.items())

@@ -47,7 +47,7 @@ def test_a_held_bar_hangs_as_the_integral_of_its_curvature_says_and_scatters_as_
     mesh = next(iter(meshes_of(scene).values()))
     x = mesh.nodes[mesh.cells].mean(axis=1)[:, 0]
     field = scene.fields["soft"]
-    found = checked_expansion("soft", field, mesh)
+    found = checked_expansion(scene, "soft", mesh)
     n = 200
     values = Sampler(scene, Plan(n, 3)).draw(0, n)
     xi = np.array([values[name] for name in field.names("soft")])

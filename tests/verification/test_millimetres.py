@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from millimetres import differences, flat, in_millimetres, strange, with_short_numbers
 from offset_scenes import CLAMPED
-from runs import pgmp, reduced_model, refused
+from runs import one_message, pgmp, reduced_model, refused
 from sealed import resealed
 
 from pgmp_petsc.api.files import read
@@ -219,7 +219,8 @@ SEEN_ONCE = ("run as JSON", "samples as JSON", "samples in components", "picture
 CASES = {
     "four bar": Case(FOUR_BAR, "thick", "minimise max(abs(stress))", ("code", "unit", "trade-off", *OF_CHOICE)),
     "four bar, chosen": Case(FOUR_BAR, "thick", "minimise max(abs(stress))", ("code", "unit", "trade-off")),
-    "cart": Case(CART, "drag", "minimise max(abs(x))", (*SEEN_ONCE, "fit", *OF_CHOICE, "trade-off")),
+    "cart": Case(CART, without=tuple(set(STEPS) - {*"check effects full build run code unit".split()})),
+    "cart, all": Case(CART, "drag", "minimise max(abs(x))", (*SEEN_ONCE, "fit", *OF_CHOICE, "trade-off")),
     "rotor": Case(ROTOR,
                   without=(*SEEN_ONCE, *OF_PARAMETERS, *"effects code unit page trade-off".split(), *OF_CHOICE)),
     "solid": Case(SOLID, "thick", "minimise max(abs(bent))", ("code", "unit", *OF_CHOICE, "trade-off")),
@@ -227,7 +228,7 @@ CASES = {
     "off": Case(CLAMPED_OFF,
                 without=(*"effects modes pictures code unit sensitivities design fit trade-off".split(), *OF_CHOICE)),
 }  # fmt: skip
-THOROUGH = ("four bar, chosen", "solid", "geared", "off")
+THOROUGH = ("four bar, chosen", "cart, all", "solid", "geared", "off")
 ROWS = [
     pytest.param(name, step, marks=[pytest.mark.thorough] if name in THOROUGH else [])
     for name, case in CASES.items()
@@ -444,6 +445,34 @@ def test_gravity_that_is_not_said_is_that_of_the_earth(tmp_path: Path) -> None:
     assert own["effects"]["weight"]["acceleration"] == 9806.65
     assert own["parameters"]["thick"]["nominal"] == 8.0 and own["parameters"]["thick"]["unit"] == "mm"
     assert own["parameters"]["k"]["nominal"] == 2.0 and own["parameters"]["k"]["unit"] == "N/mm"
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        (
+            "slider_crank", 'outputs.o={type="stress", body="rod", quantity="axial_force", at=[2000.0, 0.0]}',
+            "[2000.0, 0.0]: outside the mesh of rod, which reaches from (300, 0) to (1000, 0) mm; its nearest node is "
+            "at (1000, 0)\n",
+        ),
+        (
+            "bridge_crane", "coordinates.x.range=[500.0, 31500.0]",
+            "[500.0, 31500.0]: must be within the run of nodes, 0 to 12000 mm from the first point\n",
+        ),
+        (
+            "slider_crank", 'fields.f={body="rod", quantity="E", variation=0.5, length=200.0, terms=3}',
+            ", 0) mm, and must stay positive",
+        ),
+        (
+            "worn_slider_crank", "joints.pin.clearance.exponent=15.0",
+            "= 15.0: a number below 10 is needed in a scene in mm, where N/mm^exponent is the unit of the stiffness; "
+            "or give the scene in SI units\n",
+        ),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_in_mm_is_said_in_mm(name: str, change: str, words: str, tmp_path: Path) -> None:
+    path = in_millimetres(ROOT / "scenes" / f"{name}.toml", [], tmp_path / "mm.toml")
+    assert words in one_message("check", path, "--override", change)
 
 
 def test_settings_are_in_the_units_of_the_scene(tmp_path: Path) -> None:
