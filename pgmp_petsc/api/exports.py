@@ -71,7 +71,7 @@ def export_model(
 
     def without_what_is_left_out(scene: Scene) -> Scene:
         notes.append(left_out(scene))
-        return checked_scene(scene, str(target), kind)
+        return checked_scene(scene, str(target))
 
     model = origin.prepared(comm, without_what_is_left_out, told=False)
 

@@ -529,11 +529,11 @@ def _steps(scene: Scene) -> dict[str, int | float]:
     }
 
 
-def checked_scene(scene: Scene, what: str, kind: str = "reduced") -> Scene:
-    """Return a scene without the outputs that a model in C of a kind (see `Constants`) does not have; raise
-    `InputError` that names what is to be written if it asks for more."""
+def checked_scene(scene: Scene, what: str) -> Scene:
+    """Return a scene without the outputs that a model in C does not have; raise `InputError` that names what is to be
+    written if it asks for more."""
     check_capabilities(scene, Purpose.EXPORT)
-    for entry, text in _of_scene(scene, kind):
+    for entry, text in _of_scene(scene):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
     left = {name: output for name, output in scene.outputs.items() if in_c(scene, name)}
     return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
@@ -562,7 +562,7 @@ def left_out(scene: Scene) -> str:
     return f"note: {', '.join(lacking)} left out: a model in C has {having}{why}; pgmp simulate has all outputs"
 
 
-def _of_scene(scene: Scene, kind: str) -> Iterator[tuple[str, str]]:
+def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
     for name, one in scene.controllers.items():
         for output in measured_by(scene, one).motions:
             if not has_motion(scene, output):

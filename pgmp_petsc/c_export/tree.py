@@ -54,7 +54,7 @@ class Apart(Share):
 
 def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     """Collect the constants of a component model; raises as `constants_of`."""
-    scene = checked_scene(model.scene, what, "tree")
+    scene = checked_scene(model.scene, what)
     if scene is not model.scene:
         model = model.in_scene(scene)
     system = model.batch({name: np.array([value]) for name, value in scene.values.items()}, 1)

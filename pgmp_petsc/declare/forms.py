@@ -207,7 +207,7 @@ class Loops:
     def lines(self, terms: Sequence[Term]) -> Iterator[str]:
         """Yield the loops; ``let`` begins what C declares as a number, ``all`` as one for every theta."""
         for only, group in itertools.groupby(terms, lambda term: term.only):
-            self._number, self._begun = 0, False
+            self._number = 0
             lines = self._level([_State(term) for term in group], "")[0]
             yield from _under(self.conditions[only] if only else "", list(lines))
             if any(f"store({self.first}," in line for line in lines):

@@ -117,7 +117,6 @@ class Stage(AbstractContextManager):
 
     def __init__(self, motion: Motion, width: int, height: int) -> None:
         self._pyvista = drawing()
-        self._motion = motion
         low, high, view = bounds_of(motion)
         half = MARGIN * 0.5 * np.maximum(high - low, 1e-12)
         reach = max(half[1], half[0] * height / width)

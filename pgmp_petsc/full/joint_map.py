@@ -160,11 +160,11 @@ def _deform(tree, face, axes, n, x, x1, x2, first, ways, turned):
             to[m + i] = s1 * to[3 * m + i]
             to[2 * m + i] = s2 * to[3 * m + i] - s1 * s1 * to[i]
     else:
-        _rotate(to, zero)
+        _rotate(to)
 
 
 @njit(error_model="numpy")
-def _rotate(to, zero):
+def _rotate(to):
     """Fill R, its rate and acceleration, and its derivatives in s, from s, s' and s'' where the latter go."""
     m = 9
     a, b, c = to[27], to[28], to[29]
@@ -395,7 +395,7 @@ def to_face(own, turn, axes, f, at, out, to):
 
 
 @njit(error_model="numpy")
-def on_face(own, turn, axes, z, base, f, at, g):
+def on_face(turn, axes, z, base, f, at, g):
     """Fill what forces on a face's frame do on its ways and turns in the body, g (d + n_turns,), with the floating
     frame held."""
     d = len(axes)
@@ -498,7 +498,7 @@ def _gather_forces(axes, tree, width, y, x, room, into):
         for face in range(tree.faces[k], tree.faces[k + 1]):
             node = tree.face_nodes[face]
             if node != held or tree.kinds[k] == FREE:
-                on_face(ways[face], turned[face], axes, z, at, f, n * node, g)
+                on_face(turned[face], axes, z, at, f, n * node, g)
                 to_floating(ways[face], turned[face], axes, f, n * node, f, at)
                 for t in range(d + n_turns):
                     for i in range(n_own):

@@ -129,7 +129,7 @@ def _own_inertia(packed, axes, z, at, spare, inertia, to):
 
 
 @njit(error_model="numpy")
-def _own_column(packed, line, axes, z, at, columns, to, tensors):
+def _own_column(packed, line, axes, z, at, columns, to):
     """Fill the column of an amplitude, its frame held, from the packed tangents."""
     d = len(axes)
     if d == 2:
@@ -250,7 +250,7 @@ def _flexible(tree, k, axes, z, ways, turned, packed, inertia, columns, moves, f
     _own_inertia(packed, axes, z, n * base, spare, inertia, m * base)
     for i in range(n_own):
         line, to = (n_pose + i) * (n_pose + i + 1) // 2, size * (first + i)
-        _own_column(packed, line, axes, z, n * base, columns, to, tensors)
+        _own_column(packed, line, axes, z, n * base, columns, to)
         for t in range(n_ways):  # kept: what the amplitude does alone
             moves[1][n_ways * i + t] = columns[to + t]
         _forces(inertia, m * base, axes, own, n_ways * i, forces, size * i, tensors)

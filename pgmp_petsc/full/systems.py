@@ -114,10 +114,6 @@ class FullSystem(SecondOrderSystem):
             ]
             return self.multipliers_of_joints(times, State.along(found))
 
-    def unknowns(self, state: State) -> list[np.ndarray]:
-        """Return unknowns, velocities and accelerations, (n_dofs, n_samples) each, on every rank."""
-        return self.unknowns_over(state.alone)
-
     def frames(self, state: State) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples), the same on all ranks. Collective on
         `comm`."""
@@ -240,8 +236,8 @@ class FullSystem(SecondOrderSystem):
         self._equations.problem.actions.about[:] = np.nan
 
     def unknowns_over(self, states: State) -> list[np.ndarray]:
-        """Return what `unknowns` does of states with a leading axis of n_t instants, (n_dofs, n_t n_samples) each,
-        instant after instant."""
+        """Return unknowns, velocities and accelerations of states with a leading axis of n_t instants, (n_dofs, n_t
+        n_samples) each, instant after instant, on every rank."""
         return [self._columns(part) for part in (states.q, states.v, states.a)]
 
     def _columns(self, parts: np.ndarray) -> np.ndarray:

@@ -91,7 +91,7 @@ def momenta(model: ComponentModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     d, linear, angular, spins = unknowns.dimension, [], [], []
 
     def observe(number: int, time: float, state) -> None:
-        q, v, _ = (part[:, 0] for part in system.unknowns(state))
+        q, v, _ = (part[:, 0] for part in system.unknowns_over(state.alone))
         total, turning = np.zeros(3), np.zeros(3)
         for body in unknowns.bodies:
             if not body.n_amplitudes:
