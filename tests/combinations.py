@@ -23,12 +23,10 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bench.step_choice import settle_step
 from pgmp_petsc.bodies.assembled import Assembled
-from pgmp_petsc.bodies.shape import shape_in_scene
 from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
@@ -211,23 +209,14 @@ TINY = ("reduction.modes=2", "reduction.angles=8", "simulation.duration=0.003", 
 
 
 def meshes_for(scene: Scene) -> dict:
-    """Return the meshes of lines and bars that a scene's entries ``mesh`` describe, and ``nodes`` of matrices."""
-    meshes = {}
-    for name, body in scene.bodies.items():
-        if body.rigid is not None:
-            meshes[name] = shape_in_scene(scene, name)
-            continue
-        first, last, n = described(body).split(":")
-        if body.matrices is not None:
-            meshes[name] = assembled(bar(float(first), float(last), int(n), scene.dimension))
-        elif body.continuum:
-            meshes[name] = bar(float(first), float(last), int(n), scene.dimension)
-        elif scene.dimension == 3:
-            meshes[name] = straight_beam(float(last) - float(first), int(n), float(first), 3)
-        else:
-            only = scene.model_copy(update={"bodies": {name: body}})
-            meshes[name] = meshes_of(only)[name]
-    return meshes
+    """Return the meshes that a scene describes, and matrices of the bars that stand for their ``nodes``."""
+    of_matrices = [name for name, body in scene.bodies.items() if body.matrices is not None]
+    others = {name: body for name, body in scene.bodies.items() if name not in of_matrices}
+    bars = {}
+    for name in of_matrices:
+        first, last, n = described(scene.bodies[name]).split(":")
+        bars[name] = assembled(bar(float(first), float(last), int(n), scene.dimension))
+    return meshes_of(scene.model_copy(update={"bodies": others})) | bars
 
 
 def described(body) -> str:

@@ -2,15 +2,12 @@
 
 import numpy as np
 from mpi4py import MPI
-from runs import read_meshes
 
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.modes_table import springs_of
-from scenes import HEADER, tables
+from scenes import HEADER, kinematics_of, tables
 
 # a frame of 1 m on two mounts, on its middle a balanced wheel that a torque may turn
 RIGID = HEADER + tables("""
@@ -112,7 +109,7 @@ def rotor(*overrides: str) -> Scene:
 
 def vibrations(scene: Scene, theta: float = 0.0) -> np.ndarray:
     """Return the frequencies of a scene on its springs at one configuration, Hz."""
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+    kinematics = kinematics_of(scene)
     springs, _ = springs_of(scene, kinematics)
     if springs is None:
         with ModalProblem(kinematics, scene.values, scene.reduction.modes, MPI.COMM_SELF) as problem:

@@ -21,12 +21,9 @@ from conftest import MPI_ENVIRONMENT, PGMP, ROOT, TIMEOUT_SECONDS, run_mpi
 from mpi4py import MPI
 
 from pgmp_petsc.bench.reference import component_model
-from pgmp_petsc.bodies.shape import BodyShape, shape_in_scene
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh import read_line_mesh
-from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel, FullModel, Model, OutputRecord, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.ranks.groups import RankGroup
@@ -40,7 +37,7 @@ from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.simulate import simulate
-from scenes import HEADER, straight, tables
+from scenes import HEADER, meshes_of, tables
 
 MODULES = os.environ.get("PYTHONPATH")  # as this process found them
 MOST_ROMS = 40  # that are kept, of some megabytes each
@@ -97,36 +94,14 @@ def paper_scene(*overrides: str, settings: tuple[str, ...] = ()) -> Scene:
     return load_scene(PAPER_SCENE, overrides, settings)
 
 
-def read_meshes(scene: Scene) -> dict[str, BodyShape]:
-    """Return the meshes of a scene, from its entries and from files."""
-    return {name: shape_in_scene(scene, name) or _mesh(scene, name) for name in scene.bodies}
-
-
-def _mesh(scene: Scene, name: str) -> BodyShape:
-    body = scene.bodies[name]
-    if ":" not in body.mesh:
-        return read_line_mesh(scene.path_of(body.mesh), name)
-    first, last, n = (kind(part) for kind, part in zip((float, float, int), body.mesh.split(":")))
-    if body.continuum:
-        from spatial import bar  # its libraries are loaded where there are cells alone
-
-        return bar(first, last, n, body.dimension)
-    return straight_beam(last - first, n, first, 3) if body.dimension == 3 else straight(first, last, n)
-
-
-def mechanism(scene: Scene) -> Mechanism:
-    """Return the mechanism of a scene."""
-    return Mechanism.from_scene(scene, read_meshes(scene))
-
-
 def full_model(scene: Scene, meshes: Meshes | None = None) -> FullModel:
     """Return the full-order model of a scene, on its own meshes or others."""
-    return FullModel(scene, read_meshes(scene) if meshes is None else meshes)
+    return FullModel(scene, meshes_of(scene) if meshes is None else meshes)
 
 
 def components_model(scene: Scene, meshes: Meshes | None = None) -> ComponentModel:
     """Return the model of bodies in floating frames, likewise."""
-    return component_model(scene, read_meshes(scene) if meshes is None else meshes, MPI.COMM_SELF)
+    return component_model(scene, meshes_of(scene) if meshes is None else meshes, MPI.COMM_SELF)
 
 
 def rom_of(
@@ -150,7 +125,7 @@ def rom_of(
 def built_rom(scene: Scene, *scramble: Callable[[ModeSet], ModeSet], meshes: Meshes | None = None) -> ReducedOrderModel:
     """Build the reduced-order model on this process, also where there is one; for tests that patch what builds it."""
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        return build_rom(scene, read_meshes(scene) if meshes is None else meshes, group, *scramble)
+        return build_rom(scene, meshes_of(scene) if meshes is None else meshes, group, *scramble)
 
 
 def reduced_model(scene: Scene, meshes: Meshes | None = None) -> ReducedModel:

@@ -1,17 +1,19 @@
 """Scenes and meshes made in memory, for tests of everything between a scene and its reduced-order model.
 
 In these scenes the entry ``mesh`` of a body is no path but ``"first:last:n"``: a straight line of n cells on the x axis
-of the body's own frame, from x = first to x = last (m). `meshes_of` makes the meshes; they have the points hinge and
-tip.
+of the body's own frame, from x = first to x = last (m), or a bar of `spatial`. `meshes_of` makes the meshes; they have
+the points, or groups of faces, hinge and tip.
 """
 
 import re
 
 import numpy as np
 
+from pgmp_petsc.bodies.shape import BodyShape, shape_in_scene
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh import LineMesh
+from pgmp_petsc.mesh import LineMesh, read_line_mesh
+from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.scene import Scene, scene_from_toml
 
 CRANK, ROD, RADIUS = 0.3, 0.7, 5.6e-3
@@ -112,10 +114,21 @@ def straight(first: float, last: float, n_cells: int) -> LineMesh:
     return LineMesh(nodes, cells, {"hinge": 0, "tip": n_cells})
 
 
-def meshes_of(scene: Scene) -> dict[str, LineMesh]:
-    """Return the meshes that a scene's entries ``mesh`` describe."""
-    parts = {name: body.mesh.split(":") for name, body in scene.bodies.items()}
-    return {name: straight(float(first), float(last), int(n)) for name, (first, last, n) in parts.items()}
+def meshes_of(scene: Scene) -> dict[str, BodyShape]:
+    """Return the meshes of a scene, from its entries and from files."""
+    return {name: shape_in_scene(scene, name) or _mesh(scene, name) for name in scene.bodies}
+
+
+def _mesh(scene: Scene, name: str) -> BodyShape:
+    body = scene.bodies[name]
+    if ":" not in body.mesh:
+        return read_line_mesh(scene.path_of(body.mesh), name)
+    first, last, n = (kind(part) for kind, part in zip((float, float, int), body.mesh.split(":")))
+    if body.continuum:
+        from spatial import bar  # its libraries are loaded where there are cells alone
+
+        return bar(first, last, n, body.dimension)
+    return straight_beam(last - first, n, first, 3) if body.dimension == 3 else straight(first, last, n)
 
 
 def mechanism_of(scene: Scene) -> Mechanism:

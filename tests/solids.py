@@ -10,10 +10,13 @@ from dataclasses import replace
 import meshio
 import numpy as np
 import scipy.sparse as sp
+from mpi4py import MPI
 from skfem.quadrature import get_quadrature
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.large_deformation import cyclic
 from pgmp_petsc.bodies.solid import FaceFrame, Region, Solid
+from pgmp_petsc.components.large_deformation import FieldsOnRanks
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.mesh.solid_mesh import Quadrature, _element, _tabulated, cell_faces, reference_element
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
@@ -142,3 +145,14 @@ def _part(kind: str, corners: tuple | None) -> np.ndarray:
         corners = np.array(corners)
         nodes = corners[0] + nodes @ (corners[1:] - corners[0])
     return np.rint(2 * nodes).astype(int)
+
+
+def fields_on(solid: Solid, fields: np.ndarray) -> FieldsOnRanks:
+    """Return displacement fields on all cells, by nodes (n_nodes, d, n) or unknowns (n_nodes d, n)."""
+    return FieldsOnRanks(solid, fields.reshape(solid.n_dofs, -1), MPI.COMM_SELF)
+
+
+def third_of(solid: Solid, fields: np.ndarray) -> dict[Monomial, np.ndarray]:
+    """Return the third derivative of the strain energy at rest, by weight, shape (n, n, n)."""
+    pairs = fields_on(solid, fields).of_pairs()
+    return {weight: cyclic(part, fields.shape[-1]) for weight, part in pairs.items()}

@@ -13,8 +13,6 @@ import numpy as np
 from conftest import ROOT
 from solids import box_mesh, rectangle_mesh
 
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from scenes import HEADER, tables
@@ -64,18 +62,6 @@ def bar(first: float, last: float, n: int, dimension: int = 3) -> SolidMesh:
     mesh = box_mesh("hexahedron20", (n, 1, 1), size) if dimension == 3 else rectangle_mesh("quad8", (n, 1), size[:2])
     nodes = mesh.nodes + np.array([first, -WIDTH / 2, -WIDTH / 2])[:dimension]
     return replace(mesh, nodes=nodes, groups={"hinge": mesh.groups["left"], "tip": mesh.groups["right"]})
-
-
-def bars_of(scene: Scene) -> dict[str, SolidMesh]:
-    """Return the meshes that a scene's entries ``mesh`` describe."""
-    parts = {name: body.mesh.split(":") for name, body in scene.bodies.items()}
-    dimension = scene.dimension
-    return {name: bar(float(first), float(last), int(n), dimension) for name, (first, last, n) in parts.items()}
-
-
-def kinematics_in_space(scene: Scene) -> RigidKinematics:
-    """Return the rigid kinematics of a scene of bars."""
-    return RigidKinematics(Mechanism.from_scene(scene, bars_of(scene)))
 
 
 def slider_crank_in_space(*overrides: str) -> Scene:

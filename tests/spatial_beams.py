@@ -1,15 +1,11 @@
 """Mechanisms of beams in space made in memory.
 
 As in `scenes`, the entry ``mesh`` of a body is ``"first:last:n"``, a straight line of n cells on the x axis of the
-body's frame; `lines_of` makes the meshes. Solids of the same scene are bars of `spatial`.
+body's frame. Solids of the same scene are bars of `spatial`.
 """
 
-from spatial import TURN, bar
+from spatial import TURN
 
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh import LineMesh, SolidMesh
-from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, tables
 
@@ -21,23 +17,6 @@ CIRCLE = 'section = { shape = "circle", radius = 5.6e-3 }'
 def beam(name: str, mesh: str, section: str = RECTANGLE, more: str = "") -> str:
     """Return the table of a beam of steel."""
     return f'[bodies.{name}]\nmesh = "{mesh}"\nelement = "beam3d"\nmaterial = "steel"\n{section}\n{more}\n'
-
-
-def lines_of(scene: Scene) -> dict[str, LineMesh | SolidMesh]:
-    """Return the meshes that a scene's entries ``mesh`` describe."""
-    meshes = {}
-    for name, body in scene.bodies.items():
-        first, last, n = body.mesh.split(":")
-        if body.continuum:
-            meshes[name] = bar(float(first), float(last), int(n))
-        else:
-            meshes[name] = straight_beam(float(last) - float(first), int(n), float(first), body.dimension)
-    return meshes
-
-
-def kinematics_of_beams(scene: Scene) -> RigidKinematics:
-    """Return the rigid kinematics of a scene."""
-    return RigidKinematics(Mechanism.from_scene(scene, lines_of(scene)))
 
 
 # the slider-crank of `scenes`, crank 0.3 m and rod 0.7 m, with beams in space

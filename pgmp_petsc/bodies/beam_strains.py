@@ -127,21 +127,20 @@ class BeamStrains:
         return cls(body, elements, along, _continuation(body.mesh, elements, along, held))
 
     @classmethod
-    def at_ends(cls, body: Beams, held: Collection[int] = (), nodes: np.ndarray | None = None) -> BeamStrains:
-        """Take both ends of all elements, or those that are at some nodes; `held` as for `of`."""
-        chosen = np.ones(body.mesh.cells.shape) if nodes is None else np.isin(body.mesh.cells, nodes)
-        elements, ends = np.nonzero(chosen)
+    def at_nodes(cls, body: Beams, held: Collection[int], nodes: np.ndarray) -> BeamStrains:
+        """Take the ends of elements that are at some nodes; `held` as for `of`."""
+        elements, ends = np.nonzero(np.isin(body.mesh.cells, nodes))
         return cls.of(body, elements, ends.astype(float), held)
 
     @classmethod
-    def in_middles(cls, body: Beams) -> BeamStrains:
-        """Take the middles of all elements."""
+    def in_middles(cls, body: Beams, held: Collection[int]) -> BeamStrains:
+        """Take the middles of all elements, whatever is held."""
         n = len(body.mesh.cells)
         elements = np.arange(n)
         return cls(body, elements, np.full(n, 0.5), (np.zeros(n), elements, elements))
 
     @classmethod
-    def at_place(cls, body: Beams, place: np.ndarray, held: Collection[int] = ()) -> BeamStrains | None:
+    def at_place(cls, body: Beams, held: Collection[int], place: np.ndarray) -> BeamStrains | None:
         """Take a place on a body, shape (d,), m, in every element that it is in; None where it is in none."""
         mesh = body.mesh
         starts, edges = mesh.nodes[mesh.cells[:, 0]], np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0]

@@ -88,16 +88,6 @@ class FieldsOnCells:
         self._row[cells] = np.arange(cells.size)
         self._places = places
 
-    @classmethod
-    def everywhere(cls, solid: Solid, fields: np.ndarray) -> FieldsOnCells:
-        """Return fields (n_nodes, d, n) on all cells."""
-        return cls(solid, np.arange(solid.mesh.n_cells), solid.mesh.cells, fields)
-
-    def third(self) -> dict[Monomial, np.ndarray]:
-        """Return W3 by weight, shape (n, n, n)."""
-        n = self._fields.shape[2]
-        return {weight: cyclic(part, n) for weight, part in self.of_pairs().items()}
-
     def of_pairs(self) -> dict[Monomial, np.ndarray]:
         """Return ``int E''[u_i, u_j] : C : E'[u_k] dV`` by weight, pairs i >= j packed, shape (n (n + 1) / 2, n)."""
         d, n = self._fields.shape[1:]

@@ -107,7 +107,7 @@ class SolidStrains:
         return cls(mesh, chosen, _gradients(mesh, chosen), weights, points[:, 0], points[:, 1])
 
     @classmethod
-    def in_cells(cls, mesh: SolidMesh, materials: Sequence[np.ndarray]) -> SolidStrains:
+    def in_middles(cls, mesh: SolidMesh, materials: Sequence[np.ndarray]) -> SolidStrains:
         """Take the mean strain of the sampling points of every cell, which is that in its middle: of no other cell."""
         cells, gradients = np.arange(mesh.n_cells), _gradients(mesh, np.arange(mesh.n_cells))
         n_g = gradients.shape[1]

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 
@@ -152,6 +153,7 @@ class BodyStresses(ABC):
     """Where and how a flexible body has stresses."""
 
     mesh: SolidMesh | LineMesh  # its cells, or lines
+    points: type[Strains]
 
     def __init__(self, scene: Scene, name: str) -> None:
         self._scene, self._name, self._entry = scene, name, scene.bodies[name]
@@ -167,29 +169,36 @@ class BodyStresses(ABC):
     def law(self) -> SolidLaw | BeamLaw:
         """Law that gives stresses from strains."""
 
+    @property
     @abstractmethod
+    def _of(self) -> tuple[Any, Any]:
+        """What points are of: a mesh and the cells of its materials, or beams and the nodes that are held."""
+
+    @abstractmethod
+    def _nodes_of(self, name: str, entry: str) -> np.ndarray:
+        """Return the nodes of a group; see `in_group`."""
+
     def everywhere(self) -> Strains:
         """Return all points of the body: the nodes of a mesh of cells, the ends of all elements of beams."""
+        return self.points.at_nodes(*self._of, np.arange(self.mesh.n_nodes))
 
-    @abstractmethod
     def in_middles(self) -> Strains:
         """Return the middles of all cells or elements."""
+        return self.points.in_middles(*self._of)
 
-    @abstractmethod
     def at_place(self, place: np.ndarray) -> Strains | None:
         """Return a place in the body's frame, shape (d,), m; None where it is outside."""
+        return self.points.at_place(*self._of, place)
 
-    @abstractmethod
     def in_group(self, name: str, entry: str) -> Strains:
         """Return a group of faces, or a named point of beams; `entry` is the scene's to blame where there is none."""
-
-    @abstractmethod
-    def in_region(self, name: str, entry: str) -> Strains:
-        """Return the nodes of a region of cells, with the material there; `entry` as of `in_group`."""
+        return self.points.at_nodes(*self._of, self._nodes_of(name, entry))
 
 
 class CellStresses(BodyStresses):
     """Those of a mesh of continuum elements."""
+
+    points = SolidStrains
 
     def __init__(self, scene: Scene, name: str, mesh: SolidMesh) -> None:
         super().__init__(scene, name)
@@ -201,8 +210,8 @@ class CellStresses(BodyStresses):
         return cells_of_materials(self._name, self._entry, self.mesh)
 
     @property
-    def _cells(self) -> list[np.ndarray]:
-        return [cells for _, cells in self._materials]
+    def _of(self) -> tuple[SolidMesh, list[np.ndarray]]:
+        return self.mesh, [cells for _, cells in self._materials]
 
     @property
     def law(self) -> SolidLaw:
@@ -212,26 +221,19 @@ class CellStresses(BodyStresses):
         of_plane = (Quantity.of(1.0 if thickness is None else thickness), profiles.size)
         return SolidLaw(materials, profiles.modulus, of_plane)
 
-    def everywhere(self) -> SolidStrains:
-        return SolidStrains.at_nodes(self.mesh, self._cells, np.arange(self.mesh.n_nodes))
-
-    def in_middles(self) -> SolidStrains:
-        return SolidStrains.in_cells(self.mesh, self._cells)
-
-    def at_place(self, place: np.ndarray) -> SolidStrains | None:
-        return SolidStrains.at_place(self.mesh, self._cells, place)
-
-    def in_group(self, name: str, entry: str) -> SolidStrains:
-        return SolidStrains.at_nodes(self.mesh, self._cells, np.unique(self.mesh.faces(name, entry)))
+    def _nodes_of(self, name: str, entry: str) -> np.ndarray:
+        return np.unique(self.mesh.faces(name, entry))
 
     def in_region(self, name: str, entry: str) -> SolidStrains:
-        cells = self.mesh.region(name, entry)
-        points = SolidStrains.at_nodes(self.mesh, self._cells, np.unique(self.mesh.cells[cells]))
-        return points.within(self._cells, cells)
+        """Return the nodes of a region of cells, with the material there; `entry` as of `in_group`."""
+        cells, (mesh, materials) = self.mesh.region(name, entry), self._of
+        return SolidStrains.at_nodes(mesh, materials, np.unique(mesh.cells[cells])).within(materials, cells)
 
 
 class BeamStresses(BodyStresses):
     """Those of a body of beams."""
+
+    points = BeamStrains
 
     def __init__(self, scene: Scene, body: Beams) -> None:
         super().__init__(scene, body.name)
@@ -245,25 +247,12 @@ class BeamStresses(BodyStresses):
         return BeamLaw(Quantity.of(self._scene.materials[self._entry.material].E), section.reach, section.round)
 
     @property
-    def _held(self) -> set[int]:
-        """The nodes that joints, effects or outputs hold."""
-        return {self.mesh.point(point, entry) for point, entry in points_used(self._scene, self._name).items()}
+    def _of(self) -> tuple[Beams, set[int]]:
+        used = points_used(self._scene, self._name)  # by joints, effects or outputs
+        return self._body, {self.mesh.point(point, entry) for point, entry in used.items()}
 
-    def everywhere(self) -> BeamStrains:
-        return BeamStrains.at_ends(self._body, self._held)
-
-    def in_middles(self) -> BeamStrains:
-        return BeamStrains.in_middles(self._body)
-
-    def at_place(self, place: np.ndarray) -> BeamStrains | None:
-        return BeamStrains.at_place(self._body, place, self._held)
-
-    def in_group(self, name: str, entry: str) -> BeamStrains:
-        return BeamStrains.at_ends(self._body, self._held, np.array([self.mesh.point(name, entry)]))
-
-    def in_region(self, name: str, entry: str) -> BeamStrains:
-        """A scene asks for no region of beams."""
-        raise NotImplementedError(entry)
+    def _nodes_of(self, name: str, entry: str) -> np.ndarray:
+        return np.array([self.mesh.point(name, entry)])
 
 
 class Recovered:

@@ -216,11 +216,6 @@ class ConstraintSet:
         """Return the entries of C on `jacobian_pattern`, shape (n_entries, ...)."""
         return np.concatenate([part.jacobian_values(q) for part in self._parts])[self._kept_entries]
 
-    def curvature_values(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """Return the entries of ``sum lambda d2c/dq2`` on `curvature_pattern`, shape (n_curved, ...)."""
-        shares = np.split(self._of_all(multipliers), self._first[1:-1])
-        return np.concatenate([part.curvature_values(q, share) for part, share in zip(self._parts, shares)])
-
     def rates(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
         """Return ``dc/dt = C v``, shape (n_constraints, ...); `driven` are the angular velocities of the driven joints,
         shape (n_driven,), rad/s."""
@@ -312,14 +307,9 @@ class ConstraintSet:
     def of_joints(self, multipliers: np.ndarray) -> np.ndarray:
         """Return the multipliers of what joints hold, zero where it follows from others, and those of the driven
         angles behind them, shape (n_held + n_driven, ...), of those of the constraints (n_constraints, ...)."""
-        every = self._of_all(multipliers)
+        every = np.zeros((self._first[-1], *multipliers.shape[1:]))
+        every[self._kept] = multipliers
         return np.concatenate([every[: self._unknowns.mechanism.n_held], every[self._first[2] :]])
-
-    def _of_all(self, multipliers: np.ndarray) -> np.ndarray:
-        """Return multipliers with zeros for constraints that are not taken."""
-        everywhere = np.zeros((self._first[-1], *multipliers.shape[1:]))
-        everywhere[self._kept] = multipliers
-        return everywhere
 
     def _jacobian_at(self, q: np.ndarray) -> sp.csr_matrix:
         """Return C without driven angles at unknowns (n_dofs,), of a set that takes all constraints."""

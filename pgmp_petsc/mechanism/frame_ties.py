@@ -85,7 +85,7 @@ class FrameTies:
         first, second = terms.derivatives(d)
         second = [(has, np.maximum(one, other), np.minimum(one, other)) for has, one, other in second]
         self.jacobian_pattern, self._of_first = _numbered(first, n_dofs)
-        self.curvature_pattern, self._of_second = _numbered(second, n_dofs)
+        self.curvature_pattern = _numbered(second, n_dofs)[0]
 
     @classmethod
     def of(cls, unknowns: Unknowns) -> FrameTies:
@@ -106,10 +106,6 @@ class FrameTies:
     def jacobian_values(self, q: np.ndarray) -> np.ndarray:
         """Return the first derivatives on `jacobian_pattern`, shape (n_entries, ...)."""
         return self._filled(_jacobian, self.jacobian_pattern[0].size, self._of_first, q)
-
-    def curvature_values(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """Return the sum of multipliers (n, ...) times second derivatives on `curvature_pattern`."""
-        return self._filled(_curvature, self.curvature_pattern[0].size, self._of_second, q, multipliers)
 
     def drift(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return what the velocities do to the rates of the ties, shape (n, ...)."""
@@ -270,23 +266,6 @@ def _jacobian(d, terms, of_first, of_second, of_turning, q, result):
                 result[of_second[e], sample] += along * x
             if of_turning[e] >= 0:
                 result[of_turning[e], sample] += slope * x * y
-
-
-@njit(cache=True, error_model="numpy")
-def _curvature(d, terms, of_both, of_first, of_second, of_turning, q, multipliers, result):
-    for sample in range(q.shape[1]):
-        unknowns = q[:, sample]
-        for e in range(terms.rows.size):
-            along, slope, bend, x, y = parts_of(d, terms, e, unknowns)
-            force = multipliers[terms.rows[e], sample]
-            if of_both[e] >= 0:
-                result[of_both[e], sample] += force * along * (2.0 if terms.first[e] == terms.second[e] else 1.0)
-            if of_first[e] >= 0:
-                result[of_first[e], sample] += force * slope * y
-            if of_second[e] >= 0:
-                result[of_second[e], sample] += force * slope * x
-            if of_turning[e] >= 0:
-                result[of_turning[e], sample] += force * bend * x * y
 
 
 @njit(cache=True, error_model="numpy")

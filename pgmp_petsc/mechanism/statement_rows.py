@@ -108,11 +108,6 @@ class StatementRows:
         rows = self.compiled._replace(statements=self._generic) if generic else self.compiled
         return self._evaluated(SLOPES, self.jacobian_pattern[0].size, q, rows=rows)
 
-    def curvature_values(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """Return the second derivatives times the rows' multipliers (n, ...) on `curvature_pattern`, shape (n_curved,
-        ...)."""
-        return self._evaluated(CURVATURES, self.curvature_pattern[0].size, q, multipliers)
-
     def drift(self, q: np.ndarray, v: np.ndarray, w: np.ndarray | None = None) -> np.ndarray:
         """Return ``v^T h w``, shape (n, ...), w = v if not given: what the velocities do to the rates of the
         statements."""

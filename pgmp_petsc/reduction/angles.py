@@ -46,7 +46,7 @@ from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.scene.uses import slides
 
-#: What may be left. Full-order runs of slider-cranks are met within 1 % from there on (`test_section_forces.py`).
+#: What may be left. Full-order runs of slider-cranks are met within 1 % from there on (`test_stress_outputs.py`).
 TARGET = 0.01
 #: By which half the distances are better: third order is the least that any scheme has. Of axial and shear forces of a
 #: slider-crank, runs were off by 1/7 to 1/46 of the predictions' errors, by splines.

@@ -4,7 +4,7 @@ parameters it serves.
 A build tries the values that span its scene's distributions (`spanning_values`: quantiles at three standard deviations,
 or bounds): at these its matrices were looked at, and bases by tolerance were chosen. Half as far again is served
 without a word; six standard deviations cost 1.6 % of the deformation where three cost 0.3 %
-(`tests/hard_cases/test_far_from_nominal.py`). What lies outside is counted and warned of. Three times as far away as
+(`tests/hard_cases/test_extremes.py`). What lies outside is counted and warned of. Three times as far away as
 the span it is refused: values of single runs, samples of a file, and distributions of which the greater part lies
 there. Lengths, places and ratios are not served beyond the points of their polynomials at all. Of parameters that no
 distribution and no bounds of the build's scene say anything of, 30 % around the nominal value are taken for the span.

@@ -24,12 +24,11 @@ from pgmp_petsc.bench.history import (
 )
 from pgmp_petsc.bench.prices import Price
 from pgmp_petsc.bench.reference import Reference
-from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.stepping.alpha_step import LENGTHS
 from pgmp_petsc.stepping.status import Status
-from scenes import SLIDER_CRANK, meshes_of, slider_crank
+from scenes import SLIDER_CRANK, slider_crank
 
 FLOORS = np.array([1e-10])
 
@@ -214,7 +213,7 @@ def test_steps_to_begin_with_count_once_and_not_as_often_as_those_that_are_timed
     monkeypatch.setattr(bench, "_now", lambda: np.full(2, clock[0]))
     monkeypatch.setattr(bench, "integrate", a_second_each)
     timed = SimpleNamespace(training=SimpleNamespace(values={"r1": np.array([5e-3])}))
-    seconds = Bench.seconds(timed, FullModel(scene, meshes_of(scene)), 100, 1)
+    seconds = Bench.seconds(timed, full_model(scene), 100, 1)
     np.testing.assert_allclose(seconds, len(LENGTHS) + 100.0)
     assert taken == [FEWEST_STEPS]
 
@@ -222,7 +221,7 @@ def test_steps_to_begin_with_count_once_and_not_as_often_as_those_that_are_timed
 def test_runs_of_one_model_count_also_beyond_the_range_and_are_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     limited = 'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}'
     scene = small_scene(limited, "simulation.initial.theta.velocity=100.0")
-    reference = Reference(FullModel(scene, meshes_of(scene)), Price(0.0, 0.0), "", {})
+    reference = Reference(full_model(scene), Price(0.0, 0.0), "", {})
     runs = Bench(reference, Training.of_own_loads(scene, *held_out(scene)), MPI.COMM_SELF)
     assert runs.most_steps == np.inf
     moved = runs.moved(20, 40)

@@ -10,7 +10,7 @@ from conftest import ROOT
 from elastic_scenes import MACHINE
 from mpi4py import MPI
 from refusals import refusal
-from runs import full_model, read_meshes, reduced_model
+from runs import full_model, reduced_model
 
 from pgmp_petsc.api.jobs import _Job
 from pgmp_petsc.base.errors import InputError
@@ -34,7 +34,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.studies.inputs import read_scene
-from scenes import slider_crank
+from scenes import meshes_of, slider_crank
 
 SELF = MPI.COMM_SELF
 STEPS = 1e5
@@ -164,7 +164,7 @@ def test_models_agree_on_the_first_period_where_joints_give_way() -> None:
     """What joints give way to without bending a body is no vibration of its own."""
     scene = scene_from_toml(MACHINE, ".")
     expected = period_of(full_model(scene), SELF)
-    for model in (reduced_model(scene), component_model(scene, read_meshes(scene), SELF)):
+    for model in (reduced_model(scene), component_model(scene, meshes_of(scene), SELF)):
         assert period_of(model, SELF) == pytest.approx(expected, rel=1e-8)
 
 

@@ -1,21 +1,30 @@
-"""Whole small studies: what is measured, what is recorded when it fails, and what is refused."""
+"""Trade-off studies: what is measured, what is recorded when it fails, what is refused; what was finished is kept."""
 
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+from combinations import meshes_for, scene_of
 from length_scenes import SMALL, long_crank, numbered
 from mpi4py import MPI
-from runs import full_model, read_meshes, reduced_model
+from runs import full_model, reduced_model
 from tradeoffs import LEAST, small_scene, study
 
 from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.cases import held_out
+from pgmp_petsc.bench.choice import choose
 from pgmp_petsc.bench.history import floors_of, largest_errors, run_history
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
+from pgmp_petsc.models import FullModel
+from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.reduction.checkpoint import Finished
 from pgmp_petsc.results import Tradeoff
-from pgmp_petsc.scene import load_scene
+from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
+from scenes import meshes_of
 
 # a part of the revolution: the closure takes less time
 LIMITED = 'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}'
@@ -120,7 +129,7 @@ def test_a_length_is_held_and_its_study_is_that_of_the_number() -> None:
     named = long_crank(*SMALL, *run, settings=("rod_length=0.68",))
     number = numbered(0.68, *SMALL, *run, "parameters.rod_length={nominal=0.7}")
     one, other = (
-        measure_tradeoff(scene, read_meshes(scene), LEAST, 1000, True, MPI.COMM_SELF) for scene in (named, number)
+        measure_tradeoff(scene, meshes_of(scene), LEAST, 1000, True, MPI.COMM_SELF) for scene in (named, number)
     )
     assert one.varied == ("r1",)
     # the eigensolver starts from a random vector
@@ -135,3 +144,135 @@ def test_a_reference_that_fails_ends_the_study() -> None:
     mad = "effects.motor.table=[[0.0, 1e9]]"
     with pytest.raises(RunError, match=r"the full-order reference: 8 of 8 samples failed, the first \(r1 = 0.004297\)"):
         study(small_scene(LIMITED, mad), LEAST)
+
+
+RIGID = 'outputs={crank_angle={type="angle", joint="crank_hinge"}}'
+
+
+def finished(path: Path, scene: Scene, resume: bool, **kind: object) -> Finished:
+    return Finished(path / "f.h5", {"command": "test", **kind}, scene, meshes_of(scene), MPI.COMM_SELF, resume)
+
+
+def test_a_task_is_known_by_its_description(tmp_path: Path) -> None:
+    scene = small_scene()
+    first = finished(tmp_path, scene, False)
+    first.put("task", ("a", 1), {"x": np.arange(3.0)})
+    assert first.get("task", ("a", 1)) is None, "what this run has done it knows itself"
+    again = finished(tmp_path, scene, True)
+    np.testing.assert_array_equal(again.get("task", ("a", 1))["x"], np.arange(3.0))
+    assert again.get("task", ("a", 2)) is None and again.get("times", ("a", 1)) is None
+    again.remove()
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_resume_it_starts_anew_and_says_so(tmp_path: Path) -> None:
+    scene = small_scene()
+    finished(tmp_path, scene, False).put("task", 1, {"x": np.zeros(1)})
+    anew = finished(tmp_path, scene, False)
+    assert anew.get("task", 1) is None and "--resume was not given" in str(anew.remarks[0])
+
+
+@pytest.mark.parametrize("other", ["kind", "scene"])
+def test_another_run_is_refused(tmp_path: Path, other: str) -> None:
+    finished(tmp_path, small_scene(), False)
+    scene = small_scene("reduction.modes=3") if other == "scene" else small_scene()
+    kind = {"quick": True} if other == "kind" else {}
+    with pytest.raises(InputError, match=f"belongs to another run: its {'scene' if other == 'scene' else 'quick'}"):
+        finished(tmp_path, scene, True, **kind)
+
+
+GIVEN = (
+    "modes=4, static_modes=true, inertia_modes=false, parameter_modes=0, second_order=false, angles=24, "
+    'interpolation="spline"'
+)
+
+
+def test_a_build_by_tolerance_does_not_run_its_reference_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = small_scene(f"reduction={{tolerance=5e-2, {GIVEN}}}", RIGID)
+
+    def choice(resume: bool):
+        kept = finished(tmp_path, scene, resume)
+        return choose(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1), finished=kept)
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Bench, "processor_times", killed)
+        with pytest.raises(KeyboardInterrupt):
+            choice(False)
+    with monkeypatch.context() as patch:
+        patch.setattr(Bench, "processor_times", lambda *_: (0.0, 0.0))
+        patch.setattr(Bench, "finer_meshes", lambda *_: None)
+        patch.setattr(FullModel, "batch", killed)
+        resumed = choice(True)
+    whole = choose(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
+    assert resumed.selection.chosen == whole.selection.chosen
+    for one, other in zip(resumed.selection.attempts, whole.selection.attempts, strict=True):
+        # the eigensolver's random start changes the last digits
+        np.testing.assert_allclose(one.errors, other.errors, rtol=1e-6, atol=1e-12)
+
+
+# settings of all models, the reference's two runs, and times
+SWEEP = replace(LEAST, modes=(1,), component_modes=(2,), reference_halvings=(3, 3))
+TIMES = ("timings", "offline", "online", "processor")
+OF_TIMES = {"pareto", "advice"}  # what is decided by times
+
+
+def solid_scene() -> Scene:
+    """Return a slider-crank of cells in the plane over a few steps, its torque uncertain."""
+    return scene_from_toml(scene_to_toml(scene_of("cells in the plane", "torque")), ".", ("ensemble.batch=4",))
+
+
+def written(path: Path, scene: Scene, resume: bool) -> dict[str, object]:
+    """Measure and write the study; return what its file holds, but times and what follows from them."""
+    meshes = meshes_for(scene)
+    kept = Finished(path, {"command": "test"}, scene, meshes, MPI.COMM_SELF, resume)
+    measure_tradeoff(scene, meshes, SWEEP, 1000, True, MPI.COMM_SELF, kept).write(path)
+    kept.remove()
+    found: dict[str, object] = {}
+
+    def visit(name: str, item: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(item, h5py.Dataset) and name.split("/")[0] not in TIMES and name not in OF_TIMES:
+            found[name] = item[()].tobytes() if item.dtype.kind != "O" else item[()].tolist()
+
+    with h5py.File(path) as file:
+        file.visititems(visit)
+        return found | {f"@{name}": str(value) for name, value in file.attrs.items() if name != "waiting"}
+
+
+def killed_after(n: int, monkeypatch: pytest.MonkeyPatch, path: Path, scene: Scene, resume: bool) -> int:
+    """Run a study until it has begun n tasks that it does not find finished; return how many pieces are kept."""
+    begun = [0]
+
+    def counted(method: str) -> None:
+        plain = getattr(Bench, method)
+
+        def call(*arguments: object) -> object:
+            begun[0] += 1
+            if begun[0] > n:
+                raise KeyboardInterrupt
+            return plain(*arguments)
+
+        patch.setattr(Bench, method, call)
+
+    with monkeypatch.context() as patch:
+        for method in ("_measured", "take_times"):
+            counted(method)
+        with pytest.raises(KeyboardInterrupt):
+            written(path, scene, resume)
+    return len(list(path.with_name(f"{path.name}.partial").glob("*.npz")))
+
+
+def test_killed_and_resumed_it_leaves_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bit by bit but for times: killed among the settings, and again while times were taken."""
+    scene = solid_scene()
+    first = killed_after(2, monkeypatch, tmp_path / "killed.h5", scene, False)
+    second = killed_after(5, monkeypatch, tmp_path / "killed.h5", scene, True)
+    assert first == 2 and second > first, "what was finished is kept"
+    resumed = written(tmp_path / "killed.h5", scene, True)
+    whole = written(tmp_path / "whole.h5", scene, False)
+    assert {"errors", "reference/moved", "settings/step", "@reference"} <= whole.keys()
+    differing = [name for name in whole if resumed.get(name) != whole[name]]
+    assert resumed.keys() == whole.keys() and not differing, differing
+    assert not list(tmp_path.glob("*.partial"))

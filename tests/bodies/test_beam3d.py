@@ -200,8 +200,6 @@ def test_axes() -> None:
     np.testing.assert_allclose(free[0], np.eye(3), atol=1e-15)
 
 
-# --- sections --------------------------------------------------------------------------------------------------------
-
 STEEL = Material(E=2e11, nu=0.3, rho=7800.0)
 SHEAR = 2e11 / 2.6
 
@@ -285,9 +283,6 @@ def test_coefficients() -> None:
     np.testing.assert_allclose(section.terms("mass")[Monomial()], [7.0, 8.0, 24.0])
     assert section.lever({"k": 3.0}) == 0.5
     assert set(section.terms("stiffness")) == {Monomial(), Monomial((("k", 1),))}
-
-
-# --- second order at rest --------------------------------------------------------------------------------------------
 
 
 def from_rest(u: np.ndarray) -> np.ndarray:

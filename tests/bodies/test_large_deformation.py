@@ -11,11 +11,11 @@ from green_lagrange import energy_of
 from mpi4py import MPI
 from scipy.linalg import eigh
 from solid_scenes import solid_meshes, solid_slider_crank
-from solids import body_of, matrices_of, mesh_of, rod
+from solids import body_of, fields_on, matrices_of, mesh_of, rod, third_of
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity, evaluate_weights
 from pgmp_petsc.bodies.component import Component, linear_fields
-from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LongAxis, stretching_of
+from pgmp_petsc.bodies.large_deformation import LongAxis
 from pgmp_petsc.bodies.profile import SectionScale
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.component_modes import condense
@@ -51,7 +51,7 @@ def test_the_third_derivative_is_that_of_the_green_lagrange_energy(kind: str) ->
     solid = body_of(mesh_of(kind, COUNTS, LENGTHS), 2.0, nu=NU)
     rng = np.random.default_rng(3)
     fields = rng.normal(size=(solid.mesh.n_nodes, solid.mesh.dimension, 4))
-    (third,) = FieldsOnCells.everywhere(solid, fields).third().values()
+    (third,) = third_of(solid, fields).values()
     energy = energy_of(solid, {})
     for y in rng.normal(size=(5, 4)):
         expected = third_along(energy, fields @ y)
@@ -67,7 +67,7 @@ def test_of_few_vectors_it_is_what_it_is_of_all_fields(kind: str) -> None:
     two = kind == "quad8"
     solid, _, points = rod(kind, two)
     _, recovery = of_rod(kind, two)
-    terms = FieldsOnCells.everywhere(solid, recovery.reshape(solid.mesh.n_nodes, solid.mesh.dimension, -1)).third()
+    terms = third_of(solid, recovery)
     whole = np.tensordot(evaluate_weights(terms, points[0]), np.array(list(terms.values())), 1)
     vectors = np.random.default_rng(4).normal(size=(recovery.shape[1], 3))
     found = FieldsOnRanks(solid, recovery, MPI.COMM_SELF).third_with(vectors, points[0])
@@ -126,16 +126,14 @@ def test_stretching_is_told_from_bending_and_torsion(kind: str) -> None:
     moved = np.stack([field @ turn.T for field in fields], axis=2)
     axis = LongAxis(solid)
     assert abs(axis.direction @ turn[:, 0]) == pytest.approx(1.0, abs=1e-3) and axis.slenderness > 10
-    strains, moduli = FieldsOnCells.everywhere(solid, moved).mean_strains(axis)
-    (stretching,) = stretching_of(strains, moduli).values()
+    (stretching,) = fields_on(solid, moved).stretching().values()
     flat = moved.reshape(-1, len(fields))
     share = np.diag(stretching) / np.diag(flat.T @ (matrices_of(solid)[0] @ flat))
     assert share[0] == pytest.approx(1.0, abs=1e-3)
     # pieces of cells that are not columns (tetrahedra, triangles) have a little of it
     assert share[1:].max() < 0.02
     noise = np.random.default_rng(7).normal(size=(*mesh.nodes.shape, 5))
-    strains, moduli = FieldsOnCells.everywhere(solid, noise).mean_strains(axis)
-    (stretching,), flat = stretching_of(strains, moduli).values(), noise.reshape(-1, 5)
+    (stretching,), flat = fields_on(solid, noise).stretching().values(), noise.reshape(-1, 5)
     left = flat.T @ (matrices_of(solid)[0] @ flat) - stretching
     assert np.linalg.eigvalsh(left)[0] > 0.0
 

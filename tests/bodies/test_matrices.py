@@ -1,20 +1,39 @@
-"""Affine matrices of all bodies and third derivatives of their energy: rows of ranks, sums of elements."""
+"""Affine matrices of bodies: rows of ranks, sums of elements, third derivatives; assembled and rigid bodies."""
+
+from dataclasses import replace
 
 import combinations
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from effect_scenes import BAR, mechanism_with_lines, scene_of
 from mpi4py import MPI
+from scipy.sparse.linalg import ArpackNoConvergence
+from solids import body_of, box_mesh, matrices_of, mesh_of, rectangle_mesh
 from static_equilibrium import StaticEquilibrium
 
-from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.units import SI
+from pgmp_petsc.bodies import assembled_reading
+from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.assembled import Assembled, MassProperties
+from pgmp_petsc.bodies.assembled_reading import check_free, check_mass, check_places, check_stated, made_symmetric
+from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body
+from pgmp_petsc.bodies.component import rigid_component
+from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.kinds.beam import Beam
+from pgmp_petsc.bodies.kinds.rigid import RigidBody
 from pgmp_petsc.bodies.matrices import AffineMatrices, ThirdDerivative, assemble, owned_rows, weighted_sum
+from pgmp_petsc.bodies.sections.section import Coefficients
+from pgmp_petsc.bodies.solid import FaceFrame, Region, Solid
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.solid_mesh import reference_element
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
-from scenes import RADIUS, four_bar, kinematics_of, mechanism_of, slider_crank
+from pgmp_petsc.scene.bodies import Stated
+from scenes import RADIUS, four_bar, kinematics_of, mechanism_of, slider_crank, tables
 
 ONE = Monomial()
 VALUES = {"r1": RADIUS}
@@ -132,3 +151,174 @@ def test_bodies_without_terms_of_second_order_are_named() -> None:
     assert [body.third_derivative_known for body in mechanism.bodies] == [True, False]
     with pytest.raises(ValueError, match="the third derivative of the strain energy of rod is not known"):
         ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs))
+
+
+MESH = mesh_of("hexahedron", (40, 2, 2), (1.0, 0.02, 0.02))
+
+
+def body(stiffness: sp.spmatrix | None = None, mass: sp.spmatrix | None = None) -> Assembled:
+    k, m = matrices_of(body_of(MESH, 210e9, 7800.0))
+    labels = np.arange(1, MESH.n_nodes + 1)
+    return Assembled.of(
+        MESH.nodes, labels, {}, None, k if stiffness is None else stiffness, m if mass is None else mass
+    )
+
+
+def test_a_slender_body_with_round_off_in_every_entry_is_free() -> None:
+    stiffness = matrices_of(body_of(MESH, 210e9, 7800.0))[0]
+    rough = stiffness.copy()
+    rough.data *= 1.0 + 1e-15 * np.random.default_rng(1).standard_normal(rough.nnz)
+    whole = made_symmetric(rough.tocoo(), np.arange(MESH.n_nodes), 3, "stiffness")
+    check_free(body(whole), "stiffness")
+    assert abs(whole - whole.T).max() == 0.0
+
+
+@pytest.mark.parametrize("digits", [5, 8])
+def test_digits_that_are_cut_off_are_told(digits: int) -> None:
+    stiffness = matrices_of(body_of(MESH, 210e9, 7800.0))[0]
+    stiffness.data = np.array([float(f"{value:.{digits - 1}e}") for value in stiffness.data])
+    with pytest.raises(InputError, match="^stiffness: .*, (and )?with all (its|their) digits"):
+        check_free(body(stiffness), "stiffness")
+
+
+@pytest.mark.parametrize("away", [0.0, 1e3])
+@pytest.mark.parametrize(
+    ("axes", "words"), [((), "in one place"), ((0,), "on a line"), ((0, 1), "in a plane"), ((0, 1, 2), None)]
+)
+def test_nodes_have_to_span_space(axes: tuple[int, ...], words: str | None, away: float) -> None:
+    nodes = np.zeros((20, 3))
+    nodes[:, axes] = np.random.default_rng(1).standard_normal((20, len(axes)))
+    turned = away + nodes @ np.linalg.qr(np.arange(9.0).reshape(3, 3) ** 2 + np.eye(3))[0]
+    if words is None:
+        check_places(turned, "nodes")
+        return
+    with pytest.raises(InputError, match=f"^nodes: all 20 nodes lie {words}; those of a solid3d body span space"):
+        check_places(turned, "nodes")
+
+
+def test_lumped_masses_are_positive() -> None:
+    mass = matrices_of(body_of(MESH, 210e9, 7800.0))[1]
+    lumped = sp.diags(np.asarray(mass.sum(axis=1)).ravel())
+    assert MESH.n_nodes > assembled_reading.DENSE
+    check_mass(body(mass=lumped), "mass")
+
+
+def test_a_mass_that_lanczos_cannot_tell_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(*arguments: object, **options: object) -> None:
+        raise ArpackNoConvergence("none", np.zeros(0), np.zeros((0, 0)))
+
+    monkeypatch.setattr(assembled_reading, "eigsh", never)
+    with pytest.raises(InputError, match="^mass: whether it is positive definite cannot be told"):
+        check_mass(body(), "mass")
+
+
+def test_stated_properties_may_differ_by_their_share() -> None:
+    found = MassProperties(2.0, np.array([0.5, 0.0, 0.0]), np.diag([0.3, 0.2, 0.1]))
+    near = Stated(mass=2.001, centre=(0.5001, 0.0, 0.0), inertia=(0.3001, 0.4, 0.5), within=1e-3)
+    check_stated(found, near, "stated", SI)
+    for key, value in (("mass", 2.01), ("centre", (0.51, 0.0, 0.0)), ("inertia", (0.31, 0.4, 0.5))):
+        with pytest.raises(InputError, match=rf"^stated\.{key} = .* differs by more than stated\.within = 0\.001"):
+            check_stated(found, near.model_copy(update={key: value}), "stated", SI)
+
+
+LINE, ROTARY = 2.5, 0.07
+SECTION = Coefficients(
+    shape="coefficients", axial=1.0, shear=1.0, bending=1.0, line_density=LINE, rotary_density=ROTARY
+)
+# a bent line with a branch, cells of different lengths
+BENT = LineMesh(
+    np.array([[0.0, 0.0], [0.5, 0.0], [0.8, 0.6], [0.8, 1.5], [0.9, -0.4]]),
+    np.array([[0, 1], [1, 2], [3, 2], [1, 4]]),
+    {"hinge": 0, "tip": 3, "foot": 4},
+)
+
+
+def mass_matrix(body: Body) -> np.ndarray:
+    """Return the mass matrix of a body alone."""
+    return weighted_sum(assemble([body], range(3 * body.n_nodes)).mass, {}).toarray()
+
+
+def test_a_rigid_body_has_the_mass_of_the_flexible_one_in_rigid_motions() -> None:
+    section = SECTION.coefficients(2, None, {}, dict)
+    flexible, rigid = Beam("bent", BENT, BENT, section=section), RigidBody.of_lines("bent", BENT, section)
+    arms = BENT.nodes - rigid.mesh.nodes[0]
+    motions = np.zeros((len(arms), 3, 3))
+    motions[:, 0, 0] = motions[:, 1, 1] = motions[:, 2, 2] = 1.0
+    motions[:, 0, 2], motions[:, 1, 2] = -arms[:, 1], arms[:, 0]
+    motions = motions.reshape(-1, 3)
+    np.testing.assert_allclose(motions.T @ mass_matrix(flexible) @ motions, mass_matrix(rigid), atol=1e-14)
+
+
+def test_a_mass_on_a_rigid_body_away_from_its_centre_is_a_particle_with_a_weld() -> None:
+    scene = scene_of(
+        BAR,
+        tables("""
+parameters.m: nominal = 2.0
+effects.bob: type = "point_mass"; point = "bar:tip"; mass = "m"; inertia = 0.3
+effects.second: type = "point_mass"; point = "bar:middle"; mass = 0.5
+"""),
+    )
+    mechanism = mechanism_with_lines(scene)
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    mass = weighted_sum(matrices.mass, {"m": 3.0}).toarray()
+    # the bar and each of its masses, numbered after it; the bar lends them half of the inertia that it has left
+    inertias = [1 / 48, 0.3 + 1 / 24, 1 / 48]
+    np.testing.assert_allclose(
+        np.diag(mass), [1.0, 1.0, inertias[0], 3.0, 3.0, inertias[1], 0.5, 0.5, inertias[2]], rtol=1e-14
+    )
+    # along the mechanism's motion about the hinge all of them together
+    poses = mechanism.first_guess
+    rates = np.zeros((3, 3, 1))
+    place = np.array([body.mesh.nodes[0] for body in mechanism.bodies])
+    rates[:, 2, 0] = 1.0
+    motion = mechanism.place_rates(poses, rates)[:, 0]
+    np.testing.assert_allclose(place[:, 0], [0.5, 1.0, 0.5])
+    assert motion @ mass @ motion == pytest.approx(1 / 3 + 3.0 + 0.3 + 0.5 * 0.25, rel=1e-14), "nothing is lost"
+
+
+RHO, LENGTHS = 7800.0, (0.3, 0.02, 0.05)
+DENSITY = Quantity(RHO, Monomial((("m", 1),)))
+
+
+def framed(kind: str) -> FramedSolid:
+    d = reference_element(kind).dimension
+    mesh = (rectangle_mesh if d == 2 else box_mesh)(kind, (4, 2, 2)[:d], LENGTHS[:d])
+    solid = Solid("bar", mesh, (Region(np.arange(mesh.n_cells), Quantity.of(1.0), DENSITY, 0.3),))
+    frames = {
+        name: FaceFrame.of(mesh.nodes, mesh.faces(name, ""), reference_element(kind).face_kind)
+        for name in ("left", "right")
+    }
+    return FramedSolid(solid, frames)
+
+
+@pytest.mark.parametrize("kind", ["quad8", "hexahedron20", "tetra10"])
+def test_mass_and_inertia_are_those_of_a_box(kind: str) -> None:
+    component = rigid_component(framed(kind))
+    d = component.centres.shape[1]
+    lengths = np.array(LENGTHS[:d])
+    m = RHO * lengths.prod()
+    squares = m * lengths**2 / 12.0
+    turns = [squares.sum()] if d == 2 else squares.sum() - squares
+    (matrix,) = component.mass.values()
+    # quadrature is exact for straight cells
+    np.testing.assert_allclose(matrix, np.diag([*[m] * d, *turns]), rtol=0, atol=1e-12 * m)
+    np.testing.assert_allclose(component.centre_of_mass, 0.5 * lengths, rtol=1e-12)
+
+
+def test_a_body_in_the_plane_is_a_mass_on_a_node() -> None:
+    body = RigidBody.of_component("bar", rigid_component(framed("quad8")))
+    assert not body.flexible and body.n_nodes == 1 and body.n_internal == 0
+    assert body.mass_weights == {DENSITY.monomial} and body.stiffness_weights == set()
+    assert body.shape.points == {"left": 0, "right": 1}
+
+
+def test_densities_that_vary_apart_are_refused() -> None:
+    meshed = framed("quad8")
+    (region,) = meshed.solid.regions
+    halves = (
+        replace(region, cells=region.cells[:4]),
+        replace(region, cells=region.cells[4:], density=Quantity.of(RHO)),
+    )
+    mixed = FramedSolid(replace(meshed.solid, regions=halves), meshed.frames)
+    with pytest.raises(InputError, match="bodies.bar.flexible = false: a rigid body's density has one factor"):
+        rigid_component(mixed)

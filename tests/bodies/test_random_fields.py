@@ -7,20 +7,19 @@ import pytest
 from runs import PAPER_SCENE
 from scipy.optimize import brentq
 from solid_scenes import solid_meshes, solid_slider_crank
-from spatial_beams import lines_of, slider_crank_of_beams
+from solids import third_of
+from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies import random_fields
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.framed_solid import framed_solid
-from pgmp_petsc.bodies.large_deformation import FieldsOnCells
 from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble, inertia_moments, weighted_sum
 from pgmp_petsc.bodies.profile import UNIFORM
 from pgmp_petsc.bodies.random_fields import checked_expansion, correlation, expansion, field_remarks, profiles_of
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler, draw_remarks
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from scenes import mechanism_of, meshes_of, slider_crank
 
@@ -171,7 +170,7 @@ def test_matrices_of_planar_beams_are_those_of_elements_with_their_own_constants
 def test_matrices_of_beams_in_space_are_scaled_element_by_element() -> None:
     scene = slider_crank_of_beams(FIELD.replace("0.1,", "0.15,"))
     values = scene.values | {"soft_1": 1.3, "soft_2": -0.7, "soft_3": 2.0}
-    body = next(body for body in Mechanism.from_scene(scene, lines_of(scene)).bodies if body.name == "rod")
+    body = next(body for body in mechanism_of(scene).bodies if body.name == "rod")
     every = np.arange(len(body.mesh.cells))
     uniform = replace(body, profiles=UNIFORM)
     factor = 1.0 + sum(float(w.evaluate(values)) * part for w, part in body.profiles.modulus.terms.items())
@@ -211,10 +210,7 @@ def test_matrices_of_cells_are_those_of_a_mesh_with_a_region_for_every_cell() ->
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
         assert solid.weights(kind) == set(getattr(solid, kind)(nodes))
     fields = np.random.default_rng(2).standard_normal((solid.mesh.n_nodes, 2, 3))
-    third, apart = (
-        FieldsOnCells.everywhere(one, fields).third()
-        for one in (solid, replace(solid, regions=regions, profiles=UNIFORM))
-    )
+    third, apart = (third_of(one, fields) for one in (solid, replace(solid, regions=regions, profiles=UNIFORM)))
     found = sum(float(weight.evaluate(values)) * part for weight, part in third.items())
     expected = sum(float(weight.evaluate(values)) * part for weight, part in apart.items())
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10 * np.abs(expected).max())

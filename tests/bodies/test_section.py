@@ -162,7 +162,7 @@ def test_a_cantilever_has_the_deflection_and_the_stress_of_beam_theory() -> None
     u[6:] = np.linalg.solve(stiffness[6:, 6:], loads[6:])
     expected = force * length**3 / (3 * YOUNG * I_3) + force * length / float(section.stiffness[1].at({}))
     assert u[-5] == pytest.approx(expected, rel=1.0 / (4 * n**2))
-    points = BeamStrains.at_ends(body, (), np.array([0]))
+    points = BeamStrains.at_nodes(body, (), np.array([0]))
     law = BeamLaw(Quantity(YOUNG), tube().reach, tube().round)
     found = law.values(["stress_max"], points, law.forces(points, points.of_displacements(u.reshape(-1, 6, 1)), {}), {})
     assert float(found["stress_max"].max()) == pytest.approx(force * length * 0.5 * H / I_3, rel=1e-9)

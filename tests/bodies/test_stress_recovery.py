@@ -30,6 +30,10 @@ def everything(mesh) -> SolidStrains:
     return SolidStrains.at_nodes(mesh, [np.arange(mesh.n_cells)], np.arange(mesh.n_nodes))
 
 
+def ends_of(body, held=()) -> BeamStrains:
+    return BeamStrains.at_nodes(body, held, np.arange(body.n_nodes))
+
+
 def field_of(mesh, degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Return displacements (n_nodes, d, 1) of a random polynomial and its gradients (n_nodes, d, d)."""
     d, x = mesh.dimension, mesh.nodes
@@ -170,7 +174,7 @@ def test_strains_of_beams_in_space_have_the_elements_energy() -> None:
 @pytest.mark.parametrize("space", [False, True])
 def test_strains_of_beams_begin_as_the_linear_ones(space: bool) -> None:
     body = spatial_beam() if space else planar_beam()
-    points = BeamStrains.at_ends(body)
+    points = ends_of(body)
     u, small = RNG.normal(size=(body.n_nodes, body.node_dofs, 2)), 1e-6
 
     def strained(size: float) -> np.ndarray:
@@ -210,7 +214,7 @@ def test_a_cantilever_has_the_forces_and_moments_of_statics_at_every_section(spa
     u = np.zeros(n)
     u[per_node:] = np.linalg.solve(stiffness[per_node:, per_node:], load[per_node:])
     force, moment = load[-per_node:][: 3 if space else 2], load[-per_node:][3:] if space else load[-1:]
-    for points in (BeamStrains.at_ends(body), BeamStrains.at_place(body, np.array([0.55, 0, 0][: 3 if space else 2]))):
+    for points in (ends_of(body), BeamStrains.at_place(body, (), np.array([0.55, 0, 0][: 3 if space else 2]))):
         cells = body.mesh.cells[points.elements]
         ends = body.mesh.nodes[cells][..., 0]
         x = ends[:, 0] + points.along * (ends[:, 1] - ends[:, 0])
@@ -231,20 +235,20 @@ def test_axial_forces_that_change_along_a_beam_are_continued_but_not_across_load
     x = body.mesh.nodes[:, 0]
     u = np.zeros((body.n_nodes, 3, 1))
     u[:, 0, 0] = 0.8 * x - 0.5 * x**2  # eps = 0.8 - x
-    points = BeamStrains.at_ends(body)
+    points = ends_of(body)
     places = x[body.mesh.cells[points.elements, points.along.astype(int)]]
     np.testing.assert_allclose(points.of_displacements(u)[:, 0, 0], 0.8 - places, rtol=0, atol=1e-13)
     u[3:, 0, 0] += 0.3 * (x[3:] - x[3])  # a jump of the force at node 3
-    points = BeamStrains.at_ends(body, {3})
+    points = ends_of(body, {3})
     jump = 0.3 * (points.elements >= 3)
     np.testing.assert_allclose(points.of_displacements(u)[:, 0, 0], 0.8 - places + jump, rtol=0, atol=1e-13)
 
 
 def test_a_place_beside_a_beam_is_on_none_of_its_elements() -> None:
     body = planar_beam()
-    assert BeamStrains.at_place(body, np.array([0.3, 1e-3])) is None
-    assert BeamStrains.at_place(body, np.array([0.32, 0.0])).n_points == 2  # a node: both elements
-    assert BeamStrains.at_place(body, np.array([0.3, 0.0])).n_points == 1
+    assert BeamStrains.at_place(body, (), np.array([0.3, 1e-3])) is None
+    assert BeamStrains.at_place(body, (), np.array([0.32, 0.0])).n_points == 2  # a node: both elements
+    assert BeamStrains.at_place(body, (), np.array([0.3, 0.0])).n_points == 1
 
 
 @pytest.mark.parametrize("shape", ["rectangle", "circle"])
@@ -273,7 +277,7 @@ def test_a_column_is_the_same_to_the_last_bit_whatever_stands_beside_it(kind: st
     n = 21
     if kind.startswith("beam"):
         body = spatial_beam() if kind == "beam3d" else planar_beam()
-        points, u = BeamStrains.at_ends(body), RNG.normal(size=(body.n_nodes, body.node_dofs, n))
+        points, u = ends_of(body), RNG.normal(size=(body.n_nodes, body.node_dofs, n))
         turned = np.tile(np.eye(3).ravel(), (body.n_nodes, 1))[..., None] + 0.1 * RNG.normal(size=(body.n_nodes, 9, n))
         places = np.concatenate([u[:, :3], turned], axis=1) if kind == "beam3d" else u
         law, quantities = BeamLaw(Quantity.of(210e9), (Quantity.of(0.01),) * 2, True), ("axial_force", "stress_max")

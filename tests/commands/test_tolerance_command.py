@@ -1,11 +1,18 @@
-"""Tolerances on the command line: what is said and kept, and what a tolerance that cannot be met is answered."""
+"""Commands that choose and measure: tolerances and what cannot meet them, trade-offs, trials, settled starts."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
+from conftest import ROOT
 from refusals import cases
-from runs import PAPER_SCENE, PGMP, overridden, pgmp, refused
+from runs import PAPER_SCENE, PGMP, besides_progress, overridden, pgmp, refused
+
+from pgmp_petsc.components.condensing import FACTORS
+from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 
 RIGID = 'outputs={crank_angle={type="angle", joint="crank_hinge"}}'
 NO_MORE = "inertia_modes=false, parameter_modes=0"
@@ -100,3 +107,187 @@ def test_parameter_modes_that_are_given_and_cannot_be_are_bad_input(tmp_path: Pa
     given = overridden("reduction={tolerance=1e-2, parameter_modes=9}", "simulation.duration=0.1")
     done = pgmp("build", PAPER_SCENE, "-o", tmp_path / "rom.h5", *given, status=2)
     assert "reduction.parameter_modes = 9" in done.stderr and "independent at every configuration" in done.stderr
+
+
+# a part of the revolution in a fiftieth of the time: enough for everything but accuracy
+SMALL = overridden(
+    "reduction.modes=4", "reduction.angles=24", "simulation.duration=0.02", "ensemble.batch=8",
+    'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}',
+)  # fmt: skip
+ATTRIBUTES = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
+OUTPUTS = ["crank_angle", "slider_position", "slider_deformation"]
+
+
+@pytest.fixture(scope="module")
+def printed(folder: Path) -> str:
+    """Return what the short study prints; its file is ``f.h5``."""
+    done = pgmp("tradeoff", PAPER_SCENE, "--quick", "-n", 500, "-o", folder / "f.h5", *SMALL)
+    assert besides_progress(done.stderr) == "", "no bar without a terminal"
+    return done.stdout
+
+
+def test_what_is_printed(printed: str, folder: Path) -> None:
+    said, *lines = printed.splitlines()
+    study = Tradeoff.read(folder / "f.h5")
+    assert said == study.reference and said.startswith("reference: the mesh; its runs are predicted to take")
+    assert study.reference_model == "full" and not (folder / "f.h5.partial").exists()
+    assert lines[0] == f"{folder / 'f.h5'}: {len(study.families)} settings, errors at 8 values of r1, 1 rank(s)"
+    assert "crank_angle" in lines[1] and "500 in s" in lines[1]
+    for words in ("reference, the scene's meshes", "mesh error, 10 cells", "in every output", "times"):
+        assert words in printed
+    assert sum(line.startswith(">") for line in lines) >= 1, "the scene as it is"
+
+
+def test_the_file_keeps_the_contract(printed: str, folder: Path) -> None:
+    with h5py.File(folder / "f.h5") as file:
+        assert set(ATTRIBUTES) <= set(file.attrs) and file.attrs["kind"] == "tradeoff"
+        assert len(file["timings"]) == 3 and file.attrs["samples"] == 500 and file.attrs["quick"]
+        n = len(file["settings/family"])
+        assert n > 15
+        for name in ("errors", "pareto"):
+            assert file[name].shape == (n, 3)
+        for name in ("offline", "online/batch", "online/single", *(f"settings/{name}" for name in file["settings"])):
+            assert file[name].shape == (n,)
+
+        def described(name: str, item: object) -> None:
+            if isinstance(item, h5py.Dataset):
+                assert item.attrs["unit"] and item.attrs["description"], name
+
+        file.visititems(described)
+    study = Tradeoff.read(folder / "f.h5")
+    assert study.outputs == OUTPUTS
+    assert study.record.parameters == {"r1": 5.6e-3}
+    assert np.isfinite(study.errors[0]).all()
+
+
+def test_info_shows_the_table_and_the_advice(printed: str, folder: Path) -> None:
+    shown = pgmp("info", folder / "f.h5").stdout
+    assert "trade-off study" in shown and "/settings/modes" in shown
+    without_times = [line.strip() for line in printed.splitlines()[2:] if not line.endswith(" s")]
+    assert set(without_times) <= {line.strip() for line in shown.splitlines()}
+
+
+def test_plot_draws_three_pictures(printed: str, folder: Path, undrawn: None) -> None:
+    done = pgmp("plot", folder / "f.h5", "-o", folder / "out")
+    names = ("tradeoff.png", "tradeoff_total.png", "tradeoff_mesh.png")
+    assert done.stdout.splitlines() == [str(folder / "out" / name) for name in names]
+
+
+def test_three_ranks_find_the_same_errors(mpirun: Callable, printed: str, folder: Path) -> None:
+    done = mpirun(3, *PGMP, "tradeoff", PAPER_SCENE, "--quick", "-o", folder / "three.h5", *SMALL)
+    assert done.stdout.count("3 rank(s)") == 1 and besides_progress(done.stderr) == ""
+    one, three = Tradeoff.read(folder / "f.h5"), Tradeoff.read(folder / "three.h5")
+    assert three.record.ranks == 3 and three.flags == one.flags and three.reasons == one.reasons
+    np.testing.assert_array_equal(three.references.step, one.references.step)
+    assert all((times > 0.0).all() for times in (three.wall.offline, three.wall.batch))
+    found, expected = ((of.errors, of.references.moved, of.mesh.errors) for of in (three, one))
+    for several, alone in zip(found, expected):
+        # the eigensolver's random start changes the last digits
+        np.testing.assert_allclose(several, alone, rtol=1e-6, atol=1e-12)
+
+
+def test_pasting_the_advice_gives_the_setting(printed: str, folder: Path) -> None:
+    study = Tradeoff.read(folder / "f.h5")
+    row = study.families.index("reduced", 3)
+    flags = study.flags[row].replace("'", "").split()
+    done = pgmp("build", PAPER_SCENE, "-o", folder / "rom.h5", *SMALL, *flags)
+    assert f"{study.columns['angles'][row]} angles, {study.columns['coordinates'][row] - 1} modes" in done.stdout
+
+
+SOLID = ROOT / "scenes" / "slider_crank_solid2d.toml"
+TRIAL = re.compile(
+    r"trial +rod, 1130 unknowns: assembly (\S+) s, factorisation (\S+) s, solve (\S+) s\n"
+    r" +build +about (\S+) s for condensing the bodies, (\S+) ([MG])B on all ranks"
+)
+
+
+@pytest.mark.parametrize("n_ranks", [1, 3])
+def test_the_largest_body_is_tried(mpirun: Callable, n_ranks: int) -> None:
+    found = TRIAL.search(mpirun(n_ranks, *PGMP, "check", SOLID, "--trial").stdout)
+    assembly, factorisation, solve, build, memory = map(float, found.groups()[:5])
+    assert min(assembly, factorisation, solve) > 0.0
+    # more than the steps that it is made of, each taken once
+    assert assembly + FACTORS * factorisation + solve < build < 60.0
+    assert memory > (50.0 if found[6] == "M" else 0.05) * n_ranks
+
+
+def test_a_scene_of_beams_has_nothing_to_try() -> None:
+    said = pgmp("check", ROOT / "scenes" / "slider_crank.toml", "--trial").stdout
+    assert "no continuum bodies: nothing to try" in said
+
+
+def test_a_factor_that_has_no_folder_is_bad_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUMPS_OOC_TMPDIR", str(tmp_path / "none"))
+    options = ("--", "-pgmp_body_st_mat_mumps_icntl_22", "1")
+    said = pgmp("check", SOLID, "--trial", *options, status=2).stderr
+    assert said.startswith("pgmp: error: MUMPS_OOC_TMPDIR = ") and said.count("\n") == 1
+    # and nothing is left where there is one
+    monkeypatch.setenv("MUMPS_OOC_TMPDIR", str(tmp_path))
+    pgmp("check", SOLID, "--trial", *options)
+    assert not list(tmp_path.iterdir())
+
+
+SCENE = ROOT / "scenes" / "slider_crank.toml"
+SHORT_RUN = overridden(
+    "reduction.modes=2", "reduction.angles=8", "reduction.parameter_modes=0", "simulation.duration=0.004",
+    "coordinates.theta.range=[-0.3, 0.6]", "coordinates.theta.periodic=false", "ensemble.checked_share=1.0",
+)  # fmt: skip
+HELD = overridden("initial.equilibrium=true", "effects.motor.table=[[0.0, 0.5], [1.0, 0.5]]")
+# nothing holds a torque on a mechanism without weight
+LOST = [*HELD, *overridden('initial.coordinates="free"')]
+
+
+@pytest.fixture(scope="module")
+def rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("settled") / "rom.h5"
+    pgmp("build", SCENE, *SHORT_RUN, "-o", path)
+    return path
+
+
+def test_a_built_model_takes_another_start(rom: Path, tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    out = pgmp("simulate", rom, *HELD, "-o", path).stdout
+    assert "note: the run starts from static deformation with coordinates held at theta = 0 rad" in out
+    run = Trajectory.read(path)
+    assert run.balance.strain[0] > 0.0 and run.errors is not None
+    assert any("starts from static deformation" in remark.text for remark in run.record.remarks)
+    # held, the crank turns by nothing
+    assert abs(run.outputs["crank_angle"][0]) < 1e-9
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_a_run_without_equilibrium_is_refused(full: bool, rom: Path, tmp_path: Path) -> None:
+    source = [SCENE, "--full", *SHORT_RUN] if full else [rom]
+    message = pgmp("simulate", *source, *LOST, "-o", tmp_path / "run.h5", status=2).stderr
+    for words in ('initial.coordinates = "free"', "no static equilibrium", "N m on theta", 'coordinates = "held"'):
+        assert words in message
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_samples_without_equilibrium_are_records(full: bool, rom: Path, tmp_path: Path) -> None:
+    source, path = [SCENE, "--full", *SHORT_RUN] if full else [rom], tmp_path / "samples.h5"
+    done = pgmp("montecarlo", *source, *LOST, "-n", 3, "-o", path, status=1)
+    assert "Traceback" not in done.stderr
+    warned = "3 of 3 samples failed (status 7): no static equilibrium was found to start from"
+    assert done.stdout.count(warned) == 1, "said once"
+    np.testing.assert_array_equal(Ensemble.read(path).status, 7)
+
+
+def test_a_prescribed_coordinate_is_not_said_to_be_let_go(tmp_path: Path) -> None:
+    """One of two coordinates is prescribed; then both, none of which is let go."""
+    rest = "[[0.0, {0}], [0.05, {0}], [0.1, {1}]]"
+    left, right = (
+        f'effects.{name}_motor={{type="prescribed_motion",coordinate="{name}",table={rest.format(*ends)}}}'
+        for name, ends in (("left", (2.0, 2.1)), ("right", (1.1, 1.2)))
+    )
+    short = ["initial.equilibrium=true", "simulation.duration=0.002", "reduction.static_modes=false"]
+    held, started = "the run starts from static deformation with coordinates held at left = 2 rad, right = 1.", []
+    scene, path = ROOT / "scenes" / "five_bar.toml", tmp_path / "run.h5"
+    for drives, begun in (
+        ([], "left={position=2.0},right={position=1.1}"), ([left], "right={position=1.1}"), ([left, right], ""),
+    ):  # fmt: skip
+        given = overridden(*short, *drives, f"simulation.initial={{{begun}}}")
+        out = pgmp("simulate", scene, "--full", *given, "-o", path).stdout
+        started += [line for line in out.splitlines() if held in line]
+    assert [line.split(" rad")[-1] for line in started] == [", and lets them go", ", and lets right go", ""]

@@ -1,4 +1,4 @@
-"""Laws of local effects: against closed forms and differences, in Python, compiled and in C; what is no declaration."""
+"""Functions of time, laws and actions of effects."""
 
 import ctypes
 import subprocess
@@ -13,10 +13,14 @@ from conftest import ROOT, TIMEOUT_SECONDS
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects import action
-from pgmp_petsc.effects.action import CARRIED_FRICTION, FRICTION, SOURCE, SPRING_DAMPER, STOP, Action
+from pgmp_petsc.effects.action import CARRIED_FRICTION, FRICTION, SOURCE, SPRING_DAMPER, STOP, Action, compile_actions
 from pgmp_petsc.effects.free_play import FREE_PLAY
 from pgmp_petsc.effects.law import Law, differentiate, obey
+from pgmp_petsc.full.forces import Acted, BlockActions, act
+from pgmp_petsc.full.part_reference import Reference
+from pgmp_petsc.full.problem import pairs_of
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.statements import distance
 
@@ -129,19 +133,14 @@ def test_laws_are_their_closed_forms_in_all_languages(law: Law, in_c: ctypes.CDL
 
 
 @pytest.mark.parametrize("name", STATES)
-def test_derivatives_of_a_law(name: str) -> None:
+def test_derivatives_with_parameters_and_of_edges(name: str) -> None:
     law, parameters, amplitude, s, rate = STATES[name]
-    found = law.evaluate(parameters, s, rate, amplitude)
 
     def slope(at: Callable[[float], float]) -> float:
         return (at(STEP) - at(-STEP)) / (2 * STEP)
 
     # the stop's stiffness of 50 times the round-off over the step
     close = {"rel": 0, "abs": 50 * ATOL}
-    force_of = law.evaluate
-    assert found.stiffness == pytest.approx(-slope(lambda h: force_of(parameters, s + h, rate, amplitude)[0]), **close)
-    assert found.damping == pytest.approx(-slope(lambda h: force_of(parameters, s, rate + h, amplitude)[0]), **close)
-    assert found.elastic == pytest.approx(-slope(lambda h: law.evaluate(parameters, s + h).stored), **close)
     slopes, p = np.zeros(len(parameters) + 1), np.array(parameters)
     compiled_slopes(law.address_of_slopes, p, amplitude, s, rate, slopes)
     for k, unit in enumerate(np.eye(p.size)):
@@ -152,17 +151,6 @@ def test_derivatives_of_a_law(name: str) -> None:
         assert first == pytest.approx(slope(lambda h: law.depths(p, s + h)[number]), **close) and second == 0.0
         for k, unit in enumerate(np.eye(p.size)):
             assert own[k] == pytest.approx(slope(lambda h: law.depths(p + h * unit, s)[number]), **close)
-
-
-@pytest.mark.parametrize("name", STATES)
-def test_what_is_not_elastic_takes_energy_unless_it_is_a_source(name: str) -> None:
-    law, parameters, amplitude, s, rate = STATES[name]
-    found = law.evaluate(parameters, s, rate, amplitude)
-    assert found.stored >= 0.0
-    if law is not SOURCE:
-        assert (found.force - found.elastic) * rate <= 0.0
-    if law is STOP:  # it never pulls
-        assert all(law.evaluate(parameters, s, v).force * parameters[3] <= 0.0 for v in np.linspace(-20.0, 20.0, 81))
 
 
 def test_the_table_of_laws_in_the_docs() -> None:
@@ -259,3 +247,148 @@ def test_what_is_printed_is_kept_by_several_processes_and_printed_anew_if_damage
     assert [*tmp_path.glob("pgmp_printed_stop*.py")] == [path]
     last = printing(tmp_path).communicate(timeout=TIMEOUT_SECONDS)[0].split()
     assert last == [str(path), "False"], "sympy is for printing alone"
+
+
+RANDOM = np.random.default_rng(8)
+STEP_OF_NODES, ATOL_OF_NODES = 1e-6, 1e-7  # central differences: round-off of values of order 10 over the step
+LAWS = {"source": (SOURCE, (2.0,)), "spring": (SPRING_DAMPER, (3.0, 0.4, 0.2)), "friction": (FRICTION, (2.0, 0.5))}
+SIDES = ("nodes", "arms", "from the ground")
+
+
+def statement(kind: str, d: int) -> statements.Statement:
+    u, w = RANDOM.normal(size=(2, d))
+    return {
+        "angle": lambda: statements.angle(np.eye(d), np.eye(d)),
+        "along": lambda: statements.along(u),
+        "perpendicular": lambda: statements.perpendicular(u, w),
+        "distance": lambda: statements.distance(d),
+        "following": lambda: statements.following(w),
+    }[kind]()
+
+
+class LocalForces:
+    """One action on two nodes or more, and its angles at the instant before."""
+
+    def __init__(self, action: Action, d: int) -> None:
+        n = 3 if d == 2 else 12
+        self._dofs, entries, self.pattern = pairs_of([action], lambda node: n * node + np.arange(n))
+        compiled = compile_actions([action], {}, 1, d)
+        self.turns = np.zeros((len(self._dofs), 1))
+        actions = BlockActions(
+            compiled.statements, compiled.laws, compiled.parameters[None], compiled.roles, compiled.firsts, self._dofs,
+            entries, self.pattern[0], np.ones(1, dtype=bool),
+        )  # fmt: skip
+        self._actions = Reference(actions)
+
+    def evaluate(self, q: np.ndarray, v: np.ndarray, gain_v: float) -> Acted:
+        """Evaluate it."""
+        return act(self._actions, (0.0,), 0, np.array([1.5]), q, v, self.turns, gain_v, True)
+
+    def add_forces(self, now: Acted, total: np.ndarray) -> None:
+        """Add the forces to those on all unknowns."""
+        moving = self._dofs >= 0
+        np.add.at(total, self._dofs[moving], now.forces[moving])
+
+
+def forces_of(kind: str, law: str, sides: str, d: int) -> LocalForces:
+    arms = RANDOM.normal(size=(2, d)) * (0.0 if sides == "nodes" else 0.4)
+    place = RANDOM.normal(size=d)
+    a = Attachment.on_ground_at(place) if sides == "from the ground" else Attachment(0, 0, np.zeros(d), arms[0])
+    which, numbers = LAWS[law]
+    action = Action("effect", statement(kind, d), a, Attachment(1, 1, np.zeros(d), arms[1]), which,
+                    tuple(map(Quantity, numbers)), lambda time: 1.5)  # fmt: skip
+    return LocalForces(action, d)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_tangent_of_a_force_on_a_sum_is_minus_its_derivative(d: int) -> None:
+    """Of two statements about three nodes, one of which is in both: pairs of its unknowns are there twice."""
+    parts = (statement("angle", d), statements.Function(1.7)), (statement("along", d), statements.Function(-0.6))
+    sides = [Attachment(k, k, np.zeros(d), 0.4 * RANDOM.normal(size=d)) for k in (0, 1, 1, 2)]
+    spring, numbers = LAWS["spring"]
+    action = Action("effect", statements.Combination(parts), *sides[:2], spring, tuple(map(Quantity, numbers)),
+                    further=tuple(sides[2:]))  # fmt: skip
+    local, q = LocalForces(action, d), RANDOM.normal(size=(9 if d == 2 else 36, 1))
+
+    def total(q: np.ndarray) -> np.ndarray:
+        found = np.zeros_like(q)
+        local.add_forces(local.evaluate(q, np.zeros_like(q), 0.0), found)
+        return found[:, 0]
+
+    expected = np.array(
+        [-(total(q + h) - total(q - h)) / (2 * STEP_OF_NODES) for h in STEP_OF_NODES * np.eye(q.size)[..., None]]
+    )
+    found, now = np.zeros((q.size, q.size)), local.evaluate(q, np.zeros_like(q), 0.0)
+    (rows, columns), values = local.pattern, now.tangents[:, 0]
+    np.add.at(found, (rows, columns), values)
+    apart = rows != columns
+    np.add.at(found, (columns[apart], rows[apart]), values[apart])
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=10 * ATOL_OF_NODES)
+
+
+def state(d: int) -> tuple[np.ndarray, np.ndarray]:
+    q, v = RANDOM.normal(size=(2, 6 if d == 2 else 24, 1))
+    return q, v
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("sides", SIDES)
+@pytest.mark.parametrize("kind", ["angle", "along", "perpendicular", "distance", "following"])
+def test_the_tangent_is_minus_the_derivative_of_the_force(kind: str, sides: str, d: int) -> None:
+    gain_v = 3.0
+    for law in ("source",) if kind == "following" else LAWS:
+        local = forces_of(kind, law, sides, d)
+        q, v = state(d)
+
+        def total(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+            found = np.zeros_like(q)
+            local.add_forces(local.evaluate(q, v, gain_v), found)
+            return found[:, 0]
+
+        # at rest the change of the gradient does not change the rate, which the tangent leaves out
+        rest = np.zeros_like(q)
+        expected = np.zeros((q.size, q.size))
+        for j, unit in enumerate(np.eye(q.size)[..., None]):
+            ahead, behind = (total(q + h * unit, gain_v * h * unit) for h in (STEP_OF_NODES, -STEP_OF_NODES))
+            expected[:, j] = -(ahead - behind) / (2 * STEP_OF_NODES)
+        rows, columns = local.pattern
+        mean = 0.5 * (expected + expected.T)
+        found = local.evaluate(q, rest, gain_v).tangents[:, 0]
+        np.testing.assert_allclose(found, mean[rows, columns], rtol=1e-6, atol=10 * ATOL_OF_NODES)
+        outside = np.ones_like(mean, dtype=bool)
+        outside[rows, columns] = outside[columns, rows] = False
+        assert not mean[outside].any(), "nothing but the pattern"
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("sides", SIDES)
+@pytest.mark.parametrize("kind", ["angle", "along", "perpendicular", "distance"])
+def test_the_force_is_the_gradient_of_the_energy_and_does_the_power(kind: str, sides: str, d: int) -> None:
+    local = forces_of(kind, "spring", sides, d)
+    q, v = state(d)
+
+    def at(dt: float) -> Acted:
+        return local.evaluate(q + dt * v, v, 0.0)
+
+    now, force = at(0.0), np.zeros_like(q)
+    local.add_forces(now, force)
+    elastic = -(at(STEP_OF_NODES).stored - at(-STEP_OF_NODES).stored) / (2 * STEP_OF_NODES)
+    assert float((force * v).sum()) == pytest.approx(float(elastic + now.powers), rel=0, abs=10 * ATOL_OF_NODES)
+    assert now.powers <= 0.0
+
+
+def test_turns_in_space_are_counted_from_where_they_begin() -> None:
+    local = forces_of("angle", "spring", "from the ground", 3)
+
+    def turned(angle: float) -> np.ndarray:
+        cos, sin = np.cos(angle), np.sin(angle)
+        own = np.array([0, 0, 0, 1, 0, 0, 0, cos, sin, 0, -sin, cos], dtype=float)
+        return np.concatenate([np.zeros(12), own])[:, None]
+
+    for angle in np.linspace(0.0, 17.0, 20):
+        # a wild trial of an iteration does no harm
+        for trial in (angle + 2.5, angle):
+            found = local.evaluate(turned(trial), np.zeros((24, 1)), 0.0)
+        local.turns[:] = angle
+        # 1/2 k (s - rest)^2
+        assert found.stored[0, 0] == pytest.approx(1.5 * (angle - 0.2) ** 2)

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from spatial import assembled, bars_of, solid, table
-from spatial_beams import kinematics_of_beams, slider_crank_of_beams
+from spatial import assembled, solid, table
+from spatial_beams import slider_crank_of_beams
 from spring_measures import bends_of, measure_of, slopes_of
 
 from pgmp_petsc.effects import Action, actions_of, effects_of
@@ -18,7 +18,7 @@ from pgmp_petsc.mechanism.body_frames import BodyHessians
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
-from scenes import kinematics_of, slider_crank
+from scenes import kinematics_of, mechanism_of, slider_crank
 
 # the crank is rigid, so that its points are at arms of its only node
 PLANE = (
@@ -48,7 +48,7 @@ def springs_in(dimension: int) -> tuple[Scene, RigidKinematics, tuple[Action, ..
         kinematics = kinematics_of(scene)
     else:
         scene = slider_crank_of_beams(*SPACE, "parameters={}", "bodies.crank.section.radius=5e-3")
-        kinematics = kinematics_of_beams(scene)
+        kinematics = kinematics_of(scene)
     return scene, kinematics, linear_springs(actions_of(effects_of(scene, kinematics.mechanism)))
 
 
@@ -96,7 +96,7 @@ def mechanism(kind: str) -> tuple[Mechanism, np.ndarray]:
         table("joints.guide", type=kind, connect=["ground:origin", "bar:hinge"], axis=AXIS),
         table("joints.drive", type="revolute", connect=["bar:tip", "wheel:hinge"], axis=(0.0, 0.0, 1.0)),
     )
-    made = Mechanism.from_scene(scene, bars_of(scene))
+    made = mechanism_of(scene)
     poses = made.first_guess.copy()
     poses[0, 3:] = Rotation.from_rotvec(TURNED * AXIS).apply(poses[0, 3:].reshape(3, 3)).ravel()
     poses[0, :3] = MOVED * AXIS

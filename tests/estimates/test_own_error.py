@@ -1,5 +1,6 @@
-"""Errors of a run found of itself: its own finer steps, the spread of its start, and all of them in words."""
+"""Estimates of errors: when they are evaluated, the reference motion, and what is said of the own error of a run."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,15 +8,31 @@ import numpy as np
 import pytest
 import synthetic
 from loose_scenes import worn
-from runs import reduced_model, trajectory
+from runs import paper_scene, reduced_model, trajectory
 
+import pgmp_petsc.estimates.reference_motion as module
+from pgmp_petsc.effects import effects_of
 from pgmp_petsc.estimates import starts
+from pgmp_petsc.estimates.checking_model import CheckingModel
 from pgmp_petsc.estimates.own_error import OwnErrors, large_errors, not_estimated, not_known, of_figures, of_statistics
+from pgmp_petsc.estimates.reference_motion import (
+    DAMPED,
+    FINER,
+    LEAST,
+    MOST,
+    ReferenceMotion,
+    differences,
+    kept_steps,
+    places_of,
+    schedules,
+)
+from pgmp_petsc.estimates.sampled_load import SampledLoad
 from pgmp_petsc.estimates.starts import growth_of, spread_remarks
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import EstimatedErrors, Trajectory
 from pgmp_petsc.results.numbers import felt
 from pgmp_petsc.texts.models import of_trajectory
-from scenes import slider_crank
+from scenes import kinematics_of, slider_crank
 
 WORDS = ("mean", "deviation, quantiles")
 
@@ -181,3 +198,156 @@ def test_an_output_without_an_estimate_says_why(tmp_path: Path) -> None:
     run, absent = synthetic.trajectory("reduced", n_frames=0), {"slider_position": reason}
     replace(run, errors=replace(run.errors, absent=absent)).write(tmp_path / "run.h5")
     assert Trajectory.read(tmp_path / "run.h5").errors.absent == absent
+
+
+@pytest.mark.parametrize("n_steps", [1, 2, 201, 1000, 1009, MOST, MOST + 1, 3 * MOST - 7, 10 * MOST])
+def test_schedules_are_even_and_end_with_the_run(n_steps: int) -> None:
+    """Intervals are whole numbers of steps and all the same, but the first may be short."""
+    found = schedules(n_steps, 3.0)
+    kept = kept_steps([one.steps for one in found])
+    assert [one.steps.size for one in found] == sorted(one.steps.size for one in found)
+    for one in found:
+        assert (one.steps[0], one.steps[-1]) == (0, FINER * n_steps) and one.steps.size <= MOST + 1
+        np.testing.assert_array_equal(kept[one.places], one.steps)
+        np.testing.assert_array_equal(one.told, one.steps % FINER == 0)
+        stride = one.interval / (3.0 / n_steps) * FINER
+        assert stride == pytest.approx(round(stride), rel=1e-12)
+        assert np.all(np.diff(one.steps)[1:] == round(stride)) and 0 < one.steps[1] <= round(stride)
+    places = places_of(kept)
+    assert np.all(places[kept] == np.arange(kept.size)) and np.sum(places < 0) == FINER * n_steps + 1 - kept.size
+
+
+@pytest.mark.parametrize("n_steps", [MOST + 1, 3 * MOST, 10 * MOST])
+def test_long_strides_have_no_common_factor_and_no_memory(n_steps: int) -> None:
+    found = schedules(n_steps, 1.0)
+    strides = [round(one.interval * n_steps) for one in found]
+    assert len(strides) == 2 and min(strides) > 1 and math.gcd(*strides) == 1
+    assert {one.spectral_radius for one in found} == {0.0}
+
+
+def test_every_step_is_evaluated_and_smaller_ones_where_that_is_not_enough() -> None:
+    found = schedules(1000, 1.0)
+    assert [one.steps.size - 1 for one in found] == [1000, 2000, 4000]
+    assert {one.spectral_radius for one in found} == {DAMPED}
+    assert [one.steps.size - 1 for one in schedules(1000, 1.0, most=1999)] == [500, 1000]
+    # however dear: so many are needed to see anything
+    assert schedules(1000, 1.0, most=1)[-1].steps.size - 1 == LEAST
+
+
+def test_factors_by_which_estimates_differ() -> None:
+    one = {"a": np.array([1.0, 1.0, 2.0, np.nan, 1e-12, 1.0])}
+    other = {"a": np.array([1.0, 2.0, 1.0, 1.0, 1e-15, 0.0])}
+    # what is below the floor, as an output that is zero but for round-off, is that
+    np.testing.assert_allclose(differences(one, other, {"a": 1e-10})["a"], [1.0, 2.0, 2.0, np.nan, 1.0, 1e10])
+
+
+def sampled(table: str, n_steps: int = 100, n_evaluations: int = 10) -> tuple[np.ndarray, np.ndarray]:
+    """Return instants of evaluation and amplitudes of a torque in a run of 1 s."""
+    scene = slider_crank(f"effects.motor.table={table}")
+    (effect,) = effects_of(scene, kinematics_of(scene).mechanism)
+    steps = np.linspace(0, n_steps, n_evaluations + 1).round().astype(int)
+    load = SampledLoad(effect, steps, 1.0 / n_steps, 1.0 / n_evaluations)
+    time = np.arange(n_evaluations + 1) / n_evaluations
+    np.testing.assert_array_equal(load.amplitude(time), [load.amplitude(float(t)) for t in time])
+    assert load.name == effect.name
+    return time, load.amplitude(time)
+
+
+def test_a_load_that_the_steps_resolve_is_what_it_is() -> None:
+    time, found = sampled("[[0.0, 1.0], [1.0, 3.0]]")
+    np.testing.assert_allclose(found, 1.0 + 2.0 * time, rtol=1e-12)
+
+
+@pytest.mark.parametrize("jump", [0.302, 0.3051, 0.309])
+def test_the_impulse_between_steps_is_not_lost(jump: float) -> None:
+    """Steps see the torque from the next one on, by the trapezoidal rule; its impulse up to the end is exact."""
+    time, found = sampled(f"[[0.0, 0.0], [{jump}, 0.0], [{jump + 1e-9}, 2.0], [1.0, 2.0]]")
+    plain = np.where(time > jump, 2.0, 0.0)
+    seen = np.trapz(np.where(np.arange(101) / 100 > jump, 2.0, 0.0), dx=0.01)
+    assert (found - plain).sum() * 0.1 == pytest.approx(2.0 * (1.0 - jump) - seen, abs=2e-3 * 2.0 / 16 * 10)
+    np.testing.assert_allclose(found[np.abs(time - jump) > 0.1], plain[np.abs(time - jump) > 0.1], rtol=0, atol=1e-12)
+
+
+def test_gravity_does_not_change() -> None:
+    scene = paper_scene('effects.weight={type="gravity"}')
+    weight = effects_of(scene, kinematics_of(slider_crank()).mechanism)[1]
+    load = SampledLoad(weight, np.arange(0, 101, 10), 0.01, 0.1)
+    np.testing.assert_allclose(load.amplitude(np.linspace(0.0, 1.0, 11)), 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("n_steps", "every", "most", "strides"),
+    [
+        (1000, 1000, MOST, [4, 2, 1]), (1003, 1003, MOST, [4, 2, 1]), (1000, 5, 2000, [20, 4, 2]),
+        (1000, 2, 999, []), (9000, 3, MOST, []), (9000, 6, MOST, [24, 12, 8]), (1000, 1, 1000, []),
+    ],
+)  # fmt: skip
+def test_samplings_are_at_evaluations(n_steps: int, every: int, most: int, strides: list[int]) -> None:
+    """Samplings after every so many steps; where two strides are not left, nothing is estimated."""
+    found = schedules(n_steps, 1.0, most, every)
+    assert [round(one.interval * FINER * n_steps) for one in found] == strides
+    for one in found:
+        assert not np.ptp(np.diff(one.steps)) and one.steps.size <= most + 1
+        assert np.isin(np.arange(0, FINER * n_steps, FINER * every), one.steps).all()
+
+
+@pytest.fixture(scope="module")
+def model() -> ReducedModel:
+    return reduced_model(paper_scene("reduction.modes=4", "reduction.angles=24", 'reduction.interpolation="spline"'))
+
+
+def states_of(model: ReducedModel, n_instants: int = 6, n_samples: int = 3, bent: float = 1.0) -> np.ndarray:
+    """Return made-up states, (n_instants, 4, n_samples, n_eta): speeds from rest to fast, and bending of 1e-4 m."""
+    states = np.random.default_rng(1).normal(size=(n_instants, 4, n_samples, 1 + model.terms.tables.n_modes))
+    states[..., 1:] *= bent * 1e-5
+    states[:, 1] *= np.linspace(0.0, 30.0, n_instants)[:, None, None]
+    states[:, 2] *= 50.0
+    states[:, 3] *= 1e-3
+    return states
+
+
+def motion_of(model: ReducedModel, states: np.ndarray) -> ReferenceMotion:
+    checking = CheckingModel(model)
+    n_dofs = checking.full.kinematics.mechanism.n_dofs
+    return ReferenceMotion(checking.unknowns_of, n_dofs, states, 1, np.full(3, 3e-3), checking.rotations)
+
+
+@pytest.mark.parametrize("turning", [0.0, 5.0])
+def test_accelerations_of_bodies_that_are_shaken_hard(turning: float) -> None:
+    """Loads that bend bodies at once lead not off the path: J eta'' + d^2 q / d tau^2 along eta', of second order."""
+    basis = ("reduction.modes=4", "reduction.angles=24", 'reduction.interpolation="spline"')
+    model = reduced_model(paper_scene(*basis, "reduction.second_order=true"))
+    states = states_of(model)
+    states[:, 1, :, 0] = turning
+    states[:, 2, :, 0] = 1e3
+    states[:, 2, :, 1:] *= 1e9
+    motion = motion_of(model, states)
+    checking = CheckingModel(model)
+
+    def unknowns(eta: np.ndarray) -> np.ndarray:
+        return checking.unknowns_of(eta[None])[:, 0]
+
+    rotations = checking.rotations
+    tau = module.TURN / np.sqrt(module.TURN * 1e3 + turning**2)
+    assert np.max(tau**2 * np.abs(states[:, 2, :, 1:]) @ rotations) > 30.0
+    for number, (q, v, a, _) in enumerate(states):
+        far = 1e-3 / np.abs(a[:, 1:] @ np.diag(rotations)).sum(axis=1)
+        pushed = (unknowns(q + far[:, None] * a) - unknowns(q - far[:, None] * a)) / (2.0 * far)
+        curved = (unknowns(q + 1e-4 * v) - 2.0 * unknowns(q) + unknowns(q - 1e-4 * v)) / 1e-8
+        scale = np.abs(pushed).max()
+        # BEND by which bodies bend on the path, times the turn meanwhile, 1e-4 rad; the mechanism's turn alone sets
+        # a path on which it is 0.03 to 3
+        np.testing.assert_allclose(motion.at(number).a, pushed + curved, rtol=0, atol=5e-5 * scale)
+
+
+def test_instants_do_not_depend_on_what_is_computed_together(model: ReducedModel, monkeypatch) -> None:
+    states = states_of(model)
+    together = motion_of(model, states)
+    expected = [together.at(number) for number in range(len(states))]
+    monkeypatch.setattr(module, "LARGEST", 1)
+    alone = motion_of(model, states)
+    for number in (0, 1, 5, 2):
+        np.testing.assert_array_equal(alone.at(number).q, expected[number].q)
+        np.testing.assert_allclose(alone.at(number).a, expected[number].a, rtol=1e-12)
+    np.testing.assert_array_equal(alone.over(1, 4)[0], [expected[number].q for number in range(1, 5)])
+    np.testing.assert_array_equal(alone.over(3, 2)[2], alone.over(2, 4)[2, 1:3])

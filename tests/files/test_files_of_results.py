@@ -1,21 +1,25 @@
-"""Result files: whole or not there, and every reason to refuse one."""
+"""Files of results and of jobs: written whole or not at all, sealed, known as finished by their own key."""
 
 import os
 import resource
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
+import synthetic
 from sealed import resealed
 
 from pgmp_petsc import __version__
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.resources import Timings
-from pgmp_petsc.files import hdf5
+from pgmp_petsc.files import claims, hdf5
+from pgmp_petsc.files.checkpoint_folder import LEDGER, Steps
 from pgmp_petsc.files.hdf5 import BUILD_AGAIN, FORMAT_VERSION, RunRecord, open_file, put, shapes_of, take, write_file
+from pgmp_petsc.files.seal import SIZE, BrokenSeal, Seal, check_seal, identity, seal, seal_of, sealed
 
 RECORD = RunRecord('[scene]\nname = "x"\n', {"r1": 5.6e-3}, 7, 3, {"write": 0.5, "assemble": 1.0})
 
@@ -183,3 +187,189 @@ def test_timings_accumulate_also_where_a_phase_fails():
     assert timings.maximum(SimpleNamespace(size=1, rank=0)).as_dict() == seconds
     assert Timings({"tables": 1.25}).table() == "tables       1.250 s"
     assert Timings().table() == ""
+
+
+CONTENT = bytes(range(256)) * 3
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / "sealed"
+    path.write_bytes(bytes(SIZE) + CONTENT)
+    seal(path, "rom", 2, "a run")
+    return path
+
+
+def test_a_seal_says_what_it_was_given(path: Path) -> None:
+    found = check_seal(path)
+    assert (found.kind, found.format, found.run, found.bytes) == ("rom", 2, "a run", SIZE + len(CONTENT))
+    assert seal_of(path) == found
+    assert path.read_bytes()[SIZE:] == CONTENT and path.read_bytes().startswith(b"pgmp_petsc\n{")
+    # content in memory gets the same
+    seal(path, "rom", 3, "run")
+    whole = path.read_bytes()
+    assert sealed(memoryview(whole)[SIZE:], "rom", 3, "run") == whole
+
+
+def test_every_flipped_bit_is_noticed(path: Path) -> None:
+    """All of the 1,280 bytes, a different bit each."""
+    whole = path.read_bytes()
+    for place in range(len(whole)):
+        changed = bytearray(whole)
+        changed[place] ^= 1 << place % 8
+        path.write_bytes(changed)
+        with pytest.raises(BrokenSeal):
+            check_seal(path)
+
+
+def test_every_cut_and_what_was_added_is_noticed(path: Path) -> None:
+    whole = path.read_bytes()
+    path.write_bytes(whole + b"x")
+    with pytest.raises(BrokenSeal, match="1281 bytes instead of 1280"):
+        check_seal(path)
+    for length in range(0, len(whole), 7):
+        path.write_bytes(whole[:length])
+        with pytest.raises(BrokenSeal, match="cut off|no seal"):
+            check_seal(path)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.h5")
+    with pytest.raises(BrokenSeal, match="no regular file"):
+        seal_of(tmp_path / "pipe.h5")
+
+
+@pytest.mark.parametrize("text", [b"{}", b"null", b"[1, 2]", b'{"kind": 1}', b"[" * 400, b"\xff\xfe"])
+def test_a_head_that_is_no_seal(path: Path, text: bytes) -> None:
+    path.write_bytes((b"pgmp_petsc\n" + text).ljust(SIZE - 1) + b"\n" + CONTENT)
+    with pytest.raises(BrokenSeal, match="first bytes have changed"):
+        check_seal(path)
+
+
+def test_a_seal_that_does_not_fit_is_a_mistake_of_the_caller() -> None:
+    with pytest.raises(ValueError, match="allowed: 511"):
+        Seal("x" * 600, 1).packed()
+
+
+@dataclass(frozen=True)
+class Pair:
+    one: np.ndarray
+    other: dict[str, float]
+
+
+def test_equal_data_alone_have_the_same_identity() -> None:
+    data = [Pair(np.arange(6.0).reshape(2, 3), {"a": 1.0, "b": np.nan}) for _ in range(2)]
+    assert identity(data[0], None, "x") == identity(data[1], None, "x")
+    turned = np.asfortranarray(data[0].one)
+    assert identity(turned) == identity(data[0].one)
+    a = np.arange(6.0)
+    different = [
+        a, a.reshape(2, 3), a.reshape(3, 2), a.astype("f4"), a.astype(int), np.nextafter(a, 9.0), a[:5], a[:0],
+        a[:0].reshape(0, 3), np.array(["a", "b"]), np.array(["ab"]), "ab", b"ab", ("a", "b"), ("ab",), {"a": "b"}, None,
+        "None", 1, 1.0, True, "1", (), {}, Pair(a, {}), Pair(a, {"x": 1.0}), {"one": a, "other": {}},
+    ]  # fmt: skip
+    assert len({identity(value) for value in different}) == len(different)
+    with pytest.raises(TypeError, match="no identity of object"):
+        identity({"a": object()})
+    with pytest.raises(TypeError, match="no identity of ndarray"):
+        identity(np.array([object()]))
+
+
+@pytest.fixture
+def steps(tmp_path: Path) -> Steps:
+    """Return the ledger of a folder with one finished file."""
+    steps = Steps(tmp_path / "job")
+    steps.make()
+    steps.begin("run.h5", "key")
+    synthetic.trajectory(n_frames=0, n_times=5).write(steps.folder / "run.h5")
+    steps.finish("run.h5", "key", "it stopped early")
+    return steps
+
+
+def test_a_file_is_finished_with_its_own_key_alone(steps: Steps) -> None:
+    assert steps.is_finished("run.h5", "key") and not steps.is_finished("run.h5", "other")
+    assert not steps.is_finished("none.h5", "key")
+    assert steps.failure("run.h5") == "it stopped early"
+    Steps(steps.folder).make()  # a later job keeps what is known
+    assert steps.is_finished("run.h5", "key")
+
+
+def test_a_file_that_is_another_or_damaged_is_not_finished(steps: Steps) -> None:
+    path = steps.folder / "run.h5"
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-7])
+    assert not steps.is_finished("run.h5", "key")
+    synthetic.trajectory("reduced", n_frames=0, n_times=5).write(steps.folder / "other.h5")
+    os.replace(steps.folder / "other.h5", path)
+    assert not steps.is_finished("run.h5", "key")
+    path.write_bytes(whole)
+    assert steps.is_finished("run.h5", "key")
+    path.unlink()
+    assert not steps.is_finished("run.h5", "key")
+
+
+def test_what_was_begun_is_taken_up_where_pieces_are_left(steps: Steps) -> None:
+    steps.begin("rom.h5", "key")
+    assert not steps.was_begun("rom.h5", "key")
+    (steps.folder / "rom.h5.partial").mkdir()
+    assert steps.was_begun("rom.h5", "key") and not steps.was_begun("rom.h5", "other")
+
+
+@pytest.mark.parametrize("text", ["", '{"format": 99, "files": {"run.h5": {"key": "key"}}}'])
+def test_an_empty_ledger_and_one_of_another_version_know_nothing(steps: Steps, text: str) -> None:
+    (steps.folder / LEDGER).write_text(text)
+    assert not steps.is_finished("run.h5", "key")
+    steps.make()
+    assert not steps.is_finished("run.h5", "key")
+
+
+def test_folders_of_others_and_impossible_ones_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds files and is none of pgmp run"):
+        Steps(tmp_path).make()
+    for folder in (tmp_path / "mine.txt", tmp_path / "none" / "job"):
+        with pytest.raises(InputError, match="cannot be made: .*; give another with -o"):
+            Steps(folder).make()
+    assert (tmp_path / "mine.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("text", ["no JSON", "[]", '{"steps": [1]}', '{"format": 1, "files": {"a": 3}}', "[" * 10**5])
+def test_a_ledger_of_somebody_else_is_left_alone(tmp_path: Path, text: str) -> None:
+    (tmp_path / LEDGER).write_text(text)
+    with pytest.raises(InputError, match="its steps.json is none of pgmp run; give another folder with -o, or move"):
+        with Steps(tmp_path).held():
+            raise AssertionError("held")
+    assert (tmp_path / LEDGER).read_text() == text and len(list(tmp_path.iterdir())) == 1
+
+
+def test_one_job_holds_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(claims, "PATIENCE", 0.1)
+    holder = Steps(tmp_path / "job")
+    with holder.held():
+        said = rf"folder '.*job' is being written by another job \(process {os.getpid()} on .*\); wait for its end, or"
+        with pytest.raises(InputError, match=said), Steps(tmp_path / "job").held():
+            raise AssertionError("held twice")
+        holder.begin("run.h5", "key", "--set a=1")
+    with Steps(tmp_path / "job").held():
+        assert holder.replaced("run.h5") is None  # begun, not finished
+    with Steps(tmp_path / "other").held():
+        pass
+    assert not (tmp_path / "other").exists()
+
+
+def test_whose_file_is_replaced(steps: Steps) -> None:
+    assert steps.replaced("run.h5") == "" and steps.replaced("rom.h5") is None
+    steps.begin("run.h5", "other", "--set a=1")
+    assert steps.replaced("run.h5") is None
+    steps.finish("run.h5", "other", "")
+    assert steps.replaced("run.h5") == "--set a=1"
+
+
+def test_files_of_another_program_do_not_get_into_the_report(steps: Steps) -> None:
+    steps.check_files(["run.h5"])
+    synthetic.trajectory("reduced", n_frames=0, n_times=5).write(steps.folder / "run.h5")
+    with pytest.raises(RunError, match="run.h5' was changed or removed by another program while this job worked"):
+        steps.check_files(["run.h5"])
+    (steps.folder / LEDGER).unlink()
+    with pytest.raises(RunError, match="steps.json' was changed or removed by another program"):
+        steps.checksum("run.h5")

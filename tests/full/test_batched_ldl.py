@@ -127,24 +127,16 @@ def test_a_lane_does_not_touch_the_others(spoilt: int, value: float) -> None:
     assert not np.array_equal(found[~others], expected[~others])
 
 
-def test_a_lane_gives_the_same_wherever_it_is() -> None:
-    matrices, multipliers = saddle_points(2)
-    right = np.random.default_rng(6).normal(size=matrices.shape[:2])
-    symbolic = analysed(matrices, multipliers)
-    order = np.random.default_rng(7).permutation(LANES)
-    np.testing.assert_array_equal(
-        solve(symbolic, matrices[order], right[order]), solve(symbolic, matrices, right)[order]
-    )
-
-
-def test_a_sample_alone_and_a_large_matrix_give_the_same_to_the_last_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sample_gives_the_same_in_any_lane_and_alone_to_the_last_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many products there are."""
     matrices, multipliers = saddle_points(3)
-    right = np.random.default_rng(8).normal(size=matrices.shape[:2])
+    right, order = np.random.default_rng(8).normal(size=matrices.shape[:2]), np.random.default_rng(7).permutation(LANES)
     together = solve(analysed(matrices, multipliers), matrices, right)
     for most_listed in (batched_ldl.MOST_LISTED, 0):  # products one by one, and in stretches
         monkeypatch.setattr(batched_ldl, "MOST_LISTED", most_listed)
         symbolic = analysed(matrices, multipliers)
         assert (symbolic.products[0].size == 0) is (most_listed == 0)
         np.testing.assert_array_equal(solve(symbolic, matrices, right), together)
+        np.testing.assert_array_equal(solve(symbolic, matrices[order], right[order]), together[order])
         alone = [solve(symbolic, matrices[k : k + 1], right[k : k + 1])[0] for k in range(LANES)]
         np.testing.assert_array_equal(alone, together)

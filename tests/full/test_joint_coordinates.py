@@ -5,7 +5,7 @@ import pytest
 from conftest import ROOT
 from runs import components_model, history, run_model, samples
 from scipy.integrate import solve_ivp
-from spatial_beams import lines_of, slider_crank_of_beams
+from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.full.joint_systems import JointBatch
 from pgmp_petsc.full.joint_tree import BY_AXES
@@ -33,7 +33,7 @@ MECHANISMS = {
 
 def _of_beams(*overrides: str) -> ComponentModel:
     scene = slider_crank_of_beams(*overrides)
-    return components_model(scene, lines_of(scene))
+    return components_model(scene)
 
 
 def moved(system: JointBatch, size: float = 1e-3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -124,7 +124,7 @@ def test_the_matrix_is_the_mass_of_the_energy(name: str) -> None:
 @pytest.mark.parametrize("make", [slider_crank, slider_crank_of_beams])
 def test_the_limit_is_that_of_all_unknowns_with_multipliers(make, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two discretisations of the same equations, of second order each."""
-    meshes, apart = meshes_of if make is slider_crank else lines_of, []
+    meshes, apart = meshes_of if make is slider_crank else meshes_of, []
     for step in (2e-4, 1e-4):
         run, found = (f"simulation.step={step}", "simulation.duration=0.02"), []
         for joints in (True, False):
@@ -200,7 +200,7 @@ def test_a_loop_that_is_driven_beyond_straight_ends_with_a_status() -> None:
     short = 'bodies.rocker.mesh="0.0:0.45:2"', 'bodies.coupler.mesh="0.0:0.6:2"'
     narrow = "coordinates.theta.range=[0.0, 1.5]", "coordinates.theta.periodic=false"
     scene = four_bar(drive, "simulation={duration=0.1, step=1e-3}", *rigid, *short, *narrow)
-    model = components_model(scene, meshes_of(scene))
+    model = components_model(scene)
     run = run_model(model)[1]
     assert run.status[0] != Status.FINE
     reached = model._motions[0].at(np.array([run.failure_time[0] - 2e-3, run.failure_time[0]]))[0]  # noqa: SLF001

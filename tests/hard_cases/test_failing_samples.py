@@ -120,7 +120,7 @@ def test_bounds_truncate_and_lose_no_sample() -> None:
     assert np.all((batch.parameters["r1"] >= 5.3e-3) & (batch.parameters["r1"] <= 6.0e-3))
 
 
-# 150 rad/s in steps of 10 ms, see test_steps; and a start from which the same steps are no trouble
+# 150 rad/s in steps of 10 ms, see test_extremes; and a start from which the same steps are no trouble
 FAST = (*run_for(0.1, 1e-2), *start(0.3, 150.0))
 DRAWN = 'parameters.r1.distribution={name="uniform", loc=5.5e-3, scale=2e-4}'
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mechanisms import Outputs, accurate, both, run_for, start
 from mpi4py import MPI
-from runs import assert_close, full_model, history, quick_return, reduced_model, rom_of, run_model, samples
+from runs import assert_close, full_model, quick_return, rom_of, run_model
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
@@ -34,21 +34,14 @@ def plain() -> tuple[Outputs, Outputs]:
 
 
 @pytest.mark.parametrize("name", DOUBLED)
-def test_doubled_joints_are_dropped_from_the_reduced_model(name: str) -> None:
+def test_doubled_joints_are_dropped_from_both_models(name: str) -> None:
     joints, n_redundant = DOUBLED[name]
     scene = accurate(*MOVING, *joints, angles=24)
     rom = rom_of(scene)
     assert (rom.n_redundant, kinematics_of(scene).n_redundant) == (n_redundant, n_redundant)
     # round-off of the tables; measured 2e-14 and 2e-11
-    found = history(reduced_model(scene), samples(scene, 1), 1)[1]
-    assert_close(plain()[1], found, angle=1e-11, bent=1e-8, slider=1e-11)
-
-
-@pytest.mark.parametrize("name", DOUBLED)
-def test_doubled_joints_are_dropped_from_batches(name: str) -> None:
-    scene = accurate(*MOVING, *DOUBLED[name][0], angles=24)
-    found = history(full_model(scene), samples(scene, 1), 1)[1]
-    assert_close(plain()[0], found, angle=1e-11, bent=1e-8, slider=1e-11)
+    for exact, found in zip(plain(), both(scene, rom=rom)):
+        assert_close(exact, found, angle=1e-11, bent=1e-8, slider=1e-11)
 
 
 def test_a_doubled_line_that_turns_with_a_body() -> None:

@@ -4,12 +4,13 @@ import pytest
 from elastic_scenes import machine, rigid_frame, rotor
 from loose_scenes import ball, gears, worn
 from refusals import cases, check_said, refusal
-from runs import mechanism, overridden, read_meshes, refused
+from runs import overridden, refused
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, foretold
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from pgmp_petsc.studies.check import describe_scene
+from scenes import mechanism_of, meshes_of
 
 REFUSED = cases("""
 joints.pin.clearance.radius=1.0 -> joints.pin.clearance.radius = 1.0: is larger than crank, which is 0.1 m long
@@ -35,7 +36,7 @@ effects.pin={type="gravity"} -> effects.pin: joints.pin has clearance, and its f
 
 @pytest.mark.parametrize(("asked", "said"), REFUSED)
 def test_refused(asked, said):
-    check_said(refusal(lambda: mechanism(worn(asked))), said, asked)
+    check_said(refusal(lambda: mechanism_of(worn(asked))), said, asked)
 
 
 def test_a_ball_in_its_socket_has_no_friction_and_a_parameter_keeps_within_bounds():
@@ -81,7 +82,7 @@ def test_a_check_says_at_which_speed_restitution_holds():
         (worn(without), f"pin: restitution 0.9 at impacts of 1 m/s{left_out}; 0.99 at a tenth of it, 0.46 at"),
         (gears(), "mesh: restitution 0.8 at impacts of 0.2 rad/s; 0.98 at a tenth of it, 0.26 at ten times"),
     ):
-        assert f"  clearance     {said}" in describe_scene(scene, read_meshes(scene))
+        assert f"  clearance     {said}" in describe_scene(scene, meshes_of(scene))
 
 
 IN_THE_PLANE = cases("""
@@ -130,7 +131,7 @@ EVERYWHERE = [(rigid_frame, *case) for case in IN_THE_PLANE] + [(rotor, *case) f
 
 @pytest.mark.parametrize(("scene", "asked", "said"), EVERYWHERE)
 def test_refused_of_elastic_joints(scene, asked, said):
-    check_said(refusal(lambda: mechanism(scene(asked))), said, asked)
+    check_said(refusal(lambda: mechanism_of(scene(asked))), said, asked)
 
 
 def test_refused_on_several_ranks(tmp_path):

@@ -4,16 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crooked_scenes import FOUR_BAR, pivot_off, spatial_four_bar
+from offset_scenes import FOUR_BAR, pivot_off, spatial_four_bar
 from refusals import refusal
-from runs import in_turn, read_meshes
+from runs import in_turn
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.results import Trajectory
 from scenes import kinematics_of, trammel
 
@@ -23,7 +22,7 @@ SIZE = 0.24
 
 def four_bar(*overrides: str) -> RigidKinematics:
     scene = spatial_four_bar(*overrides)
-    return RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+    return kinematics_of(scene)
 
 
 def least_gap(kinematics: RigidKinematics, theta: float) -> float:

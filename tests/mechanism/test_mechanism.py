@@ -11,10 +11,10 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
 from pgmp_petsc.effects import effects_of, loads_of
 from pgmp_petsc.mechanism.capabilities import FEATURES, Purpose, check_capabilities
-from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
+from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene
-from scenes import RADIUS, ROD, STEEL, four_bar, mechanism_of, meshes_of, slider_crank, trammel
+from scenes import RADIUS, ROD, STEEL, four_bar, mechanism_of, slider_crank, trammel
 
 ONE, R2, R4 = Monomial(), Monomial((("r1", 2),)), Monomial((("r1", 4),))
 GRAVITY = 'effects.weight={type="gravity",direction=[0.0,-2.0],acceleration=9.81}'
@@ -114,7 +114,7 @@ def test_gravity_is_the_weight_of_every_body() -> None:
 def test_every_rank_has_its_rows_of_the_same_loads(size: int) -> None:
     """A load that vanishes in one rank's rows is still a load, or the ranks disagree on their number."""
     scene = slider_crank(GRAVITY)
-    mechanism = Mechanism.from_scene(scene, meshes_of(scene))
+    mechanism = mechanism_of(scene)
     effects = effects_of(scene, mechanism)
     whole = all_loads(scene)
     shares = [

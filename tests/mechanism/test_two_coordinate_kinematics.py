@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from frames import check_derivatives
 from refusals import refusal
 from two_coordinates import BASE, COUPLER, LEFT, RIGHT, UPPER, double_pendulum, five_bar
 
@@ -117,19 +118,7 @@ def test_blocks_follow_from_those_before_them() -> None:
 
 
 def test_derivatives_are_those_of_the_poses(linkage: RigidKinematics) -> None:
-    theta, step = np.random.default_rng(1).uniform(0.0, 2 * np.pi, (20, 2)), 1e-3
-    rates = linkage.rates(linkage.poses(theta))
-    second = linkage.curvatures(linkage.poses(theta), rates)
-    assert rates.shape == (4, 3, 2, 20) and second.shape == (4, 3, 2, 2, 20)
-    for k in range(2):
-        away = step * np.eye(2)[k]
-        at = {i: linkage.poses(theta + i * away) for i in range(-2, 3)}
-        slope = (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * step)
-        # fourth order, 1e-12, and poses solved to 1e-12 over the step
-        np.testing.assert_allclose(rates[:, :, k], slope, rtol=0, atol=2e-8)
-        change = (linkage.rates(at[1]) - linkage.rates(at[-1])) / (2 * step)
-        # second order: 1e-6 times the third derivative of the rates over 6
-        np.testing.assert_allclose(second[:, :, :, k], change, rtol=0, atol=1e-4)
+    check_derivatives(linkage, np.random.default_rng(1).uniform(0.0, 2 * np.pi, (20, 2)))
 
 
 def test_poses_next_to_known_ones_lie_on_tangents(linkage: RigidKinematics, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -99,16 +99,12 @@ def test_sets_of_abaqus_by_ranges_by_other_sets_and_in_pieces(tmp_path: Path) ->
     np.testing.assert_array_equal(read.sets["all of them"], [0, 1, 2, 4, 5])
 
 
-def text(content: str) -> bytes:
-    return content.encode()
-
-
 FIVE = "10,1, 10,1, 2.0\n"
 MATRIX_CASES = {
     "missing": (None, "no such file"),
     "empty": (b"", "no matrix in a format that is known"),
     "prose": (b"a matrix\nof words\n", "no matrix in a format that is known"),
-    "ragged": (text(FIVE + "1 2 3\n"), "number of columns changed"),
+    "ragged": (FIVE + "1 2 3\n", "number of columns changed"),
     "words for numbers": (b"1, 1, x, 1, 2.0\n", "cannot be read as a matrix"),
     "no whole numbers": (b"1.5 1 2.0\n", "no whole numbers"),
     "rows from 0": (b"0 0 2.0\n", "count from 1"),
@@ -118,11 +114,11 @@ MATRIX_CASES = {
     "market, complex": (b"%%MatrixMarket matrix coordinate complex general\n1 1 1\n1 1 1.0 2.0\n", "complex"),
     "market, not square": (b"%%MatrixMarket matrix coordinate real general\n1 2 1\n1 2 1.0\n", "a square matrix"),
     "harwell-boeing, complex": (
-        text(f"{'m':<80}\n{3:14d}{1:14d}{1:14d}{1:14d}{0:14d}\nCSA{1:25d}{1:14d}{1:14d}{0:14d}\n(I8) (I8) (D25.16)\n"),
+        f"{'m':<80}\n{3:14d}{1:14d}{1:14d}{1:14d}{0:14d}\nCSA{1:25d}{1:14d}{1:14d}{0:14d}\n(I8) (I8) (D25.16)\n",
         "CSA",
     ),
     "harwell-boeing, cut off": (
-        text(f"{'m':<80}\n{3:14d}{1:14d}{1:14d}{1:14d}{0:14d}\nRSA{4:25d}{4:14d}{9:14d}{0:14d}\n(I8) (I8) (D25.16)\n"),
+        f"{'m':<80}\n{3:14d}{1:14d}{1:14d}{1:14d}{0:14d}\nRSA{4:25d}{4:14d}{9:14d}{0:14d}\n(I8) (I8) (D25.16)\n",
         "are announced",
     ),
     "market, cut in its head": (b"%%MatrixMarket matrix coordinate real sy", "ends before the line of its sizes"),
@@ -134,15 +130,6 @@ MATRIX_CASES = {
     "a row's number damaged": (b"1 1 2.0\n900000000 1 2.0\n", "are its sizes"),
     "zip": (b"PK\x03\x04 and no more", "cannot be read as a matrix"),
 }
-
-
-@pytest.mark.parametrize(("content", "words"), MATRIX_CASES.values(), ids=MATRIX_CASES)
-def test_what_is_no_matrix_is_refused_by_name(content: bytes | None, words: str, tmp_path: Path) -> None:
-    path = tmp_path / "k.mtx"
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(InputError, match="^matrix: .*" + words):
-        read_matrix(path, "matrix")
 
 
 @pytest.mark.parametrize("format", ["csr", "coo", "bsr", "dia"])
@@ -214,13 +201,6 @@ LIST_CASES = {
 }
 
 
-@pytest.mark.parametrize(("content", "words"), LIST_CASES.values(), ids=LIST_CASES)
-def test_lists_of_rows_that_lack_something_are_refused(content: str, words: str, tmp_path: Path) -> None:
-    (tmp_path / "rows").write_text(content)
-    with pytest.raises(InputError, match="^rows: " + words):
-        read_rows(tmp_path / "rows", "rows")
-
-
 NODE_CASES = {
     "words": ("nodes.csv", "node,x,y\n1,a,b\n", "cannot be used"),
     "few columns": ("nodes.csv", "1,2\n", "two or three coordinates"),
@@ -234,26 +214,28 @@ NODE_CASES = {
     "included": ("nodes.inp", "*INCLUDE, INPUT=more.inp\n", "more.inp.*no such file"),
     "lost": ("nodes.inp", "*NODE\n1, 0, 0, 0\n*NSET, NSET=a\n7\n", "names node 7, which is not there"),
     "short": ("nodes.inp", "*NODE\n1, 0, 0, 0\n*ELEMENT, TYPE=CPS4\n1, 1, 1, 1\n", "have 4 nodes each"),
+    "no nodes": ("nodes.npz", {"points": np.eye(2)}, "the array nodes"),
+    "labels": ("nodes.npz", {"nodes": np.eye(2), "labels": np.arange(3)}, "the array labels"),
+    "set": ("nodes.npz", {"nodes": np.eye(2), "tip": np.array([7])}, 'the set "tip" has node 7'),
     "no numbers": ("nodes.inp", "*NODE\none, 0, 0, 0\n", "cannot be used"),
 }
 
 
-@pytest.mark.parametrize(("name", "content", "words"), NODE_CASES.values(), ids=NODE_CASES)
-def test_files_that_are_no_nodes_are_refused(name: str, content: str, words: str, tmp_path: Path) -> None:
-    (tmp_path / name).write_text(content)
-    with pytest.raises(InputError, match="^nodes: .*" + words):
-        read_nodes(tmp_path / name, 2, "nodes")
-
-
-ARRAY_CASES = {
-    "no nodes": ({"points": np.eye(2)}, "the array nodes"),
-    "labels": ({"nodes": np.eye(2), "labels": np.arange(3)}, "the array labels"),
-    "set": ({"nodes": np.eye(2), "tip": np.array([7])}, 'the set "tip" has node 7'),
+READERS = {"matrix": read_matrix, "rows": read_rows, "nodes": lambda path, entry: read_nodes(path, 2, entry)}
+REFUSED = {
+    **{f"matrix, {case}": ("matrix", "k.mtx", *of) for case, of in MATRIX_CASES.items()},
+    **{f"rows, {case}": ("rows", "rows", *of) for case, of in LIST_CASES.items()},
+    **{f"nodes, {case}": ("nodes", *of) for case, of in NODE_CASES.items()},
 }
 
 
-@pytest.mark.parametrize(("arrays", "words"), ARRAY_CASES.values(), ids=ARRAY_CASES)
-def test_arrays_that_are_no_nodes_are_refused(arrays: dict, words: str, tmp_path: Path) -> None:
-    np.savez(tmp_path / "nodes.npz", **arrays)
-    with pytest.raises(InputError, match="^nodes: .*" + words):
-        read_nodes(tmp_path / "nodes.npz", 2, "nodes")
+@pytest.mark.parametrize(("entry", "name", "content", "words"), REFUSED.values(), ids=REFUSED)
+def test_what_is_no_matrix_and_no_nodes_is_refused_by_name(
+    entry: str, name: str, content: str | bytes | dict | None, words: str, tmp_path: Path
+) -> None:
+    if isinstance(content, dict):
+        np.savez(tmp_path / name, **content)
+    elif content is not None:
+        (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(InputError, match=f"^{entry}: .*{words}"):
+        READERS[entry](tmp_path / name, entry)

@@ -4,6 +4,7 @@ import importlib.machinery
 import importlib.util
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import meshio
@@ -12,6 +13,7 @@ import pytest
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mesh import LineMesh, read_line_mesh, reading
+from pgmp_petsc.mesh.solid_mesh_reading import read_solid_mesh
 
 ROOT = Path(__file__).resolve().parents[2]
 ENTRY = "bodies.crank.mesh"
@@ -149,6 +151,9 @@ def test_unusable_meshes_are_refused(tmp_path: Path, points: list, cells: list, 
 
 
 @pytest.mark.parametrize(
+    "read", [read_line_mesh, lambda path, entry: read_solid_mesh(path, 3, entry)], ids=["lines", "cells"]
+)
+@pytest.mark.parametrize(
     ("name", "content", "message"),
     [
         ("absent.msh", None, "no such file; a mesh file that meshio reads"),
@@ -160,16 +165,16 @@ def test_unusable_meshes_are_refused(tmp_path: Path, points: list, cells: list, 
     ],
 )
 def test_unreadable_files_are_refused(
-    tmp_path: Path, name: str, content: str | None, message: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, read: Callable, name: str, content: str | None, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if content is not None:
         (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=message) as caught:
-        read_line_mesh(tmp_path / name, ENTRY)
-    assert "\n" not in str(caught.value)
+        read(tmp_path / name, ENTRY)
+    assert str(caught.value).startswith(f'{ENTRY} = "{tmp_path / name}": ') and "\n" not in str(caught.value)
     assert capsys.readouterr() == ("", "")
     with pytest.raises(InputError, match="this is a directory"):
-        read_line_mesh(tmp_path, ENTRY)
+        read(tmp_path, ENTRY)
 
 
 def test_a_reader_that_does_not_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -501,22 +501,6 @@ def test_unusable_meshes_are_refused(made: str, message: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("absent.msh", None, "no such file; a mesh file that meshio reads"),
-        ("broken.msh", "this is no mesh", "meshio cannot read this file"),
-        ("empty.inp", "", "it has no nodes"),
-    ],
-)
-def test_unreadable_files_are_refused(tmp_path: Path, name: str, content: str | None, message: str) -> None:
-    if content is not None:
-        (tmp_path / name).write_text(content)
-    with pytest.raises(InputError, match=message) as caught:
-        read_solid_mesh(tmp_path / name, 3, ENTRY)
-    assert str(caught.value).startswith(f'{ENTRY} = "{tmp_path / name}": ')
-
-
 def test_slender_cells_far_above_round_off_are_taken() -> None:
     """A plate a millionth of its length thick, in one layer: what counts is the thinnest measure, not the volume."""
     made = grid("hexahedron27", (1, 1, 1), (1.0, 1.0, 1e-6))

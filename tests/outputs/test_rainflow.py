@@ -7,7 +7,7 @@ import pytest
 from differences import SHARES, compare
 from machine_scenes import MODELS, cart
 from refusals import cases, check_said
-from runs import history, motion, read_meshes, reduced_model, samples, trajectory
+from runs import history, motion, reduced_model, samples, trajectory
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.history import errors_between, run_history
@@ -16,6 +16,7 @@ from pgmp_petsc.figures.loads import loads
 from pgmp_petsc.lanes.rainflow import cycles
 from pgmp_petsc.outputs.rainflow import Counted, Counting, Rainflow
 from pgmp_petsc.studies.plausibility.check import plausibility
+from scenes import meshes_of
 
 CURVE = {"exponent": 3.0, "reference": 2.0, "cycles": 1e3}
 
@@ -175,5 +176,5 @@ def test_what_is_refused(override: str, said: str) -> None:
 
 def test_what_is_no_stress_is_doubted() -> None:
     scene = cart('outputs.o={type="rainflow",of="bent",curve={exponent=3,reference=1e6,cycles=1e6}}')
-    doubts = [one.text for one in plausibility(scene, read_meshes(scene))]
+    doubts = [one.text for one in plausibility(scene, meshes_of(scene))]
     assert any(text.startswith('outputs.o.of = "bent": it is in m') for text in doubts), doubts

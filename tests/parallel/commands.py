@@ -6,6 +6,7 @@ import io
 import json
 import sys
 import time
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from os import PathLike
 from pathlib import Path
@@ -28,57 +29,56 @@ from pgmp_petsc.ranks.petsc import petsc_solver
 frame.GRACE_SECONDS = 1.0
 
 
-@click.command()
-@click.pass_context
+def own(function: Callable) -> click.Command:
+    """Make a command of a function of click's context."""
+    return click.command()(click.pass_context(function))
+
+
+def on_last_rank(context: click.Context) -> bool:
+    return context.obj.comm.rank == context.obj.comm.size - 1
+
+
+@own
 def fine(context: click.Context) -> None:
     """Print on every rank, once through say."""
     say(context, "said")
     print("printed")
 
 
-@click.command()
-@click.pass_context
+@own
 def agreeing(context: click.Context) -> None:
     """Fail on the last rank, agreed on by all."""
-    comm = context.obj.comm
-    with agreed(comm, "reading"):
-        if comm.rank == comm.size - 1:
+    with agreed(context.obj.comm, "reading"):
+        if on_last_rank(context):
             raise InputError("bodies.rod.mesh: not found")
 
 
-@click.command()
-@click.pass_context
+@own
 def failing(context: click.Context) -> None:
     """Fail on every rank with exit status 1."""
     raise RunError("no convergence")
 
 
-@click.command()
-@click.pass_context
+@own
 def alone(context: click.Context) -> None:
     """Fail on the last rank while the others wait in a collective operation."""
-    comm = context.obj.comm
-    if comm.rank == comm.size - 1:
+    if on_last_rank(context):
         raise InputError("known to one rank")
-    comm.barrier()
+    context.obj.comm.barrier()
 
 
-@click.command()
-@click.pass_context
+@own
 def crashing(context: click.Context) -> None:
     """Crash on the last rank while the others wait in a collective operation."""
-    comm = context.obj.comm
-    if comm.rank == comm.size - 1:
+    if on_last_rank(context):
         raise ZeroDivisionError("a mistake")
-    comm.barrier()
+    context.obj.comm.barrier()
 
 
-@click.command()
-@click.pass_context
+@own
 def interrupted(context: click.Context) -> None:
     """Be interrupted on the last rank."""
-    comm = context.obj.comm
-    if comm.rank == comm.size - 1:
+    if on_last_rank(context):
         raise KeyboardInterrupt
     time.sleep(1e4)  # until mpirun ends it
 
@@ -100,15 +100,13 @@ def waiting(context: click.Context, output: Path | None) -> None:
     time.sleep(600.0)
 
 
-@click.command()
-@click.pass_context
+@own
 def some_failed(context: click.Context) -> None:
     """End with status 1 without a message, as where some samples failed."""
     context.exit(1)
 
 
-@click.command()
-@click.pass_context
+@own
 def petsc(context: click.Context) -> None:
     """Print the options that PETSc was started with."""
     from petsc4py import PETSc
@@ -116,19 +114,16 @@ def petsc(context: click.Context) -> None:
     say(context, str(sorted(PETSc.Options().getAll().items())))
 
 
-@click.command()
-@click.pass_context
+@own
 def using(context: click.Context) -> None:
     """Use an option on the last rank."""
     from petsc4py import PETSc
 
-    comm = context.obj.comm
-    if comm.rank == comm.size - 1:
+    if on_last_rank(context):
         PETSc.Options("pgmp_ts_").getInt("used")
 
 
-@click.command()
-@click.pass_context
+@own
 def solving(context: click.Context) -> None:
     """Make a solver."""
     from petsc4py import PETSc
@@ -164,8 +159,7 @@ def options(
     tell(comm, f"{parameters} {overrides} {output}")
 
 
-@click.command()
-@click.pass_context
+@own
 def modules(context: click.Context) -> None:
     """Print whether PETSc was imported."""
     say(context, f"petsc4py imported: {'petsc4py' in sys.modules}")

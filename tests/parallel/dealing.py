@@ -1,4 +1,4 @@
-"""Deal out pieces in one case and print what each rank did and saw. Used by test_dealing.py."""
+"""Deal out pieces in one case and print what each rank did and saw. Used by test_more_ranks_than_work.py."""
 
 import sys
 import time

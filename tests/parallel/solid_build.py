@@ -7,9 +7,10 @@ import sys
 from pathlib import Path
 
 import build  # starts PETSc
-from spatial import bars_of, slider_crank_in_space
+from spatial import slider_crank_in_space
 
 from pgmp_petsc.scene import Scene
+from scenes import meshes_of
 
 SMALL = (
     "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.second_order=true",
@@ -42,4 +43,4 @@ CASES = {"plane": plane, "space": space}
 
 if __name__ == "__main__":
     for argument in sys.argv[2:]:
-        build.run(Path(sys.argv[1]), argument, CASES, bars_of)
+        build.run(Path(sys.argv[1]), argument, CASES, meshes_of)

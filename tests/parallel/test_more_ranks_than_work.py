@@ -1,20 +1,29 @@
-"""More ranks than angles, bodies, samples and results: every command ends, with the result of one rank.
+"""Work on any number of ranks, more than there is work too: pieces once each, results of one rank, failures of all.
 
 The commands run one after the other in one start of MPI. That this process ends is part of the test: ranks
 that had no work must not leave the others waiting at the end of PETSc. ``PGMP_RANKS=7`` takes another number of ranks.
 """
 
+import json
 import os
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
+import synthetic
+from click.testing import CliRunner
 from conftest import ROOT
-from runs import PGMP, in_turn, overridden
+from mpi4py import MPI
+from runs import PGMP, in_turn, overridden, rom_of
 
+from benchmarks.scaling.case import FRESH, ScalingCase
+from pgmp_petsc.cli.declared import Session
+from pgmp_petsc.cli.main import COMMANDS
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
+from scenes import slider_crank
 
 BEAMS, SOLIDS = (str(ROOT / "scenes" / f"{name}.toml") for name in ("slider_crank", "slider_crank_solid2d"))
 FEW = overridden(
@@ -143,3 +152,92 @@ def test_a_refused_option_of_petsc_ends_all_ranks(mpirun: Callable, tmp_path: Pa
     done = mpirun(3, *PGMP, "montecarlo", BEAMS, "--full", *SHORT, "-n", 2, "-o", output, *option, check_status=2)
     assert done.stderr.count("option -pgmp_ts_ts_max_time 0.1: it cannot be changed here") == 1
     assert not output.exists()
+
+
+FINE = {"none": 0, "few": 2, "many": 25, "unequal": 41, "large": 12, "groups": 25}
+FAILING = dict.fromkeys(("one fails", "a group fails"), "RunError: piece 7 failed")
+FAILING["the writing fails"] = "RunError: the disk is full"
+
+
+@pytest.fixture(scope="module")
+def said(mpirun: Callable, parallel_scripts: Path) -> Callable[[int, str], list[str]]:
+    """Return a function that gives what the ranks said of a case; all cases of one number of ranks are one run."""
+
+    def lines(n: int, case: str) -> list[str]:
+        if n not in done:
+            printed = mpirun(n, parallel_scripts / "dealing.py", *FINE, *FAILING).stdout
+            done[n] = [line.split("|") for line in printed.splitlines()]
+        return [text for name, _, text in done[n] if name == case]
+
+    done: dict[int, list[list[str]]] = {}
+    return lines
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+@pytest.mark.parametrize("case", FINE)
+def test_every_piece_is_computed_once_and_taken_in_by_the_first_rank(said: Callable, n: int, case: str) -> None:
+    texts = said(n, case)
+    assert len(texts) == n
+    computed, taken = zip(*(re.fullmatch(r"computed \[(.*)\] took \[(.*)\]", text).groups() for text in texts))
+    everything, groups = list(range(FINE[case])), 2 if case == "groups" and n > 1 else 1
+    assert [int(k) for k in taken[0].split(",") if k] == everything and not any(taken[1:])
+    by_groups = sorted(int(k) for part in computed for k in part.split(",") if k)
+    if groups == 1:
+        assert by_groups == everything
+    else:  # both ranks of a group compute a piece, three where one is left over
+        assert sorted(set(by_groups)) == everything and len(by_groups) >= 2 * len(everything)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+@pytest.mark.parametrize("case", FAILING)
+def test_a_failure_is_that_of_all_ranks(said: Callable, n: int, case: str) -> None:
+    assert said(n, case) == [FAILING[case]] * n
+
+
+def test_pieces_go_to_whoever_is_ready(said: Callable) -> None:
+    """Every tenth one takes twenty times as long: who has one of these gets fewer of the others."""
+    counts = [len(re.search(r"computed \[(.*?)\]", text)[1].split(",")) for text in said(2, "unequal")]
+    assert sum(counts) == FINE["unequal"] and min(counts) >= 2
+
+
+LIMITED = 'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}'
+FEW_STEPS = (LIMITED, "simulation.duration=0.01", "reduction.angles=8")
+
+
+def test_more_ranks_than_tasks(mpirun, parallel_scripts) -> None:
+    one, many = (json.loads(mpirun(n, parallel_scripts / "tradeoff.py", *FEW_STEPS).stdout) for n in (1, 6))
+    assert many["names"] == one["names"] and all(many["timed"])
+    # the eigensolver's random start changes the last digits
+    np.testing.assert_allclose(many["errors"], one["errors"], rtol=1e-6, atol=1e-12)
+
+
+SMALL = ("reduction.modes=4", "reduction.angles=6")
+
+
+def test_two_ranks_have_a_body_each(tmp_path: Path, mpirun: Callable) -> None:
+    options = [word for entry in SMALL for word in ("--override", entry)]
+    path = tmp_path / "case.json"
+    mpirun(2, "-m", "benchmarks.scaling.build", SOLIDS, "-o", path, *options)
+    found = ScalingCase.read(path)
+    assert (found.ranks, found.ranks_per_angle, len(found.peak)) == (2, 1, 2)
+    assert found.factorisations == 2, "of one body"
+    assert FRESH not in found.wall
+    assert path.with_suffix(".h5").exists()
+
+
+def test_one_rank_draws(tmp_path: Path) -> None:
+    rom_of(slider_crank()).write(tmp_path / "rom.h5")
+    synthetic.trajectory(n_frames=3, n_times=11).write(tmp_path / "run.h5")
+    commands = [
+        ["animate", str(tmp_path / "rom.h5"), "--mode", "2", "--seconds", "0.2", "-o", str(tmp_path / "several.gif")],
+        ["animate", str(tmp_path / "rom.h5"), "--mode", "99", "-o", str(tmp_path / "none.gif")],
+        ["animate", str(tmp_path / "run.h5"), "-o", str(tmp_path / "none.gif")],
+    ]
+    statuses, done = in_turn(2, commands)
+    assert statuses == [[0, 0], [2, 2], [2, 2]]
+    assert done.stderr.count("--mode 99") == 1 and done.stderr.count("nothing of this run is known") == 1
+    assert not (tmp_path / "none.gif").exists()
+    words = [*commands[0][1:-1], str(tmp_path / "one.gif")]
+    one = CliRunner().invoke(COMMANDS["animate"].load(), words, obj=Session(MPI.COMM_SELF))
+    assert one.exit_code == 0
+    assert (tmp_path / "several.gif").read_bytes() == (tmp_path / "one.gif").read_bytes()

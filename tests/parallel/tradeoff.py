@@ -1,4 +1,4 @@
-"""Measure the least trade-off study on all ranks and print its errors. Used by test_studies_ranks.py.
+"""Measure the least trade-off study on all ranks and print its errors. Used by test_more_ranks_than_work.py.
 
 tradeoff.py [OVERRIDE ...]
 """

@@ -1,21 +1,28 @@
-"""Angles that a build adds for its stress outputs, and what it says of them."""
+"""Angles that a build adds for stress outputs and definite matrices, what it says of them; ranges that it serves."""
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import ROOT
 from length_scenes import numbered
-from mpi4py import MPI
-from runs import built_rom, rom_of
-from spatial_beams import lines_of, pendulum_in_space
+from refusals import refusal
+from runs import SMALL, built_rom, paper_scene, rom_of
+from spatial_beams import pendulum_in_space
 from two_coordinates import double_pendulum
 
-from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction import angles
 from pgmp_petsc.reduction.angles import _between, _Halves
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.interpolation import interpolant, samples_for
+from pgmp_petsc.reduction.rom import ReducedOrderModel, Served, check_samples, check_served, outside_of
 from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.tables import indefinite_between
 from pgmp_petsc.scene import load_scene
+from pgmp_petsc.texts.models import report
+from scenes import RADIUS, slider_crank
 
 
 def asked(name: str, quantity: str, place: str, body: str) -> str:
@@ -121,8 +128,7 @@ def test_a_force_that_is_not_there_asks_for_no_angles() -> None:
     twist = asked("twist", "torsion_moment", "at=[0.3,0.0,0.0]", "arm")
     weight = 'effects.weight={type="gravity", direction=[0.0,-1.0,0.0]}'
     scene = pendulum_in_space(twist, weight, "reduction.angles=16", "reduction.static_modes=true")
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        rom = build_rom(scene, lines_of(scene), group)
+    rom = rom_of(scene)
     assert rom.tables.samples.n == 16 and not rom.record.remarks
 
 
@@ -132,3 +138,96 @@ def test_matrices_that_are_indefinite_between_angles_ask_for_more() -> None:
     rom = rom_of(load_scene(ROOT / "scenes" / "slider_crank.toml", ("reduction.second_order=false", *fine)))
     assert rom.tables.samples.n == 96
     assert not [remark for remark in rom.record.remarks if "not positive definite" in remark.text]
+
+
+SPLINE = 'reduction.interpolation="spline"'
+FEW = "reduction.angles=24", "reduction.max_angles=24"  # and no more where these do not do
+UNCERTAIN = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}'
+EXTENDED = (
+    "reduction.modes=3",
+    "reduction.static_modes=true",
+    "reduction.inertia_modes=true",
+    "reduction.parameter_modes=2",
+)
+
+
+def test_a_basis_that_turns_faster_than_the_angles_follow_is_warned_of(tmp_path: Path) -> None:
+    rom = rom_of(slider_crank(UNCERTAIN, *EXTENDED, SPLINE, *FEW))
+    assert rom.indefinite.startswith("with 24 angles the interpolated mass matrix is not positive definite at ")
+    rom.write(tmp_path / "rom.h5")
+    assert ReducedOrderModel.read(tmp_path / "rom.h5").indefinite == rom.indefinite
+    assert f"  warning: {rom.indefinite}" in report(rom, tmp_path / "rom.h5")
+    sound = rom_of(slider_crank(UNCERTAIN, *EXTENDED, SPLINE, "reduction.angles=48"))
+    assert sound.indefinite == "" and "warning" not in report(sound, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["mass", "stiffness"])
+def test_the_matrix_and_the_parameters_are_named(name: str) -> None:
+    tables = rom_of(slider_crank(SPLINE)).tables
+    table = getattr(tables, name).copy()
+    # one sample out of the way: the spline overshoots beside it
+    table[5, :, -1, -1] *= 1e3
+    spoilt = replace(tables, **{name: table})
+    values = {"r1": np.array([RADIUS, 0.7 * RADIUS])}
+    assert indefinite_between(tables, slider_crank(SPLINE), values, 2) == ""
+    said = indefinite_between(spoilt, slider_crank(SPLINE), values, 2)
+    assert f"the interpolated {name} matrix is not positive definite" in said and "r1 = 0.0056" in said
+    assert said.endswith("take more reduction.angles or fewer reduction.modes"), "it is a spline already"
+    other = indefinite_between(spoilt, slider_crank('reduction.interpolation="spectral"'), values, 2)
+    assert name in other and other.endswith('or reduction.interpolation = "spline"')
+
+
+DRAWN = (
+    *SMALL,
+    'parameters.push={nominal=1.0, distribution={name="norm", loc=1.0, scale=0.1}}',
+    'effects.motor.scale="push"',
+)
+NOMINAL, DEVIATION = 5.6e-3, 0.56e-3
+
+
+@pytest.fixture(scope="module")
+def served() -> dict[str, Served]:
+    scene = paper_scene(*DRAWN)
+    return ReducedModel(scene, rom_of(scene)).served
+
+
+def test_what_a_build_tries_is_served_and_loads_may_be_anything(served: dict[str, Served]) -> None:
+    assert list(served) == ["r1"]
+    # quantiles at three standard deviations, half as far again, and three times as far
+    ends = [served["r1"].low, served["r1"].high, served["r1"].least, served["r1"].most]
+    np.testing.assert_allclose(ends, NOMINAL + DEVIATION * np.array([-4.5, 4.5, -9.0, 9.0]), rtol=1e-4)
+    assert check_served(served, paper_scene(*DRAWN)) == ()
+    assert check_served(served, paper_scene(*DRAWN, settings=("push=50.0",))) == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "line", "far"),
+    [
+        ("parameters.r1.value=2.9e-3", "parameters.r1.value = 0.0029: outside [0.00308", False),
+        ('parameters.r1.distribution={name="norm", loc=7.5e-3, scale=0.5e-3}', "r1.distribution: 11 % of", False),
+        ("parameters.r1.value=11e-3", "0.011: beyond what the model serves, [0.000560039, 0.01064] m", True),
+        ('parameters.r1.distribution={name="uniform", loc=10e-3, scale=1.9e-3}', "the greater part beyond what", True),
+    ],
+)
+def test_what_is_outside_is_warned_of_and_far_beyond_refused(served, change: str, line: str, far: bool) -> None:
+    if far:
+        assert line in refusal(check_served, served, paper_scene(*DRAWN, change))
+        return
+    (said,) = check_served(served, paper_scene(*DRAWN, change))
+    assert said.kind == "warning" and line in said.text and "build with distributions, or bounds" in said.text
+
+
+def test_samples_are_counted_and_refused_where_they_are_far_beyond(served: dict[str, Served]) -> None:
+    values = {"r1": np.array([5e-3, 2.9e-3, 8.5e-3, 6e-3]), "push": np.array([1.0, 9.0, -9.0, 0.0])}
+    (said,) = outside_of(served, values, "--samples table.csv")
+    assert "--samples table.csv: 2 of 4 samples are outside the range" in said.text and "2 in r1 ([0.00308" in said.text
+    check_samples(served, values, "--samples table.csv")
+    assert outside_of(served, {"r1": np.array([5e-3])}, "") == () == outside_of(served, {"push": np.zeros(2)}, "")
+    with pytest.raises(InputError, match="1 of 2 samples are beyond what the model serves, number 1 with r1 = 0.0115"):
+        check_samples(served, {"r1": np.array([5e-3, 11.5e-3])}, "--samples table.csv")
+
+
+def test_parameters_that_no_range_is_known_of_are_served_near_their_nominal_value() -> None:
+    scene = paper_scene(*SMALL, "parameters.r1={nominal=5.6e-3}")
+    served = ReducedModel(scene, rom_of(scene)).served["r1"]
+    np.testing.assert_allclose([served.low, served.most], [NOMINAL * (1 - 0.45), NOMINAL * 1.9])

@@ -10,7 +10,7 @@ from cantilevers import BEAM_IN_SPACE, IN_SPACE, cantilever
 from length_scenes import CRANK, GUIDE, HIGH, LOW, SMALL, long_crank
 from mpi4py import MPI
 from refusals import cases, refusal
-from runs import built_rom, full_model, read_meshes, rom_of, samples, still
+from runs import built_rom, full_model, rom_of, samples, still
 from sealed import resealed
 
 from pgmp_petsc.base.errors import InputError, RunError
@@ -32,6 +32,7 @@ from pgmp_petsc.scene.uses import length_names, length_range
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.inputs import with_meshes
+from scenes import mechanism_of
 
 TWO = LengthGrid(("a", "b"), ((0.6, 0.8), (-1.0, 2.0)), 4)
 
@@ -295,14 +296,14 @@ BEAMS = {
 def test_strains_of_samples_are_those_of_elements_of_their_own_lengths(kind: str, curved: bool) -> None:
     scene, body, name = BEAMS[kind]
     lengths = scene.values[name] * np.array([0.96, 1.0, 1.04])
-    mechanism = Mechanism.from_scene(scene, read_meshes(scene))
+    mechanism = mechanism_of(scene)
     shape = (2 * lengths.size, mechanism.n_nodes, mechanism.space.n_dofs)  # two states of each
     local = 1e-3 * np.random.default_rng(3).normal(size=shape)
     values = samples(scene, lengths.size, **{name: lengths})
     rotation, strain = BodyStrains(scene, mechanism, values, curved).largest(local)
     for k, length in enumerate(lengths):
         own = scene.with_values({name: float(length)})
-        strains = BodyStrains(own, Mechanism.from_scene(own, read_meshes(own)), own.values, curved)
+        strains = BodyStrains(own, mechanism_of(own), own.values, curved)
         for found, exact in zip((rotation, strain), strains.largest(local[k :: lengths.size])):
             np.testing.assert_allclose(found[k :: lengths.size], exact, rtol=1e-12)
     assert mechanism.bodies[-1].name == body and np.all(strain > 0.0)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import synthetic
-from mpi4py import MPI
+from runs import rom_of
 
 from benchmarks.paper import accuracy, comparison, equal_error, summary
 from benchmarks.paper import figures as pictures
@@ -15,11 +15,9 @@ from benchmarks.paper.published import BANDS, DENSITIES, RADII
 from benchmarks.paper.results import PaperResults
 from benchmarks.tables import Table
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduced.terms import coupling_of
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.tables import ReducedTables
-from scenes import meshes_of, slider_crank
+from scenes import slider_crank
 
 LAW = 'distribution = { name = "norm", loc = 5.6e-3, scale = 0.56e-3 }\n'
 
@@ -103,7 +101,7 @@ def test_a_basis_that_leaves_more_is_compared_at_the_least_error_that_it_leaves(
 
 def test_tables_without_inertia_coupling() -> None:
     scene = slider_crank("reduction.modes=4", "reduction.angles=12")
-    tables: ReducedTables = build_rom(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)).tables
+    tables: ReducedTables = rom_of(scene).tables
     for scheme in ("overhauser", "spline", "spectral"):
         assert np.abs(coupling_of(tables, scheme)).max() > 0.0
         np.testing.assert_array_equal(coupling_of(uncoupled(tables, scheme), scheme), 0.0)

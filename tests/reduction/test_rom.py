@@ -8,8 +8,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from mpi4py import MPI
+from frames import pair_products
 from refusals import refusal
+from runs import rom_of
 from sealed import resealed
 
 from pgmp_petsc.base.errors import InputError
@@ -17,34 +18,27 @@ from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, loads_of
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian, rigid_velocities, to_body
 from pgmp_petsc.mechanism.mechanism import Unknowns
-from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.cell_products import pair_rotations, unpacked
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.tables import ReducedTables, SecondOrderTables
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import four_bar, kinematics_of, meshes_of, slider_crank, trammel
+from scenes import four_bar, kinematics_of, slider_crank, trammel
 
 GRAVITY = 'effects.weight={type="gravity"}'
 SCENE = slider_crank("reduction.modes=3", "reduction.angles=8", GRAVITY)
 PART = (
-    "reduction.angles=9",
-    "coordinates.theta.range=[0.2,1.4]",
-    "coordinates.theta.periodic=false",
+    "reduction.angles=9", "coordinates.theta.range=[0.2,1.4]", "coordinates.theta.periodic=false",
     "simulation.initial.theta.position=0.2",
-)
+)  # fmt: skip
 BUILD_AGAIN = "build it again with pgmp build"
 TABLES = "mass", "stiffness", "load", "inertia"
 PARTS = "tables", "theta", "projection", "frequencies_hz", "cosines", "mesh", "mesh/rod/nodes"
 
 
-def built(scene: Scene) -> ReducedOrderModel:
-    """Build on this process."""
-    return build_rom(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
-
-
 @pytest.fixture(scope="module")
 def rom() -> ReducedOrderModel:
-    return built(SCENE)
+    return rom_of(SCENE)
 
 
 def assert_same_samples(found: SampleGrid, expected: SampleGrid) -> None:
@@ -123,8 +117,8 @@ def test_where_a_revolution_begins_does_not_matter(scene: Callable[..., Scene], 
     """The basis closes as smoothly as it goes on elsewhere: another first angle gives the same, but for a rotation."""
     n, shift = 24, 7
     lower = 2 * np.pi * shift / n
-    first = built(scene())
-    second = built(scene(f"coordinates.theta.range=[{lower},{lower + 2 * np.pi}]"))
+    first = rom_of(scene())
+    second = rom_of(scene(f"coordinates.theta.range=[{lower},{lower + 2 * np.pi}]"))
     assert first.tables.samples.n == second.tables.samples.n == n_turns * n
     np.testing.assert_allclose(second.frequencies_hz, np.roll(first.frequencies_hz, -shift, axis=0), rtol=1e-9)
     rolled = np.roll(first.projection, -shift, axis=0)
@@ -165,7 +159,7 @@ def test_a_file_comes_back(rom: ReducedOrderModel, path: Path) -> None:
 
 
 def test_a_model_without_effects_and_with_bodies_in_another_order_comes_back(tmp_path: Path) -> None:
-    rom = built(trammel("reduction.angles=4", "reduction.modes=2"))
+    rom = rom_of(trammel("reduction.angles=4", "reduction.modes=2"))
     # what is redundant between rigid bodies is not between flexible ones: the crank holds the rod's middle
     assert rom.n_redundant == 0
     rom.write(tmp_path / "rom.h5")
@@ -176,7 +170,7 @@ def test_a_model_without_effects_and_with_bodies_in_another_order_comes_back(tmp
 
 
 def test_chebyshev_points_and_static_modes_come_back(tmp_path: Path) -> None:
-    rom = built(slider_crank(*PART, GRAVITY, "reduction.static_modes=true", 'reduction.interpolation="spectral"'))
+    rom = rom_of(slider_crank(*PART, GRAVITY, "reduction.static_modes=true", 'reduction.interpolation="spectral"'))
     # five load patterns: the motor, and the weight of each body along both axes of its frame
     assert (rom.tables.n_modes, rom.frequencies_hz.shape) == (5 + 5, (9, 5))
     assert (
@@ -239,7 +233,7 @@ CURVED = ("cubic", "curved_load", "curved_inertia")
 @pytest.fixture(scope="module")
 def curved() -> ReducedOrderModel:
     """Return a model with tables of second order, a reflection and thus two turns."""
-    return built(four_bar(GRAVITY, "reduction.second_order=true"))
+    return rom_of(four_bar(GRAVITY, "reduction.second_order=true"))
 
 
 def test_what_is_of_second_order_comes_back(curved: ReducedOrderModel, tmp_path: Path) -> None:
@@ -272,3 +266,84 @@ def test_a_damaged_second_order_is_refused(
         change(name)(file)
     with pytest.raises(InputError, match="missing" if change is remove else "has shape"):
         ReducedOrderModel.read(tmp_path / "rom.h5")
+
+
+N, M = 6, 4
+
+
+@pytest.fixture(scope="module")
+def tables() -> ReducedTables:
+    moved = 'effects.motor={type="prescribed_motion",coordinate="theta",constant_speed={speed=1.0}}'
+    more = ("reduction.second_order=true", 'effects.weight={type="gravity"}', moved)
+    scene = slider_crank(f"reduction.modes={M}", f"reduction.angles={N}", *more)
+    return rom_of(scene).tables
+
+
+@pytest.fixture(scope="module")
+def turn() -> np.ndarray:
+    """Return random orthogonal matrices, shape (N, M, M)."""
+    return np.linalg.qr(np.random.default_rng(0).normal(size=(N, M, M)))[0]
+
+
+def forms(tables: SecondOrderTables, delta: np.ndarray) -> list[np.ndarray]:
+    """Return the values of the forms for delta of shape (N, M)."""
+    return [
+        np.einsum("ntijk,ni,nj,nk->nt", tables.cubic, delta, delta, delta),
+        np.einsum("ntij,ni,nj->nt", tables.curved_load, delta, delta),
+        *(np.einsum("ntpij,ni,nj->ntp", part, delta, delta) for part in (tables.curved_inertia, tables.curved_mass)),
+    ]
+
+
+def arrays(tables: SecondOrderTables) -> tuple[np.ndarray, ...]:
+    """Return all tables."""
+    return tables.cubic, tables.curved_load, tables.curved_inertia, tables.curved_mass
+
+
+def test_shapes_and_exact_symmetry(tables: ReducedTables) -> None:
+    cubic, load, inertia, mass = arrays(tables.second_order)
+    assert (cubic.shape, load.shape) == ((N, 3, M, M, M), (N, 2, M, M))
+    assert inertia.shape == mass.shape == (N, 3, 1, M, M)
+    for order in ((0, 1, 3, 2, 4), (0, 1, 4, 3, 2), (0, 1, 3, 4, 2)):
+        np.testing.assert_array_equal(cubic, cubic.transpose(order))
+    for table in (load, inertia, mass):
+        np.testing.assert_array_equal(table, np.swapaxes(table, -1, -2))
+    rows = np.array([4, 1])
+    for found, expected in zip(arrays(tables.at(rows).second_order), arrays(tables.second_order)):
+        np.testing.assert_array_equal(found, expected[rows])
+
+
+def test_what_the_forms_say_does_not_depend_on_the_basis(tables: ReducedTables, turn: np.ndarray) -> None:
+    turned = tables.turned(turn).second_order
+    delta = np.random.default_rng(1).normal(size=(N, M))
+    in_new = np.einsum("nij,ni->nj", turn, delta)
+    for found, expected in zip(forms(turned, in_new), forms(tables.second_order, delta)):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    cubic = turned.cubic
+    np.testing.assert_array_equal(cubic, cubic.transpose(0, 1, 4, 2, 3))
+    back = tables.turned(turn).turned(np.swapaxes(turn, 1, 2)).second_order
+    for found, expected in zip(arrays(back), arrays(tables.second_order)):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_the_second_turn_has_the_signs_of_its_coordinates(tables: ReducedTables) -> None:
+    twice = tables.over_two_turns(np.array([2])).second_order
+    signs = np.array([1, 1, -1, 1])
+    for found, expected in zip(arrays(twice), arrays(tables.second_order)):
+        factor = signs[:, None] * signs
+        if found is twice.cubic:
+            factor = factor[:, :, None] * signs
+        np.testing.assert_array_equal(found[:N], expected)
+        np.testing.assert_allclose(found[N:], expected * factor, rtol=1e-14)
+
+
+def test_packed_pairs(turn: np.ndarray) -> None:
+    random = np.random.default_rng(2)
+    chi = random.normal(size=(N, 5, M, M))
+    chi = chi + np.swapaxes(chi, 2, 3)
+    i, j = np.tril_indices(M)
+    packed, delta = chi[..., i, j], random.normal(size=(N, M))
+    np.testing.assert_array_equal(unpacked(packed), chi)
+    expected = 0.5 * np.einsum("ndij,ni,nj->nd", chi, delta, delta)
+    np.testing.assert_allclose(np.einsum("ndp,np->nd", packed, pair_products(delta)), expected, rtol=0, atol=1e-13)
+    turned = np.einsum("ndij,nia,njb->ndab", chi, turn, turn)
+    np.testing.assert_allclose(packed @ pair_rotations(turn), turned[..., i, j], rtol=0, atol=1e-13)

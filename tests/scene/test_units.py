@@ -1,12 +1,13 @@
 """Units of parameters: converted where they are compatible with what uses the parameter, refused where not."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from refusals import refusal
+from refusals import cases, check_said, refusal
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import OTHERS, UNITS, measure
@@ -94,27 +95,6 @@ def test_compatible_units(unit: str, entry: str, more: tuple[str, ...], value: f
     assert found == pytest.approx(value, rel=1e-15) and label == si
 
 
-@pytest.mark.parametrize(
-    ("unit", "entry", "more", "words"),
-    [
-        ("GPa", "bodies.rod.section.radius", (), ("bodies.rod.section.radius uses it", "needs m")),
-        ("m", "materials.steel.E", (), ("materials.steel.E uses it", "needs Pa")),
-        ("N/m", "effects.s.stiffness", (SPRING,), ("effects.s.stiffness", "N m/rad")),
-        ("Nm/rad", "effects.s.stiffness", (SLIDING,), ("effects.s.stiffness", "N/m")),
-        ("N", "effects.motor.scale", (), ("effects.motor.scale", "1 (no unit) or N m")),
-        ("Mpa", "materials.steel.E", (), ("no such unit", "did you mean 'MPa'?")),
-        ("kelvin", "materials.steel.E", (), ("[temperature]",)),
-        ("m**9**9**9", "materials.steel.E", (), ("a unit such as",)),
-        ("__import__('os')", "materials.steel.E", (), ("a unit such as",)),
-        ("m" * 1000, "materials.steel.E", (), ("a unit such as",)),
-        ("/", "materials.steel.E", (), ("a unit such as",)),
-    ],
-)
-def test_other_units_are_refused(unit: str, entry: str, more: tuple[str, ...], words: tuple[str, ...]) -> None:
-    message = refusal(with_parameter, unit, entry, *more)
-    assert message.startswith(f'parameters.q.unit = "{unit[:40]}') and all(word in message for word in words), message
-
-
 def test_one_parameter_for_two_quantities() -> None:
     with pytest.raises(InputError, match=r"^parameters\.r1: materials\.steel\.E \(Pa\) and .* different quantities"):
         load_scene(SLIDER_CRANK, ['materials.steel.E="r1"', "parameters.r1={nominal=1e9}"])
@@ -176,43 +156,49 @@ def test_a_setting_may_have_its_unit() -> None:
             load_scene(SLIDER_CRANK, law, ["r1=5 kg"])
 
 
-@pytest.mark.parametrize(
-    ("entry", "message"),
-    [
-        ('bodies.rod.section.radius="5 kg"', r"^bodies\.rod\.section\.radius = .* 'kg' is the unit of a mass; .* a length"),
-        ('bodies.rod.section.radius="5"', r"^bodies\.rod\.section\.radius = .* has its unit behind it"),
-        ('bodies.rod.section.radius="5 mmm"', r"^bodies\.rod\.section\.radius = .*did you mean 'mm'"),
-        ('bodies.rod.section.radius="5 K"', r"^bodies\.rod\.section\.radius = .*scenes have no use for"),
-        ('simulation.step="1 mm"', r"^simulation\.step = .* a length; needed is a time \(s\)"),
-        ('simulation.initial.theta={position="1 mm"}', r"^simulation\.initial\.theta\.position .* a length; .* angle"),
-        ('simulation.initial.theta={velocity="5 Hz"}', r"^simulation\.initial\.theta\.velocity .* counts turns"),
-        ('coordinates.theta.range=["0 m", "6.283185307179586 m"]', r"^coordinates\.theta\.range = .* a length"),
-        ('effects.s={type="spring_damper", joint="crank_hinge", stiffness="5 N/mm"}', r"^effects\.s\.stiffness = .* stiff"),
-        ('effects.s={type="spring_damper", joint="slider", stiffness="5 N mm"}', r"^effects\.s\.stiffness = "),
-        ('effects.motor={type="torque", joint="crank_hinge", table=[[0, "1 N"]]}', r"^effects\.motor\.table\[0\] .* a force"),
-        ('effects.motor={type="torque", joint="crank_hinge", table=[["1 m", 1]]}', r"^effects\.motor\.table\[0\]\[0\]"),
-        ('effects.m={type="prescribed_motion", coordinate="theta", constant_speed={speed="1 m/s"}}',
-         r"effects\.m\.constant_speed\.speed = .* a speed; needed is a frequency or an angular speed"),
-        ('ensemble.probabilities.far={output="slider_position", above="5 N"}', r"^ensemble\.probabilities\.far\.above = "),
-        ('parameters.r1={nominal="5.6 mm", bounds=["1 kg", 12]}', r"^parameters\.r1 = \"1 kg\": .* a mass"),
-        ('parameters.r1={nominal="5.6"}', r"^parameters\.r1 = \"5.6\": .* unit behind"),
-        ('parameters.r1={nominal="5.6 mmm"}', r"^parameters\.r1 = .*did you mean 'mm'"),
-        ('scene.units="mmm"', r"^scene\.units = \"mmm\": unknown; did you mean 'mm'\? \(allowed: SI, mm\)"),
-        ('scene.units=3', r"^scene\.units = 3: unknown \(allowed: SI, mm\)"),
-    ],
-)  # fmt: skip
-def test_a_unit_that_does_not_fit_is_refused(entry: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        load_scene(SLIDER_CRANK, [entry])
+REFUSED = cases("""
+# units of parameters: of another quantity than what uses them, or none
+bodies.rod.section.radius="q" & Q="GPa"} -> parameters.q.unit = "GPa": | bodies.rod.section.radius uses it | needs m
+materials.steel.E="q" & Q="m"} -> parameters.q.unit = "m": | materials.steel.E uses it | needs Pa
+SPRING & Q="N/m"} -> parameters.q.unit = "N/m": | effects.s.stiffness | N m/rad
+SLIDING & Q="Nm/rad"} -> parameters.q.unit = "Nm/rad": | effects.s.stiffness | N/m
+effects.motor.scale="q" & Q="N"} -> parameters.q.unit = "N": | effects.motor.scale | 1 (no unit) or N m
+materials.steel.E="q" & Q="Mpa"} -> parameters.q.unit = "Mpa": | no such unit | did you mean 'MPa'?
+materials.steel.E="q" & Q="kelvin"} -> parameters.q.unit = "kelvin": | [temperature]
+materials.steel.E="q" & Q="m**9**9**9"} -> parameters.q.unit = "m**9**9**9": | a unit such as
+materials.steel.E="q" & Q="__import__('os')"} -> parameters.q.unit = "__import__('os')": | a unit such as
+materials.steel.E="q" & Q="MMM"} -> parameters.q.unit = "mmmmmmmmmmmmmmmmmmmmmmmmmmmmmmmmmmmmmmmm | a unit such as
+materials.steel.E="q" & Q="/"} -> parameters.q.unit = "/": | a unit such as
+# units behind numbers
+bodies.rod.section.radius="5 kg" -> = | 'kg' is the unit of a mass; | a length
+bodies.rod.section.radius="5" -> = | has its unit behind it
+bodies.rod.section.radius="5 mmm" -> = | did you mean 'mm'
+bodies.rod.section.radius="5 K" -> = | scenes have no use for
+simulation.step="1 mm" -> = | a length; needed is a time (s)
+simulation.initial.theta={position="1 mm"} -> simulation.initial.theta.position | a length; | angle
+simulation.initial.theta={velocity="5 Hz"} -> simulation.initial.theta.velocity | counts turns
+coordinates.theta.range=["0 m", "6.283185307179586 m"] -> = "0 m": | a length || coordinates.theta.range = | a length
+effects.s={type="spring_damper", joint="crank_hinge", stiffness="5 N/mm"} -> effects.s.stiffness = | stiff
+effects.s={type="spring_damper", joint="slider", stiffness="5 N mm"} -> effects.s.stiffness =
+effects.motor={type="torque", joint="crank_hinge", table=[[0, "1 N"]]} -> effects.motor.table[0] | a force
+effects.motor={type="torque", joint="crank_hinge", table=[["1 m", 1]]} -> effects.motor.table[0][0]
+effects={} & effects.m={type="prescribed_motion", coordinate="theta", constant_speed={speed="1 m/s"}} ->
+    effects.m.constant_speed.speed = | a speed; needed is a frequency or an angular speed
+ensemble.probabilities.far={output="slider_position", above="5 N"} -> ensemble.probabilities.far.above =
+parameters.r1={nominal="5.6 mm", bounds=["1 kg", 12]} -> parameters.r1 = "1 kg": | a mass
+parameters.r1={nominal="5.6"} -> parameters.r1 = "5.6": | unit behind
+parameters.r1={nominal="5.6 mmm"} -> parameters.r1 = | did you mean 'mm'
+scene.units="mmm" -> = "mmm": unknown; did you mean 'mm'? (allowed: SI, mm)
+scene.units=3 -> = 3: unknown (allowed: SI, mm)
+# scenes with something else that is wrong
+materials.steel.E="stiff" -> = "stiff": there is no such parameter
+parameters.r1.distribution={name=[1]} -> parameters.r1.distribution.name = [1]
+parameters.r1.distribution={name={a=1}} -> parameters.r1.distribution.name
+""")
+WORDS = {"Q": "parameters.q={nominal=70.0, unit", "MMM": "m" * 1000, "SPRING": SPRING, "SLIDING": SLIDING}
 
 
-@pytest.mark.parametrize(
-    ("override", "said"),
-    [
-        ('materials.steel.E="stiff"', 'materials.steel.E = "stiff": there is no such parameter'),
-        ("parameters.r1.distribution={name=[1]}", "parameters.r1.distribution.name = [1]"),
-        ("parameters.r1.distribution={name={a=1}}", "parameters.r1.distribution.name"),
-    ],
-)
-def test_units_are_looked_for_in_scenes_with_something_wrong(override: str, said: str) -> None:
-    assert said in refusal(load_scene, SLIDER_CRANK, [override])
+@pytest.mark.parametrize(("asked", "said"), REFUSED)
+def test_units_that_do_not_fit_are_refused(asked: str, said: str) -> None:
+    given = re.sub(rf"\b({'|'.join(WORDS)})\b", lambda word: WORDS[word[0]], asked)
+    check_said(refusal(load_scene, SLIDER_CRANK, given.split(" & ")), said, given)

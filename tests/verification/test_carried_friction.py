@@ -11,21 +11,20 @@ from conftest import ROOT
 from exported import assert_same_in_c
 from machine_scenes import cart, run
 from refusals import cases, check_said, refusal
-from runs import components_model, full_model, history, motion, read_meshes, reduced_model, samples
+from runs import components_model, full_model, history, motion, reduced_model, samples
 from scipy.integrate import solve_ivp
 from spatial_beams import slider_crank_of_beams
-from test_moving_mass import moving
+from test_sliding_coordinates import moving
 
 from pgmp_petsc.bench.history import run_history
 from pgmp_petsc.bench.prices import BESIDE, step_seconds
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.lengths import of_samples
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.effect_sizes import estimate_effects
-from scenes import HEADER, tables
+from scenes import HEADER, mechanism_of, meshes_of, tables
 
 MASS, LEVER, INERTIA, G = 2.0, 0.3, 0.05, 9.80665
 MU, RADIUS, SLOW = 0.2, 0.05, 0.2  # it sets in within 8 ms, which the steps below resolve
@@ -320,7 +319,7 @@ def test_runs_of_a_trade_off_have_it(make):
 
 def test_its_size_among_effects_is_its_work():
     """Of a rigid pendulum, whose run it is."""
-    sizes, balance = estimate_effects(pendulum(), read_meshes(pendulum())), motion("full", pendulum()).balance
+    sizes, balance = estimate_effects(pendulum(), meshes_of(pendulum())), motion("full", pendulum()).balance
     (rub,) = (size for size in sizes.sizes if size.name == "rub")
     assert rub.share == pytest.approx(np.abs(balance.work["rub"]).max() / balance.exchanged, rel=1e-3)
 
@@ -328,7 +327,7 @@ def test_its_size_among_effects_is_its_work():
 def test_predicted_times_count_it():
     """A step of the mesh takes 2.5 ms with friction in three joints, nearly all of them for that."""
     rubbing, limited = (
-        step_seconds(Mechanism.from_scene(scene, read_meshes(scene)))
+        step_seconds(mechanism_of(scene))
         for scene in (slider(), slider('effects.in_pin={type="joint_friction",joint="pin",limit=1.0,speed=1.0}'))
     )
     assert rubbing - limited == pytest.approx(BESIDE, rel=1e-9) and 1e-3 < rubbing < 5e-3

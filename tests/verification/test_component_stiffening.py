@@ -10,8 +10,8 @@ from conftest import ROOT
 from effect_scenes import CANTILEVER, line_meshes, scene_of
 from runs import components_model, full_model, history, motion, samples
 from solid_scenes import solid_meshes, solid_slider_crank
-from spatial import bars_of, slider_crank_in_space
-from spatial_beams import lines_of, slider_crank_of_beams
+from spatial import slider_crank_in_space
+from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
@@ -19,7 +19,7 @@ from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
-from scenes import tables
+from scenes import meshes_of, tables
 
 STIFFENING = tables("""
 effects.stiffening: type = "geometric_stiffening"
@@ -122,8 +122,8 @@ SLIDER = 'outputs={slide={type="deformation", point="rod:tip", axis="x"}}'
 EFFECTS = ('effects.stiffening={type="geometric_stiffening"}', 'effects.shapes={type="mode_inertia"}')  # as STIFFENING
 SLIDER_CRANKS = {
     "cells": (lambda *more: solid_slider_crank(*more, SLIDER.replace("tip", "right")), lambda _: solid_meshes()),
-    "beams in space": (lambda *more: slider_crank_of_beams(*more, SLIDER), lines_of),
-    "solids": (lambda *more: slider_crank_in_space(*more, SLIDER), bars_of),
+    "beams in space": (lambda *more: slider_crank_of_beams(*more, SLIDER), meshes_of),
+    "solids": (lambda *more: slider_crank_in_space(*more, SLIDER), meshes_of),
 }
 
 

@@ -24,7 +24,6 @@ from runs import (
     in_turn,
     motion,
     overridden,
-    read_meshes,
     reduced_model,
     run_model,
     samples,
@@ -50,7 +49,7 @@ from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.simulate import simulate
-from scenes import HEADER, slider_crank, tables
+from scenes import HEADER, meshes_of, slider_crank, tables
 
 SERVO_ARM = ROOT / "pgmp_petsc" / "scene" / "templates" / "servo.toml"
 INERTIA, G = 0.1, 9.80665
@@ -726,7 +725,7 @@ def test_a_reduction_is_chosen_under_control(entries: tuple[str, ...]) -> None:
     """It keeps its tolerance at a gain that took no part, held forces included."""
     given = 'reduction={tolerance=1e-2,angles=6,interpolation="spline",inertia_modes=false,second_order=false}'
     asked = cart(*entries, *NEAR[:2], given, *FORCES, "simulation.duration=0.05")
-    found = choose(asked, read_meshes(asked), RankGroup.split(MPI.COMM_SELF, 1), lambda text: None)
+    found = choose(asked, meshes_of(asked), RankGroup.split(MPI.COMM_SELF, 1), lambda text: None)
     assert found.rom.tables.n_modes < 15
     values = {"lead": np.array([36.0])}
     exact = history(full_model(found.scene), values, 1)[1]
@@ -738,7 +737,7 @@ def test_sizes_of_effects_are_those_of_the_motion_under_control() -> None:
     """Of the rigid arm under its controller, whose speed is that of the flexible one but for 2 % of vibrations; a
     build that chooses effects takes them."""
     scene = load_scene(SERVO_ARM, ("simulation.duration=0.5", 'reduction.effects="auto"'))
-    sizes, (times, found) = estimate_effects(scene, read_meshes(scene)), run(scene, "full")
+    sizes, (times, found) = estimate_effects(scene, meshes_of(scene)), run(scene, "full")
     fastest = np.abs(np.gradient(found["tip_angle"], times)).max()
     assert sizes.largest_speed["theta"] == pytest.approx(fastest, rel=0.05)
     assert {size.name for size in sizes.sizes if size.keeps} >= {"tool", "rotor", "structure"}

@@ -50,9 +50,6 @@ def run_of(text: str, duration: float, *overrides: str, **initial: float) -> Tra
     return motion(build(scene))
 
 
-# --- closed forms ----------------------------------------------------------------------------------------------------
-
-
 ONE = {"velocity": 1.0}
 #: Of `TURNED` all but what is too fast for these steps; and what acts on bodies that deform alone.
 CLOSED = {name: row[:5] for name, row in TURNED.items() if "stop" not in name and "hinge" not in name} | {
@@ -134,8 +131,6 @@ def test_the_decay_of_a_mode(name: str) -> None:
     np.testing.assert_allclose(rotation, [0.0, brake], rtol=0, atol=1e-4)
 
 
-# --- against the full-order model: effects of sliding joints ---------------------------------------------------------
-
 MODES = (
     "reduction.modes=4", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
     'reduction.interpolation="spline"',
@@ -167,8 +162,6 @@ def test_the_motion_is_that_of_the_full_order_model(name: str) -> None:
         np.testing.assert_allclose(reduced[output], expected, rtol=0, atol=1e-3 * moved)
         assert np.abs(without[output] - expected).max() > 0.02 * moved, "the effect takes part"
 
-
-# --- what is not named is not there ----------------------------------------------------------------------------------
 
 SHORT = "\n[simulation]\nduration = 2e-2\nstep = 2e-3\n"
 NAMED = {
@@ -275,9 +268,6 @@ def test_an_effect_adds_and_evaluates_only_what_is_its_own(
     assert equations.tables.loads.polynomials.shape[1] == (kind in ("torque", "gravity"))
     assert equations.prescribed.any() == (kind == "prescribed_motion")
     assert layout.quadratic
-
-
-# --- the inertia forces quadratic in the velocities ------------------------------------------------------------------
 
 
 def bending(speed: float, keep: bool) -> tuple[np.ndarray, ReducedModel]:

@@ -19,15 +19,13 @@ from elastic_scenes import (
 )
 from machine_scenes import MODELS
 from mpi4py import MPI
-from runs import assert_close, history, motion, read_meshes, reduced_model, rom_of, samples, trajectory
+from runs import assert_close, history, motion, reduced_model, rom_of, samples, trajectory
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 from pgmp_petsc.api.sources import scene_of_built
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.c_export.constants import started
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
@@ -35,7 +33,7 @@ from pgmp_petsc.studies.building import build
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.effect_sizes import choose_effects, estimate_effects
 from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
-from scenes import STEEL
+from scenes import STEEL, kinematics_of, meshes_of
 
 GRAVITY = 9.80665
 
@@ -111,7 +109,7 @@ def test_stiffness_to_infinity_gives_the_rigid_joint():
 
 def test_soft_mounts_do_not_change_the_count_of_coordinates():
     scene = machine()
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+    kinematics = kinematics_of(scene)
     assert kinematics.n_coordinates == 1
     motion = kinematics.motion(np.array([0.3]))
     assert motion.released.shape[-1] == 3  # of six directions of two mounts
@@ -146,7 +144,7 @@ def test_reduced_frequencies_on_springs_are_those_of_the_mesh():
     scene = machine(*REDUCED)
     rom = rom_of(scene)
     assert rom.tables.unstrained.size == 3
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+    kinematics = kinematics_of(scene)
     springs, _ = springs_of(scene, kinematics)
     theta = rom.tables.samples.theta[[3]]
     found = reduced_vibrations(rom, springs, scene.interpolation, scene.values, theta)
@@ -223,13 +221,13 @@ def test_sizes_of_effects_have_what_joints_give_way():
     sunk = *SUNK[machine], *AT_REST, "effects={weight={type='gravity'}}"
     scene = machine(*sunk, "outputs={turn={type='rotation',point='frame:middle'}}")
     turned = abs(_outputs(MODELS["full"](scene), scene)["turn"][0])
-    found = {size.kind: size for size in estimate_effects(scene, read_meshes(scene)).sizes}
+    found = {size.kind: size for size in estimate_effects(scene, meshes_of(scene)).sizes}
     stiffening = found["geometric_stiffening"]
     assert stiffening.keeps and stiffening.share == pytest.approx(turned, rel=0.05)
     assert stiffening.measure == "rotation of bodies by what elastic joints give way, rad"
     assert found["gravity"].measure.endswith("elastic joints locked")
     auto = machine(*sunk, "reduction.effects='auto'")
-    kept, _ = choose_effects(auto, read_meshes(auto), read_meshes(auto))
+    kept, _ = choose_effects(auto, meshes_of(auto), meshes_of(auto))
     assert "weight" in kept.effects and kept.second_order
 
 
@@ -250,10 +248,10 @@ def test_an_offset_without_a_balance_is_refused():
         with pytest.raises(InputError, match=loose):
             motion(make(scene))
     with pytest.raises(InputError, match=loose):
-        describe_scene(scene, read_meshes(scene))
+        describe_scene(scene, meshes_of(scene))
     with pytest.raises(InputError, match=loose), RankGroup.split(MPI.COMM_SELF, 1) as group:
-        build(scene, read_meshes(scene), group)
-    describe_scene(held, read_meshes(held))
+        build(scene, meshes_of(scene), group)
+    describe_scene(held, meshes_of(held))
     found = {name: _outputs(make(held), held)["left"][0] for name, make in MODELS.items()}
     assert found == pytest.approx(dict.fromkeys(found, 0.0), abs=1e-12), "1 mm up, with no spring in that direction"
 

@@ -3,7 +3,7 @@
 A slider-crank in the plane on a rigid frame on springs: its geometrically exact beams of two nodes are Reissner's, as
 ours are, and so is the scheme, so that runs agree to the tolerance of its iterations.
 
-A crooked four-bar in space: the linkage of `crooked_scenes` with the pin of C off, there of geometrically exact beams
+A crooked four-bar in space: the linkage of `offset_scenes` with the pin of C off, there of geometrically exact beams
 in space (two nodes with Euler parameters, shear), ideal revolute joints and the same stiffness and inertia of sections,
 on the same meshes. Elements interpolate rotations and masses in ways of their own, so that the programs differ by the
 square of an element's length, and tend to the same.
@@ -12,8 +12,7 @@ square of an element's length, and tend to the same.
 import numpy as np
 import pytest
 from alike import orders
-from crooked_scenes import spatial_four_bar
-from offset_scenes import offset
+from offset_scenes import offset, spatial_four_bar
 from runs import motion, trajectory
 
 from pgmp_petsc.scene import Scene, scene_from_toml

@@ -7,13 +7,12 @@ import pytest
 from conftest import ROOT
 from runs import assert_close, components_model, full_model, history, run_model, samples
 from scipy.integrate import solve_ivp
-from spatial_beams import lines_of
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.estimates.own_error import why_not_of_full_order
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.stepping.status import Status
-from scenes import HEADER, tables
+from scenes import HEADER, meshes_of, tables
 
 TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
 LENGTHS = (0.4, 0.3, 0.2)
@@ -162,7 +161,7 @@ simulation: duration = 0.2; step = 1e-3
 def test_an_arm_that_is_driven_beyond_a_straight_elbow_ends_with_its_instant(model: Callable) -> None:
     """Within two steps of where its elbow is straight."""
     scene = scene_from_toml(REACH, ".")
-    _, run = run_model(model(scene, lines_of(scene)))
+    _, run = run_model(model(scene, meshes_of(scene)))
     assert run.status[0] not in (Status.FINE, Status.LEFT_RANGE)
     assert run.failure_time[0] == pytest.approx(0.1, abs=2.5e-3)
 
@@ -170,5 +169,5 @@ def test_an_arm_that_is_driven_beyond_a_straight_elbow_ends_with_its_instant(mod
 def test_a_straight_elbow_within_the_range_is_refused_with_the_configuration() -> None:
     for end, refused in ((0.85, False), (0.9, True), (0.95, True)):
         scene = scene_from_toml(REACH, ".", [f"coordinates.reach.range=[0.4,{end}]"])
-        found = pytest.raises(InputError, full_model, scene, lines_of(scene)) if refused else None
+        found = pytest.raises(InputError, full_model, scene, meshes_of(scene)) if refused else None
         assert not refused or "they do not control the mechanism at turn = -1 rad, reach = 0.9 m" in str(found.value)

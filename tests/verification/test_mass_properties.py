@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from alike import assert_alike
-from runs import MODELS, history, read_meshes, samples
+from runs import MODELS, history, samples
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.check import describe_scene, summary_of_scene
 from pgmp_petsc.studies.plausibility import plausibility
-from scenes import HEADER, SLIDER_CRANK, tables
+from scenes import HEADER, SLIDER_CRANK, meshes_of, tables
 
 G = 9.80665
 
@@ -269,7 +269,7 @@ def test_a_thin_disc_carries_a_point_mass() -> None:
         (disc.format(total, centre.tolist(), [float(x) for x in moments]),),
     )
     carrying, one = (scene_from_toml(TOP, ".", ("simulation.duration=0.2", *more)) for more in scenes)
-    assert "load:mass" in describe_scene(carrying, read_meshes(carrying))
+    assert "load:mass" in describe_scene(carrying, meshes_of(carrying))
     both = [run(scene)[1] for scene in (carrying, one)]
     for name, values in both[0].items():
         np.testing.assert_allclose(both[1][name], values, rtol=0, atol=1e-8)
@@ -279,7 +279,7 @@ def test_check_warns_of_inertia_that_samples_may_have_and_no_body_has() -> None:
     wide = 'parameters.c.distribution={name="norm",loc=0.003,scale=0.01}'
     for overrides, n in (((wide,), 1), ((), 0)):
         scene = scene_from_toml(TOP, ".", overrides)
-        found = [one for one in plausibility(scene, read_meshes(scene)) if "which samples may have" in one.text]
+        found = [one for one in plausibility(scene, meshes_of(scene)) if "which samples may have" in one.text]
         assert len(found) == n
         assert all(one.text.startswith("bodies.top.rigid.inertia = [") for one in found)
         assert all("at c = -0.027, which samples may have, is not positive definite" in one.text for one in found)
@@ -287,7 +287,7 @@ def test_check_warns_of_inertia_that_samples_may_have_and_no_body_has() -> None:
 
 def test_check_says_the_mass_properties() -> None:
     scene = scene_from_toml(TOP, ".")
-    meshes = read_meshes(scene)
+    meshes = meshes_of(scene)
     said = describe_scene(scene, meshes)
     assert (
         "top: rigid, 2 kg, centre of mass (0.05, 0, 0.1) m, inertia about it (xx, xy, xz, yy, yz, zz) "

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from alike import assert_alike
-from crooked_scenes import pivot_off, spatial_four_bar
 from machine_scenes import MODELS
 from mpi4py import MPI
-from offset_scenes import CLAMPED, SHEAR, E, G, clamped_beam, clamped_stiffness, offset
+from offset_scenes import CLAMPED, SHEAR, E, G, clamped_beam, clamped_stiffness, offset, pivot_off, spatial_four_bar
 from refusals import cases, check_said, refusal
 from runs import PGMP, full_model, motion, overridden, refused
 

@@ -9,7 +9,7 @@ from differences import SHARES, compare
 from exported import assert_same_in_c, needs_compiler
 from machine_scenes import MODELS, RAIL_MASS, cart, rail, run
 from refusals import cases, check_said, refusal
-from runs import pgmp, read_meshes, reduced_model, still
+from runs import pgmp, reduced_model, still
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.formulas import FUNCTIONS, Series, SeriesAlgebra, declared, evaluated
@@ -19,6 +19,7 @@ from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.plausibility.check import plausibility
+from scenes import meshes_of
 
 OSCILLATOR = (
     'effects.held={type="spring_damper",joint="rail",stiffness=400.0}', "materials.steel.E=2e13",
@@ -188,8 +189,8 @@ AT_START = {
 def test_what_is_refused_at_the_start(overrides: tuple[str, ...], words: str) -> None:
     scene = cart(*overrides)
     with pytest.raises(InputError, match=words):
-        describe_scene(scene, read_meshes(scene))
-        plausibility(scene, read_meshes(scene))
+        describe_scene(scene, meshes_of(scene))
+        plausibility(scene, meshes_of(scene))
 
 
 def test_a_parameter_without_a_unit_needs_that_of_the_formula() -> None:

@@ -10,13 +10,23 @@ import numpy as np
 import pytest
 from alike import assert_alike
 from conftest import ROOT
-from crooked_scenes import FOUR_BAR, spatial_four_bar
 from differences import compare
 from machine_scenes import MODELS
 from millimetres import in_millimetres
 from mpi4py import MPI
-from offset_scenes import CLAMPED, HEIGHT, LENGTH, WIDTH, E, clamped_beam, clamped_stiffness, offset
-from runs import PGMP, built_rom, full_model, motion, overridden, read_meshes, reduced_model, refused
+from offset_scenes import (
+    CLAMPED,
+    FOUR_BAR,
+    HEIGHT,
+    LENGTH,
+    WIDTH,
+    E,
+    clamped_beam,
+    clamped_stiffness,
+    offset,
+    spatial_four_bar,
+)
+from runs import PGMP, built_rom, full_model, motion, overridden, reduced_model, refused
 from scipy.optimize import brentq
 from scipy.stats import norm
 from solid_scenes import solid_meshes, solid_slider_crank
@@ -35,6 +45,7 @@ from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.modes_table import tabulate_modes
 from pgmp_petsc.studies.simulate import simulate
+from scenes import meshes_of
 
 TILT = float(np.radians(5.0))
 SMOOTH = ("reduction.interpolation='spectral'", "effects={}")
@@ -274,7 +285,7 @@ def test_built_in_stress_tunes_a_beam_as_a_string(stretch: float) -> None:
     scene, group = clamped_beam(offset("right", place=[stretch, 0.0]), *TENSION), RankGroup.split(MPI.COMM_SELF, 1)
     rom = built_rom(scene)
     straight, pulled = (
-        tabulate_modes(own, read_meshes(own), model, 2, group)
+        tabulate_modes(own, meshes_of(own), model, 2, group)
         for own, model in ((clamped_beam(*TENSION), None), (scene, rom))
     )
     assert any("under the stress that joints that are off build in" in remark.text for remark in pulled.record.remarks)
@@ -301,14 +312,14 @@ def test_built_in_stress_tunes_a_beam_as_a_string(stretch: float) -> None:
 
 def test_modes_without_terms_of_second_order_say_that_stress_has_no_part() -> None:
     scene, group = clamped_beam(offset("right", place=[1e-4, 0.0])), RankGroup.split(MPI.COMM_SELF, 1)
-    off, straight = (tabulate_modes(own, read_meshes(own), None, 2, group) for own in (scene, clamped_beam()))
+    off, straight = (tabulate_modes(own, meshes_of(own), None, 2, group) for own in (scene, clamped_beam()))
     np.testing.assert_array_equal(off.full_hz, straight.full_hz)
     assert any("has no part in the frequencies" in remark.text for remark in off.record.remarks)
 
 
 def test_sizes_of_effects_have_the_stress_that_is_built_in() -> None:
     scene = clamped_beam(offset("right", place=[1e-4, 0.0]), *TENSION[:2])
-    sizes = {size.kind: size.share for size in estimate_effects(scene, read_meshes(scene)).sizes}
+    sizes = {size.kind: size.share for size in estimate_effects(scene, meshes_of(scene)).sizes}
     assert sizes["geometric_stiffening"] == pytest.approx(0.147, rel=0.01)  # as of the string above
 
 

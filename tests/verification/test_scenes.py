@@ -45,8 +45,6 @@ def run(name: str, kind: str, duration: float, step: float) -> Trajectory:
     return motion(built(name).with_loads(scene))
 
 
-# --- the reduced model -----------------------------------------------------------------------------------------------
-
 # Duration and step (s), and the largest deviations as shares of an output's largest value: of coordinates and
 # positions, and of deformations. The step's own error is common to both models.
 COMPARED = {
@@ -78,8 +76,6 @@ def test_the_reduced_model_follows_the_full_order_one(name: str) -> None:
         # theta of the reduced model is not the angle of the bent hinge node: a small bending between them
         assert np.abs(found - expected).max() < 5e-3 * np.ptp(expected), coordinate
 
-
-# --- the balance of energy -------------------------------------------------------------------------------------------
 
 # Duration and step (s) at which the residual of both models is below 1e-6 of the energy exchanged. Whole scenes of the
 # full-order model: 1.1e-6 at 0.1 ms (four_bar), 0.6e-6 at 0.1 ms (quick_return), 0.6e-6 at 0.25 ms (double_pendulum),

@@ -8,16 +8,7 @@ from equations import evaluated
 from mpi4py import MPI
 from runs import full_model, motion
 from spatial import DENSITY, SECOND_AXIS, TURN
-from spatial_beams import (
-    HEIGHT,
-    SLIDER_CRANK,
-    WIDTH,
-    beam,
-    kinematics_of_beams,
-    lines_of,
-    pendulum_in_space,
-    slider_crank_of_beams,
-)
+from spatial_beams import HEIGHT, SLIDER_CRANK, WIDTH, beam, pendulum_in_space, slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.beam3d import at_rest, natural_mass
@@ -28,7 +19,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from scenes import HEADER, tables
+from scenes import HEADER, kinematics_of, mechanism_of, meshes_of, tables
 
 N_STEPS = int(os.environ.get("PGMP_STEPS", "1000"))  # of 1e-4 s without forces; 10,000 take a minute
 
@@ -49,9 +40,6 @@ coordinates.theta2: joint = "elbow"
 """)
     )
     return scene_from_toml(text, ".", overrides)
-
-
-# --- energy and momentum ---------------------------------------------------------------------------------------------
 
 
 def test_energy_and_momentum_of_free_motion() -> None:
@@ -99,13 +87,10 @@ def test_energy_is_balanced_with_the_square_of_the_step() -> None:
     assert np.log2(shares[0] / shares[1]) > 1.7, shares
 
 
-# --- inertia of sections ---------------------------------------------------------------------------------------------
-
-
 def test_sections_have_the_inertia_forces_of_their_fibres() -> None:
     """Any linear field of accelerations, through the directors' masses and through the field's rotations."""
     scene = pendulum_in_space('bodies.arm.mesh="0.0:1.0:3"', "bodies.arm.orientation=[0.0, 0.6, 0.8]")
-    (body,) = Mechanism.from_scene(scene, lines_of(scene)).bodies
+    (body,) = mechanism_of(scene).bodies
     mass = weighted_sum(assemble([body], range(body.dofs.size)).mass, {}).toarray()
     inertia = sum(np.array(terms) for terms in body.section.terms("mass").values())
     gradient = np.random.default_rng(5).standard_normal((3, 3))
@@ -122,7 +107,7 @@ def test_a_rigid_beam_has_the_inertia_of_its_line() -> None:
     """About its centre of mass, against the flexible body's mass in rigid motion."""
     scene = pendulum_in_space("bodies.arm.orientation=[0.0, 0.6, 0.8]")
     rigid = pendulum_in_space("bodies.arm.orientation=[0.0, 0.6, 0.8]", "bodies.arm.flexible=false")
-    (body,), (stiff,) = (Mechanism.from_scene(made, lines_of(made)).bodies for made in (scene, rigid))
+    (body,), (stiff,) = (mechanism_of(made).bodies for made in (scene, rigid))
     mass = weighted_sum(assemble([body], range(body.dofs.size)).mass, {}).toarray()
     unit = body.linear_fields()
     motion = np.column_stack([*unit[:, :3].T, unit[:, 3:] @ [0, 0, 0, 0, 0, -1, 0, 1, 0],
@@ -141,7 +126,7 @@ def test_a_parameter_of_the_section_changes_modes_as_the_section_does() -> None:
     scene, other = slider_crank_of_beams(), slider_crank_of_beams("parameters.r1.nominal=7e-3")
     found = []
     for made, values in ((scene, {"r1": 7e-3}), (other, {"r1": 7e-3})):
-        mechanism = kinematics_of_beams(made).mechanism
+        mechanism = kinematics_of(made).mechanism
         matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
         found.append([weighted_sum(terms, values).toarray() for terms in (matrices.mass, matrices.stiffness)])
     for one, two in zip(*found):
@@ -156,7 +141,7 @@ def test_the_reduced_run_follows_the_full_order_one_out_of_the_plane() -> None:
         *DAMPED, outputs, "simulation.duration=0.1", "reduction.modes=8", "reduction.angles=48",
         "reduction.static_modes=true", "reduction.inertia_modes=true", 'reduction.interpolation="spline"',
     )  # fmt: skip
-    meshes = lines_of(made)
+    meshes = meshes_of(made)
     full = motion("full", made, meshes)
     reduced = motion("reduced", made, meshes)
     for name, limit in (("angle", 1e-5), ("across", 2e-3)):
@@ -171,7 +156,7 @@ def test_the_reduced_run_follows_the_full_order_one_out_of_the_plane() -> None:
 def test_strains_of_reduced_runs(strain: str) -> None:
     """A stretched beam, and one bent about both axes of its section: the curvature times half the diagonal."""
     scene = pendulum_in_space()
-    kinematics = kinematics_of_beams(scene)
+    kinematics = kinematics_of(scene)
     places = kinematics.mechanism.bodies[0].mesh.nodes[:, 0]
     local = np.zeros((1, places.size, 6))
     if strain == "extension":
@@ -192,8 +177,6 @@ def test_a_section_by_coefficients_has_the_height_of_its_larger_bending() -> Non
     )
     assert half_height(scene, "rod", {}) == pytest.approx(2.0 * np.sqrt(640.0 / 2e7))
 
-
-# --- bad input -------------------------------------------------------------------------------------------------------
 
 SQUARE = 'section={shape="rectangle", width=0.01, height=0.01}'
 COEFFICIENTS = (
@@ -224,7 +207,7 @@ def test_a_wrong_entry_is_refused_by_name(override: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         made = slider_crank_of_beams(override)
         check_capabilities(made, Purpose.FULL)
-        Mechanism.from_scene(made, lines_of(made))
+        mechanism_of(made)
 
 
 def test_entries_of_space_are_refused_in_the_plane() -> None:
@@ -248,14 +231,14 @@ def test_a_section_by_coefficients_is_the_section() -> None:
     """A rectangle's own coefficients give its matrices."""
     area, about_2, about_3 = WIDTH * HEIGHT, HEIGHT * WIDTH**3 / 12, WIDTH * HEIGHT**3 / 12
     rectangle = pendulum_in_space()
-    (body,) = Mechanism.from_scene(rectangle, lines_of(rectangle)).bodies
+    (body,) = mechanism_of(rectangle).bodies
     terms = sum(np.array(terms) for terms in body.section.terms("stiffness").values())
     keys = ("axial", "shear_2", "shear_3", "torsion", "bending_2", "bending_3")
     given = ", ".join(f"{key}={value!r}" for key, value in zip(keys, terms.tolist()))
     given += f", line_density={DENSITY * area!r}, rotary_2={DENSITY * about_2!r}, rotary_3={DENSITY * about_3!r}"
     section = f'section={{shape="coefficients3d", {given}}}'
     other = pendulum_in_space(f'bodies.arm={{mesh="0.0:1.0:10", element="beam3d", orientation=[0, 1, 0], {section}}}')
-    (twin,) = Mechanism.from_scene(other, lines_of(other)).bodies
+    (twin,) = mechanism_of(other).bodies
     for kind in ("mass", "stiffness"):
         one, two = (sum(each.of_elements(kind, np.arange(10)).values()) for each in (body, twin))
         np.testing.assert_allclose(two, one, rtol=1e-12)

@@ -1,6 +1,6 @@
-"""Beams in space: large deformations against published ones and closed forms, frequencies with the observed order, and
-the plane given in space."""
+"""Beams in the plane and in space: large deformations, frequencies, convergence, and the plane given in space."""
 
+import compiled_elements
 import numpy as np
 import pytest
 from alike import assert_order
@@ -12,9 +12,10 @@ from scipy.linalg import eig, eigh
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 from spatial import DENSITY
-from spatial_beams import HEIGHT, WIDTH, lines_of, pendulum_in_space, slider_crank_of_beams
+from spatial_beams import HEIGHT, WIDTH, pendulum_in_space, slider_crank_of_beams
 
 from pgmp_petsc.bodies.beam3d import at_rest
+from pgmp_petsc.bodies.body import DOFS_PER_NODE, element_dofs
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -23,9 +24,7 @@ from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import STEEL, meshes_of, slider_crank, tables
-
-# --- large deformations ----------------------------------------------------------------------------------------------
+from scenes import SHEAR_FACTOR, STEEL, kinematics_of, mechanism_of, meshes_of, pendulum, slider_crank, straight, tables
 
 BEND = tables("""
 scene: name = "bend"
@@ -152,8 +151,6 @@ def test_a_moment_rolls_a_cantilever_into_a_circle(n: int, about: list[float]) -
     np.testing.assert_allclose(np.linalg.norm(places - places[:-1].mean(axis=0), axis=1), radius, rtol=1e-10)
 
 
-# --- frequencies -----------------------------------------------------------------------------------------------------
-
 AREA, ABOUT_2, ABOUT_3 = WIDTH * HEIGHT, HEIGHT * WIDTH**3 / 12, WIDTH * HEIGHT**3 / 12
 E, SHEAR = STEEL["E"], STEEL["E"] / 2.6
 ODD = np.arange(1, 200, 2)  # of the series of Timoshenko and Goodier 1951, art. 94
@@ -205,7 +202,7 @@ def closed_forms(clamped: bool) -> dict[str, float]:
 def frequencies(n: int, clamped: bool) -> dict[str, float]:
     """Return the same of the mesh: the lowest of the modes that move in each way."""
     scene = pendulum_in_space(f'bodies.arm.mesh="0.0:1.0:{n}"')
-    mechanism = Mechanism.from_scene(scene, lines_of(scene))
+    mechanism = mechanism_of(scene)
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     free = slice(6 if clamped else 0, None)
     mass, stiffness = (weighted_sum(terms, {}).toarray()[free, free] for terms in (matrices.mass, matrices.stiffness))
@@ -235,8 +232,6 @@ def test_frequencies_of_bending_torsion_and_extension(clamped: bool) -> None:
     assert max(errors[-1]) < 6e-3, errors
 
 
-# --- the plane in space ----------------------------------------------------------------------------------------------
-
 DRIVEN = "effects.motor.table=[[0, 0], [0.05, 5.0], [1, 5.0]]"
 OUTPUTS = (
     'outputs={angle={type="angle", joint="crank_hinge"}, bent={type="deformation", point="rod:tip", axis="x"}, '
@@ -250,7 +245,7 @@ def short(step: float) -> tuple[str, ...]:
 
 def planar_and_spatial(step: float) -> tuple[tuple[Scene, dict], tuple[Scene, dict]]:
     planar, spatial = slider_crank(*short(step)), slider_crank_of_beams(*short(step))
-    return (planar, meshes_of(planar)), (spatial, lines_of(spatial))
+    return (planar, meshes_of(planar)), (spatial, meshes_of(spatial))
 
 
 def modes_at(scene: Scene, meshes: dict, n_modes: int) -> np.ndarray:
@@ -279,3 +274,85 @@ def test_full_order_runs_of_the_plane_in_space() -> None:
         found.append(largest_errors(one.outputs, other.outputs))
     assert found[1]["angle"] < 2e-9 and found[1]["middle"] < 2e-9 and found[1]["bent"] < 3e-8
     assert found[1]["angle"] < 0.35 * found[0]["angle"]
+
+
+N_ELEMENTS = (10, 20, 40)
+
+
+def solve_cantilever(n: int, section: np.ndarray, load: np.ndarray, n_steps: int) -> np.ndarray:
+    """Return the nodal unknowns (n + 1, 3) of a cantilever of 1 m under a load (3,) on its tip, by Newton's method."""
+    mesh = straight(0.0, 1.0, n)
+    dofs = element_dofs(mesh.cells)
+    u = np.column_stack([mesh.nodes, np.zeros(n + 1)]).ravel()
+    free = np.arange(DOFS_PER_NODE, u.size)
+    for factor in np.linspace(0.0, 1.0, n_steps + 1)[1:]:
+        for _ in range(30):
+            residual, tangent = np.zeros(u.size), np.zeros((u.size, u.size))
+            residual[-3:] = -factor * load
+            for element, length in zip(dofs, mesh.lengths):
+                force, local = compiled_elements.beam2d(u[element], length, 0.0, section)
+                residual[element] += force
+                tangent[np.ix_(element, element)] += local
+            step = np.linalg.solve(tangent[np.ix_(free, free)], residual[free])
+            u[free] -= step
+            if np.max(np.abs(step)) < 1e-10:
+                break
+        else:
+            pytest.fail("Newton's method does not converge")
+    return u.reshape(n + 1, DOFS_PER_NODE)
+
+
+def observed_order(errors: list[float]) -> np.ndarray:
+    """Return the order of convergence between grids, each twice as fine as the one before."""
+    return np.log2(np.array(errors[:-1]) / errors[1:])
+
+
+@pytest.mark.parametrize("slenderness", [1e1, 1e4])
+def test_the_deflection_of_a_cantilever(slenderness: float) -> None:
+    # P L^3 / (3 EI) + P L / (k_s G A); the tip's load is small enough for the linear answer
+    section = np.array([slenderness**2, 0.4 * slenderness**2, 1.0])
+    force = 1e-5
+    exact = force / 3 + force / section[1]
+    errors = []
+    for n in N_ELEMENTS:
+        tip = solve_cantilever(n, section, np.array([0.0, force, 0.0]), 1)[-1, 1]
+        errors.append(abs(tip - exact) / exact)
+    # one-point quadrature does not lock: the bending part errs by 1 / (4 n^2), whatever the slenderness
+    np.testing.assert_allclose(observed_order(errors), 2.0, rtol=0, atol=0.02)
+    assert errors[-1] == pytest.approx(0.25 / 40**2 * (force / 3) / exact, rel=0.01)
+
+
+@pytest.mark.parametrize(("angle", "n_steps", "reach"), [(np.pi / 2, 4, 1.0), (2 * np.pi, 12, 2.0)])
+def test_a_couple_rolls_a_beam_up(angle: float, n_steps: int, reach: float) -> None:
+    """A couple EI angle / L on the tip bends a beam to an arc; the largest coordinate is `reach` times the radius."""
+    section = np.array([1e4, 4e3, 1.0])
+    radius, errors = 1.0 / angle, []
+    for n in N_ELEMENTS:
+        q = solve_cantilever(n, section, np.array([0.0, 0.0, angle]), n_steps)
+        phi = np.linspace(0.0, angle, n + 1)
+        # the curvature of pure bending is constant, so rotations are exact
+        np.testing.assert_allclose(q[:, 2], phi, rtol=0, atol=1e-9)
+        exact = radius * np.column_stack([np.sin(phi), 1 - np.cos(phi)])
+        errors.append(np.max(np.abs(q[:, :2] - exact)))
+        # elements are as long as the arcs whose chords they are
+        half = angle / n / 2
+        assert errors[-1] == pytest.approx(reach * radius * (half / np.sin(half) - 1), rel=1e-6)
+    np.testing.assert_allclose(observed_order(errors), 2.0, rtol=0, atol=0.02)
+
+
+def test_the_bending_modes_of_a_hinged_beam() -> None:
+    """Pinned at one end, free at the other: tan(b L) = tanh(b L), b L = 3.9266, 7.0686 (Euler and Bernoulli)."""
+    radius, shift = 2e-4, np.array([3.92660231, 7.06858275])
+    area, inertia = np.pi * radius**2, np.pi * radius**4 / 4
+    exact = shift**2 * np.sqrt(STEEL["E"] * inertia / (STEEL["rho"] * area)) / (2 * np.pi)
+    errors = []
+    for n in N_ELEMENTS:
+        kinematics = kinematics_of(pendulum(f'bodies.arm.mesh="0.0:1.0:{n}"'))
+        with ModalProblem(kinematics, {}, 2, MPI.COMM_SELF) as problem:
+            frequencies = problem.solve(0.3).frequencies_hz
+        errors.append(np.abs(frequencies / exact - 1))
+    # shear and rotary inertia take (b L r / L)^2 (1 + E / (k_s G)) / 8 = 3e-6 at most off, 1/500 of the finest error
+    assert (shift[1] * radius) ** 2 * (1 + 2 * 1.3 / SHEAR_FACTOR) / 8 < 3e-6
+    for mode in range(2):
+        np.testing.assert_allclose(observed_order([e[mode] for e in errors]), 2.0, rtol=0, atol=0.06)
+    assert errors[-1].max() < 5e-3

@@ -125,8 +125,6 @@ def test_effects_on_a_bar_about_an_axis_in_space(name: str) -> None:
     assert name == "torque" or np.abs(found.balance.work["extra"]).max() > 1e-3
 
 
-# --- a planar scene in space -----------------------------------------------------------------------------------------
-
 CRANK, ROD = 0.3, 0.7
 DENSITY = STEEL["rho"] * WIDTH**2
 ALL = {

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from frames import check_derivatives
 from refusals import refusal
 from scipy.spatial.transform import Rotation
 from spatial import (
@@ -12,7 +13,6 @@ from spatial import (
     arm,
     assembled,
     crank_tip,
-    kinematics_in_space,
     slider_crank_in_space,
     slider_place,
     solid,
@@ -58,30 +58,9 @@ def lifted(planar: np.ndarray) -> np.ndarray:
     return np.stack([x, y, zero, cos, sin, zero, -sin, cos, zero, zero, zero, zero + 1.0], axis=1)
 
 
-def check_derivatives(kinematics: RigidKinematics, theta: np.ndarray) -> None:
-    """Compare rates and curvatures with differences, at theta of shape (n, n_theta)."""
-    step, n_theta = 1e-3, theta.shape[1]
-    rates = kinematics.rates(kinematics.poses(theta))
-    second = kinematics.curvatures(kinematics.poses(theta), rates)
-    n_bodies = len(kinematics.mechanism.bodies)
-    assert rates.shape == (n_bodies, 12, n_theta, len(theta))
-    assert second.shape == (n_bodies, 12, n_theta, n_theta, len(theta))
-    for k in range(n_theta):
-        at = {i: kinematics.poses(theta + i * step * np.eye(n_theta)[k]) for i in (-2, -1, 1, 2)}
-        slope = (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * step)
-        # fourth order, 1e-12 times the fifth derivative over 30, and poses solved to 1e-12 over the step
-        np.testing.assert_allclose(rates[:, :, k], slope, rtol=0, atol=1e-8)
-        of = {i: kinematics.rates(poses) for i, poses in at.items()}
-        bend = (8 * (of[1] - of[-1]) - (of[2] - of[-2])) / (12 * step)
-        np.testing.assert_allclose(second[:, :, :, k], bend, rtol=0, atol=1e-8)
-
-
-# --- the spatial slider-crank ----------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def crank_and_slider() -> RigidKinematics:
-    return kinematics_in_space(spatial_slider_crank())
+    return kinematics_of(spatial_slider_crank())
 
 
 def test_the_slider_of_the_spatial_slider_crank(crank_and_slider: RigidKinematics) -> None:
@@ -125,11 +104,8 @@ def test_the_angle_of_a_coordinate_counts_turns_and_its_poses_do_not(crank_and_s
     np.testing.assert_allclose(residual, 0.0, rtol=0, atol=1e-12)
 
 
-# --- the plane -------------------------------------------------------------------------------------------------------
-
-
 def test_a_slider_crank_in_space_moves_as_the_one_in_the_plane() -> None:
-    deep, flat = kinematics_in_space(slider_crank_in_space()), kinematics_of(slider_crank())
+    deep, flat = kinematics_of(slider_crank_in_space()), kinematics_of(slider_crank())
     # 5 + 5 + 2 constraints leave one of twelve degrees of freedom: one of them says again what the others do
     assert (deep.n_redundant, flat.n_redundant) == (1, 0)
     poses, planar = deep.poses(THETA), flat.poses(THETA)
@@ -154,7 +130,7 @@ def test_a_slider_crank_in_space_moves_as_the_one_in_the_plane() -> None:
 def test_the_sign_of_an_angle_follows_the_order_of_a_joints_points() -> None:
     """The coordinate is the second body's angle against the first: the ground's, if that is the second."""
     turned = 'joints.crank_hinge.connect=["crank:hinge","ground:origin"]'
-    deep = kinematics_in_space(slider_crank_in_space(turned, *LIMITED))
+    deep = kinematics_of(slider_crank_in_space(turned, *LIMITED))
     flat = kinematics_of(slider_crank(turned, *LIMITED))
     np.testing.assert_allclose(deep.poses(IN_PART), lifted(flat.poses(IN_PART)), rtol=0, atol=CLOSED)
     np.testing.assert_allclose(place(deep, "crank:tip", IN_PART)[1], -0.3 * np.sin(IN_PART), rtol=0, atol=CLOSED)
@@ -163,7 +139,7 @@ def test_the_sign_of_an_angle_follows_the_order_of_a_joints_points() -> None:
 def test_an_angle_starts_where_the_bodies_are_placed() -> None:
     """In space an angle is 0 where a joint's bodies are as placed; in the plane it is that between their axes."""
     placed = "bodies.crank.placement={origin=[0.0,0.0,0.0],rotation=[0.0,0.0,0.5]}"
-    kinematics = kinematics_in_space(slider_crank_in_space(placed, *LIMITED))
+    kinematics = kinematics_of(slider_crank_in_space(placed, *LIMITED))
     tip, angle = place(kinematics, "crank:tip", IN_PART), IN_PART + 0.5
     np.testing.assert_allclose(tip[:2], 0.3 * np.array([np.cos(angle), np.sin(angle)]), rtol=0, atol=CLOSED)
 
@@ -175,14 +151,12 @@ def test_hinges_everywhere_say_many_things_again() -> None:
         'joints.slider={type="prismatic",connect=["ground:origin","slider:hinge"],axis=[1.0,0.0,0.0]}',
         'joints.wrist={type="revolute",connect=["rod:tip","slider:hinge"],axis=[0.0,0.0,1.0]}',
     )
-    kinematics = kinematics_in_space(slider_crank_in_space(*slider, *LIMITED))
+    kinematics = kinematics_of(slider_crank_in_space(*slider, *LIMITED))
     flat = kinematics_of(slider_crank(*LIMITED))
     assert kinematics.n_redundant == 3
     np.testing.assert_allclose(kinematics.poses(IN_PART)[:2], lifted(flat.poses(IN_PART)), rtol=0, atol=CLOSED)
     check_derivatives(kinematics, 0.9 * IN_PART[:, None])
 
-
-# --- further loops with a closed form --------------------------------------------------------------------------------
 
 BENNETT = (0.3, 0.5)  # lengths of the sides, m
 TWISTS = (0.5, np.arcsin(BENNETT[1] / BENNETT[0] * np.sin(0.5)))  # lengths over sines of twists are the same
@@ -239,7 +213,7 @@ def bennett() -> Scene:
 
 
 def test_a_bennett_linkage() -> None:
-    kinematics = kinematics_in_space(bennett())
+    kinematics = kinematics_of(bennett())
     # 20 constraints would take two degrees of freedom more than three bodies have
     assert kinematics.n_redundant == 3
     turns, origins = bennett_links(BENNETT_START + THETA)
@@ -269,7 +243,7 @@ def cardan(bend: float = BEND) -> Scene:
 
 def test_a_universal_joint_turns_unevenly() -> None:
     """Hooke's joint: ``tan phi = tan theta cos bend``."""
-    kinematics = kinematics_in_space(cardan())
+    kinematics = kinematics_of(cardan())
     assert kinematics.n_redundant == 14 - 11
     phi = np.arctan2(np.sin(THETA) * np.cos(BEND), np.cos(THETA))
     expected = about(ALONG, phi) @ about([0.0, 0.0, 1.0], np.array([BEND]))
@@ -279,7 +253,7 @@ def test_a_universal_joint_turns_unevenly() -> None:
 
 def test_a_yoke_on_a_guide() -> None:
     """The crank's tip moves in a slot across the guide: a plane fixed in the yoke. x = r cos theta."""
-    kinematics = kinematics_in_space(assembled(
+    kinematics = kinematics_of(assembled(
         solid("crank", 0.1),
         solid("yoke", 0.2, [0.1, 0.0, 0.0]),
         table("joints.drive", type="revolute", connect=["ground:origin", "crank:hinge"], axis=[0.0, 0.0, 1.0]),
@@ -296,7 +270,7 @@ def test_a_yoke_on_a_guide() -> None:
 def test_a_sleeve_that_slides_and_turns() -> None:
     """A sleeve on a rail below the crank carries a line through the crank's tip: both its motions are closed forms."""
     depth, radius = 0.15, 0.1
-    kinematics = kinematics_in_space(assembled(
+    kinematics = kinematics_of(assembled(
         table("ground.points", rail=[0.0, 0.0, -depth]),
         solid("crank", radius),
         solid("sleeve", 0.2, [radius, 0.0, -depth]),
@@ -314,7 +288,7 @@ def test_a_sleeve_that_slides_and_turns() -> None:
 
 def test_a_weld_keeps_the_rotation_as_placed() -> None:
     turn = np.array([0.4, -0.3, 0.8])
-    kinematics = kinematics_in_space(assembled(
+    kinematics = kinematics_of(assembled(
         solid("crank", 0.3),
         solid("arm", 0.2, [0.0, 0.0, 0.0], turn),  # its place follows from the weld
         table("joints.drive", type="revolute", connect=["ground:origin", "crank:hinge"], axis=[0.0, 0.6, 0.8]),
@@ -328,8 +302,6 @@ def test_a_weld_keeps_the_rotation_as_placed() -> None:
     np.testing.assert_allclose(place(kinematics, "arm:hinge", IN_PART), 0.3 * crank[:, :, 0].T, rtol=0, atol=CLOSED)
 
 
-# --- one body on two joints ------------------------------------------------------------------------------------------
-
 SPINDLE = np.array([0.36, 0.48, 0.8])
 ACROSS = np.array([0.8, -0.6, 0.0])
 START = Rotation.from_matrix(np.column_stack([SPINDLE, ACROSS, np.cross(SPINDLE, ACROSS)]))
@@ -337,7 +309,7 @@ START = Rotation.from_matrix(np.column_stack([SPINDLE, ACROSS, np.cross(SPINDLE,
 
 def spindle(kind: str, **entries: object) -> RigidKinematics:
     """Return the kinematics of a bar that turns about itself in a hinge, its other end in a second joint."""
-    return kinematics_in_space(assembled(
+    return kinematics_of(assembled(
         table("ground.points", end=0.3 * SPINDLE),
         solid("bar", 0.3, [0.0, 0.0, 0.0], START.as_rotvec()),
         table("joints.drive", type="revolute", connect=["ground:origin", "bar:hinge"], axis=SPINDLE),
@@ -366,11 +338,8 @@ def test_a_bar_that_turns_about_itself(kind: str) -> None:
     )
 
 
-# --- two coordinates -------------------------------------------------------------------------------------------------
-
-
 def test_an_open_chain_of_two_coordinates() -> None:
-    kinematics = kinematics_in_space(arm(*ARM_PART))
+    kinematics = kinematics_of(arm(*ARM_PART))
     theta = np.random.default_rng(1).uniform(-0.95, 0.95, (40, 2))
     assert (kinematics.n_coordinates, kinematics.n_redundant) == (2, 0)
     first = about([0.0, 0.0, 1.0], theta[:, 0])
@@ -383,7 +352,7 @@ def test_an_open_chain_of_two_coordinates() -> None:
 
 def test_the_derivatives_of_coordinates_in_small_motions_of_nodes() -> None:
     """By which the bending of a joint's nodes changes its angle, in body frames: of both bodies, or of the only one."""
-    kinematics = kinematics_in_space(arm(*ARM_PART))
+    kinematics = kinematics_of(arm(*ARM_PART))
     poses, step = kinematics.poses(np.array([[0.4, -0.7]]))[..., 0], 1e-5
     for coordinate, n_moving in zip(kinematics.coordinates, (1, 2)):
         joint = coordinate.connection
@@ -405,12 +374,9 @@ def test_the_derivatives_of_coordinates_in_small_motions_of_nodes() -> None:
                 assert gradient[0, moved.dofs[k]] == pytest.approx((angles[0] - angles[1]) / (2 * step), abs=1e-9)
 
 
-# --- ranges ----------------------------------------------------------------------------------------------------------
-
-
 def test_a_range_that_does_not_begin_at_zero() -> None:
     """More than half a turn away from the placement, where the measured angle is another one by a whole turn."""
-    kinematics = kinematics_in_space(slider_crank_in_space(
+    kinematics = kinematics_of(slider_crank_in_space(
         "coordinates.theta.range=[4.0,7.0]", "coordinates.theta.periodic=false",
         "simulation.initial.theta.position=4.0",
     ))  # fmt: skip
@@ -434,19 +400,16 @@ TRAMMEL = (
 
 
 def test_a_trammel() -> None:
-    kinematics = kinematics_in_space(assembled(*TRAMMEL))
+    kinematics = kinematics_of(assembled(*TRAMMEL))
     assert kinematics.n_redundant == 3
     np.testing.assert_allclose(place(kinematics, "near:hinge", THETA)[0], np.cos(THETA), rtol=0, atol=CLOSED)
     np.testing.assert_allclose(place(kinematics, "far:tip", THETA)[1], np.sin(THETA), rtol=0, atol=CLOSED)
 
 
-# --- refusals --------------------------------------------------------------------------------------------------------
-
-
 def test_too_few_coordinates_are_refused() -> None:
     """Balls at both ends leave the rod free to turn about itself."""
     loose = 'joints.cross={type="spherical",connect=["slider:hinge","rod:tip"]}'
-    message = refusal(kinematics_in_space, spatial_slider_crank(loose))
+    message = refusal(kinematics_of, spatial_slider_crank(loose))
     assert message.startswith(
         "joints: they leave the rigid mechanism 2 degrees of freedom (18 of its 3 bodies less 16 independent "
         "constraints), but 1 coordinate was named: theta. Both numbers must be equal. rod can spin idly about the line "
@@ -455,13 +418,13 @@ def test_too_few_coordinates_are_refused() -> None:
     assert 'joints.cross: type = "universal", axis = [' in message
     # with what it says the mechanism is sound
     axes = message.split('type = "universal", ')[1]
-    kinematics_in_space(spatial_slider_crank(loose.replace('"spherical"', f'"universal",{axes}')))
+    kinematics_of(spatial_slider_crank(loose.replace('"spherical"', f'"universal",{axes}')))
 
 
 def test_a_chain_with_too_few_coordinates_says_which_body_is_loose() -> None:
     more = 'bodies.hand={mesh="0.0:0.1:1",element="solid3d",material="steel"}'
     wrist = 'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"],axis=[0.0,1.0,0.0]}'
-    message = refusal(kinematics_in_space, arm(more, wrist))
+    message = refusal(kinematics_of, arm(more, wrist))
     assert message.endswith(". hand can move by itself in wrist: name a coordinate for it, or join it otherwise")
 
 
@@ -472,7 +435,7 @@ def test_a_chain_of_three_coordinates_is_where_its_angles_put_it() -> None:
         'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"],axis=[0.0,1.0,0.0]}',
         f'coordinates.theta3={{joint="wrist",{TURN.replace(chr(10), ",")}}}',
     )
-    kinematics = kinematics_in_space(arm(*third))
+    kinematics = kinematics_of(arm(*third))
     theta = np.array([[0.3, -1.2, 2.0], [4.0, 0.5, -7.0], [0.3, -1.2, 2.1]])
     poses = kinematics.poses(theta)
     assert np.abs(kinematics.residual(poses, theta)).max() < 1e-11
@@ -484,12 +447,12 @@ def test_a_chain_of_three_coordinates_is_where_its_angles_put_it() -> None:
 
 def test_shafts_at_a_right_angle_are_refused() -> None:
     """A universal joint locks there: the follower stands still until both its axes lie in one direction."""
-    message = refusal(kinematics_in_space, cardan(np.pi / 2))
+    message = refusal(kinematics_of, cardan(np.pi / 2))
     assert message.startswith("coordinates.theta: it does not control the mechanism at 1.57")
 
 
 def test_a_rod_that_is_too_short_is_refused() -> None:
-    message = refusal(kinematics_in_space, spatial_slider_crank('bodies.rod.mesh="0.0:0.21:1"'))
+    message = refusal(kinematics_of, spatial_slider_crank('bodies.rod.mesh="0.0:0.21:1"'))
     assert "the mechanism cannot close at theta = " in message
     theta = float(message.split("theta = ")[1].split(" rad")[0])
     # there the crank's tip is as far from the slider's axis as the rod is long; 0.005 m are a step of the continuation

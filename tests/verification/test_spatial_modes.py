@@ -29,6 +29,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_scene
+from scenes import kinematics_of, meshes_of
 
 LIMITED = ("coordinates.theta.range=[-1.0,1.0]", "coordinates.theta.periodic=false")
 
@@ -40,7 +41,7 @@ def group() -> RankGroup:
 
 def condensed_kinematics(scene: Scene, meshes: dict[str, BodyShape] | None = None) -> RigidKinematics:
     """Return the kinematics of a scene with condensed bodies."""
-    shapes = condensed(scene, spatial.bars_of(scene) if meshes is None else meshes, group())
+    shapes = condensed(scene, meshes_of(scene) if meshes is None else meshes, group())
     return RigidKinematics(Mechanism.from_scene(scene, shapes))
 
 
@@ -55,8 +56,6 @@ def out_of_plane(kinematics: RigidKinematics, flexible: np.ndarray) -> np.ndarra
     sizes = np.sum(moved**2, axis=0)
     return np.sum(sizes[[2, 3, 4]], axis=0) / np.sum(sizes, axis=0)
 
-
-# --- beams -----------------------------------------------------------------------------------------------------------
 
 ANGLES = (0.0, 0.7, np.pi / 2, 2.4, np.pi, 4.0)
 
@@ -88,8 +87,6 @@ def test_the_modes_in_the_plane_are_those_of_beams() -> None:
             # beams have a straight section and the solids' frames give way a little; measured 0.6 % at most
             np.testing.assert_allclose(found, flat.solve(theta).frequencies_hz, rtol=0.01)
 
-
-# --- closed forms ----------------------------------------------------------------------------------------------------
 
 LENGTH = 1.0
 # roots of cos x cosh x = -1 (one end clamped) and tan x = tanh x (one end hinged), the other end free
@@ -178,9 +175,6 @@ def test_nothing_depends_on_how_the_mechanism_lies_in_space() -> None:
     np.testing.assert_allclose(found[1], found[0], rtol=1e-9)
 
 
-# --- bodies that are not condensed -----------------------------------------------------------------------------------
-
-
 def dense_pencil(scene: Scene, kinematics: RigidKinematics, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return stiffness and mass on an orthonormal null space of the constraints."""
     mechanism = kinematics.mechanism
@@ -202,7 +196,7 @@ SCENES = {
 @pytest.mark.parametrize("name", SCENES)
 def test_condensed_bodies_have_the_modes_of_their_meshes(name: str) -> None:
     scene, angles = SCENES[name]
-    small, large = condensed_kinematics(scene), RigidKinematics(Mechanism.from_scene(scene, spatial.bars_of(scene)))
+    small, large = condensed_kinematics(scene), kinematics_of(scene)
     assert large.mechanism.n_dofs >= 2 * small.mechanism.n_dofs
     with modal_problem(scene, small) as condensed_problem, modal_problem(scene, large) as problem:
         for theta in np.array(angles):
@@ -226,8 +220,6 @@ def test_condensed_bodies_have_the_modes_of_their_meshes(name: str) -> None:
             signs = np.sign(np.sum(one * other, axis=(0, 1)))
             np.testing.assert_allclose(one * signs, other, rtol=0, atol=1e-4 * np.abs(other).max())
 
-
-# --- nearly equal modes ----------------------------------------------------------------------------------------------
 
 # A mode in the plane and one out of it cross near 1.7 rad. Weight in all directions moves both.
 WEIGHT = (

@@ -107,9 +107,6 @@ def test_without_stiffening_a_beam_does_not_feel_its_spin(
     assert 1.0 - found / published == pytest.approx(too_low, abs=1e-3)
 
 
-# --- bodies of cells, and space --------------------------------------------------------------------------------------
-
-
 def built(scene: Scene, meshes: dict) -> ReducedModel:
     return reduced_model(scene, meshes)
 
@@ -209,8 +206,6 @@ def test_static_stretching_takes_any_number_of_modes(n_modes: int) -> None:
     assert left["bending"] < 3e-3
     assert n_modes == 6 or left["slide"] < 5e-3
 
-
-# --- spin-up ---------------------------------------------------------------------------------------------------------
 
 SPIN_UP = ROOT / "scenes" / "spinning_beam.toml"
 STRETCHED = 1.2 * 6.0**2 * 10.0**3 / (3 * 2.8e7)  # rho A Omega^2 L^3 / 3 EA = 5.143e-4 m; published 5.14e-4

@@ -8,8 +8,8 @@ import scipy.linalg
 from mpi4py import MPI
 from runs import full_model, history, rom_of
 from scipy.optimize import brentq
-from spatial import bars_of, slider_crank_in_space
-from spatial_beams import kinematics_of_beams, pendulum_in_space, slider_crank_of_beams
+from spatial import slider_crank_in_space
+from spatial_beams import pendulum_in_space, slider_crank_of_beams
 from spring_measures import measure_of, slopes_of
 from two_coordinates import double_pendulum
 
@@ -139,7 +139,7 @@ def test_a_pendulum_in_space_under_its_weight_and_a_spring() -> None:
         'effects.weight={type="gravity",direction=[0.0,-1.0,0.0]}', spring, "ground.points.far=[1.0,0.7,0.5]", STIFF,
         PRELOAD,
     )  # fmt: skip
-    kinematics = kinematics_of_beams(scene)
+    kinematics = kinematics_of(scene)
     mechanism = kinematics.mechanism
     mass = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).mass, scene.values)
     along = np.zeros(mechanism.n_dofs)
@@ -222,7 +222,7 @@ SPATIAL = (
 
 
 def solids(scene: Scene) -> RigidKinematics:
-    return RigidKinematics(Mechanism.from_scene(scene, condensed(scene, bars_of(scene), ALONE)))
+    return RigidKinematics(Mechanism.from_scene(scene, condensed(scene, meshes_of(scene), ALONE)))
 
 
 DRIVE = 'effects.d={type="prescribed_motion",coordinate="theta",constant_speed={speed=1.0}}'
@@ -230,7 +230,7 @@ ON_ELBOW = 'effects.t={type="spring_damper",joint="elbow",stiffness=2.0}'
 #: Scene, kinematics, configurations, and how many rigid motions are free of the springs and left out.
 PENCILS = {
     "bushing and rigid crank": (lambda: slider_crank(BUSHING, *RIGID_CRANK), kinematics_of, PLACES, 0),
-    "beams in space": (lambda: slider_crank_of_beams(*SPATIAL), kinematics_of_beams, PLACES, 0),
+    "beams in space": (lambda: slider_crank_of_beams(*SPATIAL), kinematics_of, PLACES, 0),
     "condensed solids": (lambda: slider_crank_in_space(*SPATIAL), solids, PLACES, 0),
     "two coordinates, one on a spring": (
         lambda: double_pendulum(ON_ELBOW, "reduction.modes=4"), kinematics_of, np.array([[0.3, 0.5], [1.0, -0.7]]), 1,

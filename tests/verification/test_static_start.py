@@ -315,7 +315,7 @@ def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
                'outputs.sag={type="deformation", point="crank:tip", axis="y"}')  # fmt: skip
     settled = ("initial.equilibrium=true", f'initial.coordinates="{coordinates}"')
     scene = scene_from_toml(spatial.SLIDER_CRANK, ".", (*entries, *settled))
-    meshes = spatial.bars_of(scene)
+    meshes = meshes_of(scene)
     rom = rom_of(scene, meshes=meshes)
     found = []
     for model in (full_model(scene, meshes), ReducedModel(scene, rom)):

@@ -4,26 +4,15 @@ import numpy as np
 import pytest
 from alike import assert_samples_are_those_alone
 from conftest import ROOT
-from runs import (
-    assert_close,
-    components_model,
-    full_model,
-    history,
-    largest_errors,
-    read_meshes,
-    reduced_model,
-    samples,
-    trajectory,
-)
+from runs import assert_close, components_model, full_model, history, largest_errors, reduced_model, samples, trajectory
 from scipy.integrate import solve_ivp
 from test_many_coordinates import chain
 
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.readings import poses_where_closed
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
+from scenes import kinematics_of
 
 
 def platform(*overrides: str) -> Scene:
@@ -60,7 +49,7 @@ def test_outputs_are_prepared_where_drives_begin() -> None:
     )
     force = 'outputs.force={type="joint_force", joint="first_pin"}'
     scene = platform("simulation.initial={}", force, *drives)
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, read_meshes(scene)))
+    kinematics = kinematics_of(scene)
     assert "force" in OutputSet.of(scene, kinematics).units
 
 

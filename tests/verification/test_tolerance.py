@@ -1,22 +1,29 @@
-"""Tolerances are kept where nobody looked when the knobs were chosen: other parameters, loads, a much smaller step."""
+"""A reduction and a step that tolerances choose keep them on the mesh, under loads and values that nobody looked at."""
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 import pytest
+from combinations import meshes_for, scene_of
+from length_scenes import HIGH, LOW, long_crank
 from mpi4py import MPI
-from runs import full_model, paper_scene, read_meshes
+from runs import full_model, paper_scene
 
+from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.bench import choice as length_choice
 from pgmp_petsc.bench.cases import Table
 from pgmp_petsc.bench.choice import Choice, choose
 from pgmp_petsc.bench.history import History, errors_between, floors_of, run_history
 from pgmp_petsc.bench.step_choice import settle_step
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation, count_steps
 from pgmp_petsc.scene.parameters import spanning_values
-from scenes import RADIUS
+from pgmp_petsc.scene.uses import length_names
+from scenes import RADIUS, meshes_of
 
 SHARES = np.array([0.72, 0.91, 1.13, 1.27])  # of the nominal radius; three standard deviations are 0.7 and 1.3
 DURATION = 0.5
@@ -69,7 +76,7 @@ class Chosen:
 def chosen(*overrides: str) -> Chosen:
     """Choose everything of the slider-crank."""
     scene = paper_scene(*overrides)
-    return Chosen(scene, choose(scene, read_meshes(scene), RankGroup.split(MPI.COMM_SELF, 1)))
+    return Chosen(scene, choose(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)))
 
 
 @pytest.fixture(scope="module")
@@ -132,3 +139,117 @@ def test_what_was_chosen_is_in_the_record(hundredth: Chosen, ten_thousandth: Cho
         assert min(attempt.largest for attempt in best) <= selection.allowed["basis"]
         assert result.choice.rom.tables.samples.n == scene.reduction.angles
         assert any(line.startswith("processor time of a sample") for line in selection.remarks)
+
+
+TOLERANCE = 1e-2
+# what is not looked at here: the search over families and angles is that of beams
+GIVEN = 'inertia_modes=false, parameter_modes=0, second_order=false, angles=12, interpolation="spline"'
+BOTH = (
+    f"reduction={{tolerance={TOLERANCE}, {GIVEN}}}",
+    f"simulation={{tolerance={TOLERANCE}, duration=0.03, frames=2}}",
+)
+STEP_GIVEN = (BOTH[0], "simulation={duration=0.03, step=5e-4, frames=2}")
+#: By kind: what is asked for, and the model that errors are against in the choice.
+ASKED = {
+    "cells in the plane": (BOTH, "full"),
+    "solids in space": ((*STEP_GIVEN, 'reference.model="components"'), "components"),
+    "two coordinates": (STEP_GIVEN, "full"),
+}
+HELD_OUT = {"r1": np.array([5.36e-3, 5.81e-3]), "strength": np.array([1.07, 0.93])}
+# a load of another shape, as large as the largest that was tried
+LOAD = tuple((0.03 * x, 0.045 * float(x * np.sin(0.8 * np.pi * x))) for x in np.linspace(0.0, 1.0, 65))
+
+
+def scene(kind: str) -> Scene:
+    return scene_from_toml(scene_to_toml(scene_of(kind, "torque")), ".", ASKED[kind][0])
+
+
+@lru_cache(maxsize=len(ASKED))
+def choice(kind: str) -> tuple[Choice, str]:
+    """Return what was chosen, and what was said before."""
+    said: list[str] = []
+    asked = scene(kind)
+    found = choose(asked, meshes_for(asked), RankGroup.split(MPI.COMM_SELF, 1), said.append)
+    return found, "\n".join(said)
+
+
+def errors(kind: str, table: tuple | None, finer: int, smaller: int) -> np.ndarray:
+    """Return the largest error of every output at held-out parameters against the mesh, of steps `finer` times those
+    that were chosen, against `smaller` times."""
+    found, _ = choice(kind)
+    chosen = found.scene
+    if table is not None:
+        effects = dict(chosen.effects) | {"x": chosen.effects["x"].model_copy(update={"table": table})}
+        chosen = chosen.model_copy(update={"effects": effects})
+    n = count_steps(chosen.simulation.duration, chosen.simulation.step)
+    values = {name: HELD_OUT[name] for name in chosen.parameters}
+    full = full_model(chosen, meshes_for(chosen))
+    exact = run_history(full, values, 2, smaller * n)
+    reduced = run_history(ReducedModel(chosen, found.rom), values, 2, finer * n)
+    return errors_between(reduced, exact, floors_of(full)).max(axis=1)
+
+
+@pytest.mark.parametrize("kind", ASKED)
+@pytest.mark.parametrize("table", [None, LOAD], ids=["own load", "another load"])
+def test_the_reduction_keeps_its_tolerance_on_the_mesh(kind: str, table: tuple | None) -> None:
+    assert errors(kind, table, 1, 1).max() < TOLERANCE
+
+
+def test_the_step_keeps_its_tolerance_on_the_mesh() -> None:
+    """Both tolerances together, against runs with sixteen times the steps."""
+    assert errors("cells in the plane", None, 1, 16).max() < 2.0 * TOLERANCE
+
+
+@pytest.mark.parametrize("kind", ASKED)
+def test_what_errors_are_against_is_said_before_and_kept(kind: str) -> None:
+    (found, said), model = choice(kind), ASKED[kind][1]
+    about = found.selection.reference
+    reference, candidates = said.splitlines()
+    assert about["model"] == model and reference.startswith("reference: the ") and about["why"].startswith(reference)
+    assert candidates.startswith("candidates: ") and "of processor time each" in candidates
+    assert about["predicted_seconds"] > 0.0 and about["why"] in found.selection.remarks
+    assert set(about["from_mesh"]) == (set(found.selection.outputs) if model == "components" else set())
+
+
+KNOBS = "static_modes=true, inertia_modes=false, parameter_modes=0, second_order=false, angles=8, length_points=2"
+OPEN = (
+    f'reduction={{tolerance=0.1, {KNOBS}, interpolation="spline"}}',
+    'outputs={angle={type="angle", joint="crank_hinge"}}', 'reference.loads="own"', "parameters.r1={nominal=5.6e-3}",
+    "simulation.duration=0.02",
+)  # fmt: skip
+
+
+def chosen_over_lengths(scene: Scene, said: list[str]) -> Choice:
+    """Choose on this process."""
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        return length_choice.choose_over_lengths(scene, meshes_of(scene), group, said.append)
+
+
+def test_what_is_chosen_at_the_nominal_length_is_checked_at_both_ends() -> None:
+    scene, said = long_crank(*OPEN), []
+    check_capabilities(scene, Purpose.BUILD)
+    found = chosen_over_lengths(scene, said)
+    assert said[0].startswith("tolerances: what they leave open is chosen at rod_length = 0.7, and checked")
+    assert length_names(found.scene) == ("rod_length",) and found.scene.reduction.tolerance is None
+    assert found.scene.reduction.modes == found.selection.chosen["reduction.modes"]
+    ends = [text for text in found.selection.remarks if text.startswith("at rod_length = ")]
+    assert [text.split(":")[0] for text in ends] == [f"at rod_length = {end:g}" for end in (LOW, HIGH)]
+    for text in ends:
+        assert 0.0 < float(text.split("basis leaves ")[1]) < 0.1
+    # a model of every length, with the modes that were chosen
+    assert len(found.rom.family.members) == 2 and found.rom.frequencies_hz.shape[1] == found.scene.reduction.modes
+
+
+def test_what_does_not_do_at_an_end_is_refused_with_the_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, asked, choose = long_crank(*OPEN), [], length_choice.choose
+
+    def only_where_short(own: Scene, *others: object) -> Choice:
+        asked.append((own.bodies["rod"].line.length, "modes" in own.reduction.model_fields_set, length_names(own)))
+        if own.bodies["rod"].line.length > 0.72:
+            raise InputError("reduction.tolerance = 0.1: cannot be met")
+        return choose(own, *others)
+
+    monkeypatch.setattr(length_choice, "choose", only_where_short)
+    with pytest.raises(InputError, match="^at rod_length = 0.735: reduction.tolerance = 0.1: cannot be met"):
+        chosen_over_lengths(scene, [])
+    assert asked == [(0.7, False, ()), (LOW, True, ()), (HIGH, True, ())]
