@@ -501,12 +501,16 @@ def _joint_of_coordinate(
     taken.setdefault(key, name)
 
 
+#: What tables and datasets of results have under names of their own.
+_OWN = {"time": "instants", "sample": "the numbers of samples", "status": "what became of samples"}
+
+
 def _outputs(scene: AnyScene) -> Iterator[str]:
     for name, output in scene.outputs.items():
         if name in scene.parameters:
             yield problem(f"outputs.{name}", "a parameter has the same name; give the output another one")
-        if name == "time":
-            yield problem("outputs.time", "result files keep instants under this name; give the output another one")
+        if name in _OWN:
+            yield problem(f"outputs.{name}", f"results keep {_OWN[name]} under this name; give the output another one")
         yield from _place_problems(scene, f"outputs.{name}", output)
         for other, key in output.made_in(scene).items():
             if other not in scene.outputs:
@@ -554,6 +558,9 @@ SIGNS = {
 
 
 def _parameter_uses(scene: AnyScene) -> Iterator[str]:
+    for name, what in _OWN.items():
+        if name in scene.parameters:
+            yield problem(f"parameters.{name}", f"results keep {what} under this name; give the parameter another one")
     for use in uses_of(scene):
         parameter, (must, is_wrong) = scene.parameters.get(use.parameter), SIGNS[use.sign]
         if use.parameter is not None and parameter is None:
