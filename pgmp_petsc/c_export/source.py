@@ -128,14 +128,11 @@ def _tables(constants: Constants) -> str:
     served = [constants.served[name] for name in names]
     parts += [_listed(f"const struct axis {name}[R]", map(_axis, axes)) for name, axes in constants.axes.items()]
     measured = [part for action in constants.actions for part in action.parts]
-    every = [*constants.closure, *(part.term for part in measured), *(constants.constraints or ())]
+    of_forces = [term for force in constants.outputs.forces for term in force.terms]
+    every = [*constants.closure, *(part.term for part in measured), *of_forces, *(constants.constraints or ())]
     first, last = len(constants.closure), len(constants.closure) + len(measured)
+    held = last + len(of_forces)
     terms, lasts = list(_terms(every)), list(accumulate(len(action.parts) for action in constants.actions))
-    force_terms = (
-        f"{{{gap}, {_number(float(factor))}, {_statement(statement)}}}"
-        for force in constants.outputs.forces
-        for gap, factor, statement in force.terms
-    )
     lasts_of_forces = list(accumulate(len(force.terms) for force in constants.outputs.forces))
     parts += [
         _strings("pgmp_parameter_names", names),
@@ -160,7 +157,7 @@ def _tables(constants: Constants) -> str:
         _listed("const struct spline_piece spline_pieces[]", _spline_pieces(every), "{0}"),
         _listed("const struct reading readings[]", map(_reading, constants.outputs.readings), "{0}"),
         _listed("const struct force forces[]", map(_force, constants.outputs.forces, lasts_of_forces), "{0}"),
-        _listed("const struct force_term force_terms[]", force_terms, "{0}"),
+        _listed("const struct term force_terms[]", terms[last:held], "{0}"),
         *dict.fromkeys(action.law.code.C for action in constants.actions),
         *dict.fromkeys(one.law.code.C for one in constants.controls),
         _listed("const struct control controls[]", _controls(constants), "{0}"),
@@ -175,7 +172,7 @@ def _tables(constants: Constants) -> str:
         _weigh_counts(constants.outputs.counts),
     ]
     if constants.constraints is not None:
-        parts.append(_listed("const struct term constraints[]", terms[last:], "{0}"))
+        parts.append(_listed("const struct term constraints[]", terms[held:], "{0}"))
     return HEAD + "\n".join(parts)
 
 

@@ -60,7 +60,7 @@ class StatementInC:
 
 @dataclass(frozen=True, eq=False)
 class TermInC:
-    """A function of a statement, and the row of the closure that it adds to."""
+    """A function of a statement, and the row of the closure that it adds to, or the number of a multiplier."""
 
     row: int
     statement: StatementInC
@@ -115,10 +115,10 @@ class ReadingInC:
 
 @dataclass(frozen=True, eq=False)
 class ForceInC:
-    """A component of what a joint does: numbers of gaps, factors and statements; which component, whether of a moment
+    """A component of what a joint does: functions of statements and multipliers; which component, whether of a moment
     and in the axes of a body; on which body, 1 on b's; the joint's first axis; and its points."""
 
-    terms: Sequence[tuple[int, float, StatementInC]]
+    terms: Sequence[TermInC]
     component: int
     turning: bool
     in_body: bool
@@ -142,16 +142,17 @@ class ForceInC:
         if isinstance(force, OfCoupling):
             (number,) = map(gaps.index, force.rows) if force.pull is None else behind(force.pull)
             read, along = StatementInC.of_reading(force.reading, slots), "size" if force.is_size else "along"
-            terms = [(number, force.function.factor, read)]
+            terms = [TermInC(number, read, force.function, -1)]
             return cls(terms, COMPONENTS.index(along), False, False, 1.0, (0.0,), nowhere, nowhere)
         entry, joint, terms = force.entry, force.connection, []
         a, b = Side.of(joint.a, slots), Side.of(joint.b, slots)
         for row, (part, own) in zip(force.rows, force.held):
             for (statement, function), first in zip(part.terms, own[::2]):
-                terms.append((gaps.index(row), function.factor, StatementInC(statement, Side.of(first, slots), b)))
+                held = StatementInC(statement, Side.of(first, slots), b)
+                terms.append(TermInC(gaps.index(row), held, function, -1))
         for number, pull in zip(behind(*force.pulls), force.pulls):
             for statement, function in pull.action.statement.terms:
-                terms.append((number, function.factor, StatementInC(statement, a, b)))
+                terms.append(TermInC(number, StatementInC(statement, a, b), function, -1))
         axis = tuple(map(float, joint.axes[0][:, 0])) if entry.component in ("axial", "radial") else (0.0,)
         sign = -1.0 if entry.of == "first" else 1.0
         return cls(

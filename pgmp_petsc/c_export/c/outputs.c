@@ -102,17 +102,18 @@ double read_force(const struct force *f, const struct frame nodes[], const doubl
     double slopes[N_FRAME] = {0}, acting[3] = {0}, along[3] = {0}, z[2 * N_FRAME], gradient[2 * N_FRAME], axial = 0.0;
     struct frame a, b;
     if (f->component >= ALONG_MOTION) {
-        double along_motion = -multipliers[force_terms[f->first].gap] * force_terms[f->first].factor;
+        double along_motion = -multipliers[force_terms[f->first].row] * force_terms[f->first].factor;
         return f->component == ALONG_MOTION ? along_motion : fabs(along_motion);
     }
     attach(&f->b, nodes, &b);
     for (int k = f->first; k < f->last; k++) {
-        const struct force_term *term = force_terms + k;
+        const struct term *term = force_terms + k;
+        double slope, bend;
         attach(&term->statement.a, nodes, &a);
         memcpy(z, a.z, sizeof a.z);
         memcpy(z + N_FRAME, b.z, sizeof b.z);
-        evaluate_statement(&term->statement, z, 0.0, gradient, 0);
-        for (int c = 0; c < N_FRAME; c++) slopes[c] -= f->sign * multipliers[term->gap] * term->factor * gradient[N_FRAME + c];
+        of_term(term, evaluate_statement(&term->statement, z, 0.0, gradient, 0), &slope, &bend);
+        for (int c = 0; c < N_FRAME; c++) slopes[c] -= f->sign * multipliers[term->row] * slope * gradient[N_FRAME + c];
     }
     for (int c = 0; c < D && !f->turning; c++) acting[c] = slopes[c];
     for (int k = 1; k <= D && f->turning; k++) { /* sum of d_k x g_k */

@@ -51,10 +51,9 @@ struct response {
 /* A part of a measure: numbers of its nodes among those of the effects, -1 on the ground. */
 struct part { int a, b; double winding[R]; struct term term; };
 /* A component of a force or moment in a joint between points a and b: its terms, the first axis of the joint in the
-   frame of a, 1 on b's body and -1 on a's; and a term: a gap, and a factor of a statement. */
+   frame of a, 1 on b's body and -1 on a's. The row of a term is its multiplier's: of a gap, or behind these of the law of
+   an effect. */
 struct force { int first, last, component, turning, in_body; double sign, axis[D]; struct side a, b; };
-/* A multiplier: of a gap, or behind these of the law of an effect. */
-struct force_term { int gap; double factor; struct statement statement; };
 /* What is counted over a run: number of its output, of the parts of its curve, and the longest life, 0 of a damage. */
 struct count { int output, n_parts; double run_out; };
 struct reading { int kind, axis, in_body; double origin; struct statement statement; };
@@ -72,7 +71,7 @@ extern const struct reading readings[];
 extern const struct count counts[];
 extern const struct force forces[]; /* first those that friction hangs on */
 extern const int carried_actions[]; /* numbers of their local effects, whose laws take them as the first parameter */
-extern const struct force_term force_terms[];
+extern const struct term force_terms[];
 extern const struct action actions[];
 extern const struct part action_parts[];
 extern const struct control controls[];
