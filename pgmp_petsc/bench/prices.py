@@ -43,7 +43,7 @@ from pgmp_petsc.outputs.stress import points_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import uncertain_names
-from pgmp_petsc.scene.references import has_field, points_used, stressed_bodies
+from pgmp_petsc.scene.references import points_used, stressed_bodies
 from pgmp_petsc.scene.uses import count_builds, length_names
 
 LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
@@ -235,7 +235,7 @@ def amplitudes(scene: Scene, mechanism: Mechanism, n_modes: int) -> dict[str, in
             rigid = body.dimension * (body.dimension + 1) // 2
             free = (body.dofs.size if not body.to_condense else body.n_internal) - rigid
             answers = rigid * len(points_used(scene, body.name))
-            if not body.to_condense and body.name in stressed and has_field(scene, body.name):
+            if not body.to_condense and body.name in stressed and len(body.stiffness_weights) > 1:
                 answers *= 1 + sum(bool(weight.powers) for weight in body.stiffness_weights)
             found[body.name] = max(min(n_modes + answers, free), 0)
     return found

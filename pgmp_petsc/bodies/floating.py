@@ -120,6 +120,7 @@ def _add_products(left, right, result):
 
 
 NOISE = 1e-10  # share of both fields' own moments or stiffness that round-off leaves of fields that are apart
+HEAVY = 1e-3  # of the mass of the heaviest term: lighter ones say nothing of a body's extent
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +164,10 @@ class FloatingBody:
         if between > 0.0:
             return between
         places, variances = slice(1, 1 + self.centres.shape[1]), []
-        for moments in self.moments.values():
+        masses = {weight: moments[0, 0] for weight, moments in self.moments.items()}
+        for weight, moments in self.moments.items():
+            if masses[weight] < HEAVY * max(masses.values()):
+                continue  # none but what turns with sections, or what a random field adds
             mean = moments[0, places] / moments[0, 0]
             variances.append(np.diag(moments[places, places]) / moments[0, 0] - mean**2)
         return float(np.sqrt(12.0 * np.max(variances)))

@@ -53,7 +53,7 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.parameters import spanning_values
-from pgmp_petsc.scene.references import has_field, points_used, stressed_bodies
+from pgmp_petsc.scene.references import points_used, stressed_bodies
 
 # of the free memory, for a factor: the matrices that belong to it, the factorisation that counts eigenvalues, and
 # vectors take as much again, and what grows while bodies are condensed comes on top
@@ -316,7 +316,7 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     if stressed:  # inertia forces of rigid motion
         fields = _of_nodes(linear_fields(body.mesh.nodes).reshape(body.n_nodes, d, -1), per_node)
         loads = np.hstack([loads, total_mass @ fields])
-        if has_field(scene, body.name):  # stiffness that varies from place to place: what it changes, to first order
+        if len(stiffness) > 1:  # stiffness that parameters change in several ways: what they change, to first order
             n_rigid = d * (d + 1) // 2
             answers = vectors[:, n_rigid:] @ (vectors[:, n_rigid:].T @ loads / values[n_rigid:, None])
             loads = np.hstack([loads, *(matrix @ answers for weight, matrix in stiffness.items() if weight.powers)])

@@ -297,11 +297,6 @@ def stressed_bodies(scene: AnyScene) -> set[str]:
     return {output.body for output in scene.outputs.values() if "stresses" in output.reads}
 
 
-def has_field(scene: AnyScene, body: str) -> bool:
-    """Return whether a random field of a body's makes a quantity vary over it."""
-    return any(field.body == body for field in scene.fields.values())
-
-
 def stress_problems(scene: AnyScene, name: str, output: OutputEntry) -> Iterator[str]:
     """Yield one line for each entry of a stress output that does not fit the body it names."""
     entry = f"outputs.{name}"
