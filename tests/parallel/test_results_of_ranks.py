@@ -148,8 +148,9 @@ def test_results_are_those_of_one_rank(
             found, wanted = (getattr(run.balance, part) for run in (several, one))
             np.testing.assert_allclose(found, wanted, rtol=of_energy, atol=1e-15, err_msg=part)
         same(several.balance.work, one.balance.work, 1e-6, dict.fromkeys(one.balance.work, 1e-15))
+        off = 1e-11 if start == "settled" else 1e-12  # free equilibria, where little pulls back, are 4e-12 m apart
         for body, places in one.frames.positions.items():
-            np.testing.assert_allclose(several.frames.positions[body], places, atol=1e-12)
+            np.testing.assert_allclose(several.frames.positions[body], places, atol=off)
         # stresses are derivatives: round-off of the displacements is ten times as large in them
         fields = [
             {f"{body} {name}": values for body, own in run.fields.items() for name, values in own.at_nodes.items()}
