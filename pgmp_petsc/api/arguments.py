@@ -68,7 +68,10 @@ def checked(
 
     @wraps(function)
     def call(*given: Any, **named: Any) -> Any:
-        bound = signature.bind(*given, **named)
+        try:
+            bound = signature.bind(*given, **named)
+        except TypeError as error:  # which does not say of what
+            raise TypeError(f"{function.__qualname__}(): {error}") from None
         bound.apply_defaults()
         own = bound.arguments.get("self")
         comm = ranks_of(bound.arguments.get("comm")) if own is None else own.comm

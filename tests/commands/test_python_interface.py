@@ -419,6 +419,11 @@ def test_ranks_of_a_call() -> None:
         ranks.ranks_of(MPI.COMM_NULL)
 
 
+def test_arguments_that_a_function_does_not_have_are_said_with_its_name() -> None:
+    with pytest.raises(TypeError, match=r"^simulate\(\): too many positional arguments$"):
+        pgmp.simulate("rom.h5", {}, {})
+
+
 def test_the_documentation_runs(tmp_path: Path, mpirun: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
     """The blocks of docs/python.md run in order, as one program on two ranks, in a folder of their own."""
     text = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
