@@ -235,8 +235,8 @@ def amplitudes(scene: Scene, mechanism: Mechanism, n_modes: int) -> dict[str, in
             rigid = body.dimension * (body.dimension + 1) // 2
             free = (body.dofs.size if not body.to_condense else body.n_internal) - rigid
             answers = rigid * len(points_used(scene, body.name))
-            if not body.to_condense and body.name in stressed and len(body.stiffness_weights) > 1:
-                answers *= 1 + sum(bool(weight.powers) for weight in body.stiffness_weights)
+            if not body.to_condense and body.name in stressed:
+                answers *= 1 + len(body.stiffness_ways)
             found[body.name] = max(min(n_modes + answers, free), 0)
     return found
 

@@ -262,6 +262,12 @@ class Body(ABC):
         """Weights of its affine stiffness terms; none for a rigid body."""
         return self.own_weights("stiffness")
 
+    @property
+    def stiffness_ways(self) -> set[Monomial]:
+        """Weights by which parameters change the stiffness otherwise than as a whole; none where it has but one."""
+        every = self.stiffness_weights
+        return {weight for weight in every if weight.powers} if len(every) > 1 else set()
+
     def condensed_weights(self, kind: str) -> set[Monomial]:
         """Return the weights of ``"mass"`` or ``"stiffness"`` in a reduced model: those of the condensed body, if it is
         one."""

@@ -164,10 +164,10 @@ class FloatingBody:
         if between > 0.0:
             return between
         places, variances = slice(1, 1 + self.centres.shape[1]), []
-        masses = {weight: moments[0, 0] for weight, moments in self.moments.items()}
-        for weight, moments in self.moments.items():
-            if masses[weight] < HEAVY * max(masses.values()):
-                continue  # none but what turns with sections, or what a random field adds
+        heaviest = max(moments[0, 0] for moments in self.moments.values())
+        for moments in self.moments.values():
+            if moments[0, 0] < HEAVY * heaviest:
+                continue  # what turns with sections alone, or what a random field adds
             mean = moments[0, places] / moments[0, 0]
             variances.append(np.diag(moments[places, places]) / moments[0, 0] - mean**2)
         return float(np.sqrt(12.0 * np.max(variances)))

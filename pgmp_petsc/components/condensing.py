@@ -316,10 +316,10 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     if stressed:  # inertia forces of rigid motion
         fields = _of_nodes(linear_fields(body.mesh.nodes).reshape(body.n_nodes, d, -1), per_node)
         loads = np.hstack([loads, total_mass @ fields])
-        if len(stiffness) > 1:  # stiffness that parameters change in several ways: what they change, to first order
+        if ways := body.stiffness_ways:  # what these change, to first order
             n_rigid = d * (d + 1) // 2
             answers = vectors[:, n_rigid:] @ (vectors[:, n_rigid:].T @ loads / values[n_rigid:, None])
-            loads = np.hstack([loads, *(matrix @ answers for weight, matrix in stiffness.items() if weight.powers)])
+            loads = np.hstack([loads, *(matrix @ answers for weight, matrix in stiffness.items() if weight in ways)])
     n_modes = scene.reduction.modes + scene.n_overconstrained
     # ties of frames need as many fields as they have rows, and what rides on all nodes finds an answer at each
     basis = vectors if run.size else _answering(values, vectors, loads, per_node, n_modes, by_energy=stressed)

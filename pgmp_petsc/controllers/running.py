@@ -203,7 +203,7 @@ class Controls:
         Of several samples, those that were seen before the last ones are forgotten."""
         if self._n_samples > 1 and self._times:
             del self._times[: -max(self._n_last, 1)], self._seen[: -max(self._n_last, 1)]
-        self.now[:, BEFORE] = self.now[:, AFTER]
+        self.now[:, BEFORE] = self.now[:, AFTER]  # what they jumped to is what they are up to the next jump
         room = np.empty((times.size, *self.now.shape))
         room[:] = self.now[:, AFTER:]
         self._times += times.tolist()

@@ -139,10 +139,10 @@ class FullModel(Model):
                 return [system.frames_over(states)[nodes], unknowns.frames(system.unknowns_over(states)[1])[nodes]]
 
             def measure(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
-                state = whole(time, state)
-                if measures.known and isinstance(system, FullBatch):  # which has all actions
-                    return measures.noted(system.measured(state))
-                return measures.motions(frames(state), time, values)
+                return measures.motions(frames(whole(time, state)), time, values)
+
+            def moved(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
+                return measures.noted(system.measured(whole(time, state)), measures.origins[:, None])
 
             def carry(time: float, state: State, before: np.ndarray) -> np.ndarray:
                 state = whole(time, state)
@@ -150,7 +150,8 @@ class FullModel(Model):
                 return np.linalg.norm(measures.pulls(frames(state), multipliers, values), axis=1)
 
             carried = carry if measures.carried else None
-            system.control(Controls(self.scene, values, 1, measure, system.put_forces, carried))
+            chosen = moved if measures.known and isinstance(system, FullBatch) else measure  # it has all actions
+            system.control(Controls(self.scene, values, 1, chosen, system.put_forces, carried))
         return system
 
     def built_in(

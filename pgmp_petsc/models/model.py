@@ -174,10 +174,11 @@ class Measures:
         self.origins = np.zeros(sum(rows))
         self.origins[self.rows] = [one.origin if isinstance(one, Reading) else 0.0 for one, _ in self._read]
 
-    def noted(self, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what `motions` does of what actions measure, (n_rows, n_samples, 2)."""
+    def noted(self, found: np.ndarray, origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what `motions` does of what actions measure, (n_rows, n_samples, 2), with origins of samples as of
+        `Measures`, (n_rows, n_samples or 1)."""
         found = found[self.rows]
-        return found[:, :, 0] - self.origins[self.rows, None], found[:, :, 1]
+        return found[:, :, 0] - origins[self.rows], found[:, :, 1]
 
     def motions(
         self, frames: Sequence[np.ndarray], time: float, values: Mapping[str, np.ndarray]

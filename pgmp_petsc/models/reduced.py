@@ -280,8 +280,7 @@ def _controls(
     readers = [] if of_lanes else [_Reader(one, system, values) for one in members]
 
     def moved(time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
-        found = system.measured(state)[measures.rows]
-        return found[:, :, 0] - origins[measures.rows], found[:, :, 1]
+        return measures.noted(system.measured(state), origins)
 
     def measure(time: float, state: State) -> np.ndarray:
         return sum(share * one.motions(time, state) for share, one in zip(shares, readers))
