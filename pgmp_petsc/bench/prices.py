@@ -33,7 +33,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.controllers.acting import has_motion, measured_by
+from pgmp_petsc.controllers.acting import measured_by
 from pgmp_petsc.estimates.reference_motion import OF_BESIDE, found_beside
 from pgmp_petsc.full.joint_tree import count_of
 from pgmp_petsc.mechanism.capabilities import SECONDS, SECONDS_PER_UNKNOWN, Purpose, why_refused
@@ -164,7 +164,7 @@ def prospects(
     of_components = component_step(mechanism, fields) + CARRIED_BESIDE * n_carried + besides
     of_components += BESIDE * (found_beside(scene) - n_carried) + _forces(scene, FORCES)
     measured = (name for one in scene.controllers.values() for name in measured_by(scene, one).motions)
-    of_lanes = all(has_motion(scene, name) for name in measured)
+    of_lanes = all(scene.outputs[name].is_stated for name in measured)
     beside = np.array((CARRIED_IN_LANES, CONTROLLED_IN_LANES) if of_lanes else READ_APART)
     beside *= 1 if of_lanes else count_builds(scene)
     in_lanes = float(beside @ (n_carried, len(scene.controllers))) + besides

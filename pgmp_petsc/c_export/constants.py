@@ -30,7 +30,7 @@ from pgmp_petsc.c_export.statements import (
     outputs_in_c,
 )
 from pgmp_petsc.controllers import running
-from pgmp_petsc.controllers.acting import ACTING_LAW, has_motion, measured_by
+from pgmp_petsc.controllers.acting import ACTING_LAW, measured_by
 from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.effects import motions_of
 from pgmp_petsc.effects.action import CARRIED_FRICTION, Action
@@ -39,8 +39,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.models import ComponentModel, ReducedModel
-from pgmp_petsc.outputs.joint_forces import ControlForce, InJoint, OfConnection, OfDrive, OfMotion
-from pgmp_petsc.outputs.rainflow import Rainflow
+from pgmp_petsc.outputs.joint_forces import OfConnection, OfMotion
 from pgmp_petsc.reduced import action_kernel
 from pgmp_petsc.reduced import steps as reduced_steps
 from pgmp_petsc.reduced.actions import nodes_of
@@ -338,14 +337,11 @@ def in_c(scene: Scene, name: str) -> bool:
     """Return whether a model in C has an output: forces in joints and what drives take it does not have beside
     controllers, nor those of couplings by a table; and nothing is made of these, or counted."""
     entry = scene.outputs[name]
-    if isinstance(entry, InJoint):
-        joint = scene.joints[entry.joint]
+    if "multipliers" in entry.reads:
+        joint = scene.joints.get(getattr(entry, "joint", None))
         by_table = isinstance(joint, CouplingEntry) and any(share.table for share in joint.shares_in(scene))
         return not (scene.controllers or by_table)
-    if isinstance(entry, OfDrive):
-        return not scene.controllers
-    known = entry.of_frames() or isinstance(entry, (ControlForce, Rainflow))
-    return known and all(in_c(scene, one) for one in entry.made_in(scene))
+    return "stresses" not in entry.reads and all(in_c(scene, one) for one in entry.made_in(scene))
 
 
 def tunable(scene: Scene) -> dict[str, float]:
@@ -551,21 +547,22 @@ def started(model: ReducedModel) -> str:
 
 def left_out(scene: Scene) -> str:
     """Say which outputs of a scene a model in C leaves out; empty where it has them all."""
-    lacking = [f"outputs.{name} ({entry.type})" for name, entry in scene.outputs.items() if not in_c(scene, name)]
+    lacking = {name: entry.type for name, entry in scene.outputs.items() if not in_c(scene, name)}
     if not lacking:
         return ""
     kinds = zip(OUTPUTS.names, OUTPUTS.found())
-    having = ", ".join(kind for kind, found in kinds if found.of_frames() or found is ControlForce)
-    forces = any(isinstance(entry, InJoint) and not in_c(scene, name) for name, entry in scene.outputs.items())
+    having = ", ".join(kind for kind, found in kinds if found.of_frames() or "beside" in found.reads)
+    named = ", ".join(f"outputs.{name} ({kind})" for name, kind in lacking.items())
+    forces = any("multipliers" in scene.outputs[name].reads for name in lacking)
     why = f", drives, and forces in joints {LACKING}" if forces else ""
     why += ", and rainflow of these"
-    return f"note: {', '.join(lacking)} left out: a model in C has {having}{why}; pgmp simulate has all outputs"
+    return f"note: {named} left out: a model in C has {having}{why}; pgmp simulate has all outputs"
 
 
 def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
     for name, one in scene.controllers.items():
         for output in measured_by(scene, one).motions:
-            if not has_motion(scene, output):
+            if not scene.outputs[output].is_stated:
                 what = f"outputs.{output} ({scene.outputs[output].type})"
                 yield f"controllers.{name}.measures", f"a model in C has no controllers that measure {what}"
     if scene.fields:

@@ -12,6 +12,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.controllers.acting import ACTING_LAW, control_of
 from pgmp_petsc.controllers.law import ControlLaw
 from pgmp_petsc.declare.expressions import printed, symbolic
+from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece, amplitude_of
@@ -25,6 +26,7 @@ from pgmp_petsc.outputs.rainflow import Counted
 from pgmp_petsc.outputs.readings import Absolute, AnyReading, ModelReading, Rate, Reading
 from pgmp_petsc.scene import Scene
 
+NO_CODE = "a model in C has no code for it"
 COMPONENTS = ("x", "y", "z", "axial", "radial", "magnitude", "along", "size")
 
 
@@ -144,6 +146,8 @@ class ForceInC:
             read, along = StatementInC.of_reading(force.reading, slots), "size" if force.is_size else "along"
             terms = [TermInC(number, read, force.function, -1)]
             return cls(terms, COMPONENTS.index(along), False, False, 1.0, (0.0,), nowhere, nowhere)
+        if not isinstance(force, OfConnection):
+            raise refuse(type(force), f"{NO_CODE}; make it of classes in outputs.joint_forces, or build without it")
         entry, joint, terms = force.entry, force.connection, []
         a, b = Side.of(joint.a, slots), Side.of(joint.b, slots)
         for row, (part, own) in zip(force.rows, force.held):
@@ -247,7 +251,8 @@ class Combiner:
             case Combined():
                 self._formula(name, reading)
                 return name
-        raise TypeError(type(reading).__name__)
+        made = "make outputs of classes in outputs.readings and outputs.of_outputs"
+        raise refuse(type(reading), f"{NO_CODE}; {made}, or build without it")
 
     def _formula(self, name: str, reading: Combined) -> None:
         """Write a formula with as many derivatives as its parts have."""

@@ -8,7 +8,7 @@ that moves, none are taken, and the iteration of a step finds the force without 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,12 +16,9 @@ from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.controllers.law import LIMITS, ControlLaw, Measured
 from pgmp_petsc.effects.action import CARRIED_FRICTION, NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
-from pgmp_petsc.effects.joint_effects import joint_measure, measure_of
+from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.statements import along, angle, distance
-from pgmp_petsc.outputs.of_frames import Deformation, Distance, Rotation
-from pgmp_petsc.outputs.readings import AXES
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_powers
 from pgmp_petsc.scene.controllers import ControllerEntry, Setpoint
@@ -106,10 +103,9 @@ class JointController(ControllerEntry):
         scene, nothing = mechanism.scene, (Quantity(0.0),) * len(ACTING_LAW.parameters)
         own, actions = joint_measure(mechanism, self), []
         for output in measured_by(scene, self).motions or (None,):
-            motion = None if output is None else motion_of(mechanism, output)
-            read = None if motion is None else scene.outputs[output]
-            is_own = getattr(read, "joint", None) == self.joint and slides(scene, read) == slides(scene, self)
-            led = motion is not None and not is_own
+            read = None if output is None else scene.outputs[output]
+            motion = read.stated(f"outputs.{output}", mechanism) if read is not None and read.is_stated else own
+            led = any(motion[key] is not part for key, part in own.items())
             if led:
                 actions.append(Action(name, law=NOTHING, parameters=(), **motion))
             actions.append(Action(name, law=ACTING_LAW, parameters=nothing, led=led, **own))
@@ -142,29 +138,3 @@ def control_of(scene: Scene, entry: ControllerEntry) -> Control:
     given = entry.parameters() | dict(found.constants) | limits
     parameters = {name: in_si.number(name, given[name]) for name in (*law.parameters, *LIMITS)}
     return Control(law, parameters, reference.changed(lambda value: in_si.number("r", value)))
-
-
-def has_motion(scene: Scene, output: str) -> bool:
-    """Whether what an output reads is a motion that the mechanics know by a statement of two frames: not a place
-    outside of a base that moves, and not a deformation."""
-    entry = scene.outputs[output]
-    return not getattr(entry, "absolute", False) and not isinstance(entry, Deformation)
-
-
-def motion_of(mechanism: Mechanism, output: str) -> dict[str, Any] | None:
-    """Return the motion that an output reads, statement and attachments as `Action` takes them; None where there is no
-    such statement. A place of a displacement is not from that at the start."""
-    scene, entry = mechanism.scene, mechanism.scene.outputs[output]
-    if not has_motion(scene, output):
-        return None
-    joint, d = getattr(entry, "joint", None), mechanism.space.dimension
-    if joint is not None:
-        return measure_of(mechanism, joint, "sliding" if slides(scene, entry) else "turning")
-    if isinstance(entry, Distance):
-        statement, points = distance(d), entry.points
-    else:
-        turns = isinstance(entry, Rotation)
-        statement = angle(np.eye(d), np.eye(d)) if turns else along(np.eye(d)[AXES[entry.axis]])
-        points = ("ground:origin", entry.point)
-    ends = (mechanism.attachment(point, f"outputs.{output}") for point in points)
-    return {"statement": statement, **dict(zip("ab", ends))}

@@ -15,8 +15,9 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from pgmp_petsc.controllers.acting import JointController
-from pgmp_petsc.controllers.law import ControlLaw, OfMotion
+from pgmp_petsc.controllers.law import ControlLaw
 from pgmp_petsc.declare.formulas import FUNCTIONS, FormulaError, declared, jumps_with
+from pgmp_petsc.outputs.of_outputs import OfMotion
 from pgmp_petsc.scene.controllers import OWN
 from pgmp_petsc.scene.fields import NumberOrParameter, Unit, refusal
 from pgmp_petsc.scene.uses import Use

@@ -30,7 +30,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
@@ -41,61 +41,8 @@ from pgmp_petsc.declare.own_units import InSi, in_si
 from pgmp_petsc.effects.law import calling
 from pgmp_petsc.lanes.compiled import native_address, njit, text_mark
 from pgmp_petsc.lanes.lane_items import eliminate
-from pgmp_petsc.outputs.of_outputs import TIME, FormulaOfOutputs, RateOfOutput
+from pgmp_petsc.outputs.of_outputs import Expression, OfMotion, in_law, rate_of
 from pgmp_petsc.scene import Scene
-
-Motions = Sequence[tuple[Any, Any]]  # sympy's symbols of every motion and of its rate
-
-
-class Seen(Protocol):
-    """What is measured."""
-
-    def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
-        """Return it in sympy's form; `names` has the time t and parameters."""
-
-
-@dataclass(frozen=True)
-class OfMotion:
-    """A motion by its number, or its rate."""
-
-    number: int
-    derivative: int = 0
-
-    def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
-        """Return its symbol."""
-        return motions[self.number][self.derivative]
-
-
-@dataclass(frozen=True)
-class RateOf:
-    """How fast something changes."""
-
-    of: Seen
-
-    def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
-        """Return the rate."""
-        return rate_of(self.of.symbolic(motions, names), motions, names["t"])
-
-
-@dataclass(frozen=True)
-class Formula:
-    """A formula in the language of declarations, of what is seen and of parameters by their names there."""
-
-    text: str
-    parts: tuple[tuple[str, Seen], ...]
-    constants: tuple[tuple[str, str], ...]  # what parameters are called there, and in the law
-
-    def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
-        """Return the formula."""
-        own = {name: part.symbolic(motions, names) for name, part in self.parts}
-        return symbolic(self.text, {TIME: names["t"], **{name: names[law] for name, law in self.constants}, **own})
-
-
-def rate_of(seen: Any, motions: Motions, t: Any) -> Any:
-    """Return the rate of an expression of motions and t; of one of rates, which nobody asks for, what is known."""
-    import sympy as sp
-
-    return sp.diff(seen, t) + sum((sp.diff(seen, s) * v for s, v in motions), sp.Integer(0))
 
 
 @dataclass(frozen=True)
@@ -104,28 +51,22 @@ class Measured:
 
     #: names of the outputs whose motions these are, in their order
     motions: tuple[str, ...]
-    seen: tuple[tuple[str, Seen], ...]  # what is measured, by its name in the law
+    seen: tuple[tuple[str, Expression], ...]  # what is measured, by its name in the law
     constants: Mapping[str, str]  # parameters of the scene, by what they are called in the law
 
     @classmethod
     def of(cls, scene: Scene, outputs: Mapping[str, str]) -> Measured:
         """Return what outputs are made of, given by their names in the law."""
         motions: dict[str, int] = {}
-        constants: dict[str, str] = {}
 
-        def seen(name: str) -> Seen:
-            entry = scene.outputs[name]
-            if isinstance(entry, RateOfOutput):
-                return RateOf(seen(entry.of))
-            if isinstance(entry, FormulaOfOutputs):
-                text, used = entry.in_si(scene)
-                named = [one for one in scene.parameters if one in used]
-                constants.update({f"seen_{one}": one for one in named})
-                parts = tuple((f"of_{one}", seen(one)) for one in entry.made_in(scene))
-                return Formula(text, parts, tuple((f"of_{one}", f"seen_{one}") for one in named))
-            return OfMotion(motions.setdefault(name, len(motions)), entry.derivative)
+        def seen(name: str) -> Expression:
+            found = scene.outputs[name].expression(scene, seen)
+            if found is None:
+                found = OfMotion(motions.setdefault(name, len(motions)), scene.outputs[name].derivative)
+            return found
 
         found = tuple((name, seen(output)) for name, output in outputs.items())
+        constants = {in_law(parameter): parameter for _, one in found for parameter in one.parameters}
         return cls(tuple(motions), found, constants)
 
 
@@ -137,7 +78,9 @@ LIMITS = ("lower", "upper")
 WHOLE = "unlimited"  # name of the force before it is limited
 _NUMBER, _NUMBERS = types.float64, types.CPointer(types.float64)
 _TAKES = _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS
-PRINTS = (__name__, "pgmp_petsc.controllers.law", "pgmp_petsc.declare.expressions", "pgmp_petsc.declare.formulas")
+PRINTS = (
+    __name__, "pgmp_petsc.outputs.of_outputs", "pgmp_petsc.declare.expressions", "pgmp_petsc.declare.formulas",
+)  # fmt: skip
 MOST_ITERATIONS = 30
 CLOSE = 1e-14  # of the states, and of the terms that make them, where their iteration ends
 PYTHON = '''"""The law of the controller {name}, printed from its declaration."""
@@ -175,7 +118,7 @@ class ControlLaw(Printed):
     force: str  # expression of the same but for `FORCES`
     starts: Mapping[str, str] = field(default_factory=dict)  # states at the start, expressions without states; else 0
     #: what is measured, by its name in the expressions, and which has a `rate` there; and of how many motions it is
-    measured: tuple[tuple[str, Seen], ...] = (("y", OfMotion(0)),)
+    measured: tuple[tuple[str, Expression], ...] = (("y", OfMotion(0)),)
     rate_of: str = "y"
     n_motions: int = 1
     limits: tuple[str, str] = LIMITS  # expressions of the lowest and the highest force, of themselves
@@ -196,7 +139,9 @@ class ControlLaw(Printed):
             check(f"{entry}: start of {state}", text, given, place)
         self.enter()
 
-    def measuring(self, measured: Sequence[tuple[str, Seen]], n_motions: int, parameters: Sequence[str]) -> ControlLaw:
+    def measuring(
+        self, measured: Sequence[tuple[str, Expression]], n_motions: int, parameters: Sequence[str]
+    ) -> ControlLaw:
         """Return the law of what is measured by the names it has, with parameters of that behind its own."""
         same = tuple(measured) == self.measured and n_motions == self.n_motions
         return self if same else _measuring(self, tuple(measured), n_motions, tuple(parameters))
@@ -331,7 +276,7 @@ class ControlLaw(Printed):
 
 @functools.cache
 def _measuring(
-    law: ControlLaw, measured: tuple[tuple[str, Seen], ...], n_motions: int, parameters: tuple[str, ...]
+    law: ControlLaw, measured: tuple[tuple[str, Expression], ...], n_motions: int, parameters: tuple[str, ...]
 ) -> ControlLaw:
     mark = hashlib.sha256(repr((measured, n_motions, parameters)).encode()).hexdigest()[:12]
     return replace(

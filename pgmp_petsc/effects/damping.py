@@ -155,7 +155,7 @@ class BodiesDamping(Effect):
 
     def __init__(self, name: str, entry: StructuralDamping, mechanism: Mechanism) -> None:
         super().__init__(name)
-        self.of_body = {
+        self.dampings = {
             i: entry
             for i, body in enumerate(mechanism.bodies)
             if (body.flexible if entry.bodies is None else body.name in entry.bodies)
@@ -213,7 +213,7 @@ def amplitude_damping(
 def _with_ratios(effects: Sequence[Effect]) -> Iterator[tuple[str, int, tuple[float, ...]]]:
     """Yield the names of effects with ratios, the numbers of the bodies that they damp, and these ratios."""
     for effect in effects:
-        for number, entry in effect.of_body.items() if isinstance(effect, BodiesDamping) else ():
+        for number, entry in effect.dampings.items():
             if any(entry.ratios):
                 yield effect.name, number, entry.ratios
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -94,6 +95,10 @@ class Effect:
     conservative = False
     #: Common factor of its load terms over time; kinds that change with time have their own.
     strength = TimeFunction.constant(1.0)
+    #: Unit direction (d,) and size (m/s2) of a uniform field of acceleration, None of others.
+    field: tuple[np.ndarray, Quantity] | None = None
+    #: Structural damping of bodies by their number, with `stiffness`, `mass` and `ratios` as of `damping`.
+    dampings: Mapping[int, Any] = MappingProxyType({})
 
     def __init__(self, name: str) -> None:
         self.name = name

@@ -29,7 +29,7 @@ from pgmp_petsc.declare.formulas import FUNCTIONS, FormulaError, declared, jumps
 from pgmp_petsc.declare.own_units import in_si
 from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
-from pgmp_petsc.effects.joint_effects import measure_of, place_of
+from pgmp_petsc.effects.joint_effects import place_of
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -152,7 +152,7 @@ def led_over(entry: Any, mechanism: Mechanism, action: Action) -> list[Action]:
     motion = motion_over(mechanism.scene, entry)
     if entry.over == entry.joint and (motion == "sliding") == slides(mechanism.scene, entry):
         return [action]
-    leading = measure_of(mechanism, entry.over, motion)
+    leading = mechanism.connection(entry.over).motion(motion)
     return [Action(action.effect, law=NOTHING, parameters=(), **leading), replace(action, led=True)]
 
 

@@ -47,13 +47,7 @@ from pgmp_petsc.scene.uses import slides
 
 def joint_measure(mechanism: Mechanism, entry: Any) -> dict[str, Any]:
     """Return statement and attachments of an effect's joint, as `Action` takes them."""
-    return measure_of(mechanism, entry.joint, "sliding" if slides(mechanism.scene, entry) else "turning")
-
-
-def measure_of(mechanism: Mechanism, joint: str, motion: str) -> dict[str, Any]:
-    """Return the same of a motion of a joint."""
-    connection = mechanism.connection(joint)
-    return {"statement": connection.measure(motion), "a": connection.a, "b": connection.b}
+    return mechanism.connection(entry.joint).motion("sliding" if slides(mechanism.scene, entry) else "turning")
 
 
 def place_of(mechanism: Mechanism, name: str, entry: Any) -> dict[str, Any]:

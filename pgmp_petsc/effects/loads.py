@@ -278,21 +278,21 @@ class Weights(Effect):
         self.conservative = over_time is None
         if over_time is not None:
             self.strength = over_time
-        direction = self.direction = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
-        self.acceleration = acceleration
+        direction = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+        self.field, self._monomial = (direction, acceleration), acceleration.monomial
         self._translational = {weight for body in mechanism.bodies for weight in body.translational_weights}
         self._bodies = mechanism.bodies
         self._mechanism = mechanism
         self._field = np.zeros(mechanism.n_dofs)
-        mechanism.by_node(self._field)[:, : direction.size] = direction * self.acceleration.coefficient
+        mechanism.by_node(self._field)[:, : direction.size] = direction * acceleration.coefficient
         for body in mechanism.bodies:
-            body.at_points(self._field)[:] = direction * self.acceleration.coefficient
+            body.at_points(self._field)[:] = direction * acceleration.coefficient
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return ``M_i a``; the translational mass is isotropic, so body frames and the inertial one agree."""
         # a purely rotary mass term takes no part in a uniform field, on any rank, whatever its rows
         return [
-            Load(self.name, weight * self.acceleration.monomial, mass @ self._field, (weight, self._field))
+            Load(self.name, weight * self._monomial, mass @ self._field, (weight, self._field))
             for weight, mass in matrices.mass.items()
             if weight in self._translational
         ]

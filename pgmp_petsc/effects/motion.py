@@ -242,6 +242,13 @@ class BaseMotion(OverTime):
         elif self.harmonic is not None:
             yield from harmonic_problems(scene, f"effects.{name}", self)
 
+    def course(self) -> TimeFunction:
+        """Return how far the base has gone."""
+        pieces = _given(self)
+        for _ in range(GIVEN[self.of][0], 2):
+            pieces = integrated(pieces)
+        return TimeFunction(*pieces)
+
     def forces(self, name: str, mechanism: Mechanism) -> Weights:
         """Return the inertia forces."""
         return Weights(name, self.direction, -1.0 * Quantity.of(self.scale), mechanism, acceleration_of(self))
@@ -255,19 +262,12 @@ def acceleration_of(entry: BaseMotion) -> TimeFunction:
     return TimeFunction(*pieces)
 
 
-def displacement_of(entry: BaseMotion) -> TimeFunction:
-    """Return how far a base has gone along its direction over time, m; its scale is not in it."""
-    pieces = _given(entry)
-    for _ in range(GIVEN[entry.of][0], 2):
-        pieces = integrated(pieces)
-    return TimeFunction(*pieces)
-
-
-def bases_of(scene: Scene) -> Iterator[tuple[BaseMotion, TimeFunction]]:
+def bases_of(scene: Scene) -> Iterator[tuple[OverTime, TimeFunction]]:
     """Yield the motions of a scene's base, those whose values name parameters as several with a scale each."""
     for entry in scene.plain_effects.values():
-        if isinstance(entry, BaseMotion):
-            yield entry, displacement_of(entry)
+        course = entry.course()
+        if course is not None:
+            yield entry, course
 
 
 def _given(entry: BaseMotion) -> Sequence[Piece]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.effects import Effect
-from pgmp_petsc.effects.damping import BodiesDamping, ModalDamping, amplitude_damping, modal_damping
+from pgmp_petsc.effects.damping import ModalDamping, amplitude_damping, modal_damping
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -40,10 +40,9 @@ class BodyDampings:
         """
         rayleigh, names = {}, {}
         for effect in effects:
-            if isinstance(effect, BodiesDamping):
-                for number, damping in effect.of_body.items():
-                    if damping.stiffness or damping.mass:
-                        rayleigh[number], names[number] = (damping.stiffness, damping.mass), effect.name
+            for number, damping in effect.dampings.items():
+                if damping.stiffness or damping.mass:
+                    rayleigh[number], names[number] = (damping.stiffness, damping.mass), effect.name
         bodies, nominal = mechanism.bodies if bodies is None else bodies, mechanism.scene.nominal
         braked = amplitude_damping(effects, bodies, nominal)
         names |= {number: effect for number, (effect, _) in braked.items()}

@@ -17,7 +17,7 @@ from pgmp_petsc.bodies.beam2d import PACKED_COLUMNS, PACKED_ROWS
 from pgmp_petsc.bodies.body import Body, element_dofs
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
 from pgmp_petsc.bodies.solid import Region, Solid
-from pgmp_petsc.effects.loads import Weights
+from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.full.damping import BodyDampings
 from pgmp_petsc.full.elements import N_SECTION, N_VECTORS, Beams, Masses, Solids
 from pgmp_petsc.full.kernel import Elements, FullProblem, Lumps
@@ -240,9 +240,9 @@ def _of_cells(share: Share, solid: Solid, region: Region) -> list[np.ndarray]:
 
 
 def floating_bodies(
-    share: Share, unknowns: Unknowns, gravity: Sequence[tuple[int, Weights]]
+    share: Share, unknowns: Unknowns, gravity: Sequence[tuple[int, Effect]]
 ) -> tuple[FloatingBodies, Pattern]:
-    """Return the flexible bodies in floating frames; `gravity` are effects with the numbers of their loads."""
+    """Return the flexible bodies in floating frames; `gravity` are fields with the numbers of their loads."""
     d, n_samples = unknowns.dimension, share.blocks.n_samples
     starts, chosen = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)]
     firsts, numbers, dofs, tables = [np.zeros(5, dtype=int)], [], [np.zeros(0, dtype=int)], [np.zeros((0, n_samples))]
@@ -268,7 +268,8 @@ def floating_bodies(
         counted.append(share.owns(own)[0, 0])
         firsts.append(firsts[-1] + [own.size, len(tables[-1]), low[0].size, first.size, which.size])
     pattern = np.concatenate(rows), np.concatenate(columns)
-    falls = [np.multiply.outer(effect.direction, share.quantity(effect.acceleration)) for _, effect in gravity]
+    fields = (effect.field for _, effect in gravity)
+    falls = [np.multiply.outer(direction, share.quantity(acceleration)) for direction, acceleration in fields]
     part = FloatingBodies(
         np.concatenate(dofs), np.array(firsts), np.array(numbers, dtype=int),
         share.blocks.pack(np.concatenate(tables)),

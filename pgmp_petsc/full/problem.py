@@ -18,7 +18,6 @@ from pgmp_petsc.controllers.acting import given_to
 from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.effects import Action, Effect, Load, Motion, actions_of, loads_of
 from pgmp_petsc.effects.action import amplitudes_over, compile_actions, counted_from
-from pgmp_petsc.effects.loads import Weights
 from pgmp_petsc.full.batched_ldl import analyse
 from pgmp_petsc.full.damping import BodyDampings, ModalFactors
 from pgmp_petsc.full.forces import BlockActions, Loads
@@ -131,7 +130,8 @@ class FullEquations:
         masses = MassesOnDemand(kinematics.mechanism.bodies, unknowns.in_mechanism(self.rows))
         # a couple that is constant in body frames is none in space
         loads = [one for one in loads_of(effects, masses) if unknowns.dimension == 2 or not one.in_bodies]
-        falling = [e for e in effects if isinstance(e, Weights) and any(body.n_amplitudes for body in unknowns.bodies)]
+        floating = any(body.n_amplitudes for body in unknowns.bodies)
+        falling = [one for one in effects if floating and one.field is not None]
         gravity = list(enumerate(falling, len(loads)))
         by_name = {effect.name: effect for effect in effects}
         self.loads = [*(by_name[load.effect] for load in loads), *falling]

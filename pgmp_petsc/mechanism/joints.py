@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -251,13 +252,22 @@ class Connection:
 
     def measure(self, motion: str) -> Statement:
         """Return what measures ``turning`` or ``sliding``."""
-        return {"turning": self.angle, "sliding": along(self.axes[0][:, 0])}[motion]
+        return {"turning": self.angle, "sliding": self.way}[motion]
+
+    def motion(self, motion: str) -> dict[str, Any]:
+        """Return what measures a motion and both attachments, as `effects.action.Action` takes them."""
+        return {"statement": self.measure(motion), "a": self.a, "b": self.b}
 
     @cached_property
     def angle(self) -> Statement:
         """How far b is turned against a about the joint's axis; in the plane from where both bodies are parallel, in
         space from where they are assembled."""
         return angle(*self.axes)
+
+    @cached_property
+    def way(self) -> Statement:
+        """How far b is from a along the joint's line."""
+        return along(self.axes[0][:, 0])
 
 
 @dataclass(frozen=True, eq=False)

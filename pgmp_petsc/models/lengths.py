@@ -20,10 +20,9 @@ from pgmp_petsc.mechanism.statements import ANGLE
 from pgmp_petsc.models.full import ComponentModel, FullModel
 from pgmp_petsc.models.model import Model
 from pgmp_petsc.models.reduced import Observing, ReducedModel, begun
-from pgmp_petsc.outputs.of_outputs import Combined
 from pgmp_petsc.outputs.outputs import in_order
 from pgmp_petsc.outputs.rainflow import Counted
-from pgmp_petsc.outputs.readings import AnyReading, ModelReading, Needs
+from pgmp_petsc.outputs.readings import AnyReading, ModelReading, Needs, Rate
 from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedTerms
@@ -150,7 +149,10 @@ class LengthLanes(Observing):
         self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts, model.outputs.takes_beside)
         functions = model.outputs.functions
         # each behind those that it is made of
-        of_others = [name for name in in_order(self.scene) if isinstance(functions[name], (Combined, Counted))]
+        of_others = [
+            name for name in in_order(self.scene)
+            if "outputs" in self.scene.outputs[name].reads and not isinstance(functions[name], Rate)
+        ]  # fmt: skip
         self.formulas = {one.name: functions[one.name] for one in model.outputs.forces}
         self.formulas |= {name: _of_others(self.scene, name) for name in of_others}
         self.lengths = length_names(model.scene)

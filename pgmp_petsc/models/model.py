@@ -11,16 +11,18 @@ from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.controllers.acting import has_motion, measured_by
+from pgmp_petsc.controllers.acting import measured_by
 from pgmp_petsc.controllers.running import rows_of
+from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.outputs.outputs import OutputSet, carried_in
+from pgmp_petsc.outputs.outputs import OutputSet, carried_in, in_order
 from pgmp_petsc.outputs.rainflow import counted_after
-from pgmp_petsc.outputs.readings import Rate, Reading
+from pgmp_petsc.outputs.readings import AnyReading, Rate, Reading
 from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.outputs import OutputEntry
 from pgmp_petsc.scene.uses import length_names, velocity_names
 from pgmp_petsc.stepping.second_order_system import PooledObserver, SecondOrderSystem, State
 from pgmp_petsc.stepping.static_equilibrium import Search
@@ -141,6 +143,16 @@ def search_of(scene: Scene, mechanism: Mechanism) -> Search:
     )
 
 
+def _before(entry: OutputEntry, reading: AnyReading) -> AnyReading:
+    """Return what a controller's law takes the value or the rate of, as an output's `derivative` says; raises
+    `InputError` if it reads another one."""
+    order = reading.order if isinstance(reading, Rate) else 0
+    if order != entry.derivative:
+        words = f"it reads a derivative of order {order}, and says {entry.derivative}"
+        raise refuse(type(entry), f"{words}; controllers that measure it take the property derivative for it")
+    return reading.of if order else reading
+
+
 #: Multipliers of joints, (n_held + n_driven, n_samples), at a time (s), for a state, and forces (n_carried, n_samples)
 #: that joints were taken to carry.
 MultipliersOf = Callable[[float, State, np.ndarray], np.ndarray]
@@ -150,7 +162,7 @@ class Measures:
     """The motions that a scene's controllers measure, with their rates.
 
     They are read from the frames of `nodes`, of order 1 with their rates, and forces in joints that effects hang on,
-    `carried`. Whether actions of the mechanics measure them all (`controllers.acting.motion_of`) is `known`. `rows` are
+    `carried`. Whether actions of the mechanics measure them all (`OutputEntry.stated`) is `known`. `rows` are
     their numbers among the parts of all forces that are given (`controllers.running.rows_of`), and `origins`, a number
     for each of these parts, what counts as zero where actions measure it.
     """
@@ -158,19 +170,20 @@ class Measures:
     def __init__(self, scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> None:
         motions = [name for one in scene.controllers.values() for name in measured_by(scene, one).motions]
         of_these = OutputSet.of(
-            scene.model_copy(update={"outputs": {name: scene.outputs[name] for name in motions}}), kinematics, start
+            scene.model_copy(update={"outputs": {name: scene.outputs[name] for name in in_order(scene, motions)}}),
+            kinematics,
+            start,
         )
         self._scene, rows = scene, rows_of(scene)
         firsts = np.cumsum([0, *rows])[len(scene.carried) :].tolist()
         each = (len(measured_by(scene, one).motions) for one in scene.controllers.values())
         self.rows = [first + k for first, n in zip(firsts, each) for k in range(n)]
-        found = (of_these.functions[name] for name in motions)
-        self._read = [(one.of if isinstance(one, Rate) else one, True) for one in found]
+        self._read = [(_before(scene.outputs[name], of_these.functions[name]), True) for name in motions]
         self._set, self.carried = replace(of_these, order=1), carried_in(scene, kinematics, start)
         self.nodes = tuple(sorted({*of_these.nodes, *(node for one in self.carried for node in one.nodes)}))
         self.order = int(bool(scene.controllers) or any(one.reads_rates for one in self.carried))
         self._own = [self.nodes.index(node) for node in of_these.nodes]
-        self.known = all(has_motion(scene, name) for name in motions)
+        self.known = all(scene.outputs[name].is_stated for name in motions)
         self.origins = np.zeros(sum(rows))
         self.origins[self.rows] = [one.origin if isinstance(one, Reading) else 0.0 for one, _ in self._read]
 

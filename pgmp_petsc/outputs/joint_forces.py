@@ -55,19 +55,10 @@ Values = Mapping[str, np.ndarray | float]
 Component = Literal["x", "y", "z", "axial", "radial", "magnitude"]
 
 
-class OfMultipliers(OutputEntry):
-    """An output of the multipliers of constraints."""
-
-    reads = ("multipliers",)
-
-    def multiplied(self, name: str, kinematics: RigidKinematics) -> ForceOutput:
-        """Return what makes the output of multipliers; raises `InputError` where these do not determine it."""
-        raise NotImplementedError
-
-
-class InJoint(OfMultipliers):
+class InJoint(OutputEntry):
     """A component of what acts in a joint."""
 
+    reads = ("multipliers",)
     turning: ClassVar[bool]  # whether it is a moment
     joint: str = Field(description="name of a joint, or of one that couples the motions of others")
     component: Component = Field(
@@ -129,9 +120,10 @@ class JointTorque(InJoint):
     unit, turning = "N m", True
 
 
-class OfDrive(OfMultipliers):
+class OfDrive(OutputEntry):
     """What a prescribed motion takes."""
 
+    reads = ("multipliers",)
     joint: str | None = Field(None, description="name of the joint whose motion is prescribed")
     coordinate: str | None = Field(None, description="in place of a joint: name of the coordinate")
     with_rate: ClassVar[bool] = False
@@ -247,12 +239,12 @@ class ForceOutput:
     rows: np.ndarray  # numbers of the multipliers that it takes
     nodes: frozenset[int]  # nodes whose frames it takes
     reads_rates: bool  # whether it takes their rates
-    entry: OfMultipliers
+    entry: OutputEntry
 
     @property
     def is_size(self) -> bool:
         """Whether it is the magnitude of what it is made of, else that itself."""
-        return isinstance(self.entry, InJoint) and self.entry.component in ("magnitude", "radial")
+        return getattr(self.entry, "component", "") in ("magnitude", "radial")
 
     @property
     def n_parts(self) -> int:
@@ -545,7 +537,7 @@ def force_outputs(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) 
     Raises `InputError` where the constraints at the start, coordinates (n_theta,), do not determine one.
     """
     found = tuple(
-        entry.multiplied(name, kinematics) for name, entry in scene.outputs.items() if isinstance(entry, OfMultipliers)
+        entry.multiplied(name, kinematics) for name, entry in scene.outputs.items() if "multipliers" in entry.reads
     )
     if any(output.rows.size for output in found if not isinstance(output, OfMotion)):
         _refuse_undetermined(found, kinematics, start)

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.statements import distance
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.statements import Statement, along, angle, distance
 from pgmp_petsc.outputs.readings import AXES, Absolute, AnyReading, Rate, Reading, RigidReference
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Connection, Point, exactly_one, refusal
@@ -22,6 +24,21 @@ from pgmp_petsc.scene.outputs import Axis, OutputEntry
 from pgmp_petsc.scene.uses import slides
 
 ABSOLUTE = "whether it counts from outside of a base that moves (`base_motion`), not from the base"
+
+
+class OfStatement(OutputEntry):
+    """What is read of a statement about two frames, which `motion` returns."""
+
+    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
+        """Return the statement."""
+        motion = self.stated(name, kinematics.mechanism)
+        return Reading("MEASURE", (motion["a"], motion["b"]), motion["statement"], kinematics.mechanism.space)
+
+
+def from_origin(statement: Statement, point: str, name: str, mechanism: Mechanism) -> dict[str, Any]:
+    """Return a statement about the ground's origin and a point, as `Action` takes it."""
+    ends = (mechanism.attachment(one, f"{name}.point") for one in ("ground:origin", point))
+    return {"statement": statement, **dict(zip("ab", ends))}
 
 
 class Angle(OutputEntry):
@@ -35,32 +52,33 @@ class Angle(OutputEntry):
         """Return the joint's angle, which counts turns."""
         return Reading.of_angle(kinematics.mechanism.connection(self.joint), kinematics, start)
 
+    def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
+        return joint_measure(mechanism, self)
 
-class Sliding(OutputEntry):
+
+class Sliding(OfStatement):
     """Displacement along the line or axis of a joint that slides (m)."""
 
     type: Literal["sliding"]
     reads, unit, joints = ("frames",), "m", ("sliding",)
     joint: str = Field(description="name of a joint that slides")
 
-    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
+    def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
         """Return the place along the joint's line."""
-        joint = kinematics.mechanism.connection(self.joint)
-        return Reading("MEASURE", joint.sides, joint.measure("sliding"), space=kinematics.mechanism.space)
+        return joint_measure(mechanism, self)
 
 
-class Distance(OutputEntry):
+class Distance(OfStatement):
     """Distance of two points (m)."""
 
     type: Literal["distance"]
     reads, unit = ("frames",), "m"
     points: Connection = Field(description='two points, "body:point" or "ground:point"')
 
-    def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
+    def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
         """Return the distance."""
-        mechanism = kinematics.mechanism
-        sides = tuple(mechanism.attachment(point, f"{name}.points") for point in self.points)
-        return Reading("MEASURE", sides, distance(mechanism.space.dimension), space=mechanism.space)
+        ends = (mechanism.attachment(point, f"{name}.points") for point in self.points)
+        return {"statement": distance(mechanism.space.dimension), **dict(zip("ab", ends))}
 
 
 class Rotation(OutputEntry):
@@ -80,6 +98,9 @@ class Rotation(OutputEntry):
         """Return the rotation of the node."""
         return Reading.at_point("ROTATION", self.point, name, kinematics)
 
+    def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
+        return from_origin(angle(np.eye(2), np.eye(2)), self.point, name, mechanism)
+
 
 class AlongAxis(OutputEntry):
     """What is read of a point along an axis."""
@@ -94,6 +115,18 @@ class OnTheGround(AlongAxis):
 
     reads = ("frames", "time", "parameters")
     absolute: bool = Field(False, strict=True, description=ABSOLUTE)
+
+    @property
+    def is_stated(self) -> bool:
+        return not self.absolute
+
+    def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
+        """Return the place along the axis; a displacement has another zero."""
+        return _along_axis(self.point, self.axis, name, mechanism)
+
+
+def _along_axis(point: str, axis: str, name: str, mechanism: Mechanism) -> dict[str, Any]:
+    return from_origin(along(np.eye(mechanism.space.dimension)[AXES[axis]]), point, name, mechanism)
 
 
 class Position(OnTheGround):
@@ -175,3 +208,12 @@ class Speed(OutputEntry):
         if not slides(mechanism.scene, self):
             return Rate(Reading.of_angle(connection, kinematics, start))
         return Rate(Reading("MEASURE", connection.sides, connection.measure("sliding"), space=mechanism.space))
+
+    @property
+    def is_stated(self) -> bool:
+        return not self.absolute
+
+    def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
+        """Return the place or angle."""
+        of_joint = self.joint is not None
+        return joint_measure(mechanism, self) if of_joint else _along_axis(self.point, self.axis, name, mechanism)

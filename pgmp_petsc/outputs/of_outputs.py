@@ -10,16 +10,17 @@ those of what it names (`declare.formulas.Series`); comparisons are 1 or 0, and 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import or_
-from typing import Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from pydantic import Field
 
 from pgmp_petsc.base.units import UnknownUnit, measure, si_name
+from pgmp_petsc.declare.expressions import symbolic
 from pgmp_petsc.declare.formulas import (
     NUMBER,
     DimensionError,
@@ -40,7 +41,78 @@ from pgmp_petsc.scene.outputs import OutputEntry, per_second, unit_of
 from pgmp_petsc.scene.uses import Use, uses_of
 
 TIME = "time"  # what t is called in a declared formula
+Motions = Sequence[tuple[Any, Any]]  # sympy's symbols of every motion that a controller measures, and of its rate
 CORNERS = ("abs", "sign", "min", "max", "where", "<", ">", "atan2")  # where a formula is not smooth
+
+
+class Expression(Protocol):
+    """What a controller measures, made of motions; its law prints it."""
+
+    parameters: tuple[str, ...]  # of the scene, that it names
+
+    def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
+        """Return it in sympy's form; `names` has the time t, and parameters as of `in_law`."""
+
+
+def in_law(parameter: str) -> str:
+    """Return what a parameter of the scene is called in the law of a controller."""
+    return f"seen_{parameter}"
+
+
+@dataclass(frozen=True)
+class OfMotion:
+    """A motion by its number, or its rate."""
+
+    number: int
+    derivative: int = 0
+    parameters: tuple[str, ...] = ()
+
+    def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
+        """Return its symbol."""
+        return motions[self.number][self.derivative]
+
+
+@dataclass(frozen=True)
+class RateOf:
+    """How fast something changes."""
+
+    of: Expression
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Those of what it is of."""
+        return self.of.parameters
+
+    def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
+        """Return the rate."""
+        return rate_of(self.of.symbolic(motions, names), motions, names["t"])
+
+
+@dataclass(frozen=True)
+class FormulaOf:
+    """A formula in the language of declarations, of expressions by their names there, and parameters of its own."""
+
+    text: str
+    parts: tuple[tuple[str, Expression], ...]
+    own: tuple[str, ...]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Its own, and those of its parts."""
+        return tuple(dict.fromkeys(one for part in (self.own, *(p.parameters for _, p in self.parts)) for one in part))
+
+    def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
+        """Return the formula."""
+        parts = {name: part.symbolic(motions, names) for name, part in self.parts}
+        constants = {f"of_{one}": names[in_law(one)] for one in self.own}
+        return symbolic(self.text, {TIME: names["t"], **constants, **parts})
+
+
+def rate_of(seen: Any, motions: Motions, t: Any) -> Any:
+    """Return the rate of an expression of motions and t; of one of rates, which nobody asks for, what is known."""
+    import sympy as sp
+
+    return sp.diff(seen, t) + sum((sp.diff(seen, s) * v for s, v in motions), sp.Integer(0))
 
 
 class RateOfOutput(OutputEntry):
@@ -69,6 +141,10 @@ class RateOfOutput(OutputEntry):
     def combined(self, name: str, parts: Mapping[str, AnyReading], scene: Scene) -> AnyReading:
         """Return its derivative."""
         return Rate(parts[self.of], self.order)
+
+    def expression(self, scene: Scene, seen: Callable[[str], Expression]) -> Expression:
+        """Return the rate; accelerations are measured by none."""
+        return RateOf(seen(self.of))
 
 
 class FormulaOfOutputs(OutputEntry):
@@ -189,6 +265,12 @@ class FormulaOfOutputs(OutputEntry):
             text, {f"of_{one}": part for one, part in parts.items()},
             {f"of_{one}": one for one in scene.parameters if one in used}, "t" in used,
         )  # fmt: skip
+
+    def expression(self, scene: Scene, seen: Callable[[str], Expression]) -> Expression:
+        """Return the formula of what it names."""
+        text, used = self.in_si(scene)
+        parts = tuple((f"of_{one}", seen(one)) for one in self.made_in(scene))
+        return FormulaOf(text, parts, tuple(one for one in scene.parameters if one in used))
 
 
 def _of_parameter(scene: Scene, name: str) -> Measured:

@@ -95,6 +95,11 @@ class EffectEntry(Table):
         `InputError` if a body's mesh does not have a point that it is at."""
         raise NotImplementedError
 
+    def course(self) -> Any:
+        """Return how far the base goes along its `direction` over time, m, without its `scale`, an
+        `effects.time_function.TimeFunction`; None if it does not move the base."""
+        return None
+
     def jumps_within(self, step: float) -> bool:
         """Return whether its force may jump within a step of that length, s."""
         return bool(self.jumps_with)

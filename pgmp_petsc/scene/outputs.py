@@ -34,6 +34,8 @@ STRESSES = {
 }
 #: What outputs may read.
 READS = ("frames", "outputs", "time", "parameters", "stresses", "multipliers", "beside", "history")
+#: Entries that say of what, where others than the output itself read it.
+NAMING = {"stresses": ("body", "quantity", "at", "group", "region"), "beside": ("controller",)}
 #: Quantities of beams that need the shape of the section.
 OF_FIBRES = ("stress_max", "stress_min")
 
@@ -62,6 +64,13 @@ class OutputEntry(Table):
         of_frames = cls.of_frames() and "outputs" not in cls.reads
         if (cls.combined is not OutputEntry.combined) != ("outputs" in cls.reads):
             raise refuse(cls, "an output has the method combined(self, name, parts, scene) if it reads outputs")
+        if (cls.multiplied is not OutputEntry.multiplied) != ("multipliers" in cls.reads):
+            raise refuse(cls, "an output has the method multiplied(self, name, kinematics) if it reads multipliers")
+        for what in NAMING.keys() & set(cls.reads):
+            lacking = [key for key in NAMING[what] if key not in cls.model_fields]
+            if lacking:
+                raise refuse(cls, f"an output that reads {what} has the entries {', '.join(NAMING[what])}; "
+                             f"missing: {', '.join(lacking)}")  # fmt: skip
         if (cls.reading is not OutputEntry.reading) != of_frames:
             words = "an output has the method reading(self, name, start, kinematics) if it reads frames"
             raise refuse(cls, words)
@@ -80,6 +89,21 @@ class OutputEntry(Table):
         """Which derivative over time it takes of what it reads: 1 if that is a speed of it."""
         return 0
 
+    def stated(self, name: str, mechanism: Any) -> dict[str, Any]:
+        """Return the statement about two frames that it reads, or the derivative of, with their attachments, as
+        `effects.action.Action` takes them: controllers that measure it have slopes by that."""
+        raise NotImplementedError
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether it reads such a statement."""
+        return type(self).stated is not OutputEntry.stated
+
+    def expression(self, scene: AnyScene, seen: Any) -> Any:
+        """Return what it is of other outputs for a controller, one of those in `outputs.of_outputs`, of what `seen`
+        returns for their names; None if controllers take it as a motion of its own."""
+        return None
+
     @property
     def made_of(self) -> Mapping[str, str]:
         """The other outputs that it is made of, each with the entry that names it."""
@@ -94,6 +118,11 @@ class OutputEntry(Table):
 
     def combined(self, name: str, parts: Mapping[str, Any], scene: AnyScene) -> Any:
         """Return what is read, if it reads other outputs, of readings of these."""
+        raise NotImplementedError
+
+    def multiplied(self, name: str, kinematics: Any) -> Any:
+        """Return what makes it of multipliers, an `outputs.joint_forces.ForceOutput`, if it reads these; raises
+        `InputError` where they do not determine it."""
         raise NotImplementedError
 
     @classmethod

@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from hashlib import sha256
 from importlib.metadata import EntryPoint, EntryPoints
@@ -12,6 +13,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import tomli_w
 from combinations import _build, _components, _full, meshes_for, scene_of
 from conftest import ROOT
 from effect_scenes import BASE
@@ -24,6 +26,7 @@ import pgmp_petsc as pgmp
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.plugins import IN_USE, check_plugins
 from pgmp_petsc.base.units import UNITS
+from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.source import compiled_of
 from pgmp_petsc.declare import ideas
 from pgmp_petsc.declare.ideas import FAMILIES
@@ -116,6 +119,190 @@ def test_the_controller_of_the_page_acts_as_the_formula_that_it_is(tmp_path: Pat
     for name, values in found["own"].items():
         np.testing.assert_allclose(found["plugin"][name], values, rtol=1e-12, atol=1e-14)
     assert np.abs(found["own"]["angle"] - found["none"]["angle"]).max() > 1e-6
+
+
+#: What `Along` and others add to say more of themselves than what they read; an output of another one's multipliers; an
+#: output that is twice another one, in its own words.
+STATED = """
+    def stated(self, name, mechanism):
+        sides = (mechanism.attachment(one, name) for one in ("ground:origin", self.point))
+        return {"statement": along(np.array(self.direction)), **dict(zip("ab", sides))}
+"""
+PULL = """
+from typing import Literal
+from pgmp_petsc.outputs.joint_forces import JointForce
+from pgmp_petsc.scene.outputs import OutputEntry
+
+class Pull(OutputEntry):
+    \'\'\'How a joint pulls along x.\'\'\'
+
+    type: Literal["pull"]
+    reads, unit = "multipliers", "N"
+    bearing: str
+
+    def multiplied(self, name, kinematics):
+        return JointForce(type="joint_force", joint=self.bearing, component="x").multiplied(name, kinematics)
+"""
+TWICE = """
+from dataclasses import dataclass
+from typing import Any, Literal
+from pgmp_petsc.scene.outputs import OutputEntry
+
+@dataclass(frozen=True, eq=False)
+class Doubled:
+    of: Any
+
+    @property
+    def needs(self):
+        return self.of.needs
+
+    def depth(self, order):
+        return self.of.depth(order)
+
+    def jet(self, seen, order):
+        return [2.0 * part for part in self.of.jet(seen, order)]
+
+class Twice(OutputEntry):
+    \'\'\'Twice another output.\'\'\'
+
+    type: Literal["twice"]
+    reads, unit = "outputs", "m"
+    of: str
+
+    @property
+    def made_of(self):
+        return {self.of: "of"}
+
+    def combined(self, name, parts, scene):
+        return Doubled(parts[self.of])
+"""
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(
+    ("texts", "entry", "same", "share"),
+    [
+        ((OUTPUT + STATED,), 'type="along", point="rod:tip", direction=[2.0, 0.0]', "y", 1e-12),
+        ((OUTPUT,), 'type="along", point="rod:tip", direction=[2.0, 0.0]', "y", 1e-6),
+        ((TWICE,), 'type="twice", of="place"', "2 * y", 1e-6),
+    ],
+    ids=("of a statement", "of a reading", "of another output"),
+)
+def test_what_controllers_measure_is_what_the_output_says(
+    tmp_path: Path, model: str, texts: tuple[str, ...], entry: str, same: str, share: float
+) -> None:
+    """A controller of a plugin's output, and of the program's own that is the same. Without a statement iterations have
+    no slopes by it, and leave more."""
+    for number, text in enumerate(texts):
+        (path := tmp_path / f"mine_{number}.py").write_text(text)
+        pgmp.use(path)
+    text = scene_to_toml(scene_of("beams", "nothing"))
+    acting = 'type="formula", joint="crank_hinge", output="20 * (0.9 - {})"'
+    found = {
+        name: MODELS[model](scene_from_toml(text, ".", [f"outputs.mine={{{entry}}}", controller])).outputs
+        for name, controller in {
+            "plugin": f'controllers.x={{measures="mine", {acting.format("y")}}}',
+            "own": f'controllers.x={{measures="place", {acting.format(same)}}}',
+            "none": "simulation.step=1e-3",
+        }.items()
+    }
+    for name, values in found["own"].items():
+        np.testing.assert_allclose(found["plugin"][name], values, rtol=0, atol=share * np.abs(values).max())
+    assert np.abs(found["own"]["angle"] - found["none"]["angle"]).max() > 1e-4
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_an_output_of_multipliers_is_the_one_that_it_is_made_of(tmp_path: Path, model: str) -> None:
+    (path := tmp_path / "pull.py").write_text(PULL)
+    pgmp.use(path)
+    both = (
+        'outputs.mine={type="pull", bearing="crank_hinge"}',
+        'outputs.own={type="joint_force", joint="crank_hinge", component="x"}',
+        'effects.weight={type="gravity", direction=[0.0, -1.0]}',
+    )
+    found = MODELS[model](scene_from_toml(scene_to_toml(scene_of("beams", "nothing")), ".", both)).outputs
+    np.testing.assert_array_equal(found["mine"], found["own"])
+    assert np.abs(found["own"]).max() > 1e-3
+
+
+def test_a_derivative_that_an_output_does_not_say_is_refused_where_controllers_measure_it(tmp_path: Path) -> None:
+    text = OUTPUT.replace("return Reading", "return Rate(Reading").replace("mechanism.space)", "mechanism.space))")
+    (path := tmp_path / "mine.py").write_text(text.replace("import Reading", "import Rate, Reading"))
+    pgmp.use(path)
+    along = 'outputs.mine={type="along", point="rod:tip", direction=[1.0, 0.0]}'
+    scene = scene_from_toml(scene_to_toml(scene_of("beams", "nothing")), ".", [along])
+    MODELS["full"](scene)
+    acting = 'controllers.x={type="formula", measures="mine", joint="crank_hinge", output="-y"}'
+    with pytest.raises(InputError, match=r"line \d+: class Along: it reads a derivative of order 1, and says 0; contr"):
+        MODELS["full"](scene_from_toml(scene_to_toml(scene), ".", [acting]))
+
+
+#: A force of its own beside that of `PULL`.
+OWN_FORCE = PULL.replace(
+    "\nclass Pull",
+    """
+class Mine:
+    def __init__(self, of):
+        self.of = of
+
+    def __getattr__(self, name):
+        return getattr(self.of, name)
+
+class Pull""",
+).replace('return JointForce(type="joint_force", joint=self.bearing, component="x").multiplied(name, kinematics)',
+          'return Mine(JointForce(type="joint_force", joint=self.bearing, component="x").multiplied(name, kinematics))',
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "entry", "words"),
+    [
+        (TWICE, 'type="twice", of="place"', r"line \d+: class Doubled: a model in C has no code for it; make outputs"),
+        (OWN_FORCE, 'type="pull", bearing="crank_hinge"', r"line \d+: class Mine: a model in C has no .*; make it of"),
+    ],
+    ids=("a reading", "a force"),
+)
+def test_what_c_has_no_code_for_is_refused_by_its_class(tmp_path: Path, text: str, entry: str, words: str) -> None:
+    (path := tmp_path / "mine.py").write_text(text)
+    pgmp.use(path)
+    scene = scene_from_toml(scene_to_toml(scene_of("beams", "nothing")), ".", [f"outputs.mine={{{entry}}}"])
+    rom = _build(scene, meshes_for(scene), {})
+    with pytest.raises(InputError, match=words):
+        constants_of(ReducedModel(scene, rom), "it")
+
+
+#: Names of ideas, and of laws, which every file has for itself.
+NAMED = re.compile(r'^(    (?:type|shape): Literal\["|    other_half = ")(\w+)', re.MULTILINE)
+LAWS = re.compile(r'((?:Law|OfSquare|Acting)\(\s*f?")(\w+)')
+
+
+@pytest.mark.parametrize("scene", ["servo_arm", "slider_crank_effects"])
+def test_copies_of_all_ideas_by_other_names_do_the_same(tmp_path: Path, scene: str) -> None:
+    """Nothing outside of an idea's file asks for its name or for its class: the program's own files, copied with other
+    names of ideas and laws, act to the last bit as these."""
+    names: dict[str, set[str]] = {}
+    for family in FAMILIES:
+        for path in sorted(ROOT.joinpath(*family.room.split(".")).glob("*.py")):
+            text = path.read_text()
+            named = {name for _, name in NAMED.findall(text)}
+            if named:
+                names.setdefault(family.group, set()).update(named)
+                copy = tmp_path / f"{family.group}_{path.name}"
+                copy.write_text(LAWS.sub(r"\1other_\2", NAMED.sub(r"\1other_\2", text)))
+                pgmp.use(copy)
+    own = pgmp.load(ROOT / "scenes" / f"{scene}.toml", overrides=["simulation.duration=0.02"])
+    tables = tomllib.loads(scene_to_toml(own))
+    for group in names.keys() & tables.keys():
+        for entry in tables[group].values():
+            entry["type"] = f"other_{entry['type']}"
+    for body in tables["bodies"].values():
+        if "shape" in body.get("section", {}):
+            body["section"]["shape"] = f"other_{body['section']['shape']}"
+    other = scene_from_toml(tomli_w.dumps(tables), own.directory)
+    runs = [pgmp.simulate(one, model="full") for one in (own, other)]
+    assert runs[0].outputs.keys() == runs[1].outputs.keys()
+    for name, values in runs[0].outputs.items():
+        np.testing.assert_array_equal(runs[1].outputs[name], values, err_msg=name)
 
 
 #: A bar of 1 m whose ends slide on the axes x and y, and the joint that its angle is measured in.
@@ -341,6 +528,14 @@ BROKEN = {
     "a type that is nowhere": ((": Point =", ": Pnt ="), r"line \d+: .*: an entry has the type Pnt, which is not def"),
     "a law of plain numbers": (("Quantity(0.0)", "0.0"), r"mine\.py:3\d: .* is given 0\.0; a parameter is a Quantity"),
     "an output that reads nothing": (("*", OUTPUT.replace('"frames"', '"none"')), r"an output says what it reads: "),
+    "an output of multipliers without a maker": (
+        ("*", OUTPUT.replace('"frames"', '"multipliers"')),
+        r"line \d+: class Along: an output has the method multiplied\(self, name, kinematics\) if it reads multipliers",
+    ),
+    "an output of a stress of nothing": (
+        ("*", OUTPUT.replace('"frames"', '"stresses"')),
+        r"an output that reads stresses has the entries body, .*; missing: body, quantity, at, group, region$",
+    ),
     "an output of no joint": (
         ("*", OUTPUT.replace("reads,", 'joints = ("turning",); reads,')),
         r'joints = \("turning",\)$',

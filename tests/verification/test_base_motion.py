@@ -12,7 +12,7 @@ from runs import assert_close, motion, reduced_model, trajectory
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from pgmp_petsc.effects.motion import GIVEN, BaseMotion, acceleration_of, displacement_of
+from pgmp_petsc.effects.motion import GIVEN, BaseMotion, acceleration_of
 from pgmp_petsc.scene import scene_from_toml
 from scenes import HEADER, tables
 
@@ -132,12 +132,12 @@ def test_what_is_given_is_integrated(of: str) -> None:
     times, rate, order = np.linspace(0.0, 1.4, 29), 2.0 * np.pi * 2.0, GIVEN[of][0]
     wave = {"amplitude": 0.1 * rate ** (2 - order), "frequency_hz": 2.0, "phase": 0.3 + 0.5 * np.pi * (2 - order)}
     mean = {2: 0.7, 1: 0.7 * times, 0: 0.35 * times**2}[order]
-    found = displacement_of(BaseMotion(**entry, harmonic={**wave, "mean": 0.7})).jet(times, 0)[0]
+    found = BaseMotion(**entry, harmonic={**wave, "mean": 0.7}).course().jet(times, 0)[0]
     np.testing.assert_allclose(found, 0.1 * np.sin(rate * times + 0.3) + mean, rtol=0, atol=1e-14)
 
     rows = [(-0.3, 1.0), (0.2, -2.0), (0.25, 3.0), (0.7, 0.5), (1.0, 2.0)]
     table = BaseMotion(**entry, table=rows)
-    x, v, a = displacement_of(table).jet(times, 2)
+    x, v, a = table.course().jet(times, 2)
     np.testing.assert_allclose(a, acceleration_of(table)(times), rtol=0, atol=1e-12 * np.abs(a).max())
     if order == 0:  # linear between its rows, constant beyond
 
