@@ -35,6 +35,8 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
             if not isinstance(named[-1], Effect):
                 found = type(named[-1]).__name__
                 raise refuse(type(entry), f"forces returns an Effect, such as an ActionEffect, and not a {found}")
+            if not named[-1].acts:
+                raise refuse(type(entry), "forces returns an Effect without loads, actions, dampings or a field")
     named += [entry.forces(name, mechanism) for name, entry in scene.controllers.items()]
     named += springs_of_joints(scene, mechanism)
     held = scene.initial.equilibrium and scene.initial.coordinates == "held"

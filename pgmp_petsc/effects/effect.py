@@ -104,6 +104,12 @@ class Effect:
         self.name = name
 
     @property
+    def acts(self) -> bool:
+        """Whether it has anything to act with."""
+        makes = any(getattr(type(self), one) is not getattr(Effect, one) for one in ("loads", "actions"))
+        return makes or bool(self.dampings) or self.field is not None
+
+    @property
     def entry(self) -> str:
         """The entry of the scene that it is of."""
         return f"effects.{self.name}"

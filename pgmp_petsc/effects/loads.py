@@ -313,13 +313,7 @@ class PointMass(AddedMass):
     """A mass and a moment of inertia at a point of a body."""
 
     type: Literal["point_mass"]
-    acts = "mechanism"
     cause = True
-    point: Point = Field(description='where it is, "body:point"')
-    mass: Annotated[PositiveOrParameter, Unit("kg")] = Field(description="mass (kg), a number or a parameter's name")
-    inertia: Annotated[NotNegativeOrParameter, Unit("kg m2")] = Field(
-        0.0, description="moment of inertia about the point (kg m2), a number or a parameter's name"
-    )
 
     @classmethod
     def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:

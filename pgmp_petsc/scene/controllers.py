@@ -108,8 +108,10 @@ class ControllerEntry(Table):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
-        if CONTROLLERS.take(cls) and (cls.law is ControllerEntry.law or cls.parameters is ControllerEntry.parameters):
-            raise refuse(cls, "a controller has the methods law(self) and parameters(self)")
+        made = ("law", "parameters", "forces")
+        if CONTROLLERS.take(cls) and any(getattr(cls, one) is getattr(ControllerEntry, one) for one in made):
+            words = "a controller has the methods law(self) and parameters(self), and forces(self, name, mechanism)"
+            raise refuse(cls, f"{words}, as a JointController has")
 
     def law(self) -> Any:
         """Return the law of its states and of its force, a `controllers.law.ControlLaw`."""

@@ -21,8 +21,10 @@ from pgmp_petsc.scene.fields import (
     AnyScene,
     LoadHarmonic,
     LoadTable,
+    NotNegativeOrParameter,
     NumberOrParameter,
     Point,
+    PositiveOrParameter,
     Table,
     Unit,
     exactly_one,
@@ -165,6 +167,13 @@ def _check(cls: type[EffectEntry]) -> None:
     if made != (cls.acts == "forces"):
         needed = "needs the method forces(self, name, mechanism), which makes them" if not made else "has no forces"
         raise refuse(cls, f'an effect with acts = "{cls.acts}" {needed}')
+    if cls.acts == "mechanism" and not issubclass(cls, (AddedMass, Driving)):
+        raise refuse(cls, "what is a part of the mechanism is an AddedMass, or a Driving that moves a coordinate")
+    if issubclass(cls, Driving) and (cls.motion is Driving.motion or cls.fastest is Driving.fastest):
+        raise refuse(cls, "what drives has the method motion(self, name) and the property fastest")
+    terms = ("second_order", "is_stretching", "keeps_velocity_forces")
+    if cls.acts == "reduction" and all(getattr(cls, term) is getattr(EffectEntry, term) for term in terms):
+        raise refuse(cls, f"what is a part of the reduction says of which: {', '.join(terms)}")
     without = cls.nothing_without if isinstance(cls.nothing_without, str) else ""  # or it hangs on other entries
     named = (*cls.changeable, *filter(None, [without, cls.stiff_by]), *cls.sets_in, *chain(*cls.ordered))
     strange = [key for key in named if key not in cls.model_fields]
@@ -315,9 +324,12 @@ class OnJoint(EffectEntry):
 class AddedMass(EffectEntry):
     """A mass at a point of a body, a part of the mechanism."""
 
-    point: Point
-    mass: float | str
-    inertia: float | str
+    acts: ClassVar[str] = "mechanism"
+    point: Point = Field(description='where it is, "body:point"')
+    mass: Annotated[PositiveOrParameter, Unit("kg")] = Field(description="mass (kg), a number or a parameter's name")
+    inertia: Annotated[NotNegativeOrParameter, Unit("kg m2")] = Field(
+        0.0, description="moment of inertia about the point (kg m2), a number or a parameter's name"
+    )
 
 
 class Driving(EffectEntry):

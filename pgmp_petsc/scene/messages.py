@@ -93,7 +93,8 @@ def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
         if kind == "extra_forbidden":
             choice = _choice(keys[-1], list(parent.model_fields), f"unknown key{_home(model, location)}")
             return problem(entry, choice, received)
-        return problem(entry, f"missing; needed: {parent.model_fields[location[-1]].description}")
+        about = parent.model_fields[location[-1]].description
+        return problem(entry, f"missing; needed: {about}" if about else "missing")
     if kind in ("union_tag_invalid", "union_tag_not_found"):  # of the key that says which kind of table it is
         key, allowed = context["discriminator"].strip("'"), [_tag(member) for member in members]
         if kind == "union_tag_not_found":

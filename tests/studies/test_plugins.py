@@ -450,6 +450,11 @@ LATER = {
         ("statement = along", "statement = nothing; along"),
         r"plugin '.*', line 3\d: NameError: name",
     ),
+    "forces of nothing": (
+        LISTING,
+        ("return ActionEffect", "from pgmp_petsc.effects.effect import Effect; return Effect(name); ActionEffect"),
+        r".*: class LineSpring: forces returns an Effect without loads, actions, dampings or a field$",
+    ),
     "no forces": (
         LISTING,
         ("return ActionEffect", "ActionEffect"),
@@ -503,6 +508,13 @@ def test_what_it_declares_is_on_the_page_of_entries_and_in_messages(line_spring:
 
 
 LAW = 'from pgmp_petsc.effects.law import Law\nlaw = Law("{}", ("k",), force="{}")\n'
+NOTHING = """
+from typing import Literal
+from pgmp_petsc.scene.effects import EffectEntry
+class Nothing(EffectEntry):
+    type: Literal["nothing"]
+    acts = "{}"
+"""
 #: A change of the file (text, in its place), and what is said of it behind the file's name.
 BROKEN = {
     "no Python": (("@", "class ("), r"plugin '.*', line 1: this is not Python: invalid syntax$"),
@@ -514,6 +526,8 @@ BROKEN = {
     "no name": (('Literal["line_spring"]', "str"), r'\.py, line \d+: .* type: Literal\["NAME"\]$'),
     "no maker": (("def forces", "def force"), r"\.py, line \d+: .* needs the method forces\(self, name, mechanism\)"),
     "a maker too many": (('acts = "forces"', 'acts = "reduction"'), r'acts = "reduction" has no forces$'),
+    "a part of no mechanism": (("*", NOTHING.format("mechanism")), r"line 4: .* is an AddedMass, or a Driving"),
+    "a part of no reduction": (("*", NOTHING.format("reduction")), r"line 4: .* says of which: second_order, is_str"),
     "not said what": (('    acts = "forces"\n', ""), r"an effect says what it is: acts = "),
     "an entry that is not": (('"damping")', '"dampng")'), r"there is no entry dampng; its entries: "),
     "no unit": (
