@@ -149,7 +149,7 @@ def _before(entry: OutputEntry, reading: AnyReading) -> AnyReading:
     order = reading.order if isinstance(reading, Rate) else 0
     if order != entry.derivative:
         words = f"it reads a derivative of order {order}, and says {entry.derivative}"
-        raise refuse(type(entry), f"{words}; controllers that measure it take the property derivative for it")
+        raise refuse(type(entry), f"{words}; controllers that measure it go by its attribute derivative")
     return reading.of if order else reading
 
 

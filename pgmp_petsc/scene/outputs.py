@@ -52,6 +52,10 @@ class OutputEntry(Table):
     joints: ClassVar[tuple[str, ...]] = ()
     #: Unit of what is read of frames, or of its rate.
     unit: ClassVar[str]
+    #: Which derivative over time it takes of what it reads: 1 if that is a speed of it.
+    derivative: ClassVar[int] = 0
+    #: The other outputs that it is made of, each with the entry that names it.
+    made_of: ClassVar[Mapping[str, str]] = {}
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
@@ -66,11 +70,10 @@ class OutputEntry(Table):
             raise refuse(cls, "an output has the method combined(self, name, parts, scene) if it reads outputs")
         if (cls.multiplied is not OutputEntry.multiplied) != ("multipliers" in cls.reads):
             raise refuse(cls, "an output has the method multiplied(self, name, kinematics) if it reads multipliers")
-        for what in NAMING.keys() & set(cls.reads):
-            lacking = [key for key in NAMING[what] if key not in cls.model_fields]
-            if lacking:
-                raise refuse(cls, f"an output that reads {what} has the entries {', '.join(NAMING[what])}; "
-                             f"missing: {', '.join(lacking)}")  # fmt: skip
+        for what, keys in NAMING.items():
+            lacking = ", ".join(key for key in keys if key not in cls.model_fields)
+            if what in cls.reads and lacking:
+                raise refuse(cls, f"an output that reads {what} has the entries {', '.join(keys)}; missing: {lacking}")
         if (cls.reading is not OutputEntry.reading) != of_frames:
             words = "an output has the method reading(self, name, start, kinematics) if it reads frames"
             raise refuse(cls, words)
@@ -83,11 +86,6 @@ class OutputEntry(Table):
                 raise refuse(cls, f"unit = '{cls.unit}' is no SI unit: {error}") from None
         if bool(cls.joints) != ("joint" in cls.model_fields) and (of_frames or cls.joints):
             raise refuse(cls, 'an output with the entry joint says what of it is free: joints = ("turning",)')
-
-    @property
-    def derivative(self) -> int:
-        """Which derivative over time it takes of what it reads: 1 if that is a speed of it."""
-        return 0
 
     def stated(self, name: str, mechanism: Any) -> dict[str, Any]:
         """Return the statement about two frames that it reads, or the derivative of, with their attachments, as
@@ -103,11 +101,6 @@ class OutputEntry(Table):
         """Return what it is of other outputs for a controller, one of those in `outputs.of_outputs`, of what `seen`
         returns for their names; None if controllers take it as a motion of its own."""
         return None
-
-    @property
-    def made_of(self) -> Mapping[str, str]:
-        """The other outputs that it is made of, each with the entry that names it."""
-        return {}
 
     def made_in(self, scene: AnyScene) -> Mapping[str, str]:
         """Return `made_of`, where that hangs on the scene. Raises `InputError` if it names no entries."""
