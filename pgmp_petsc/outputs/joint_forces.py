@@ -122,11 +122,8 @@ class JointTorque(InJoint):
 class OfDrive(OutputEntry):
     """What a prescribed motion takes."""
 
-<<<<<<< HEAD
     reads = ("multipliers",)
-=======
     one_of = ("joint", "coordinate")
->>>>>>> main
     joint: str | None = Field(None, description="name of the joint whose motion is prescribed")
     coordinate: str | None = Field(None, description="in place of a joint: name of the coordinate")
     with_rate: ClassVar[bool] = False
@@ -237,12 +234,8 @@ class ForceOutput:
     rows: np.ndarray  # numbers of the multipliers that it takes
     nodes: frozenset[int]  # nodes whose frames it takes
     reads_rates: bool  # whether it takes their rates
-<<<<<<< HEAD
     entry: OutputEntry
-=======
-    entry: OfMultipliers
     n_parts: ClassVar[int] = 1  # numbers that it is made of, which are smooth in the motion
->>>>>>> main
 
     @property
     def is_size(self) -> bool:
