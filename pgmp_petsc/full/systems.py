@@ -388,7 +388,7 @@ class FullBatch(FullSystem):
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
-        return self._blocks.unpack(np.array(self._depths(self._sources.at(np.array([time])).actions[0], state)))
+        return self._blocks.unpack(np.array(self._depths(self._sources.amplitudes(np.array([time]))[0], state)))
 
     def measured(self, state: State) -> np.ndarray:
         """Return the motions that forces of controllers are of, or are led by, and their rates, a row for each part of
