@@ -28,7 +28,6 @@ from pgmp_petsc.scene.fields import (
     Triple,
     Unit,
     at_most,
-    exactly_one,
     is_number,
     needed,
     no_parameter,
@@ -55,6 +54,8 @@ class SectionEntry(Table):
     round: ClassVar[bool] = False
     #: Entries of its sizes along the second and the third axis; none where it has no outermost fibre.
     sizes: ClassVar[tuple[str, ...]] = ()
+    #: Distances of the outermost fibre from the axis along the second and third axis, quantities in m, or None.
+    reach: ClassVar[Any] = None
     #: Entries that stiffness and mass of a beam2d are proportional to.
     proportional: ClassVar[tuple[str, ...]] = ()
     #: Entries of which the first is below a share of the second, in every sample.
@@ -91,11 +92,6 @@ class SectionEntry(Table):
         that they take, where they vary.
         """
         raise NotImplementedError
-
-    @property
-    def reach(self) -> Any:
-        """Distances of the outermost fibre from the axis along the second and third axis, quantities in m, or None."""
-        return None
 
 
 #: The section of a body.
@@ -326,6 +322,7 @@ OF_MESHES = ("mesh_size", "faces")  # entries of meshed solids
 class Body(Table):
     """A body: flexible, or rigid with the same mass."""
 
+    one_of = ("mesh", "line", "matrices", "rigid")
     mesh: str | None = Field(
         None, min_length=1, description="mesh file, or STEP file of one solid, relative to the scene's directory"
     )
@@ -380,7 +377,6 @@ class Body(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        exactly_one(self, "mesh", "line", "matrices", "rigid")
         if self.rigid is not None:
             own = ("element", "material", "section", "orientation", "thickness", "section_scale", "regions", *OF_MESHES)
             for key in own:
