@@ -272,7 +272,8 @@ def test_steps_in_lanes_are_those_of_forces_found_in_python(entries):
 
 
 ON_BEAM = (
-    "simulation.initial.x={position=0.1,velocity=5.0}", "simulation.duration=0.01", "reduction.angles=14", rubbing("rear", ""),
+    "simulation.initial.x={position=0.1,velocity=5.0}", "simulation.duration=0.01", "reduction.angles=14",
+    rubbing("rear", ""),
 )  # fmt: skip
 
 
