@@ -201,7 +201,9 @@ def test_bad_input_is_named(entries, said) -> None:
 
 
 STOP = 'effects.stop={type="end_stop", joint="main", upper=0.7, stiffness=1e4}'
+WORN = "joints.pin.clearance={radius=1e-4,stiffness=1e8,restitution=0.9,restitution_speed=0.1}"
 IN_C = {
+    "a clearance": lambda: slider(WORN, "simulation.duration=0.005", "simulation.step=2e-5"),
     "plane": lambda: slider("simulation.duration=0.02"),
     "over an edge": lambda: slider("simulation.duration=0.01", STOP, "outputs={theta={type='angle',joint='main'}}"),
     "space": lambda: slider_crank_of_beams(
@@ -231,9 +233,7 @@ IN_LANES = {
     ),
     "of first order": lambda: slider("reduction.second_order=false"),
     "elastic": lambda: slider("joints.pin.elastic={reference=[[1.0,0.0]],stiffness=[1e7,inf],damping=[3.0,0.0]}"),
-    "clearance": lambda: slider(
-        "joints.pin.clearance={radius=1e-4,stiffness=1e8,restitution=0.9,restitution_speed=0.1}",
-    ),
+    "clearance": lambda: slider(WORN),
     "space": lambda: slider_crank_of_beams("reduction.modes=4", "reduction.angles=24", rubbing("crank_hinge")),
     "two coordinates": lambda: cart(rubbing("rail", ""), rubbing("pivot"), "reduction.angles=6"),
     "prescribed": lambda: load_scene(
