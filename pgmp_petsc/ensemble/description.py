@@ -94,7 +94,7 @@ def describe_ensemble(
         *starts_remarks(scene, samples.numerics["unstable_start"] == 1.0),
         *_of_numbers(n_chosen, constant),
         *tail_remarks(samples.varying(constant), samples.chosen, samples.replicates),
-        *sensitivity_remarks(sobol, of_blocks, len(sampler.names), fine, correlated),
+        *sensitivity_remarks(sobol, of_blocks, len(sampler.names), fine, correlated, samples.replicates),
         *_partial_bands(samples.bands, n_chosen),
         *over_time_remarks({name: one.count for name, one in statistics.items()}, samples.over_time, n_chosen),
         *_estimate_remarks(origin, samples.estimates, status, samples.peaks),
@@ -181,7 +181,9 @@ class _Samples:
     def sobol(self, constant: Collection[str], n_replicates: int | None) -> dict[str, Sensitivity]:
         """Return the Sobol indices of what varies."""
         fine = self.fine & (not self._is_hiding)
-        found = sensitivities(self.varying(constant), self.parameters, self._names, fine, n_replicates, self._level)
+        found = sensitivities(
+            self.varying(constant), self.parameters, self._names, fine, n_replicates, self._level, self.replicates
+        )
         return {name: replace(one, confidence=self._asked.confidence) for name, one in found.items()}
 
     def chance(self, label: str, event: Event) -> Chance:
