@@ -191,7 +191,7 @@ def _step_left_open(built: Scene, scene: Scene) -> Scene:
     simulation = scene.simulation
     if simulation.tolerance is None or simulation.step != built.simulation.step:
         return scene
-    return scene.model_copy(update={"simulation": Simulation(**simulation.model_dump(exclude={"step"}))})
+    return scene.with_entries(simulation=Simulation(**simulation.model_dump(exclude={"step"})))
 
 
 def _check_tables_hold(built: Scene, scene: Scene, name: object) -> None:

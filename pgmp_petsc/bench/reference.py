@@ -65,9 +65,7 @@ class Subject:
     @classmethod
     def of(cls, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, n_modes: int) -> Self:
         """Condense the bodies for so many modes, and follow the rigid motion. Collective on ``group.world``."""
-        serving = scene.model_copy(
-            update={"reduction": scene.reduction.model_copy(update={"modes": n_modes, "tolerance": None})}
-        )
+        serving = scene.with_entries(reduction={"modes": n_modes, "tolerance": None})
         shapes = condensed(serving, meshes, group, large=takes_second_order(scene))
         with agreed(group.world, "rigid kinematics"):
             kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes))
@@ -81,9 +79,9 @@ class Subject:
 
 def takes_second_order(scene: Scene) -> bool:
     """Return whether a reduced model of the scene may have terms of second order."""
-    asked = scene.reduction.model_copy(update={"second_order": True, "tolerance": None})
+    asked = scene.with_entries(reduction={"second_order": True, "tolerance": None})
     try:
-        check_capabilities(scene.model_copy(update={"reduction": asked}), Purpose.BUILD)
+        check_capabilities(asked, Purpose.BUILD)
     except InputError:
         return False
     return True
@@ -122,8 +120,7 @@ def condensed_bodies(
 ) -> dict[str, ModelBodyFile]:
     """Return the bodies of a scene as component models have them. Collective on `comm`; parameters and errors as of
     `component_model`."""
-    modes = scene.reduction.model_copy(update={} if n_modes is None else {"modes": n_modes})
-    serving = scene.model_copy(update={"reduction": modes})
+    serving = scene if n_modes is None else scene.with_entries(reduction={"modes": n_modes})
     with agreed(comm, "preparing the component model"):
         bodies = Mechanism.from_scene(scene, meshes).bodies
     shapes = floating_shapes(serving, meshes, bodies, comm)
@@ -235,9 +232,7 @@ def distance_from_mesh(
     n_points = max(1, min(MOST_POINTS, n_samples, affordable // n_steps))
     taken = min(n_steps, affordable)
     window = scene.simulation.duration * taken / n_steps
-    shorter = scene.model_copy(
-        update={"simulation": scene.simulation.model_copy(update={"duration": window, "step": window / taken})}
-    )
+    shorter = scene.with_entries(simulation=scene.simulation.in_steps(taken, window))
     chosen = [0, *_outermost(values, n_samples)][:n_points]
     own, found = chosen[comm.rank :: comm.size], {}
     with agreed(comm, "comparing the component model with the mesh"):

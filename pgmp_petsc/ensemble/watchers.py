@@ -23,7 +23,7 @@ from pgmp_petsc.models import FullModel, LengthLanes, Model, OutputRecord, Reduc
 from pgmp_petsc.outputs.rainflow import Counting
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
-from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation, count_steps
+from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
 from pgmp_petsc.stepping.generalised_alpha import Run
 from pgmp_petsc.stepping.second_order_system import Observer, PooledObserver, RunningBalance, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
@@ -189,7 +189,7 @@ def band_steps(simulation: Simulation, most: int) -> np.ndarray:
     most `most`, none for 0."""
     if not most:
         return np.zeros(0, dtype=int)
-    n_steps = count_steps(simulation.duration, simulation.step)
+    n_steps = simulation.n_steps
     return np.unique([*range(0, n_steps, -(-n_steps // (most - 1))), n_steps])
 
 
@@ -217,10 +217,7 @@ class OverTimeWatcher(Watcher):
         return super().empty(n) | {"bands": bands}
 
     def watch(self, begun: Begun) -> Watch:
-        scene = self._model.scene.simulation
-        divisor = count_steps(begun.simulation.duration, begun.simulation.step) // count_steps(
-            scene.duration, scene.step
-        )
+        divisor = begun.simulation.n_steps // self._model.scene.simulation.n_steps
         run = _OverTimeWatch(self._model, begun, self._extremes, self._events, self._steps * divisor)
         return Watch(run, run.found, run.counted)
 

@@ -75,9 +75,7 @@ def build_over_lengths(
     if scene.reduction.sampling_tolerance is not None:
         asked = [built(scene, values) for values in (nominal_lengths, *extremes(scene))]
         samples, said = on_root(comm, _common_samples, scene, asked)
-        everywhere = scene.model_copy(
-            update={"reduction": scene.reduction.model_copy(update={"sampling_tolerance": None})}
-        )
+        everywhere = scene.with_entries(reduction={"sampling_tolerance": None})
 
     def at(values: Mapping[str, float]) -> ReducedOrderModel | None:
         return built(everywhere, values)
