@@ -30,7 +30,6 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
 from pgmp_petsc.bench.prices import Price, duration_text, step_seconds
-from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.component import rigid_motions
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.matrices import mass_of_bodies
@@ -300,9 +299,7 @@ def _of_tables(model: ReducedModel) -> float:
     """Return the period of a reduced model, from its tables at the sample nearest to the start."""
     tables, nominal = model.terms.tables, model.scene.nominal
     at = tables.samples.nearest(np.asarray(model.start[0])[None])
-    free = [k for k, coordinate in enumerate(model.kinematics.coordinates) if not coordinate.prescribed]
-    weights = (evaluate_weights(own, nominal) for own in (tables.mass_weights, tables.stiffness_weights))
-    return 1.0 / float(tables.frequencies_hz(*weights, free, lambda table: table[at])[0, 0])
+    return 1.0 / float(tables.frequencies_hz(nominal, model.kinematics.mechanism.free, lambda table: table[at])[0, 0])
 
 
 def _of_floating_bodies(model: ComponentModel) -> float:

@@ -132,7 +132,7 @@ def search_of(scene: Scene, mechanism: Mechanism) -> Search:
     bounds = [(-np.inf, np.inf) if c.periodic else (c.lower, c.upper) for c in coordinates]
     lower, upper = np.array(bounds).T
     return Search(
-        tuple(k for k, coordinate in enumerate(coordinates) if free and not coordinate.prescribed),
+        tuple(map(int, mechanism.free)) if free else (),
         coordinates,
         lower,
         upper,
