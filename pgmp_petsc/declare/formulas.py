@@ -51,7 +51,11 @@ ALLOWED = f"+ - * / **, the comparisons < <= > >= and the functions {', '.join(F
 
 
 class FormulaError(ValueError):
-    """What a formula must not have."""
+    """What a formula must not have, and at which of its characters, from 0."""
+
+    def __init__(self, words: str, at: int = 0) -> None:
+        super().__init__(words)
+        self.at = at
 
 
 def declared(text: str, names: Mapping[str, str], words: str) -> tuple[str, set[str]]:
@@ -67,7 +71,8 @@ def declared(text: str, names: Mapping[str, str], words: str) -> tuple[str, set[
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         why = error.msg if isinstance(error, SyntaxError) else "nested too deeply"
-        raise FormulaError(f"is no formula ({why}); {allowed}") from None
+        at = (getattr(error, "offset", None) or 1) - 1
+        raise FormulaError(f"is no formula ({why}); {allowed}", at) from None
     used: set[str] = set()
 
     def number(node: ast.expr) -> str:
@@ -84,7 +89,9 @@ def declared(text: str, names: Mapping[str, str], words: str) -> tuple[str, set[
             case ast.Name(id=name):
                 if name not in names:
                     hint = nearest_name(name, names)
-                    raise FormulaError(f"names '{shortened(name, 40)}', which is not known{hint}; {allowed}")
+                    raise FormulaError(
+                        f"names '{shortened(name, 40)}', which is not known{hint}; {allowed}", node.col_offset
+                    )
                 used.add(name)
                 return names[name]
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
@@ -98,15 +105,17 @@ def declared(text: str, names: Mapping[str, str], words: str) -> tuple[str, set[
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
                 if name not in FUNCTIONS:
                     hint = nearest_name(name, FUNCTIONS)
-                    raise FormulaError(f"calls '{shortened(name, 40)}', which is no function{hint}; {allowed}")
+                    raise FormulaError(
+                        f"calls '{shortened(name, 40)}', which is no function{hint}; {allowed}", node.col_offset
+                    )
                 n, form = FUNCTIONS[name]
                 if len(arguments) != n:
-                    raise FormulaError(f"gives {name} {len(arguments)} arguments; it takes {n}")
+                    raise FormulaError(f"gives {name} {len(arguments)} arguments; it takes {n}", node.col_offset)
                 if name == "where":
                     test, *rest = arguments
                     return form.format(condition=condition(test), **dict(zip("yz", map(number, rest))))
                 return form.format(**dict(zip("xy", map(number, arguments))))
-        raise FormulaError(f"has '{ast.unparse(node)}'; {allowed}")
+        raise FormulaError(f"has '{ast.unparse(node)}'; {allowed}", node.col_offset)
 
     def exponent(node: ast.expr) -> str:
         whole = _literal(node)
@@ -119,7 +128,7 @@ def declared(text: str, names: Mapping[str, str], words: str) -> tuple[str, set[
             value = number(node)
             return f"({value} > 0 or {value} < 0)"
         if not all(type(op) in OPERATIONS for op in node.ops):
-            raise FormulaError(f"has '{ast.unparse(node)}'; {allowed}")
+            raise FormulaError(f"has '{ast.unparse(node)}'; {allowed}", node.col_offset)
         ends = map(number, (node.left, *node.comparators))
         first = next(ends)
         return f"({first}{''.join(f' {OPERATIONS[type(op)]} {end}' for op, end in zip(node.ops, ends))})"
@@ -159,7 +168,7 @@ def _literal(node: ast.expr) -> float | None:
     except (ArithmeticError, ValueError, TypeError):
         value = math.nan
     if not math.isfinite(value):
-        raise FormulaError(f"has {ast.unparse(node)}, which is no finite number")
+        raise FormulaError(f"has {ast.unparse(node)}, which is no finite number", node.col_offset)
     return value
 
 

@@ -2,12 +2,11 @@
 
     goal        = ("minimise" | "maximise") sum              ("minimize", "maximize" as well)
     constraint  = sum ("<=" | ">=") sum
-    sum         = product {("+" | "-") product}
-    product     = power {("*" | "/") power}
-    power       = ["-"] factor ["^" number]
-    factor      = number | parameter | figure | "(" sum ")"
     figure      = ("max" | "min" | "mean" | "rms" | "start" | "end") "(" history ")"
     history     = output | "abs" "(" output ")"
+
+A sum is a formula (:mod:`~pgmp_petsc.declare.formulas`) of numbers, parameters and figures, in which ``^`` is ``**``
+too.
 
 A figure is that of an output over a run: its largest and smallest value, by parabolas through the ends of steps
 (`results/gradients.py`: no jump of the slope where another end of a step comes to be nearest), the mean and the root of
@@ -21,27 +20,38 @@ A search turns back from places on its way whose runs stop before their end, and
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from bisect import bisect_right
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import accumulate
 from operator import add
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, nearest_name, warning
 from pgmp_petsc.base.units import SI, UnitSystem, dimension_of, si_name
-from pgmp_petsc.declare.formulas import DimensionError, Dimensions, Measured, Series, SeriesAlgebra, evaluated
+from pgmp_petsc.declare.formulas import (
+    FUNCTIONS,
+    LONGEST,
+    DimensionError,
+    Dimensions,
+    FormulaError,
+    Measured,
+    Series,
+    SeriesAlgebra,
+    declared,
+    evaluated,
+)
 from pgmp_petsc.declare.own_units import in_si, shifted
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 from pgmp_petsc.results.gradients import Vertex, vertex
 
-_TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|([A-Za-z_][A-Za-z0-9_-]*)|(<=|>=|.))")
 SENSES = {"minimise": 1.0, "minimize": 1.0, "maximise": -1.0, "maximize": -1.0}
-
-LONGEST, DEEPEST = 800, 30  # of texts: characters, and parentheses in each other
+WORDS = "parameters, figures of outputs (max, min, mean, rms, start and end of OUTPUT or of abs(OUTPUT))"
 
 
 class Dual(NamedTuple):
@@ -80,7 +90,11 @@ class Expression:
         return Dual(float(value), np.broadcast_to(slope, len(outcome.names)))
 
 
-def _at(place: Callable[[np.ndarray], Vertex]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], Dual]:
+#: Makes a figure of times, values and their derivatives.
+Figure = Callable[[np.ndarray, np.ndarray, np.ndarray], Dual]
+
+
+def _at(place: Callable[[np.ndarray], Vertex]) -> Figure:
     def figure(time: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> Dual:
         at = place(values)
         return Dual(float(at.of(values)), at.of(slopes))
@@ -109,6 +123,11 @@ FIGURES = {
     "start": _at(lambda values: Vertex(0, 0.0)),
     "end": _at(lambda values: Vertex(-1, 0.0)),
 }
+_NAME = "[A-Za-z_][A-Za-z0-9_-]*"
+_TOKEN = re.compile(
+    rf"(?P<figure>{'|'.join(FIGURES)})\s*\(\s*(?P<abs>abs\s*\(\s*)?(?P<output>{_NAME})\s*\)(?(abs)\s*\))"
+    rf"|(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>{_NAME})|(?P<relation>[<>]=?)|(?P<sign>\*\*|[-+*/^(),])|\S"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,193 +162,131 @@ def read_goal(
     text: str, outputs: Collection[str], parameters: Collection[str], units: Units = _NO_UNITS, system: UnitSystem = SI
 ) -> Goal:
     """Read a goal in the units of a system; raises `InputError` with the position marked."""
-    parser = _Parser("goal", text, outputs, parameters, units, system)
-    word = parser.token
-    if word not in SENSES:
-        parser.refuse("a goal begins with minimise or maximise")
-    parser.advance()
-    read, parts, of = parser.expression()
-    parser.end()
-    found = in_si({"goal": read}, parser.powers)
+    reader = _Reader("goal", text, outputs, parameters, units, system)
+    word = re.match(r"\s*(\w*)", text)
+    if word[1] not in SENSES:
+        reader.refuse("a goal begins with minimise or maximise", word.start(1))
+    (tokens, *_), relations = reader.sums(word.end())
+    for relation in relations:
+        reader.refuse(f"'{relation[0]}' is too much; an operator or the end is needed", relation.start())
+    read = reader.expression(tokens)
+    found = in_si({"goal": read.text}, reader.powers)
     size = shifted(1.0, found.of_texts["goal"])
-    return Goal(text, SENSES[word], Expression(found.texts["goal"], parts, of), size, parser.unit_of(read))
+    return Goal(text, SENSES[word[1]], replace(read, text=found.texts["goal"]), size, reader.unit_of(read))
 
 
 def read_constraint(
     text: str, outputs: Collection[str], parameters: Collection[str], units: Units = _NO_UNITS, system: UnitSystem = SI
 ) -> Constraint:
     """Read a constraint; as `read_goal`."""
-    parser = _Parser("--subject-to", text, outputs, parameters, units, system)
-    left, *of_left = parser.expression()
-    relation = parser.token
-    if relation not in ("<=", ">="):
-        parser.refuse("<= or >= is needed")
-    parser.advance()
-    right, *of_right = parser.expression()
-    parser.end()
-    found = in_si({"left": left, "right": right}, parser.powers, {"left": "both", "right": "both"})
-    sides = Expression(found.texts["left"], *of_left), Expression(found.texts["right"], *of_right)
+    reader = _Reader("--subject-to", text, outputs, parameters, units, system)
+    sums, relations = reader.sums()
+    signs = [relation[0] for relation in relations]
+    if signs not in (["<="], [">="]):
+        reader.refuse("<= or >= is needed, once", relations[-1].start() if relations else len(text))
+    left, right = map(reader.expression, sums)
+    found = in_si({"left": left.text, "right": right.text}, reader.powers, {"left": "both", "right": "both"})
+    sides = replace(left, text=found.texts["left"]), replace(right, text=found.texts["right"])
     size = shifted(1.0, found.powers.get("both", 0))
-    return Constraint(text, 1.0 if relation == "<=" else -1.0, *sides, size, parser.unit_of(left, right))
+    return Constraint(text, 1.0 if signs == ["<="] else -1.0, *sides, size, reader.unit_of(left, right))
 
 
-class _Parser:
-    """Reads one text, token by token, and writes its sums in the language of declarations."""
+class _Reader:
+    """Reads the sums of one text, and writes them in the language of declarations."""
 
     def __init__(
         self, entry: str, text: str, outputs: Collection[str], parameters: Collection[str], units: Units,
         system: UnitSystem,
     ) -> None:  # fmt: skip
+        if len(text) > LONGEST:  # as of formulas: no line could mark a position
+            raise InputError(f"{entry}: {len(text)} characters; at most {LONGEST} are read. Use parameters for numbers")
         self._given, self._system = units, system
         self._units: dict[str, str] = {}  # SI units of what sums name
-        self._written: list[str] = []
-        self._parts: dict[str, Callable[[Outcome], Dual]] = {}
         self._entry, self._text, self._outputs, self._parameters = entry, text, outputs, parameters
-        self._end = self._depth = 0
-        if len(text) > LONGEST:
-            raise InputError(f"{entry}: {len(text)} characters; at most {LONGEST} are read. Use parameters for numbers")
-        self.advance()
 
-    def advance(self) -> None:
-        """Go to the next token; an empty one is the end."""
-        found = _TOKEN.match(self._text, self._end)
-        if found is None:
-            self._begin = self._end = len(self._text)
-            self.token, self._kind = "", "end"
-            return
-        place = next(k for k in (1, 2, 3) if found[k] is not None)
-        self.token, self._kind = found[place], ("", "number", "name", "sign")[place]
-        self._begin, self._end = found.start(place), found.end(place)
-
-    def refuse(self, reason: str) -> None:
-        """Raise an error with the position of this token marked."""
-        raise InputError(f"{self._entry}: {reason}\n  {self._text}\n  {' ' * self._begin}^")
-
-    def end(self) -> None:
-        if self.token:
-            self.refuse(f"'{self.token}' is too much; an operator or the end is needed")
+    def refuse(self, reason: str, place: int) -> NoReturn:
+        """Raise an error with a position marked."""
+        raise InputError(f"{self._entry}: {reason}\n  {self._text}\n  {' ' * place}^")
 
     @property
     def powers(self) -> dict[str, int | None]:
         """By which powers of ten what sums name is larger in the units of the scene; None of what is of any unit."""
         return {name: self._system.power_of(unit) if unit else None for name, unit in self._units.items()}
 
-    def unit_of(self, *sums: str) -> str:
+    def unit_of(self, *sums: Expression) -> str:
         """Return the unit of sums that are added or compared; 1 where they do not fit, or it is not known."""
         names = {name: Measured(dimension_of(unit), unit) if unit else Measured() for name, unit in self._units.items()}
         with suppress(DimensionError):
-            found = reduce(add, (evaluated(text, names, Dimensions()) for text in sums))
+            found = reduce(add, (evaluated(one.text, names, Dimensions()) for one in sums))
             if found.dimension is not None:
                 return self._system.unit(found.unit or si_name(found.dimension))
         return "1"
 
-    def expression(self) -> tuple[str, Mapping[str, Callable[[Outcome], Dual]], frozenset[str]]:
-        """Read a sum; return it as it is written anew, what it names, and the outputs among that."""
-        self._written, self._parts, self._named = [], {}, set()
-        self._sum()
-        return " ".join(self._written), self._parts, frozenset(self._named)
+    def sums(self, begin: int = 0) -> tuple[list[list[re.Match[str]]], list[re.Match[str]]]:
+        """Return the tokens of the sums from a character on, and the relations between them."""
+        sums, relations, depth = [[]], [], 0
+        for token in _TOKEN.finditer(self._text, begin):
+            depth += (token[0] == "(") - (token[0] == ")")
+            if token["relation"] and depth == 0:
+                relations.append(token)
+                sums.append([])
+            else:
+                sums[-1].append(token)
+        return sums, relations
 
-    def _sum(self) -> None:
-        self._with_signs("+-", lambda: self._with_signs("*/", self._power))
+    def expression(self, tokens: Sequence[re.Match[str]]) -> Expression:
+        """Return a sum, its text in the units of the scene."""
+        parts: dict[str, Callable[[Outcome], Dual]] = {}
+        written = [self._written(token, parts) for token in tokens]
+        try:
+            text, _ = declared(" ".join(written), {name: name for name in parts}, WORDS)
+        except FormulaError as error:
+            begins = [*accumulate((len(one) + 1 for one in written), initial=0)]
+            places = [*(token.start() for token in tokens), tokens[-1].end() if tokens else len(self._text)]
+            self.refuse(f"it {error}", places[bisect_right(begins, error.at) - 1])
+        return Expression(text, parts, frozenset(token["output"] for token in tokens if token["output"]))
 
-    def _with_signs(self, signs: str, part: Callable[[], None]) -> None:
-        """Read parts with signs between them."""
-        part()
-        while self.token and self.token in signs:
-            self._written.append(self.token)
-            self.advance()
-            part()
-
-    def _power(self) -> None:
-        is_negative = False
-        while self.token == "-":
-            is_negative = not is_negative
-            self.advance()
-        if is_negative:
-            self._written.append("-")
-        self._factor()
-        if self.token != "^":
-            return
-        self.advance()
-        sign = -1.0 if self.token == "-" else 1.0
-        if sign < 0.0:
-            self.advance()
-        if self._kind != "number":
-            self.refuse("a number is needed as exponent")
-        self._written.append(f"** ({sign * self._value()!r})")
-
-    def _value(self) -> float:
-        value = float(self.token)
-        if not np.isfinite(value):
-            self.refuse(f"{self.token} is no finite number")
-        self.advance()
-        return value
-
-    def _factor(self) -> None:
-        if self._kind == "number":
-            self._written.append(repr(self._value()))
-            return
-        if self.token == "(":
-            self._depth += 1
-            if self._depth > DEEPEST:
-                self.refuse(f"at most {DEEPEST} parentheses are in each other")
-            self._written.append("(")
-            self.advance()
-            self._sum()
-            self._depth -= 1
-            self._expect(")")
-            self._written.append(")")
-            return
-        if self._kind != "name":
-            self.refuse("a number, a parameter, a figure such as max(...) or ( is needed")
-        name = self.token
-        if name in FIGURES and self._text[self._end :].lstrip().startswith("("):
-            self.advance()
-            self._figure(FIGURES[name])
-            return
+    def _written(self, token: re.Match[str], parts: dict[str, Callable[[Outcome], Dual]]) -> str:
+        """Return a token in the language of formulas; add what it names to the parts."""
+        text, name, output = token[0], token["name"], token["output"]
+        if token["number"]:
+            if not np.isfinite(float(text)):
+                self.refuse(f"{text} is no finite number", token.start())
+            return repr(float(text))
+        if output:
+            if output not in self._outputs:
+                self.refuse(f"there is no such output{nearest_name(output, self._outputs)}", token.start("output"))
+            return self._part(parts, output, _figure_of(output, FIGURES[token["figure"]], bool(token["abs"])))
+        if token["sign"] or token["relation"] or name in FUNCTIONS and re.match(r"\s*\(", self._text[token.end() :]):
+            return "**" if text == "^" else text
+        if not name:
+            self.refuse(f"'{text}' has no place in a formula", token.start())
         if name in self._outputs:
-            self.refuse(f"{name} is an output over time; take a figure of it, such as max({name}) or end({name})")
+            needed = f"take a figure of it, such as max({name}) or end({name})"
+            self.refuse(f"{name} is an output over time; {needed}", token.start())
         if name not in self._parameters:
-            self.refuse(f"there is no such parameter or figure{nearest_name(name, [*self._parameters, *FIGURES])}")
-        self.advance()
-        self._part(
-            f"parameters.{name}",
+            hint = nearest_name(name, dict.fromkeys((*self._parameters, *FIGURES, *FUNCTIONS)))
+            self.refuse(f"there is no such parameter, figure or function{hint}", token.start())
+        return self._part(
+            parts, f"parameters.{name}",
             lambda outcome: Dual(outcome.values[name], np.array([float(name == one) for one in outcome.names])),
-        )
+        )  # fmt: skip
 
-    def _figure(self, figure: Callable[[np.ndarray, np.ndarray, np.ndarray], Dual]) -> None:
-        self._expect("(")
-        absolute = self.token == "abs"
-        if absolute:
-            self.advance()
-            self._expect("(")
-        output = self.token
-        if output not in self._outputs:
-            self.refuse(f"there is no such output{nearest_name(output, self._outputs)}")
-        self._named.add(output)
-        self.advance()
-        self._expect(")")
-        if absolute:
-            self._expect(")")
-
-        def of(outcome: Outcome) -> Dual:
-            values, slopes = outcome.run.outputs[output], outcome.slopes(output)
-            if absolute:
-                values, slopes = np.abs(values), np.sign(values) * slopes
-            return figure(outcome.run.time, values, slopes)
-
-        self._part(output, of)
-
-    def _part(self, name: str, part: Callable[[Outcome], Dual]) -> None:
-        """Write what an expression names."""
+    def _part(self, parts: dict[str, Callable[[Outcome], Dual]], name: str, part: Callable[[Outcome], Dual]) -> str:
+        """Return what a sum calls what it names."""
         own = f"part_{len(self._units)}"
-        self._parts[own], self._units[own] = part, self._given.get(name, "1")
-        self._written.append(own)
+        parts[own], self._units[own] = part, self._given.get(name, "1")
+        return own
 
-    def _expect(self, sign: str) -> None:
-        if self.token != sign:
-            self.refuse(f"{sign} is needed")
-        self.advance()
+
+def _figure_of(output: str, figure: Figure, absolute: bool) -> Callable[[Outcome], Dual]:
+    def of(outcome: Outcome) -> Dual:
+        values, slopes = outcome.run.outputs[output], outcome.slopes(output)
+        if absolute:
+            values, slopes = np.abs(values), np.sign(values) * slopes
+        return figure(outcome.run.time, values, slopes)
+
+    return of
 
 
 @dataclass

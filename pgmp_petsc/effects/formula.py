@@ -36,7 +36,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_powers
 from pgmp_petsc.scene.effects import OnJoint, OverMotion, OverTime
-from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Rows, Unit, exactly_one, refusal
+from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Rows, Unit, refusal
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.references import load_problems, over_problems
 from pgmp_petsc.scene.uses import Use, motion_over, slides
@@ -216,6 +216,7 @@ class FormulaEffect(OnJoint):
     """
 
     type: Literal["law"]
+    one_of = ("joint", "points")
     acts = "forces"
     joints = ("turning", "sliding")
     changeable = ("force", "constants")
@@ -241,11 +242,6 @@ class FormulaEffect(OnJoint):
     def jumps_with(self) -> frozenset[str]:
         """What comparisons and signs are of."""
         return jumps_with(self.force)
-
-    @model_validator(mode="after")
-    def _one_place(self) -> Self:
-        exactly_one(self, "joint", "points")
-        return self
 
     @model_validator(mode="after")
     def _is_formula(self) -> Self:

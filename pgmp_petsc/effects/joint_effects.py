@@ -38,7 +38,6 @@ from pgmp_petsc.scene.fields import (
     NumberOrParameter,
     PositiveOrParameter,
     Unit,
-    exactly_one,
     refusal,
 )
 from pgmp_petsc.scene.messages import problem
@@ -146,6 +145,7 @@ class JointFriction(OnJoint):
     force that the joint carries."""
 
     type: Literal["joint_friction"]
+    one_of = ("limit", "coefficient")
     acts = "forces"
     joints = ("turning", "sliding")
     changeable = ("limit", "coefficient", "radius", "speed")
@@ -169,7 +169,6 @@ class JointFriction(OnJoint):
 
     @model_validator(mode="after")
     def _one_limit(self) -> Self:
-        exactly_one(self, "limit", "coefficient")
         if self.radius is not None and self.limit is not None:
             raise refusal("without effect, as the limit is given; leave it out", "radius")
         return self

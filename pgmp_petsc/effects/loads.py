@@ -82,6 +82,7 @@ class Force(OverTime):
     """
 
     type: Literal["force"]
+    one_of = ("point", "joint")
     acts = "forces"
     joints = ("sliding",)
     strength_unit = "N"
@@ -97,7 +98,6 @@ class Force(OverTime):
 
     @model_validator(mode="after")
     def _one_direction(self) -> Self:
-        exactly_one(self, "point", "joint")
         given = [key for key in ("direction", "towards", "follows") if getattr(self, key)]
         if self.joint is not None and given:
             raise refusal("a force along a joint has its direction; leave it out", given[0])

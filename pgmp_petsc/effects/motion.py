@@ -42,7 +42,6 @@ from pgmp_petsc.scene.fields import (
     LoadTable,
     SpinUp,
     TimeTable,
-    exactly_one,
     refusal,
 )
 from pgmp_petsc.scene.messages import Finding, doubt, problem
@@ -57,6 +56,7 @@ class PrescribedMotion(Driving):
     """A coordinate that moves as given, whatever it takes."""
 
     type: Literal["prescribed_motion"]
+    one_of = ("table", "harmonic", "spin_up", "constant_speed")
     acts = "mechanism"
     changeable = ("table", "harmonic", "spin_up", "constant_speed")
     cause = True
@@ -72,7 +72,6 @@ class PrescribedMotion(Driving):
 
     @model_validator(mode="after")
     def _one_function(self) -> Self:
-        exactly_one(self, "table", "harmonic", "spin_up", "constant_speed")
         if self.table is not None and len(self.table) < 2:
             raise refusal("a motion needs at least two rows", "table")
         return self

@@ -54,6 +54,7 @@ class Half(EffectEntry):
     acts = "reduction"
     single = True
     second_order = True
+    adds = "tables of second order in the reduced model"
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if the other half is missing."""
@@ -63,11 +64,6 @@ class Half(EffectEntry):
                 "is half of what is of second order in the deformation, and wrong by itself where bodies spin; name an "
                 f'effect of type "{self.other_half}" too, or neither',
             )
-
-    @property
-    def adds(self) -> str:
-        """Terms that the reduced model gets, in words."""
-        return "tables of second order in the reduced model"
 
 
 class GeometricStiffening(Half):

@@ -43,7 +43,6 @@ from pgmp_petsc.scene.fields import (
     NotNegativeOrParameter,
     NumberOrParameter,
     Unit,
-    exactly_one,
     refusal,
 )
 from pgmp_petsc.scene.joints import DAMPED_BY, frame_problems
@@ -146,6 +145,7 @@ class SpringDamper(OnJoint):
     """A linear spring and damper: between the bodies of a joint, or between two points."""
 
     type: Literal["spring_damper"]
+    one_of = ("joint", "points")
     acts = "forces"
     joints = ("turning", "sliding")
     changeable = ("stiffness", "damping", "rest")
@@ -167,7 +167,6 @@ class SpringDamper(OnJoint):
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:
-        exactly_one(self, "joint", "points")
         if self.points is not None and self.rest is None:
             raise refusal("a spring between points needs the distance without force (m)", "rest")
         if not (self.stiffness or self.damping):

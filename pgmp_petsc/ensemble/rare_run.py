@@ -6,18 +6,16 @@ decides what comes next: so all decide the same, and any number of ranks finds t
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 
 import numpy as np
 from scipy.special import ndtr
 
-from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, nearest_name, note, shortened, warning
+from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.base.units import times
 from pgmp_petsc.ensemble import intervals, rare_events
 from pgmp_petsc.ensemble.design_points import DesignPoints
 from pgmp_petsc.ensemble.importance import FURTHEST
@@ -25,6 +23,7 @@ from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.rare_events import RareSamples
 from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, values_of
 from pgmp_petsc.ensemble.statistics import in_words
+from pgmp_petsc.ensemble.stopping import Reader
 from pgmp_petsc.ensemble.watchers import OverTimeWatcher
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.files.hdf5 import RunRecord
@@ -36,9 +35,7 @@ from pgmp_petsc.reduction.rom import outside_of
 from pgmp_petsc.results.statistics import MostLikely, RareEvent
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values
-from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 from pgmp_petsc.scene.numerics import Ensemble, Event
-from pgmp_petsc.scene.outputs import unit_of
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.uses import offset_directions
 from pgmp_petsc.stepping.drivers import check_ts_options
@@ -46,36 +43,20 @@ from pgmp_petsc.stepping.drivers import check_ts_options
 FEWEST = 500  # samples: three levels of the least size, and as many to be weighted
 LEAST, MOST, PIECES = 16, 128, 16  # samples of a piece, and pieces that samples are cut into
 FEW = 50.0  # effective samples below which an interval is not to be trusted: a few large weights decide
-NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+EXAMPLES = (
+    "an event is an output, < or >, and a number, such as 'slider_deformation < -2e-4', with 'ever' before it for any "
+    "time in the run, or the label of one of ensemble.probabilities"
+)
 DIFFERENCE = 1e-4  # of a normal variable, for derivatives of the parameters that it makes
 APART = 3.0  # factor between what levels and weights say, beyond which one of them has missed something
 
 
 def event_of(text: str, scene: Scene) -> Event:
-    """Return the event that is meant. Raises `InputError` if it is none."""
-    labels = scene.ensemble.probabilities
-    if text.strip() in labels:
-        return labels[text.strip()]
-    found = re.fullmatch(rf"\s*(ever\s+)?([A-Za-z_][\w-]*)\s*([<>])\s*({NUMBER})\s*", text)
-    if found is None:
-        known = f"; labels are {', '.join(labels)}" if labels else ""
-        raise InputError(
-            f'--rare "{shortened(text)}": allowed are an output, < or >, and a number, such as "slider_deformation < '
-            '-2e-4", with "ever" before it for any time in the run, or the label of one of ensemble.probabilities'
-            f"{known}"
-        )
-    ever, output, side, level = found.groups()
-    if output not in scene.outputs:
-        raise InputError(
-            f'--rare "{shortened(text)}": there is no output {output}{nearest_name(output, scene.outputs)}'
-        )
-    if not np.isfinite(float(level)):
-        raise InputError(f'--rare "{shortened(text)}": {level} is no finite number')
-    if float(level) and not SMALLEST <= abs(float(level)) <= LARGEST:
-        allowed = f"0 or a magnitude from {SMALLEST:g} to {LARGEST:g} is needed"
-        raise InputError(f'--rare "{shortened(text)}": {level}: {allowed}')
-    level = times(float(level), scene.system.size_of(unit_of(scene, output)))
-    return Event(output=output, when="ever" if ever else "end", **{"above" if side == ">" else "below": level})
+    """Return the event that is meant. Raises `InputError` if it is none, with the place marked."""
+    reader = Reader("--rare", text, scene, EXAMPLES)
+    label, event = reader.event(may_be_ever=True)
+    reader.end()
+    return event or scene.ensemble.probabilities[label]
 
 
 def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: Comm) -> RareEvent | None:

@@ -65,7 +65,7 @@ if TYPE_CHECKING:
 
 
 OPTION = "--until"
-EXAMPLES = "'std(angle) < 1 %', 'mean(angle) +- 1e-4' or 'P(deformation < -1.5e-4) +- 0.002'"
+EXAMPLES = "rules are such as 'std(angle) < 1 %', 'mean(angle) +- 1e-4' or 'P(deformation < -1.5e-4) +- 0.002'"
 MOMENTS = ("mean", "std")
 TOKEN = re.compile(
     r"\s*(?:(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?![\w.])|(?P<name>[A-Za-z_][\w.-]*)"
@@ -85,17 +85,19 @@ class Rule:
     relative: bool  # whether it is a share of the figure
 
 
-class _Reader:
-    """Takes a rule apart, from left to right."""
+class Reader:
+    """Takes the text of a rule, or of an event, of a scene apart, from left to right; `entry` and `examples` are for
+    messages, which mark the place."""
 
-    def __init__(self, text: str, scene: Scene) -> None:
+    def __init__(self, entry: str, text: str, scene: Scene, examples: str) -> None:
+        self._entry, self._examples = entry, examples
         self._text, self._scene, self._place = text, scene, 0
 
     def rule(self) -> Rule:
         kind = self._name("mean, std or P", (*MOMENTS, "P"))
         self._sign("(")
         if kind == "P":
-            quantity, event = self._event()
+            quantity, event = self.event()
         else:
             outputs = self._scene.outputs
             over_time = [f"{name}.{w}" for name in self._scene.ensemble.with_extremes(outputs) for w in DESCRIBED]
@@ -108,8 +110,7 @@ class _Reader:
         if relative or self._text[self._place :].strip() == "%":
             self._sign("%")
             relative = True
-        if self._text[self._place :].strip():
-            self._refuse("the end")
+        self.end()
         wanted *= 0.01 if relative else self._size(quantity.partition(".")[0]) if kind != "P" else 1.0
         return Rule(self._text, kind, quantity, event, wanted, relative)
 
@@ -117,14 +118,23 @@ class _Reader:
         """Return how many SI units one of an output's is in the rule."""
         return self._scene.system.size_of(unit_of(self._scene, output))
 
-    def _event(self) -> tuple[str, Event | None]:
-        """Read a label, or an output beyond a level."""
-        labels = self._scene.ensemble.probabilities
-        name = self._name("an output or a label of ensemble.probabilities", [*self._scene.outputs, *labels])
+    def event(self, may_be_ever: bool = False) -> tuple[str, Event | None]:
+        """Read a label, or an output beyond a level; if that may be, at any time with ``ever`` before it."""
+        ever = re.compile(r"\s*ever(?=\s+[A-Za-z_])").match(self._text, self._place) if may_be_ever else None
+        self._place = ever.end() if ever else self._place
+        labels = () if ever else self._scene.ensemble.probabilities
+        expected = "an output" if ever else "an output or a label of ensemble.probabilities"
+        name = self._name(expected, [*self._scene.outputs, *labels])
         if name in labels:
             return name, None
         side = "above" if self._sign("<", ">") == ">" else "below"
-        return "", Event(output=name, **{side: times(self._number(), self._size(name))})
+        level = times(self._number(), self._size(name))
+        return "", Event(output=name, when="ever" if ever else "end", **{side: level})
+
+    def end(self) -> None:
+        """Refuse what is left."""
+        if self._text[self._place :].strip():
+            self._refuse("the end")
 
     def _name(self, expected: str, known: list[str] | tuple[str, ...]) -> str:
         place, name = self._place, self._take("name")
@@ -161,14 +171,14 @@ class _Reader:
         place = self._place if place is None else place
         place += len(self._text[place:]) - len(self._text[place:].lstrip())
         raise InputError(
-            f'{OPTION} "{self._text}": expected at character {place + 1}: {expected}; rules are such as {EXAMPLES}\n'
+            f'{self._entry} "{self._text}": expected at character {place + 1}: {expected}; {self._examples}\n'
             f"  {self._text}\n  {' ' * place}^"
         )
 
 
 def read_rule(text: str, scene: Scene) -> Rule:
     """Read a rule. Raises `InputError` if it is none, with the place marked, or names what the scene does not have."""
-    return _Reader(text, scene).rule()
+    return Reader(OPTION, text, scene, EXAMPLES).rule()
 
 
 FIRST = 64  # samples at the first look, at least

@@ -14,7 +14,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from pgmp_petsc.scene.fields import Name, NotZeroOrParameter, Pair, PositivePair, TwoNames, Unit, exactly_one, refusal
+from pgmp_petsc.scene.fields import Name, NotZeroOrParameter, Pair, PositivePair, TwoNames, Unit, refusal
 from pgmp_petsc.scene.joints import CouplingEntry, Share
 
 CLOSED = 1e-9  # rad that the period of a cam may be off, and share of its lift that its ends may differ by
@@ -62,6 +62,7 @@ class Belt(CouplingEntry):
     on to the other, from the placements on."""
 
     type: Literal["belt"]
+    one_of = ("radii", "ratio")
     dimensions = (2, 3)
     joints: TwoNames = Field(description="names of two joints that turn")
     radii: Annotated[PositivePair | None, Unit("m")] = Field(
@@ -78,7 +79,6 @@ class Belt(CouplingEntry):
 
     @model_validator(mode="after")
     def _of_radii_or_a_ratio(self) -> Self:
-        exactly_one(self, "radii", "ratio")
         if self.crossed and self.ratio is not None:
             raise refusal("a ratio says it by its sign: negative where the pulleys turn against one another", "crossed")
         return self

@@ -29,7 +29,7 @@ from itertools import combinations
 from typing import ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import SI
@@ -43,7 +43,6 @@ from pgmp_petsc.mechanism.statements import MEET, Combination, Function, Stateme
 from pgmp_petsc.outputs.readings import AXES, Frames, Rate, Reading, Seen
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Driving
-from pgmp_petsc.scene.fields import exactly_one
 from pgmp_petsc.scene.joints import CouplingEntry
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import OutputEntry
@@ -132,14 +131,10 @@ class JointTorque(InJoint):
 class OfDrive(OfMultipliers):
     """What a prescribed motion takes."""
 
+    one_of = ("joint", "coordinate")
     joint: str | None = Field(None, description="name of the joint whose motion is prescribed")
     coordinate: str | None = Field(None, description="in place of a joint: name of the coordinate")
     with_rate: ClassVar[bool] = False
-
-    @model_validator(mode="after")
-    def _of_one(self) -> Self:
-        exactly_one(self, "joint", "coordinate")
-        return self
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if nothing prescribes such a motion, or several do."""
@@ -248,16 +243,12 @@ class ForceOutput:
     nodes: frozenset[int]  # nodes whose frames it takes
     reads_rates: bool  # whether it takes their rates
     entry: OfMultipliers
+    n_parts: ClassVar[int] = 1  # numbers that it is made of, which are smooth in the motion
 
     @property
     def is_size(self) -> bool:
         """Whether it is the magnitude of what it is made of, else that itself."""
         return isinstance(self.entry, InJoint) and self.entry.component in ("magnitude", "radial")
-
-    @property
-    def n_parts(self) -> int:
-        """How many numbers it is made of, which are smooth in the motion."""
-        return 1
 
     def parts(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
         """Return what the output is made of, shape (n_parts, n), for frames of nodes and their rates, multipliers, and

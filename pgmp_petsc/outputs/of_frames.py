@@ -16,7 +16,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statements import distance
 from pgmp_petsc.outputs.readings import AXES, Absolute, AnyReading, Rate, Reading, RigidReference
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.fields import Connection, Point, exactly_one, refusal
+from pgmp_petsc.scene.fields import Connection, Point, refusal
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import Axis, OutputEntry
 from pgmp_petsc.scene.uses import slides
@@ -138,7 +138,9 @@ class Speed(OutputEntry):
     """Speed of a point along an axis in space (m/s), or of the rotation (rad/s) or sliding (m/s) in a joint."""
 
     type: Literal["speed"]
+    one_of = ("point", "joint")
     reads, unit, joints = ("frames", "time", "parameters"), "m/s", ("turning", "sliding")
+    derivative = 1
     point: Point | None = Field(None, description='point of a body, "body:point"')
     axis: Axis | None = Field(None, description="of a point: x or y, in space also z")
     joint: str | None = Field(None, description="name of a joint that turns about an axis, or slides")
@@ -147,14 +149,8 @@ class Speed(OutputEntry):
     )
     absolute: bool = Field(False, strict=True, description=ABSOLUTE)
 
-    @property
-    def derivative(self) -> int:
-        """1."""
-        return 1
-
     @model_validator(mode="after")
     def _of_one(self) -> Self:
-        exactly_one(self, "point", "joint")
         if (self.point is None) != (self.axis is None):
             raise refusal("a point has a speed along an axis, a joint has one of its own", "axis")
         if self.absolute and self.point is None:

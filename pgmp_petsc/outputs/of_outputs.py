@@ -84,11 +84,6 @@ class FormulaOfOutputs(OutputEntry):
         None, description="its unit, where that does not follow from those of what it names, or to have it checked"
     )
 
-    @property
-    def made_of(self) -> Mapping[str, str]:
-        """The outputs that it may name, by its entry: which it does only the scene says."""
-        return {}
-
     def made_in(self, scene: Scene) -> Mapping[str, str]:
         """Return the outputs that it names."""
         try:

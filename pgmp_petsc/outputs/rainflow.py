@@ -26,7 +26,6 @@ from pgmp_petsc.scene.fields import (
     PositiveOrParameter,
     Table,
     Unit,
-    exactly_one,
     named_numbers,
     refusal,
 )
@@ -50,6 +49,7 @@ def _falls(table: tuple[tuple[float, float], ...]) -> None:
 class Curve(Table):
     """An S-N curve (Woehler): the cycles to failure over the amplitude of a stress."""
 
+    one_of = ("exponent", "table")
     exponent: Annotated[PositiveOrParameter | None, Unit("1")] = Field(
         None, description="k of N = cycles (reference / amplitude)^k, or a parameter's name"
     )
@@ -68,7 +68,6 @@ class Curve(Table):
 
     @model_validator(mode="after")
     def _one_curve(self) -> Self:
-        exactly_one(self, "exponent", "table")
         for key in ("reference", "cycles"):
             if (getattr(self, key) is None) != (self.table is not None):
                 given = "not given beside a table" if self.table is not None else "missing: a curve has exponent, "

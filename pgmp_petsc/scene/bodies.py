@@ -28,7 +28,6 @@ from pgmp_petsc.scene.fields import (
     Triple,
     Unit,
     at_most,
-    exactly_one,
     is_number,
     needed,
     no_parameter,
@@ -326,6 +325,7 @@ OF_MESHES = ("mesh_size", "faces")  # entries of meshed solids
 class Body(Table):
     """A body: flexible, or rigid with the same mass."""
 
+    one_of = ("mesh", "line", "matrices", "rigid")
     mesh: str | None = Field(
         None, min_length=1, description="mesh file, or STEP file of one solid, relative to the scene's directory"
     )
@@ -380,7 +380,6 @@ class Body(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        exactly_one(self, "mesh", "line", "matrices", "rigid")
         if self.rigid is not None:
             own = ("element", "material", "section", "orientation", "thickness", "section_scale", "regions", *OF_MESHES)
             for key in own:

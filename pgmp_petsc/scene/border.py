@@ -18,7 +18,8 @@ from pydantic import BaseModel
 
 from pgmp_petsc.base.units import SI, UNITS, dimension_of, times
 from pgmp_petsc.scene.fields import AnyScene, Unit, is_number, notes_on
-from pgmp_petsc.scene.units import label_of
+from pgmp_petsc.scene.parameters import Parameter
+from pgmp_petsc.scene.units import converted, label_of
 from pgmp_petsc.scene.uses import measured_uses, uses_of
 
 SomeScene = TypeVar("SomeScene", bound=BaseModel)
@@ -121,31 +122,12 @@ def result_units(scene: AnyScene) -> dict[str, str]:
     return {name: (system.unit(unit) if system.is_si else unit) or "1" for name, unit in units.items()}
 
 
-def _parameter(parameter: Any, unit: str, convert: Convert, label: Callable[[str], str]) -> Any:
+def _parameter(parameter: Parameter, unit: str, convert: Convert, label: Callable[[str], str]) -> Parameter:
     """Return a parameter with other numbers, and another unit."""
     if not any(dimension_of(unit or "1")):
         return parameter
-
-    def law(own: Any) -> Any:
-        if own is None:
-            return None
-        changed = {} if own.values is None else {"values": convert(own.values, unit)}
-        if own.of is not None:
-            changed["of"] = tuple(map(law, own.of))
-        found = own.model_copy(update=changed)
-        if own.values is None and own.of is None:  # scipy's default for scale is 1, of the unit
-            given = own.arguments if "scale" in own.arguments else own.arguments | {"scale": 1.0}
-            moved = {key: convert(given[key], unit) for key in ("loc", "scale") if key in given}
-            object.__setattr__(found, "__pydantic_extra__", given | moved)
-        return found
-
-    keys = ("nominal", "value", "bounds")
-    numbers = {key: convert(getattr(parameter, key), unit) for key in keys if getattr(parameter, key) is not None}
-    return parameter.model_copy(
-        update=numbers
-        | {"unit": label(unit)}
-        | ({} if parameter.distribution is None else {"distribution": law(parameter.distribution)})
-    )
+    given = parameter.model_dump(exclude_unset=True)
+    return Parameter.model_validate(converted(given, lambda value: convert(value, unit)) | {"unit": label(unit)})
 
 
 def _converted(

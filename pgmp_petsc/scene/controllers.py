@@ -23,7 +23,6 @@ from pgmp_petsc.scene.fields import (
     Table,
     Time,
     Unit,
-    exactly_one,
     jumps_within,
     refusal,
     with_values,
@@ -42,6 +41,7 @@ MOST_SAMPLED = 2**14  # steps of the coarsest run that a tolerance tries
 class Setpoint(Table):
     """What a measure is to be: a number, or over time."""
 
+    one_of = ("constant", "table", "harmonic")
     constant: NumberOrParameter | None = Field(
         None, description="the same all the time; a number for the table says it"
     )
@@ -55,7 +55,6 @@ class Setpoint(Table):
 
     @model_validator(mode="after")
     def _one(self) -> Setpoint:
-        exactly_one(self, "constant", "table", "harmonic")
         values = [value for _, value in self.table or ()]
         values += [self.harmonic.amplitude, self.harmonic.mean] if self.harmonic else []
         named = [value for value in values if isinstance(value, str)]
@@ -99,6 +98,8 @@ class ControllerEntry(Table):
     )
     #: Motions of which the joint that it acts on leaves one free.
     joints: ClassVar[tuple[str, ...]] = ("turning", "sliding")
+    #: Whether it takes the rate of its measure.
+    needs_rate: ClassVar[bool] = True
 
     @field_validator("limits", mode="before")
     @classmethod
@@ -126,11 +127,6 @@ class ControllerEntry(Table):
     def measured(self) -> dict[str, str]:
         """The outputs that it measures, by their names in the law."""
         return {"y": self.measures}
-
-    @property
-    def needs_rate(self) -> bool:
-        """Whether it takes the rate of its measure."""
-        return True
 
     def jumps_within(self, step: float) -> bool:
         """Return whether its force may jump within a step of that length, s, at other instants than its samplings."""

@@ -25,7 +25,6 @@ from pgmp_petsc.scene.fields import (
     Point,
     Table,
     Unit,
-    exactly_one,
     jumps_within,
     named_numbers,
     quantities_of,
@@ -66,6 +65,14 @@ class EffectEntry(Table):
     edged: ClassVar[bool] = False
     #: Names of its formula with which its force jumps.
     jumps_with: ClassVar[frozenset[str]] = frozenset()
+    #: Whether it is a load whose table or harmonic is over time.
+    is_over_time: ClassVar[bool] = False
+    #: How bodies follow their shortening by bending, ``static`` or ``dynamic``; None if that is not said.
+    is_stretching: ClassVar[str | None] = None
+    #: Whether the inertia forces that are quadratic in velocities stay.
+    keeps_velocity_forces: ClassVar[bool] = True
+    #: Terms that it adds to a model besides loads and local forces, in words.
+    adds: ClassVar[str] = ""
     #: Whether it acts on vibrations alone: the rigid mechanism does not feel it.
     on_vibrations: ClassVar[bool] = False
     #: Whether it is a uniform field of acceleration.
@@ -131,26 +138,6 @@ class EffectEntry(Table):
         """Yield the entries that no parameter can be, and whose unit hangs on the scene; `entry` is the effect's."""
         yield from ()
 
-    @property
-    def is_over_time(self) -> bool:
-        """Whether it is a load whose table or harmonic is over time."""
-        return False
-
-    @property
-    def is_stretching(self) -> str | None:
-        """How bodies follow their shortening by bending, ``static`` or ``dynamic``; None if that is not said."""
-        return None
-
-    @property
-    def keeps_velocity_forces(self) -> bool:
-        """Whether the inertia forces that are quadratic in velocities stay."""
-        return True
-
-    @property
-    def adds(self) -> str:
-        """Terms that it adds to a model besides loads and local forces, in words."""
-        return ""
-
 
 def _check(cls: type[EffectEntry]) -> None:
     """Refuse an effect that is not whole. Raises `InputError`, with the file and line of the class."""
@@ -206,6 +193,7 @@ def _try_forces(cls: type[EffectEntry]) -> None:
 class OverTime(EffectEntry):
     """What acts with a given strength over time."""
 
+    one_of = ("table", "harmonic")
     table: LoadTable | None = Field(None, description=TABLE)
     harmonic: LoadHarmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
     scale: Annotated[NumberOrParameter, Unit("1")] = Field(1.0, description=f"factor on it, {NAMED}")
@@ -254,7 +242,6 @@ class OverTime(EffectEntry):
 
     @model_validator(mode="after")
     def _one_function(self) -> Self:
-        exactly_one(self, "table", "harmonic")
         if isinstance(self.scale, str) and self.parameters_over_time:
             named = shortened(", ".join(self.parameters_over_time))
             words = f"a number is needed: values over time name {named}, and loads are affine in their parameters"

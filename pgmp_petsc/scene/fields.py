@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Annotated, Any, Literal, TypeGuard, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeGuard, TypeVar, get_args
 
 from pydantic import (
     AfterValidator,
@@ -25,6 +25,7 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     WithJsonSchema,
+    model_validator,
 )
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
@@ -48,6 +49,15 @@ class Table(BaseModel):
     """A table of a scene: unknown keys are refused and values never change after validation."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+    #: Entries of which it has exactly one; so it has of those that a class names of which it is a subclass.
+    one_of: ClassVar[tuple[str, ...]] = ()
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> Self:
+        for cls in reversed(type(self).__mro__):
+            if keys := vars(cls).get("one_of"):
+                exactly_one(self, *keys)
+        return self
 
 
 #: A scene as its own entries and their checks see it: a `Scene`, whose entries are of the kinds that are found.

@@ -31,7 +31,6 @@ from pgmp_petsc.scene.fields import (
     Table,
     Unit,
     directions_of,
-    exactly_one,
     quantities_of,
     refusal,
     tried,
@@ -538,6 +537,7 @@ def joints_with(*motions: str, dimension: int) -> tuple[type[JointTable], ...]:
 class Coordinate(Table):
     """A rigid coordinate: a motion that a joint leaves free, or the distance of two points, over a range."""
 
+    one_of = ("joint", "points")
     joint: str | None = Field(None, description="name of a joint that turns or slides; its motion is the coordinate")
     motion: Literal["turning", "sliding"] | None = Field(
         None, description="which motion of the joint; needed where it has both"
@@ -555,7 +555,6 @@ class Coordinate(Table):
 
     @model_validator(mode="after")
     def _of_one(self) -> Self:
-        exactly_one(self, "joint", "points")
         if self.points is not None and self.motion is not None:
             raise refusal("a distance has one motion; leave it out", "motion")
         return self

@@ -22,7 +22,6 @@ from pgmp_petsc.scene.fields import (
     Time,
     Unit,
     at_most,
-    exactly_one,
     no_parameter,
     refusal,
 )
@@ -266,6 +265,7 @@ Replicates = Annotated[Integer, Field(ge=2), at_most(1000, "each has a sequence 
 class Event(Table):
     """An output above or below a level, at the end of a run or at any time in it."""
 
+    one_of = ("above", "below")
     output: str = Field(description="name of an output")
     above: Annotated[Number, Unit()] | None = Field(
         None, description="the event is an output above this level, in the output's unit"
@@ -283,11 +283,6 @@ class Event(Table):
     def level(self) -> float:
         """The level that is exceeded, or fallen below."""
         return self.below if self.above is None else self.above
-
-    @model_validator(mode="after")
-    def _one_level(self) -> Self:
-        exactly_one(self, "above", "below")
-        return self
 
 
 class Ensemble(Table):

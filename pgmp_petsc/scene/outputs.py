@@ -50,6 +50,10 @@ class OutputEntry(Table):
     joints: ClassVar[tuple[str, ...]] = ()
     #: Unit of what is read of frames, or of its rate.
     unit: ClassVar[str]
+    #: Which derivative over time it takes of what it reads: 1 if that is a speed of it.
+    derivative: ClassVar[int] = 0
+    #: The other outputs that it is made of, each with the entry that names it.
+    made_of: ClassVar[Mapping[str, str]] = {}
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
@@ -74,16 +78,6 @@ class OutputEntry(Table):
                 raise refuse(cls, f"unit = '{cls.unit}' is no SI unit: {error}") from None
         if bool(cls.joints) != ("joint" in cls.model_fields) and (of_frames or cls.joints):
             raise refuse(cls, 'an output with the entry joint says what of it is free: joints = ("turning",)')
-
-    @property
-    def derivative(self) -> int:
-        """Which derivative over time it takes of what it reads: 1 if that is a speed of it."""
-        return 0
-
-    @property
-    def made_of(self) -> Mapping[str, str]:
-        """The other outputs that it is made of, each with the entry that names it."""
-        return {}
 
     def made_in(self, scene: AnyScene) -> Mapping[str, str]:
         """Return `made_of`, where that hangs on the scene. Raises `InputError` if it names no entries."""

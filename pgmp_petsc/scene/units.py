@@ -76,8 +76,8 @@ def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, st
         given[name] = unit
         # numbers beside a text are in the scene's units, where the parameter says no other
         factor = factor / system.size(dimension) if "unit" in parameter else 1.0
-        converted = _converted(parameter, lambda value, factor=factor: _number(value, factor, system))
-        parameters[name] = converted | {"unit": label}
+        numbers = converted(parameter, lambda value, factor=factor: _number(value, factor, system))
+        parameters[name] = numbers | {"unit": label}
     return given
 
 
@@ -184,7 +184,7 @@ def _unit_behind(text: str) -> str:
 
 def _texts_in(parameter: Mapping[str, Any]) -> list[str]:
     found: list[object] = []
-    _converted(parameter, found.append)
+    converted(parameter, found.append)
     return [value for value in found if isinstance(value, str) and re.match(QUANTITY, value)]
 
 
@@ -207,17 +207,17 @@ def _number(value: object, factor: float, system: UnitSystem) -> object:
     return times(value, factor) if is_number(value) else value
 
 
-def _converted(parameter: Mapping[str, Any], number: Callable[[object], object]) -> dict[str, Any]:
-    converted = dict(parameter)
+def converted(parameter: Mapping[str, Any], number: Callable[[Any], Any]) -> dict[str, Any]:
+    """Return a raw parameter with other numbers."""
+    found = dict(parameter)
     for key in ("nominal", "value"):
-        if key in converted:
-            converted[key] = number(converted[key])
-    bounds, distribution = converted.get("bounds"), converted.get("distribution")
-    if isinstance(bounds, list):
-        converted["bounds"] = [number(bound) for bound in bounds]
-    if isinstance(distribution, dict):
-        converted["distribution"] = _converted_law(distribution, number)
-    return converted
+        if key in found:
+            found[key] = number(found[key])
+    if isinstance(bounds := found.get("bounds"), (list, tuple)):
+        found["bounds"] = [number(bound) for bound in bounds]
+    if isinstance(distribution := found.get("distribution"), dict):
+        found["distribution"] = _converted_law(distribution, number)
+    return found
 
 
 def _converted_law(law: Mapping[str, Any], number: Callable[[object], object]) -> dict[str, Any]:
@@ -228,8 +228,8 @@ def _converted_law(law: Mapping[str, Any], number: Callable[[object], object]) -
     scaled = {} if isinstance(name, str) and name in OWN else {"scale": 1.0}
     scaled |= {key: law[key] for key in ("loc", "scale") if key in law}
     converted |= {key: number(value) for key, value in scaled.items()}
-    if isinstance(law.get("values"), list):
+    if isinstance(law.get("values"), (list, tuple)):
         converted["values"] = [number(value) for value in law["values"]]
-    if isinstance(law.get("of"), list):
+    if isinstance(law.get("of"), (list, tuple)):
         converted["of"] = [_converted_law(one, number) if isinstance(one, dict) else one for one in law["of"]]
     return converted

@@ -365,7 +365,7 @@ pgmp.montecarlo(rom, 9, shard=pgmp.Shard(1, 2), stopping=pgmp.Stopping(budget=9.
 pgmp.montecarlo(rom, samples="none.csv") -> samples none.csv: there is no such
 pgmp.retry_failed(rom, rom) -> failed: Rom received; allowed is the file of an
 pgmp.rare_event(rom, 3, 500) -> event: int received; allowed is a text
-pgmp.rare_event(rom, "x < 1", 500) -> event "x < 1": there is no output x
+pgmp.rare_event(rom, "x < 1", 500) -> event "x < 1": expected at character 1: an output
 pgmp.merge([]) -> files: list received; allowed is a list of names of shards
 pgmp.fit(rom, 3) -> measured: int received; allowed is the name of a CSV file
 pgmp.fit(rom, "a.csv", noise={"x": 0}) -> noise of x = 0: allowed are positive

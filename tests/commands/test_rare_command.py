@@ -119,7 +119,7 @@ def test_what_a_file_holds_is_told_and_drawn_and_what_cannot_be_is_refused(
     asked = "-n 1000 --seed 0 --rare &#39;crank_angle &gt; 0.0024&#39;"
     assert all(shown in page for shown in ("Rare events", "design point 1", asked, 'data-path="/most_likely/beta"'))
     assert "-n 400: with --rare at least 500 samples are needed" in done.stderr
-    assert "there is no output crank_angel; did you mean 'crank_angle'?" in done.stderr
+    assert "an output or a label of ensemble.probabilities; did you mean 'crank_angle'?" in done.stderr
     assert "--resume with --rare: its samples are not kept on the way" in done.stderr
     assert "the event was not reached by" in done.stdout and "probability             at most" in done.stdout
     assert "most likely at" in done.stdout and "(exact derivatives)" in done.stdout

@@ -38,6 +38,9 @@ def outcome(r1: float = 2.0, c: float = 3.0) -> Outcome:
         ("(r1 + c-2) * (r1 - 1.5)", 2.5),
         ("max + .5", 7.5),
         ("- - r1", 2.0),
+        ("r1 ^ r1 + 2 ** 3", 12.0),
+        ("sqrt(r1) * max(end(bend), min(c-2, 5))", 3.0 * np.sqrt(2.0)),
+        ("where(c-2 > r1, rms(angle), 1 / r1) + (r1 < 1)", 2.0 * np.sqrt(0.5 - np.sin(4.0) / 8.0)),
     ],
 )
 def test_expressions_have_their_values_and_derivatives(text: str, value: float) -> None:
@@ -53,7 +56,7 @@ def test_expressions_have_their_values_and_derivatives(text: str, value: float) 
 
 @pytest.mark.parametrize(
     "text",
-    ["1 / 0", "r1 / (c-2 - 3)", "0 ^ -1", "(r1 - 2) ^ 0.5", "(r1 - 3) ^ 0.5", "10 ^ 999 * r1", "r1 ^ 1e9", "1e200^2"],
+    ["r1 / (c-2 - 3)", "(r1 - 2) ^ 0.5", "(r1 - 3) ^ 0.5", "r1 ^ 1e9"],
 )
 def test_what_has_no_value_or_no_derivative_is_not_finite(text: str) -> None:
     """Python's own numbers would raise, or become complex."""
@@ -84,19 +87,23 @@ def test_constraints_have_two_sides(relation: str, sense: float) -> None:
     [
         ("max(angle)", "a goal begins with minimise or maximise", 0),
         ("", "a goal begins with minimise or maximise", 0),
-        ("minimise", "a number, a parameter, a figure such as max", 8),
+        ("minimise", "it is no formula (invalid syntax); a formula has numbers, parameters, figures", 8),
         ("minimise max(angel)", "there is no such output; did you mean 'angle'?", 13),
-        ("minimise max(abs(angle)", ") is needed", 23),
+        ("minimise max(abs(angle)", "angle is an output over time; take a figure of it, such as max(angle)", 17),
         ("minimise angle", "angle is an output over time; take a figure of it, such as max(angle)", 9),
-        ("minimise c-3", "there is no such parameter or figure; did you mean 'c-2'?", 9),
-        ("minimise r1 r1", "'r1' is too much; an operator or the end is needed", 12),
-        ("minimise r1 +* 2", "a number, a parameter, a figure such as max", 13),
-        ("minimise r1 ^ r1", "a number is needed as exponent", 14),
-        ("minimise " + "(" * 40, "at most 30 parentheses are in each other", 39),
+        ("minimise c-3", "there is no such parameter, figure or function; did you mean 'c-2'?", 9),
+        ("minimise r1 r1", "it is no formula", 12),
+        ("minimise r1 +* 2", "it is no formula", 13),
+        ("minimise " + "(" * 40, "it is no formula ('(' was never closed)", 48),
+        ("minimise 1 + 1 / 0", "it has 1.0 / 0.0, which is no finite number", 13),
+        ("minimise 0 ^ -1", "which is no finite number", 9),
+        ("minimise 10 ^ 999 * r1", "which is no finite number", 9),
+        ("minimise where(r1 > 2, 3)", "it gives where 2 arguments; it takes 3", 9),
         ("minimise 2*1e400", "1e400 is no finite number", 11),
         ("minimise r1 ^ -1e999", "1e999 is no finite number", 15),
         ("minimise r1 <= 2", "'<=' is too much", 12),
-        ("minimise r1 ; 2", "';' is too much", 12),
+        ("minimise r1 ; 2", "';' has no place in a formula", 12),
+        ("minimise r1 # 2", "'#' has no place in a formula", 12),
     ],
 )
 def test_errors_mark_their_position(text: str, reason: str, position: int) -> None:
@@ -118,7 +125,8 @@ def test_units_follow_from_what_is_named_and_are_those_of_the_scene() -> None:
 
 
 def test_a_constraint_needs_a_relation() -> None:
-    with pytest.raises(InputError, match="--subject-to: 3000 characters; at most 800 are read"):
+    with pytest.raises(InputError, match="--subject-to: 3000 characters; at most 1000 are read"):
         read_constraint("(" * 3000, OUTPUTS, PARAMETERS)
-    with pytest.raises(InputError, match="--subject-to: <= or >= is needed"):
-        read_constraint("max(angle) = 2", OUTPUTS, PARAMETERS)
+    for text in ("max(angle) = 2", "1 <= max(angle) <= 2", "max(angle) < 2"):
+        with pytest.raises(InputError, match="--subject-to: <= or >= is needed, once"):
+            read_constraint(text, OUTPUTS, PARAMETERS)

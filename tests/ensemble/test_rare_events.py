@@ -545,13 +545,16 @@ def test_mixtures_have_mass_one_and_draw_what_they_say() -> None:
 @pytest.mark.parametrize(
     ("text", "line"),
     [
-        ("push", "allowed are an output, < or >, and a number"),
-        ("push <= 1", "allowed are an output, < or >, and a number"),
-        ("push < 1e", "labels are far"),
-        ("pash < 1.0", "there is no output pash; did you mean 'push'?"),
-        ("push < 1e999", "1e999 is no finite number"),
-        ("push < -1e300", "-1e300: 0 or a magnitude from 1e-30 to 1e+30 is needed"),
-        ("push > 1e-40", "1e-40: 0 or a magnitude from 1e-30 to 1e+30 is needed"),
+        ("push", "character 5: '<' or '>'; an event is an output, < or >, and a number"),
+        ("push <= 1", "character 7: a number"),
+        ("push < 1e", "character 8: a number"),
+        ("pash < 1.0", "character 1: an output or a label of ensemble.probabilities; did you mean 'push'?"),
+        ("", "character 1: an output or a label of ensemble.probabilities"),
+        ("ever far", "character 6: an output; known: push"),
+        ("push < 1 m", "character 10: the end"),
+        ("push < 1e999", "character 8: 0 or a magnitude from 1e-30 to 1e+30"),
+        ("push < -1e300", "character 8: 0 or a magnitude from 1e-30 to 1e+30"),
+        ("push > 1e-40", "character 8: 0 or a magnitude from 1e-30 to 1e+30"),
     ],
 )
 def test_what_is_no_event_is_refused(text: str, line: str) -> None:
