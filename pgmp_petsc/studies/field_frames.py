@@ -59,7 +59,7 @@ def field_frames(
 
 def fields_over(fields: ReducedFields, eta: np.ndarray, values: Mapping[str, float]) -> Fields:
     """Return the fields for reduced coordinates (n, n_eta), as many instants at once as are best evaluated together."""
-    n = fields.at_once if fields.seen.points else max(1, len(eta))
+    n = fields.seen.at_once if fields.seen.points else max(1, len(eta))
     with np.errstate(all="ignore"):
         return joined([fields.of(eta[first : first + n], values) for first in range(0, len(eta), n)])
 

@@ -454,7 +454,7 @@ class FullRecord(PooledObserver):
             unknowns = self._system.unknowns_over(states)[0]
             for k in wanted:
                 self._unknowns.append(unknowns[:, k : k + 1])
-                if len(self._unknowns) == self._of_fields.at_once:
+                if len(self._unknowns) == self._of_fields.seen.at_once:
                     self._evaluate_fields()
 
     def _evaluate_fields(self) -> None:
