@@ -286,7 +286,7 @@ def _place(axes, tree, width, y, y1, y2, room):
                 q[3 * held + 2], v[3 * held + 2], a[3 * held + 2] = angle, angle1, angle2
             for face in range(tree.faces[k], tree.faces[k + 1]):
                 if tree.face_nodes[face] == held:
-                    _inward_frame(ways[face], turned[face], axes, n * held, n * base, z, z1, z2)
+                    _frame_beyond(ways[face], turned[face], True, axes, n * held, n * base, z, z1, z2)
                     if d == 2:
                         for i in range(n_own):
                             slope = ways[face][3 * d + d * n_own + i]
@@ -298,7 +298,7 @@ def _place(axes, tree, width, y, y1, y2, room):
             node = tree.face_nodes[face]
             if node == held and tree.kinds[k] != FREE:
                 continue
-            _outward_frame(ways[face], turned[face], axes, n * base, n * node, z, z1, z2)
+            _frame_beyond(ways[face], turned[face], False, axes, n * base, n * node, z, z1, z2)
             if d == 2:
                 turn, turn1, turn2 = angle, angle1, angle2
                 for i in range(n_own):
@@ -313,48 +313,27 @@ def _place(axes, tree, width, y, y1, y2, room):
 
 
 @njit(error_model="numpy")
-def _outward_frame(own, turn, axes, at, to, z, z1, z2):
-    """Fill a face's frame from the floating one."""
+def _frame_beyond(own, turn, inward, axes, at, to, z, z1, z2):
+    """Fill a face's frame from the floating one; where it is `inward` the floating one from that of a face."""
     d = len(axes)
-    m = d * d
+    m, floating, sign = d * d, to if inward else at, -1.0 if inward else 1.0
     for c in range(d):
-        p, p1, p2 = z[at + c], z1[at + c], z2[at + c]
-        for l in range(d):
-            x, x1, x2 = z[at + d + d * l + c], z1[at + d + d * l + c], z2[at + d + d * l + c]
-            w, w1, w2 = own[l], own[d + l], own[2 * d + l]
-            p, p1 = p + x * w, p1 + (x1 * w + x * w1)
-            p2 = p2 + (x2 * w + 2.0 * x1 * w1 + x * w2)
-        z[to + c], z1[to + c], z2[to + c] = p, p1, p2
         for k in range(d):
             p = p1 = p2 = 0.0 * z[at + c]
             for l in range(d):
                 x, x1, x2 = z[at + d + d * l + c], z1[at + d + d * l + c], z2[at + d + d * l + c]
-                r, r1, r2 = turn[d * l + k], turn[m + d * l + k], turn[2 * m + d * l + k]
+                entry = d * k + l if inward else d * l + k
+                r, r1, r2 = turn[entry], turn[m + entry], turn[2 * m + entry]
                 p, p1 = p + x * r, p1 + (x1 * r + x * r1)
                 p2 = p2 + (x2 * r + 2.0 * x1 * r1 + x * r2)
             z[to + d + d * k + c], z1[to + d + d * k + c], z2[to + d + d * k + c] = p, p1, p2
-
-
-@njit(error_model="numpy")
-def _inward_frame(own, turn, axes, at, to, z, z1, z2):
-    """Fill the floating frame from that of a face."""
-    d = len(axes)
-    m = d * d
-    for c in range(d):
-        for l in range(d):
-            p = p1 = p2 = 0.0 * z[at + c]
-            for k in range(d):
-                x, x1, x2 = z[at + d + d * k + c], z1[at + d + d * k + c], z2[at + d + d * k + c]
-                r, r1, r2 = turn[d * l + k], turn[m + d * l + k], turn[2 * m + d * l + k]
-                p, p1 = p + x * r, p1 + (x1 * r + x * r1)
-                p2 = p2 + (x2 * r + 2.0 * x1 * r1 + x * r2)
-            z[to + d + d * l + c], z1[to + d + d * l + c], z2[to + d + d * l + c] = p, p1, p2
         p, p1, p2 = z[at + c], z1[at + c], z2[at + c]
         for l in range(d):
-            x, x1, x2 = z[to + d + d * l + c], z1[to + d + d * l + c], z2[to + d + d * l + c]
-            w, w1, w2 = own[l], own[d + l], own[2 * d + l]
-            p, p1 = p - x * w, p1 - (x1 * w + x * w1)
-            p2 = p2 - (x2 * w + 2.0 * x1 * w1 + x * w2)
+            director = floating + d + d * l + c
+            x, x1, x2 = z[director], z1[director], z2[director]
+            w, w1, w2 = sign * own[l], sign * own[d + l], sign * own[2 * d + l]
+            p, p1 = p + x * w, p1 + (x1 * w + x * w1)
+            p2 = p2 + (x2 * w + 2.0 * x1 * w1 + x * w2)
         z[to + c], z1[to + c], z2[to + c] = p, p1, p2
 
 
