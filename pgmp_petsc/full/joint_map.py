@@ -374,42 +374,25 @@ def to_face(own, turn, axes, f, at, out, to):
 
 
 @njit(error_model="numpy")
-def on_face(turn, axes, z, base, f, at, g):
+def on_face(own, turn, inward, axes, z, base, held, f, at, g):
     """Fill what forces on a face's frame do on its ways and turns in the body, g (d + n_turns,), with the floating
-    frame held."""
+    frame held; where it is `inward` what those on the floating frame do, with that of the face held."""
     d = len(axes)
     for l in range(d):
         total = z[base + d + d * l] * f[at]
         for c in range(1, d):
             total += z[base + d + d * l + c] * f[at + c]
-        g[l] = total
-    for t in range(1 if d == 2 else 3):
-        g[d + t] = 0.0 * g[0]
-    for l in range(d):
-        for k in range(d):
-            along = z[base + d + d * l] * f[at + d + d * k]
-            for c in range(1, d):
-                along += z[base + d + d * l + c] * f[at + d + d * k + c]
-            for t in range(1 if d == 2 else 3):
-                g[d + t] += along * turn[(3 + t) * d * d + d * l + k]
-
-
-@njit(error_model="numpy")
-def on_floating(own, turn, axes, z, base, held, f, at, g):
-    """Fill what forces on the floating frame do on ways and turns of the face that holds it, with that held."""
-    d = len(axes)
-    for l in range(d):
-        total = z[base + d + d * l] * f[at]
-        for c in range(1, d):
-            total += z[base + d + d * l + c] * f[at + c]
-        g[l] = -total
+        g[l] = -total if inward else total
     for t in range(1 if d == 2 else 3):
         g[d + t] = 0.0 * g[0]
     for l in range(d):
         for k in range(d):
             along = 0.0 * g[0]
             for c in range(d):
-                along += z[held + d + d * k + c] * (f[at + d + d * l + c] - f[at + c] * own[l])
+                if inward:
+                    along += z[held + d + d * k + c] * (f[at + d + d * l + c] - f[at + c] * own[l])
+                else:
+                    along += z[base + d + d * l + c] * f[at + d + d * k + c]
             for t in range(1 if d == 2 else 3):
                 g[d + t] += along * turn[(3 + t) * d * d + d * l + k]
 
@@ -477,14 +460,14 @@ def _gather_forces(axes, tree, width, y, x, room, into):
         for face in range(tree.faces[k], tree.faces[k + 1]):
             node = tree.face_nodes[face]
             if node != held or tree.kinds[k] == FREE:
-                on_face(turned[face], axes, z, at, f, n * node, g)
+                on_face(ways[face], turned[face], False, axes, z, at, n * held, f, n * node, g)
                 to_floating(ways[face], turned[face], axes, f, n * node, f, at)
                 for t in range(d + n_turns):
                     for i in range(n_own):
                         into[first + i] += g[t] * ways[face][3 * d + t * n_own + i]
         for face in range(tree.faces[k], tree.faces[k + 1] if tree.kinds[k] != FREE else 0):
             if tree.face_nodes[face] == held:
-                on_floating(ways[face], turned[face], axes, z, at, n * held, f, at, g)
+                on_face(ways[face], turned[face], True, axes, z, at, n * held, f, at, g)
                 to_face(ways[face], turned[face], axes, f, at, f, n * held)
                 for t in range(d + n_turns):
                     for i in range(n_own):
