@@ -24,10 +24,9 @@ from scipy import stats
 
 from benchmarks.tables import Table
 from pgmp_petsc.api.sources import read_rom
-from pgmp_petsc.ensemble import intervals, joined
+from pgmp_petsc.ensemble import intervals, joined, sampling
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.joined import corrected
-from pgmp_petsc.ensemble.sampling import Replicates
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.ensemble.stopping import Rule, Seen, Stop, level_of_each, stages
 from pgmp_petsc.models import FullModel, Model, ReducedModel
@@ -184,7 +183,7 @@ def models(path: Path, n_best: int, n_cheap: int, sobol: bool) -> Iterator[Table
         exact, random = full(output, quantiles(nodes)), np.random.default_rng(1)
         held, narrower, plain = np.zeros(2), np.zeros((REPETITIONS, 2)), 0
         for k in range(REPETITIONS):
-            uniform = Replicates(k, 1, N_REPLICATES).uniform(0, n_cheap)[:, 0] if sobol else random.random(n_cheap)
+            uniform = sampling.sobol(k, 1, N_REPLICATES)(0, n_cheap)[:, 0] if sobol else random.random(n_cheap)
             drawn = quantiles(uniform)
             values = [full(output, drawn[:n_best]), reduced(output, drawn)]
             figures = corrected(values, LEVEL, np.arange(n_cheap) % N_REPLICATES if sobol else None).figures

@@ -30,7 +30,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.reference import component_model
-from pgmp_petsc.ensemble.watchers import Begun, OverTimeWatcher
+from pgmp_petsc.ensemble.watchers import Begun, watch_over_time
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.ranks.ending import end, guarded
@@ -152,7 +152,7 @@ def time_of(model: ReducedModel, read: bool) -> float:
     begin = time.process_time()
     system = model.batch(values, BATCH)
     if read:
-        watch = OverTimeWatcher(model, True).watch(Begun(system, values, np.arange(BATCH), simulation))
+        watch = watch_over_time(model, True).watch(Begun(system, values, np.arange(BATCH), simulation))
         watch.found(integrate(system, simulation, observer=watch.observer).status)
     else:
         integrate(system, simulation)

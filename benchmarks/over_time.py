@@ -28,7 +28,7 @@ from pgmp_petsc.ensemble.description import describe_ensemble
 from pgmp_petsc.ensemble.integration import Watching, run_batch
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
 from pgmp_petsc.ensemble.sampling import Sampler, draw
-from pgmp_petsc.ensemble.watchers import OverTimeWatcher
+from pgmp_petsc.ensemble.watchers import watch_over_time
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
@@ -76,7 +76,7 @@ def memory(path: Path, n: int) -> str:
         for first in range(0, n, SIZE):
             size = min(SIZE, n - first)
             values = random.normal(size=size)
-            empty = OverTimeWatcher(model, first < scene.ensemble.band_samples).empty(size)
+            empty = watch_over_time(model, first < scene.ensemble.band_samples).empty(size)
             found = {
                 kind: {
                     name: np.ascontiguousarray(np.broadcast_to(values.reshape(-1, *[1] * (one.ndim - 1)), one.shape))

@@ -12,7 +12,7 @@ have no part in each other. With `--sobol` values are those of eight scrambled S
 of two normal variables, and it is said how wide intervals are beside those of independent values. `samplers` runs
 ensembles of
 scrambled Sobol points, 16 of each of six sizes with seeds of their own, and compares their means with that of a large
-one. Independent samples need ``(deviation / error)^2`` samples for the same error, which needs no run. `indices`
+one. independent samples need ``(deviation / error)^2`` samples for the same error, which needs no run. `indices`
 repeats Sobol indices of Ishigami's function, which are known.
 """
 
@@ -32,7 +32,7 @@ from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.plan import Plan
-from pgmp_petsc.ensemble.sampling import Blocks, Replicates, Sampler
+from pgmp_petsc.ensemble.sampling import Sampler, saltelli
 from pgmp_petsc.ensemble.statistics import describe, of_blocks, of_event, of_given
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.ending import end, guarded
@@ -75,7 +75,7 @@ def known_laws(n_values: int, repetitions: int, sobol: bool = False) -> Iterator
         random = np.random.default_rng(number)
         samples = (law.rvs(n_values, random_state=random) for _ in range(repetitions))
         if sobol:
-            points = (Replicates(seed, 2, N_REPLICATES).uniform(0, n_values) for seed in range(repetitions))
+            points = (sobol(seed, 2, N_REPLICATES)(0, n_values) for seed in range(repetitions))
             samples = (law.ppf(stats.norm.cdf(stats.norm.ppf(one).sum(axis=1) / np.sqrt(2.0))) for one in points)
         yield Law(name, samples, np.array([law.mean(), law.std(), *law.ppf(QUANTILES)]), law.isf(RARE))
 
@@ -141,7 +141,7 @@ def indices() -> Table:
 
     rows = []
     for n in (64, 128, 256, 2048):
-        drawn = [Blocks(seed, 3, N_REPLICATES).uniform(0, 5 * n) for seed in INDEX_SEEDS]
+        drawn = [saltelli(seed, 3, N_REPLICATES)(0, 5 * n) for seed in INDEX_SEEDS]
         found = [of_blocks(function(uniform), names, LEVEL, N_REPLICATES) for uniform in drawn]
         rows.append(row("S1 of blocks", n, [(one.first, one.first_interval) for one in found], first))
         rows.append(row("ST of blocks", n, [(one.total, one.total_interval) for one in found], total))

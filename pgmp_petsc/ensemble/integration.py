@@ -10,6 +10,7 @@ number alone.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
@@ -27,15 +29,15 @@ from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, block_of, checked, miss
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
 from pgmp_petsc.ensemble.watchers import (
-    BalanceWatcher,
     Begun,
-    CoarserWatcher,
-    ErrorWatcher,
     Found,
-    OverTimeWatcher,
     RangeWatch,
-    ValidityWatcher,
     Watcher,
+    watch_balance,
+    watch_coarser,
+    watch_errors,
+    watch_over_time,
+    watch_validity,
 )
 from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.models import REDUCED, Model, SeparateLengths, of_samples
@@ -156,8 +158,8 @@ def run_batch(
     the steps that are tried. Collective on `comm`.
     """
     scene, comm = model.scene, comm or alone()
-    if model.outputs.counts and not any(isinstance(watcher, OverTimeWatcher) for watcher in watchers):
-        watchers = [*watchers, OverTimeWatcher(model, False, Settings())]
+    if model.outputs.counts and not any("extremes" in watcher.names for watcher in watchers):
+        watchers = [*watchers, watch_over_time(model, False, Settings())]
     alive = physical(scene, values)
     if isinstance(model, SeparateLengths):
         alive = model.closes(values, alive)
@@ -234,17 +236,17 @@ class Watching:
         self._errors: list[Watcher] = []
         if self.share > 0.0:
             reduced = isinstance(model, REDUCED)
-            self._errors = [ErrorWatcher(indicator_of(model)) if reduced else CoarserWatcher(model)]
-        self._others: list[Watcher] = [BalanceWatcher()] if model.scene.ensemble.balance else []
+            self._errors = [watch_errors(indicator_of(model)) if reduced else watch_coarser(model)]
+        self._others: list[Watcher] = [watch_balance()] if model.scene.ensemble.balance else []
         if isinstance(model, REDUCED):
-            self._others.append(ValidityWatcher(model))
+            self._others.append(watch_validity(model))
         self._n_bands = model.scene.ensemble.band_samples
-        self._over_time = {with_bands: OverTimeWatcher(model, with_bands) for with_bands in (True, False)}
+        self._over_time = {with_bands: watch_over_time(model, with_bands) for with_bands in (True, False)}
 
     def of(self, piece: Piece) -> list[Watcher]:
         """Return what looks at a piece; at outputs over time of the first samples more than of the others."""
         over_time = self._over_time[piece.first < self._n_bands]
-        others = [*self._others, over_time] if over_time.is_asked else self._others
+        others = self._others if over_time is None else [*self._others, over_time]
         if piece.is_checked:
             return [*self._errors, *others] if piece.is_both else self._errors
         return others
@@ -280,8 +282,6 @@ def run_ensemble(
     model = own.model
     history, given, n = [], [one.count for one in better], plan.samples[1]
     if None in given:
-        from pgmp_petsc.ensemble.joined import allot  # as above
-
         given, n = allot(own, others, given, n if plan.is_limited else None, stop)
     elif stop is not None:
         history = look_at(own, stop)
@@ -309,6 +309,59 @@ def run_ensemble(
             columns = {**parts, model.name: own.checkpoint.up_to(n).columns()}
             found = with_better(found, model.scene, columns, own.sampler.replicates(n))
         return found
+
+
+def allot(
+    own: Integration, better: Sequence[Integration], given: Sequence[int | None], limit: int | None, stop: Stop
+) -> tuple[list[int], int]:
+    """Integrate as many samples of all models as the budget pays for; return the numbers of samples of the better
+    models, and of the ensemble's own. Collective.
+
+    Numbers of better models that are `given` are not chosen, nor the `limit` of the ensemble's own; None are. Raises
+    `InputError` if the budget does not pay for what is given; `RunError` if the outputs of the pilot's samples are not
+    known, or do not vary.
+    """
+    from pgmp_petsc.ensemble.joined import PILOT, PILOT_OF_OWN, ROUNDS, correlations_of, counts  # as in `run_ensemble`
+
+    comm, models = own.comm, (*better, own)
+    kept = on_root(comm, lambda: own.checkpoint.counts)
+    if kept is not None and len(kept) == len(models):
+        return [int(n) for n in kept[:-1]], int(kept[-1])
+    wanted = [*given, limit]
+    # what a stopped run left tells nothing of times
+    pilot = np.array([model.n_finished + (PILOT_OF_OWN if model is own else PILOT) for model in models])
+    pilot = np.minimum(pilot, [model.plan.n_samples for model in models])
+    done, costs = np.zeros(len(models), dtype=int), np.full(len(models), np.nan)
+
+    def integrate(sizes: np.ndarray) -> None:
+        for k, (model, n) in enumerate(zip(models, sizes)):
+            start = time.monotonic()
+            computed = model.up_to(int(n))
+            if computed:
+                costs[k] = (time.monotonic() - start) / computed
+        done[:] = np.maximum(done, sizes)
+
+    def choose(share: float) -> np.ndarray:
+        known = np.where(np.isfinite(costs), costs, np.min(costs[np.isfinite(costs)], initial=1.0))
+        kept = [model.checkpoint.up_to(int(n)) for model, n in zip(models, done)]
+        correlations = correlations_of(kept, int(done.min()))
+        chosen = counts(known, correlations, wanted, stop.left + float(known @ done), own.plan.n_samples)
+        if chosen is None:
+            raise InputError(
+                f"--budget {stop.budget:g}s does not pay for {PILOT} samples of each better model and what is given: "
+                f"samples take {', '.join(f'{cost:.2g} s' for cost in known)}, those of the best model first"
+            )
+        chosen = np.maximum(done, np.where(share < 1.0, (share * chosen).astype(int), chosen))
+        if share == 1.0:
+            own.checkpoint.keep_counts(chosen)
+        return chosen
+
+    # the first samples of a process wait for compiled code: they tell nothing of the others
+    integrate(np.maximum(pilot - PILOT // 2, 1))
+    integrate(pilot)
+    for share in ROUNDS:
+        integrate(on_root(comm, choose, share))
+    return [int(n) for n in done[:-1]], int(done[-1])
 
 
 def look_at(own: Integration, stop: Stop) -> list[Seen]:

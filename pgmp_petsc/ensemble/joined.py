@@ -26,31 +26,26 @@ the cheapest model and these are put together by squares (MOVER: Zou and Donner,
 1693-1702). Quantiles are no means, and have no part in this.
 
 For a budget of time the numbers of samples are those of the least variance that it pays for (`allocation`), for the
-output whose models agree least, from costs and correlations of a pilot of every model's first samples (`allot`). Times
-decide, which will not come again: a run that is taken up keeps the numbers of the one before. Pilot samples are the
-first ones of the ensemble, and so are used; that they have a part in the choice of the numbers has none in the
-intervals but by the spread that they showed.
+output whose models agree least, from costs and correlations of a pilot of every model's first samples
+(`integration.allot`). Times decide, which will not come again: a run that is taken up keeps the numbers of the one
+before. Pilot samples are the first ones of the ensemble, and so are used; that they have a part in the choice of the
+numbers has none in the intervals but by the spread that they showed.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, Remark, RunError, gathered, note, warning
-from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.base.errors import Remark, RunError, gathered, note, warning
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Columns
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.statistics import came_true, is_constant, parts_of_tails, quantities, quantity
-from pgmp_petsc.ensemble.stopping import Stop
 from pgmp_petsc.files.checkpoint_folder import within_checkpoint
 from pgmp_petsc.models import Model
-from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.results.ensemble import Corrected, Ensemble, Figure, Joined
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Event
@@ -291,69 +286,6 @@ OVERDRAWN = 1.5  # by the least numbers of samples, before a budget is refused
 ROUNDS = (0.1, 0.4, 1.0)  # shares of what is chosen that are integrated before costs are taken anew
 
 
-class Integrated(Protocol):
-    """What is used here of `integration.Integration`."""
-
-    plan: Plan
-    comm: Comm
-    checkpoint: Checkpoint
-    n_finished: int
-
-    def up_to(self, n: int) -> int:
-        """Integrate what is missing before sample n; return how many these were."""
-
-
-def allot(
-    own: Integrated, better: Sequence[Integrated], given: Sequence[int | None], limit: int | None, stop: Stop
-) -> tuple[list[int], int]:
-    """Integrate as many samples of all models as the budget pays for; return the numbers of samples of the better
-    models, and of the ensemble's own. Collective.
-
-    Numbers of better models that are `given` are not chosen, nor the `limit` of the ensemble's own; None are. Raises
-    `InputError` if the budget does not pay for what is given; `RunError` if the outputs of the pilot's samples are not
-    known, or do not vary.
-    """
-    comm, models = own.comm, (*better, own)
-    kept = on_root(comm, lambda: own.checkpoint.counts)
-    if kept is not None and len(kept) == len(models):
-        return [int(n) for n in kept[:-1]], int(kept[-1])
-    wanted = [*given, limit]
-    # what a stopped run left tells nothing of times
-    pilot = np.array([model.n_finished + (PILOT_OF_OWN if model is own else PILOT) for model in models])
-    pilot = np.minimum(pilot, [model.plan.n_samples for model in models])
-    done, costs = np.zeros(len(models), dtype=int), np.full(len(models), np.nan)
-
-    def integrate(sizes: np.ndarray) -> None:
-        for k, (model, n) in enumerate(zip(models, sizes)):
-            start = time.monotonic()
-            computed = model.up_to(int(n))
-            if computed:
-                costs[k] = (time.monotonic() - start) / computed
-        done[:] = np.maximum(done, sizes)
-
-    def choose(share: float) -> np.ndarray:
-        known = np.where(np.isfinite(costs), costs, np.min(costs[np.isfinite(costs)], initial=1.0))
-        kept = [model.checkpoint.up_to(int(n)) for model, n in zip(models, done)]
-        correlations = _correlations(kept, int(done.min()))
-        chosen = counts(known, correlations, wanted, stop.left + float(known @ done), own.plan.n_samples)
-        if chosen is None:
-            raise InputError(
-                f"--budget {stop.budget:g}s does not pay for {PILOT} samples of each better model and what is given: "
-                f"samples take {', '.join(f'{cost:.2g} s' for cost in known)}, those of the best model first"
-            )
-        chosen = np.maximum(done, np.where(share < 1.0, (share * chosen).astype(int), chosen))
-        if share == 1.0:
-            own.checkpoint.keep_counts(chosen)
-        return chosen
-
-    # the first samples of a process wait for compiled code: they tell nothing of the others
-    integrate(np.maximum(pilot - PILOT // 2, 1))
-    integrate(pilot)
-    for share in ROUNDS:
-        integrate(on_root(comm, choose, share))
-    return [int(n) for n in done[:-1]], int(done[-1])
-
-
 def counts(
     costs: np.ndarray, correlations: np.ndarray, given: Sequence[int | None], budget: float, most: int
 ) -> np.ndarray | None:
@@ -383,7 +315,7 @@ def counts(
     return found if costs @ found <= OVERDRAWN * budget else None
 
 
-def _correlations(kept: Sequence, n: int) -> np.ndarray:
+def correlations_of(kept: Sequence[Checkpoint], n: int) -> np.ndarray:
     """Return the correlations of all models with the best, (k,), of the output for which the next one's is least."""
     columns = [one.columns() for one in kept]
     fine = np.all([one["status"][:n] == Status.FINE for one in columns], axis=0)

@@ -24,7 +24,7 @@ from pgmp_petsc.ensemble.rare_events import RareSamples
 from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, values_of
 from pgmp_petsc.ensemble.statistics import in_words
 from pgmp_petsc.ensemble.stopping import Reader
-from pgmp_petsc.ensemble.watchers import OverTimeWatcher
+from pgmp_petsc.ensemble.watchers import watch_over_time
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differentiated import differentiate
@@ -94,7 +94,7 @@ class _Runs:
         self._model, self._event, self._comm, self._bar = model, event, comm, bar
         self.names, self._mixing = names, mixing_of(model.scene, names)
         self._sign = -1.0 if event.above is not None else 1.0  # of the output in g
-        self._watcher = OverTimeWatcher(model, False, Ensemble(extremes=True))
+        self._watcher = watch_over_time(model, False, Ensemble(extremes=True))
         self.values: list[np.ndarray] = []
         self.status: list[np.ndarray] = []
         self.parameters: list[dict[str, np.ndarray]] = []

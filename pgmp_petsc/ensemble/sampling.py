@@ -43,7 +43,7 @@ bisection inverts.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -143,91 +143,77 @@ MOST_OF_LATIN_HYPERCUBE = 100_000_000  # samples: every rank holds 4 bytes a par
 OF_ORDER, OF_SCRAMBLE, OF_BLOCKS, OF_RARE = 0, 1, 2, 3  # first keys of streams that are no sample's
 
 
-class Independent:
-    """Independent random samples of d parameters; the seed is that of all streams."""
-
-    def __init__(self, seed: int, d: int) -> None:
-        self._seed, self._d = seed, d
-
-    def uniform(self, first: int, last: int) -> np.ndarray:
-        """Return uniform numbers between 0 and 1 of samples first to last - 1, shape (last - first, d)."""
-        return first_numbers(self._seed, np.arange(first, last), self._d)
+#: Gives the uniform numbers between 0 and 1 of samples first to last - 1 of a design, shape (last - first, d).
+Design = Callable[[int, int], np.ndarray]
 
 
-class LatinHypercube:
-    """A Latin hypercube of n samples; see `Independent`. Raises `InputError` if its permutations would not fit in
-    memory."""
-
-    def __init__(self, seed: int, d: int, n: int) -> None:
-        if n > MOST_OF_LATIN_HYPERCUBE:
-            raise InputError(
-                f"-n {n} with the sampler latin_hypercube: at most {MOST_OF_LATIN_HYPERCUBE:,} samples, since every "
-                "rank holds the order of all; take sobol"
-            )
-        self._n, self._within = n, Independent(seed, d)
-        self._slices = [stream(seed, OF_ORDER, k).permutation(np.arange(n, dtype=np.uint32)) for k in range(d)]
-
-    def uniform(self, first: int, last: int) -> np.ndarray:
-        slices = np.array([order[first:last] for order in self._slices], dtype=float).T
-        return (slices + self._within.uniform(first, last)) / self._n
+def independent(seed: int, d: int) -> Design:
+    """Return independent random samples of d parameters; the seed is that of all streams."""
+    return lambda first, last: first_numbers(seed, np.arange(first, last), d)
 
 
-class Replicates:
-    """Scrambled Sobol sequences that take turns, by streams whose first key is the `purpose`; see `Independent`."""
+def latin_hypercube(seed: int, d: int, n: int) -> Design:
+    """Return a Latin hypercube of n samples; raises `InputError` if its permutations would not fit in memory."""
+    if n > MOST_OF_LATIN_HYPERCUBE:
+        raise InputError(
+            f"-n {n} with the sampler latin_hypercube: at most {MOST_OF_LATIN_HYPERCUBE:,} samples, since every rank "
+            "holds the order of all; take sobol"
+        )
+    orders = [stream(seed, OF_ORDER, k).permutation(np.arange(n, dtype=np.uint32)) for k in range(d)]
+    within = independent(seed, d)
 
-    def __init__(self, seed: int, d: int, n_replicates: int, purpose: int = OF_SCRAMBLE) -> None:
-        self._n, self._d = n_replicates, d
-        self._sequences = [Scrambled(d, stream(seed, purpose, number)) for number in range(n_replicates)]
+    def uniform(first: int, last: int) -> np.ndarray:
+        slices = np.array([order[first:last] for order in orders], dtype=float).T
+        return (slices + within(first, last)) / n
 
-    def uniform(self, first: int, last: int) -> np.ndarray:
-        found = np.empty((last - first, self._d))
-        for number, sequence in enumerate(self._sequences):
-            begin = first + (number - first) % self._n  # its first sample from `first` on
-            here = np.arange(begin, last, self._n)
+    return uniform
+
+
+def sobol(seed: int, d: int, n_replicates: int, purpose: int = OF_SCRAMBLE) -> Design:
+    """Return scrambled Sobol sequences that take turns, by streams whose first key is the `purpose`."""
+    from scipy.stats import qmc  # half a second, which other designs need not wait for
+
+    streams = [stream(seed, purpose, number) for number in range(n_replicates)]
+    sequences = [qmc.Sobol(d, scramble=True, bits=BITS, seed=own) for own in streams]
+
+    def points(sequence: qmc.Sobol, first: int, n: int) -> np.ndarray:
+        """Return points first to first + n - 1: multiples of 2^-30 and half of it, as 0 has no finite quantile."""
+        if first < sequence.num_generated:
+            sequence.reset()
+        if first > sequence.num_generated:
+            sequence.fast_forward(first - sequence.num_generated)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a stretch that is no power of two
+            return sequence.random(n) + 0.5 ** (BITS + 1)
+
+    def uniform(first: int, last: int) -> np.ndarray:
+        found = np.empty((last - first, d))
+        for number, sequence in enumerate(sequences):
+            begin = first + (number - first) % n_replicates  # its first sample from `first` on
+            here = np.arange(begin, last, n_replicates)
             if here.size:
-                found[here - first] = sequence.points(begin // self._n, here.size)
+                found[here - first] = points(sequence, begin // n_replicates, here.size)
         return found
 
+    return uniform
 
-class Blocks:
-    """Saltelli's blocks, of scrambled Sobol sequences that take turns; see `Replicates`."""
 
-    def __init__(self, seed: int, d: int, n_replicates: int) -> None:
-        self._d, self._base = d, Replicates(seed, 2 * d, n_replicates, OF_BLOCKS)
+def saltelli(seed: int, d: int, n_replicates: int) -> Design:
+    """Return Saltelli's blocks, of scrambled Sobol sequences that take turns."""
+    base, size = sobol(seed, 2 * d, n_replicates, OF_BLOCKS), d + 2
 
-    def uniform(self, first: int, last: int) -> np.ndarray:
-        d, size = self._d, self._d + 2
+    def uniform(first: int, last: int) -> np.ndarray:
         if first == last:
             return np.empty((0, d))
         begin, end = first // size, -(-last // size)
-        base = self._base.uniform(begin, end)
-        blocks = np.repeat(base[:, None, :d], size, axis=1)
+        both = base(begin, end)
+        blocks = np.repeat(both[:, None, :d], size, axis=1)
         for k in range(d):
-            blocks[:, k + 1, k] = base[:, d + k]
-        blocks[:, d + 1] = base[:, d:]
+            blocks[:, k + 1, k] = both[:, d + k]
+        blocks[:, d + 1] = both[:, d:]
         return blocks.reshape(-1, d)[first - begin * size : last - begin * size]
 
-
-class Scrambled:
-    """One scrambled Sobol sequence in d dimensions, any stretch of it.
-
-    Its numbers are multiples of 2^-30, of which half is added: 0 has no finite quantile.
-    """
-
-    def __init__(self, d: int, random: np.random.Generator) -> None:
-        from scipy.stats import qmc  # half a second, which other designs need not wait for
-
-        self._sequence = qmc.Sobol(d, scramble=True, bits=BITS, seed=random)
-
-    def points(self, first: int, n: int) -> np.ndarray:
-        """Return points first to first + n - 1, shape (n, d)."""
-        if first < self._sequence.num_generated:
-            self._sequence.reset()
-        if first > self._sequence.num_generated:
-            self._sequence.fast_forward(first - self._sequence.num_generated)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a stretch that is no power of two
-            return self._sequence.random(n) + 0.5 ** (BITS + 1)
+    return uniform
 
 
 def stream(seed: int, *key: int) -> np.random.Generator:
@@ -263,7 +249,7 @@ class Sampler:
         if self._plan.file is not None:
             given = {name: column[first:last] for name, column in self._plan.file.values.items()}
             return {name: np.full(last - first, value) for name, value in self._scene.values.items()} | given
-        return values_of(self._scene, self.names, self._design.uniform(first, last), self._mixing)
+        return values_of(self._scene, self.names, self._design(first, last), self._mixing)
 
     @property
     def unit(self) -> int:
@@ -297,9 +283,9 @@ class Sampler:
             n_replicates = self._scene.ensemble.replicates
             kind = f"{kind} of {n_replicates} replicates"
         n = ROUNDS_NAMED * n_replicates * self._size
-        return kind, identity(self._design.uniform(0, n if self.extends else min(n, self._plan.n_samples)))
+        return kind, identity(self._design(0, n if self.extends else min(n, self._plan.n_samples)))
 
-    def _designed(self) -> Independent | LatinHypercube | Replicates | Blocks:
+    def _designed(self) -> Design:
         seed, d, n, asked = self._plan.seed, len(self.names), self._plan.n_samples, self._scene.ensemble
         if self.kind == "saltelli" and self._plan.is_limited and n % (d + 2):
             near = max(n - n % (d + 2), d + 2)
@@ -308,10 +294,10 @@ class Sampler:
                 f"uncertain parameters ({d}) and two; give a multiple, such as {near} or {near + d + 2}"
             )
         if self.kind == "saltelli":
-            return Blocks(seed, d, asked.replicates)
+            return saltelli(seed, d, asked.replicates)
         if self.kind == "sobol":
-            return Replicates(seed, d, asked.replicates)
-        return LatinHypercube(seed, d, n) if self.kind == "latin_hypercube" else Independent(seed, d)
+            return sobol(seed, d, asked.replicates)
+        return latin_hypercube(seed, d, n) if self.kind == "latin_hypercube" else independent(seed, d)
 
 
 def drawn_names(scene: Scene) -> list[str]:

@@ -2,7 +2,7 @@
 
 `RangeWatch` fails samples of full-order and component models whose coordinate leaves its range at the end of any step,
 where a deformation is an output: such a model goes on beyond, but the deformation is not known there. Reduced models
-stop by themselves. `OverTimeWatcher` keeps extremes, first passages of levels, and values at the instants of the bands.
+stop by themselves. `watch_over_time` keeps extremes, first passages of levels, and values at the instants of the bands.
 A first passage lies where the straight line between the ends of two steps crosses the level; it is known to a step, as
 extremes are known at the ends of steps alone. A sample that fails has none of these, and one whose output is no number
 for a while has no extremes of it.
@@ -10,7 +10,7 @@ for a while has no extremes of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -54,33 +54,29 @@ class Watch(NamedTuple):
     counted: Callable[[], Mapping[str, np.ndarray]] = dict
 
 
+@dataclass(frozen=True, eq=False)
 class Watcher:
-    """Looks at the runs of all batches; `names` are those of the arrays by the field of `Batch` that they belong to."""
+    """Looks at the runs of all batches."""
 
-    names: Mapping[str, Iterable[str]]
+    names: Mapping[str, Collection[str]]  # of arrays, by the field of `Batch` that they belong to
+    watch: Callable[[Begun], Watch]  # begins to look at a run
+    n_instants: int = 0  # of the bands
 
     def empty(self, n: int) -> Found:
         """Return the arrays of n samples of which nothing is known: NaN."""
-        return {kind: {name: np.full(n, np.nan) for name in names} for kind, names in self.names.items()}
-
-    def watch(self, begun: Begun) -> Watch:
-        """Begin to watch a run."""
-        raise NotImplementedError
+        shapes = {"bands": (n, self.n_instants)}
+        return {kind: {name: np.full(shapes.get(kind, n), np.nan) for name in of} for kind, of in self.names.items()}
 
 
 def _errors_of(model: Model) -> dict[str, list[str]]:
     return dict.fromkeys(("errors", "errors_at_end"), list(model.outputs.functions))
 
 
-class ErrorWatcher(Watcher):
-    """Estimates the errors of all samples by the indicator of a model."""
+def watch_errors(indicator: ErrorIndicator | MemberIndicator) -> Watcher:
+    """Estimate the errors of all samples by the indicator of a model, with the steps of each run."""
 
-    def __init__(self, indicator: ErrorIndicator | MemberIndicator) -> None:
-        self._indicator, self.names = indicator, _errors_of(indicator.model)
-
-    def watch(self, begun: Begun) -> Watch:
-        """Begin to watch a run with steps of its own."""
-        run = self._indicator.stepped(begun.simulation).watch(begun.system, begun.samples)
+    def watch(begun: Begun) -> Watch:
+        run = indicator.stepped(begun.simulation).watch(begun.system, begun.samples)
 
         def found(status: np.ndarray) -> Found:
             estimate = run.estimate(status)
@@ -88,21 +84,20 @@ class ErrorWatcher(Watcher):
 
         return Watch(run, found)
 
+    return Watcher(_errors_of(indicator.model), watch)
 
-class CoarserWatcher(Watcher):
-    """Estimates the errors of the time step of all samples of a full-order or component model: keeps the outputs of a
-    run, and runs its system again."""
 
-    def __init__(self, model: Model) -> None:
-        self._model, self.names = model, _errors_of(model)
+def watch_coarser(model: Model) -> Watcher:
+    """Estimate the errors of the time step of all samples of a full-order or component model: keep the outputs of a
+    run, and run its system again."""
 
-    def watch(self, begun: Begun) -> Watch:
-        record, model = OutputRecord(self._model, begun.system), self._model
+    def watch(begun: Begun) -> Watch:
+        record = OutputRecord(model, begun.system)
 
         def found(status: np.ndarray) -> Found:
             time, outputs = record.outputs()
             alive = np.isin(np.arange(status.size), begun.samples) & (status == Status.FINE)
-            other, kept = run_coarser(model, begun.system, begun.simulation, alive), self.empty(begun.samples.size)
+            other, kept = run_coarser(model, begun.system, begun.simulation, alive), watcher.empty(begun.samples.size)
             for place, sample in enumerate(begun.samples):
                 own = {name: values[:, sample] for name, values in outputs.items()}
                 errors = step_errors(model.scene, time, own, other, sample) if alive[sample] else None
@@ -114,28 +109,28 @@ class CoarserWatcher(Watcher):
 
         return Watch(record, found)
 
+    watcher = Watcher(_errors_of(model), watch)
+    return watcher
 
-class ValidityWatcher(Watcher):
-    """Keeps how far every sample of a reduced model leaves small deformations."""
 
-    names = {"validity": VALIDITY}
+def watch_validity(model: ReducedModel | LengthLanes) -> Watcher:
+    """Keep how far every sample of a reduced model leaves small deformations."""
 
-    def __init__(self, model: ReducedModel | LengthLanes) -> None:
-        self._model = model
-
-    def watch(self, begun: Begun) -> Watch:
-        seen = Validity(self._model, begun.system, begun.values, begun.simulation)
+    def watch(begun: Begun) -> Watch:
+        seen = Validity(model, begun.system, begun.values, begun.simulation)
         return Watch(seen, lambda status: {"validity": {k: v[begun.samples] for k, v in seen.extremes.items()}})
 
+    return Watcher({"validity": VALIDITY}, watch)
 
-class BalanceWatcher(Watcher):
-    """Draws up the balance of energy of every sample; see `results.estimates`."""
 
-    names = {"balance": BALANCE}
+def watch_balance() -> Watcher:
+    """Draw up the balance of energy of every sample; see `results.estimates`."""
 
-    def watch(self, begun: Begun) -> Watch:
+    def watch(begun: Begun) -> Watch:
         run = _BalanceWatch(begun.system, begun.samples)
         return Watch(run, run.found)
+
+    return Watcher({"balance": BALANCE}, watch)
 
 
 class _BalanceWatch(PooledObserver):
@@ -193,33 +188,25 @@ def band_steps(simulation: Simulation, most: int) -> np.ndarray:
     return np.unique([*range(0, n_steps, -(-n_steps // (most - 1))), n_steps])
 
 
-class OverTimeWatcher(Watcher):
-    """Keeps what is `asked` for of the outputs over time, by default by the scene, and with bands values at their
-    instants."""
+def watch_over_time(model: Model, with_bands: bool, asked: Ensemble | None = None) -> Watcher | None:
+    """Keep what is `asked` for of the outputs over time, by default by the scene, and with bands values at their
+    instants; None where that is nothing."""
+    asked, simulation = model.scene.ensemble if asked is None else asked, model.scene.simulation
+    outputs = list(model.outputs.functions)
+    of_extremes = asked.with_extremes(outputs)
+    events = {label: event for label, event in asked.probabilities.items() if event.when == "ever"}
+    steps = band_steps(simulation, asked.bands if with_bands else 0)
+    if not (outputs and (of_extremes or events or steps.size or model.outputs.counts)):
+        return None
 
-    def __init__(self, model: Model, with_bands: bool, asked: Ensemble | None = None) -> None:
-        asked = model.scene.ensemble if asked is None else asked
-        self._model, self._outputs = model, list(model.outputs.functions)
-        self._extremes = asked.with_extremes(self._outputs)
-        self._events = {label: event for label, event in asked.probabilities.items() if event.when == "ever"}
-        self._steps = band_steps(model.scene.simulation, asked.bands if with_bands else 0)
-        extremes = [f"{name}/{which}" for name in self._extremes for which in EXTREMES]
-        self.names = {"extremes": extremes, "first_passages": self._events}
-
-    @property
-    def is_asked(self) -> bool:
-        """Whether there is anything to keep."""
-        wanted = self._extremes or self._events or self._steps.size or self._model.outputs.counts
-        return bool(self._outputs) and bool(wanted)
-
-    def empty(self, n: int) -> Found:
-        bands = {name: np.full((n, self._steps.size), np.nan) for name in self._outputs if self._steps.size}
-        return super().empty(n) | {"bands": bands}
-
-    def watch(self, begun: Begun) -> Watch:
-        divisor = begun.simulation.n_steps // self._model.scene.simulation.n_steps
-        run = _OverTimeWatch(self._model, begun, self._extremes, self._events, self._steps * divisor)
+    def watch(begun: Begun) -> Watch:
+        divisor = begun.simulation.n_steps // simulation.n_steps
+        run = _OverTimeWatch(model, begun, of_extremes, events, steps * divisor)
         return Watch(run, run.found, run.counted)
+
+    extremes = [f"{name}/{which}" for name in of_extremes for which in EXTREMES]
+    names = {"extremes": extremes, "first_passages": events, "bands": outputs if steps.size else ()}
+    return Watcher(names, watch, steps.size)
 
 
 class _OverTimeWatch(PooledObserver):

@@ -18,7 +18,7 @@ from pydantic import Field, model_validator
 
 from pgmp_petsc.base.units import UnknownUnit, measure
 from pgmp_petsc.lanes.rainflow import count
-from pgmp_petsc.outputs.readings import AnyReading, Jet, Needs, Seen
+from pgmp_petsc.outputs.readings import AnyReading, OfReading
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import (
     Pair,
@@ -149,24 +149,10 @@ class Rainflow(OutputEntry):
 
 
 @dataclass(frozen=True, eq=False)
-class Counted:
+class Counted(OfReading):
     """A reading of what is counted: its values are those of the other output, until `Counting` takes them over time."""
 
-    of: AnyReading
     entry: Rainflow
-
-    @property
-    def needs(self) -> Needs:
-        """Those of what is counted."""
-        return self.of.needs
-
-    def depth(self, order: int) -> int:
-        """Return that of what is counted."""
-        return self.of.depth(order)
-
-    def jet(self, seen: Seen, order: int) -> Jet:
-        """Return what is counted."""
-        return self.of.jet(seen, order)
 
     def curve(self, values: Values, n: int) -> np.ndarray:
         """Return amplitude, cycles and exponent of the parts of the curve, shape (n, n_parts, 3); the first one and the

@@ -213,16 +213,30 @@ class Reading:
 
 
 @dataclass(frozen=True, eq=False)
-class Rate:
-    """How fast a reading changes: its derivative over time of an order."""
+class OfReading:
+    """What is read of another reading, as which it is where a kind of these does not say otherwise."""
 
     of: AnyReading
-    order: int = 1
 
     @property
     def needs(self) -> Needs:
         """Those of what it is of."""
         return self.of.needs
+
+    def depth(self, order: int) -> int:
+        """Return that of what it is of."""
+        return self.of.depth(order)
+
+    def jet(self, seen: Seen, order: int) -> Jet:
+        """Return that of what it is of."""
+        return self.of.jet(seen, order)
+
+
+@dataclass(frozen=True, eq=False)
+class Rate(OfReading):
+    """How fast a reading changes: its derivative over time of an order."""
+
+    order: int = 1
 
     def depth(self, order: int) -> int:
         """Return that of what it is of."""
@@ -234,7 +248,7 @@ class Rate:
 
 
 @dataclass(frozen=True, eq=False)
-class Absolute:
+class Absolute(OfReading):
     """A place along an axis of the ground, and how far the base has gone along it."""
 
     of: Reading
@@ -243,10 +257,6 @@ class Absolute:
     def needs(self) -> Needs:
         """Those of the place, and the base."""
         return self.of.needs | Needs(time=True, base=True)
-
-    def depth(self, order: int) -> int:
-        """Return that of the place."""
-        return self.of.depth(order)
 
     def jet(self, seen: Seen, order: int) -> Jet:
         """Return the sum of both."""

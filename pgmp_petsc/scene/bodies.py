@@ -54,6 +54,8 @@ class SectionEntry(Table):
     round: ClassVar[bool] = False
     #: Entries of its sizes along the second and the third axis; none where it has no outermost fibre.
     sizes: ClassVar[tuple[str, ...]] = ()
+    #: Distances of the outermost fibre from the axis along the second and third axis, quantities in m, or None.
+    reach: ClassVar[Any] = None
     #: Entries that stiffness and mass of a beam2d are proportional to.
     proportional: ClassVar[tuple[str, ...]] = ()
     #: Entries of which the first is below a share of the second, in every sample.
@@ -90,11 +92,6 @@ class SectionEntry(Table):
         that they take, where they vary.
         """
         raise NotImplementedError
-
-    @property
-    def reach(self) -> Any:
-        """Distances of the outermost fibre from the axis along the second and third axis, quantities in m, or None."""
-        return None
 
 
 #: The section of a body.

@@ -6,14 +6,14 @@ from scipy import stats
 from scipy.stats import qmc
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.ensemble.sampling import Blocks, Independent, LatinHypercube, Replicates
+from pgmp_petsc.ensemble.sampling import independent, latin_hypercube, saltelli, sobol
 
 N = 96
 DESIGNS = {
-    "random": lambda seed: Independent(seed, 3),
-    "latin_hypercube": lambda seed: LatinHypercube(seed, 3, N),
-    "sobol": lambda seed: Replicates(seed, 3, 8),
-    "saltelli": lambda seed: Blocks(seed, 3, 4),
+    "random": lambda seed: independent(seed, 3),
+    "latin_hypercube": lambda seed: latin_hypercube(seed, 3, N),
+    "sobol": lambda seed: sobol(seed, 3, 8),
+    "saltelli": lambda seed: saltelli(seed, 3, 4),
 }
 
 
@@ -21,15 +21,15 @@ DESIGNS = {
 @pytest.mark.parametrize("name", DESIGNS)
 def test_a_sample_is_the_same_in_any_stretch(name: str) -> None:
     design = DESIGNS[name](5)
-    whole = DESIGNS[name](5).uniform(0, N)
+    whole = DESIGNS[name](5)(0, N)
     assert whole.shape == (N, 3) and np.all((whole > 0.0) & (whole < 1.0))
     for first, last in ((90, 96), (0, 1), (17, 42), (50, 50), (3, 77), (8, 16)):
-        np.testing.assert_array_equal(design.uniform(first, last), whole[first:last])
-    assert not np.array_equal(DESIGNS[name](6).uniform(0, N), whole)
+        np.testing.assert_array_equal(design(first, last), whole[first:last])
+    assert not np.array_equal(DESIGNS[name](6)(0, N), whole)
 
 
 def test_each_slice_of_a_latin_hypercube_holds_one_sample() -> None:
-    values = LatinHypercube(1, 3, N).uniform(0, N)
+    values = latin_hypercube(1, 3, N)(0, N)
     slices = np.floor(N * values).astype(int)
     for column in slices.T:
         np.testing.assert_array_equal(np.sort(column), np.arange(N))
@@ -39,7 +39,7 @@ def test_each_slice_of_a_latin_hypercube_holds_one_sample() -> None:
 
 def test_replicates_are_scrambled_sobol_sequences_of_their_own() -> None:
     """A (0, m, 2)-net has one point in each of 64 boxes, whatever their shape; replicates differ."""
-    values = Replicates(2, 2, 8).uniform(0, 8 * 64).reshape(64, 8, 2)
+    values = sobol(2, 2, 8)(0, 8 * 64).reshape(64, 8, 2)
     for k in range(8):
         for rows in (1, 2, 8, 32, 64):
             boxes = np.floor(values[:, k] * [rows, 64 // rows]).astype(int)
@@ -48,7 +48,7 @@ def test_replicates_are_scrambled_sobol_sequences_of_their_own() -> None:
 
 
 def test_blocks_differ_in_one_parameter_from_their_first_point() -> None:
-    blocks = Blocks(3, 3, 2).uniform(0, 5 * 64).reshape(64, 5, 3)
+    blocks = saltelli(3, 3, 2)(0, 5 * 64).reshape(64, 5, 3)
     a, b = blocks[:, 0], blocks[:, 4]
     for k in range(3):
         expected = a.copy()
@@ -61,12 +61,10 @@ def test_blocks_differ_in_one_parameter_from_their_first_point() -> None:
 
 def test_a_latin_hypercube_that_no_rank_could_hold_is_refused() -> None:
     with pytest.raises(InputError, match="-n 200000000 with the sampler latin_hypercube: at most 100,000,000"):
-        LatinHypercube(0, 1, 200_000_000)
+        latin_hypercube(0, 1, 200_000_000)
 
 
 def test_a_far_stretch_of_a_million_takes_no_time() -> None:
     """It is reached without the samples before it."""
     far = 1_000_000
-    np.testing.assert_array_equal(
-        Replicates(1, 2, 8).uniform(far, far + 9)[1:], Replicates(1, 2, 8).uniform(far + 1, far + 9)
-    )
+    np.testing.assert_array_equal(sobol(1, 2, 8)(far, far + 9)[1:], sobol(1, 2, 8)(far + 1, far + 9))

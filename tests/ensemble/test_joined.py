@@ -7,7 +7,7 @@ from scipy.optimize import minimize
 
 from pgmp_petsc.ensemble import intervals, joined
 from pgmp_petsc.ensemble.joined import PILOT, corrected, counts
-from pgmp_petsc.ensemble.sampling import Replicates
+from pgmp_petsc.ensemble.sampling import sobol
 
 LEVEL = 0.95
 REPETITIONS = 400
@@ -109,7 +109,7 @@ def test_intervals_of_replicates_hold_and_are_narrow() -> None:
     u, v = np.meshgrid(fine, fine)
     true[1] = (u + v + 0.1 * u**2).std()
     for seed in range(100):
-        u, v = Replicates(seed, 2, 8).uniform(0, 1024).T
+        u, v = sobol(seed, 2, 8)(0, 1024).T
         best, cheap, replicates = u + v + 0.1 * u**2, u + 0.9 * v, np.arange(1024) % 8
         values = [best[:64], cheap]
         found = joined.mean_of(values, replicates)

@@ -8,7 +8,7 @@ import pytest
 from pgmp_petsc.base.units import MM, SI
 from pgmp_petsc.ensemble.description import over_time_remarks
 from pgmp_petsc.ensemble.statistics import in_words
-from pgmp_petsc.ensemble.watchers import Begun, OverTimeWatcher, band_steps
+from pgmp_petsc.ensemble.watchers import Begun, band_steps, watch_over_time
 from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.status import Status
@@ -39,7 +39,7 @@ class Model:
 
 def watched(model: Model, divisor: int = 1, status: np.ndarray | None = None, shown: int = 1, at_once: int = 3) -> dict:
     """Return what is found of sizes * sin(2 pi t), in steps of STEP / divisor, some `shown` and looked at together."""
-    watcher = OverTimeWatcher(model, with_bands=True)
+    watcher = watch_over_time(model, with_bands=True)
     simulation = model.scene.simulation.model_copy(update={"step": STEP / divisor})
     system = SimpleNamespace(n_samples=N, values={}, instants_at_once=at_once)
     watch = watcher.watch(Begun(system, {}, np.arange(N), simulation))
@@ -90,9 +90,9 @@ def test_bands_take_start_end_and_instants_between() -> None:
         ({}, False, False),
         ({"extremes": True}, False, True),
     ):
-        assert OverTimeWatcher(Model(**asked), with_bands=with_bands).is_asked is looks
+        assert (watch_over_time(Model(**asked), with_bands) is not None) is looks
     begun = Begun(SimpleNamespace(n_samples=N, instants_at_once=1), {}, np.arange(N), Model().scene.simulation)
-    assert OverTimeWatcher(Model(bands=5), with_bands=True).watch(begun).observer.every == 25
+    assert watch_over_time(Model(bands=5), with_bands=True).watch(begun).observer.every == 25
 
 
 @pytest.mark.parametrize("at_once", [1, 7, 50])

@@ -1,6 +1,5 @@
 """Samples: drawn by seed and number alone, stratified, and taken from a table."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -14,8 +13,6 @@ from pgmp_petsc.ensemble import sampling
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, Plan
 from pgmp_petsc.ensemble.sample_file import read_samples
 from pgmp_petsc.ensemble.sampling import (
-    Blocks,
-    Replicates,
     Sampler,
     draw,
     draw_remarks,
@@ -295,14 +292,10 @@ def test_a_design_is_named_by_what_it_draws(sampler: str, monkeypatch: pytest.Mo
         fewer = scene.model_copy(update={"ensemble": scene.ensemble.model_copy(update={"replicates": 4})})
         assert "8 replicates" in named[0] and "4 replicates" in Sampler(fewer, Plan(40, 4)).named[0]
         # as when one sequence had all points, or all blocks
-        monkeypatch.setattr(sampling, {"sobol": "Replicates", "saltelli": "Blocks"}[sampler], of_one_sequence(sampler))
+        design = getattr(sampling, sampler)
+        monkeypatch.setattr(sampling, sampler, lambda seed, d, n_replicates, *purpose: design(seed, d, 1, *purpose))
         found = Sampler(scene, Plan(40, 4)).named
         assert found[0] == named[0] and found[1] != named[1]
-
-
-def of_one_sequence(sampler: str) -> Callable[[int, int, int], Replicates | Blocks]:
-    kind = Replicates if sampler == "sobol" else Blocks
-    return lambda seed, d, n_replicates: kind(seed, d, 1)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 42, 2**32 - 1, 2**32, 123456789012345678, LARGEST_SEED])

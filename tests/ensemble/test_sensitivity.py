@@ -6,7 +6,7 @@ from SALib.analyze import sobol
 from scipy import stats
 
 from pgmp_petsc.ensemble import statistics
-from pgmp_petsc.ensemble.sampling import Blocks
+from pgmp_petsc.ensemble.sampling import saltelli
 from pgmp_petsc.ensemble.statistics import of_blocks, of_given, sensitivities, sensitivity_remarks
 
 NAMES = ["x1", "x2", "x3"]
@@ -24,14 +24,14 @@ def ishigami(uniform: np.ndarray) -> np.ndarray:
 
 
 def test_blocks_have_the_indices_of_ishigamis_function() -> None:
-    found = of_blocks(ishigami(Blocks(1, 3, R).uniform(0, 5 * 1024)), NAMES, 0.95, R)
+    found = of_blocks(ishigami(saltelli(1, 3, R)(0, 5 * 1024)), NAMES, 0.95, R)
     assert (found.parameters, found.method, found.count) == (tuple(NAMES), "saltelli", 1024)
     # random blocks know an index to about 1 / sqrt(1024), 0.03; those of Sobol sequences as well or better
     np.testing.assert_allclose([found.first, found.total], [FIRST, TOTAL], rtol=0, atol=0.1)
 
 
 def test_indices_are_those_of_salib_and_intervals_those_of_its_indices_of_each_replicate() -> None:
-    values = ishigami(Blocks(2, 3, R).uniform(0, 5 * 256))
+    values = ishigami(saltelli(2, 3, R)(0, 5 * 256))
     found = of_blocks(values, NAMES, 0.95, R)
     problem = {"num_vars": 3, "names": NAMES, "bounds": [[0.0, 1.0]] * 3}
 
@@ -51,7 +51,7 @@ def test_intervals_of_blocks_hold_as_often_as_they_say(n: int) -> None:
     """Of 100 repetitions, less 1 in 10,000 chances; by resampled blocks of one sequence nearly all held."""
     held, repetitions = np.zeros((2, 3)), 100
     for seed in range(repetitions):
-        found = of_blocks(ishigami(Blocks(seed, 3, R).uniform(0, 5 * n)), NAMES, 0.95, R)
+        found = of_blocks(ishigami(saltelli(seed, 3, R)(0, 5 * n)), NAMES, 0.95, R)
         ends, true = np.array([found.first_interval, found.total_interval]), np.array([FIRST, TOTAL])
         held += (ends[..., 0] <= true) & (true <= ends[..., 1])
     assert np.all(held >= stats.binom(repetitions, 0.95).ppf(1e-4)), held
@@ -84,7 +84,7 @@ def test_first_indices_of_any_samples_are_those_of_lines_in_slices_by_least_squa
 
 
 def test_failed_samples_are_left_out_and_that_is_said() -> None:
-    values, fine = ishigami(Blocks(1, 3, R).uniform(0, 5 * 64)), np.ones(5 * 64, dtype=bool)
+    values, fine = ishigami(saltelli(1, 3, R)(0, 5 * 64)), np.ones(5 * 64, dtype=bool)
     fine[[7, 8, 100]] = False  # two blocks
     (found,) = sensitivities([("y", values)], {}, NAMES, fine, R, 0.95).values()
     assert found.count == 62

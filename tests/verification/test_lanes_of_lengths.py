@@ -15,7 +15,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design.fitting import fit
 from pgmp_petsc.design.measured_history import MeasuredHistory
 from pgmp_petsc.ensemble.integration import run_batch
-from pgmp_petsc.ensemble.watchers import ErrorWatcher, ValidityWatcher
+from pgmp_petsc.ensemble.watchers import watch_errors, watch_validity
 from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
@@ -109,11 +109,11 @@ def assert_as_alone(model: ReducedModel, **lengths: np.ndarray) -> None:
     ((varied, at),), scene = (lengths or {"rod_length": LENGTHS}).items(), model.scene
     lanes = of_samples(model, [varied])
     values = samples(scene, at.size, **{varied: at})
-    together = run_batch(lanes, values, 0, [ValidityWatcher(lanes)])
+    together = run_batch(lanes, values, 0, [watch_validity(lanes)])
     assert (together.status == 0).all()
     for k, length in enumerate(at):
         own = model.at_lengths(scene.with_values({varied: float(length)}))
-        alone = run_batch(own, {name: value[[k]] for name, value in values.items()}, 0, [ValidityWatcher(own)])
+        alone = run_batch(own, {name: value[[k]] for name, value in values.items()}, 0, [watch_validity(own)])
         # three points leave 1e-5 of deformations, and more of their derivatives in a body
         for found, exact in ((together.outputs, alone.outputs), (together.validity, alone.validity)):
             for name, value in exact.items():
@@ -127,11 +127,11 @@ def test_estimated_errors_of_samples_contain_what_polynomials_are_off_by() -> No
     model = reduced_model(scene)
     lanes = of_samples(model, ["rod_length"])
     values = samples(scene, 2, rod_length=LENGTHS)
-    together = run_batch(lanes, values, 0, [ErrorWatcher(indicator_of(lanes))])
+    together = run_batch(lanes, values, 0, [watch_errors(indicator_of(lanes))])
     for k, length in enumerate(LENGTHS):
         own = model.at_lengths(scene.with_values({"rod_length": float(length)}))
         alone = run_batch(
-            own, {name: value[[k]] for name, value in values.items()}, 0, [ErrorWatcher(indicator_of(own))]
+            own, {name: value[[k]] for name, value in values.items()}, 0, [watch_errors(indicator_of(own))]
         )
         for name, value in alone.outputs.items():
             off = together.outputs[name][k] - value[0]
@@ -148,7 +148,7 @@ def test_estimates_of_a_sample_that_cannot_be_placed_are_unknown(monkeypatch: py
         raise InputError("the mechanism cannot close")
 
     monkeypatch.setattr(LengthLanes, "at_lengths", refuse)
-    found = run_batch(lanes, samples(scene, 1), 0, [ErrorWatcher(indicator_of(lanes))])
+    found = run_batch(lanes, samples(scene, 1), 0, [watch_errors(indicator_of(lanes))])
     assert found.status[0] == 0 and all(np.isnan(values).all() for values in found.errors.values())
 
 

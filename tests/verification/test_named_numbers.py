@@ -13,7 +13,7 @@ from runs import components_model, full_model, history, motion, reduced_model, r
 from spatial_beams import SLIDER_CRANK
 
 from pgmp_petsc.ensemble.integration import run_batch
-from pgmp_petsc.ensemble.watchers import ErrorWatcher
+from pgmp_petsc.ensemble.watchers import watch_errors
 from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import Model, ReducedModel
@@ -157,7 +157,7 @@ def test_errors_of_samples_with_a_velocity_are_those_of_runs_with_the_number() -
     numbers = SECOND | {"lump": FIRST["lump"]}
     for own, values in ((named(short), numbers), (scene_with(numbers, short), {})):
         model = ReducedModel(own, rom_of(scene))
-        watcher = ErrorWatcher(indicator_of(model))
+        watcher = watch_errors(indicator_of(model))
         found.append(run_batch(model, samples(own, 1, **values), 0, [watcher]).errors)
     assert found[0].keys() == found[1].keys() and found[0]
     for name, values in found[0].items():
