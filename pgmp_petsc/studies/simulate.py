@@ -59,7 +59,6 @@ from pgmp_petsc.stepping.generalised_alpha import (
     Run,
     StateRecord,
     Together,
-    count_steps,
     integrate,
     integrate_with_smaller_steps,
 )
@@ -226,7 +225,7 @@ def _coarser(
         return None
     simulation = part.attempt.simulation
     title = f"{model.title} with a coarser step, for the error of the step"
-    with timings.phase("errors"), progress(count_steps(*_span(coarser(model.scene, simulation))), title, comm) as bar:
+    with timings.phase("errors"), progress(coarser(model.scene, simulation).n_steps, title, comm) as bar:
         return run_coarser(model, system, simulation, np.ones(1, dtype=bool), part.run, bar.update)
 
 
@@ -334,17 +333,13 @@ def _reduced_part(
 
 def _progress(name: str, attempt: Attempt, comm: Comm) -> Progress:
     again = "" if attempt.divisor == 1 else " again with smaller steps"
-    return progress(count_steps(*_span(attempt.simulation)), name + again, comm)
+    return progress(attempt.simulation.n_steps, name + again, comm)
 
 
 def frame_steps(simulation) -> set[int]:
     """Return the steps at which the whole mechanism is stored: evenly spread, first and last among them."""
-    n_steps = count_steps(*_span(simulation))
+    n_steps = simulation.n_steps
     return set(np.unique(np.linspace(0, n_steps, min(simulation.frames, n_steps + 1)).round().astype(int)).tolist())
-
-
-def _span(simulation) -> tuple[float, float]:
-    return simulation.duration, simulation.step
 
 
 def _described(
@@ -471,7 +466,7 @@ class FullRecord(PooledObserver):
             unknowns = self._system.unknowns_over(states)[0]
             for k in wanted:
                 self._unknowns.append(unknowns[:, k : k + 1])
-                if len(self._unknowns) == self._of_fields.at_once:
+                if len(self._unknowns) == self._of_fields.seen.at_once:
                     self._evaluate_fields()
 
     def _evaluate_fields(self) -> None:
