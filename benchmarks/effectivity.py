@@ -47,7 +47,6 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
@@ -296,7 +295,7 @@ def within_budget(case: Case, n_samples: int, refinement: int | None) -> tuple[C
         If no reference is within ``reference.budget`` with the least refinement.
     """
     scene, meshes = case.read((), Purpose.BUILD)
-    n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
+    n_steps = scene.simulation.n_steps
     runs = ALL_RUNS * n_samples * len(case.torques) * n_steps
     least = LEAST_REFINEMENT if refinement is None else refinement
     cases = f"{n_samples} samples with steps {least} times smaller"

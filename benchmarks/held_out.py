@@ -28,7 +28,6 @@ from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Harmonic
-from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.studies.inputs import read_scene
 
 SHAPE = ((0.0, 0.0), (0.4, 0.7), (0.7, 1.3), (1.0, 0.4))  # of the duration, and of the last value
@@ -74,7 +73,7 @@ def print_errors(given: argparse.Namespace) -> None:
     scene, rom = read_rom(given.rom, [], [], MPI.COMM_SELF)
     _, meshes = read_scene(given.scene, [], [], MPI.COMM_SELF, Purpose.FULL)
     values, n_samples = {given.parameter: np.array(given.values)}, len(given.values)
-    n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
+    n_steps = scene.simulation.n_steps
     if given.reference == "full":
         reference = FullModel(scene, meshes)
     else:

@@ -35,7 +35,6 @@ from benchmarks.tables import Table, number
 from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.cases import Load
-from pgmp_petsc.bench.history import with_steps
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.system import ReducedSystem
@@ -164,7 +163,7 @@ def by_alpha(
         if number % every == 0:
             rows.append(state.q.copy())
 
-    run = integrate(model.batch(values, n), with_steps(model.scene, n_steps).simulation, observer=record)
+    run = integrate(model.batch(values, n), model.scene.simulation.in_steps(n_steps), observer=record)
     return outputs_of(model, np.array(rows)), run.n_iterations / (n * run.n_steps)
 
 

@@ -41,7 +41,6 @@ from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.joints import CouplingEntry
-from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate
@@ -157,7 +156,7 @@ def time_of(model: ReducedModel, read: bool) -> float:
         watch.found(integrate(system, simulation, observer=watch.observer).status)
     else:
         integrate(system, simulation)
-    return (time.process_time() - begin) / (BATCH * count_steps(simulation.duration, simulation.step))
+    return (time.process_time() - begin) / (BATCH * simulation.n_steps)
 
 
 def cost(path: Path, given: argparse.Namespace) -> None:

@@ -20,7 +20,6 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.tables import Table
-from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -95,9 +94,7 @@ def cost() -> Table:
 
 
 def _frequencies(model: ReducedModel) -> np.ndarray:
-    tables, nominal = model.rom.tables, model.scene.nominal
-    weights = (evaluate_weights(own, nominal) for own in (tables.mass_weights, tables.stiffness_weights))
-    return tables.frequencies_hz(*weights)[:, : model.rom.frequencies_hz.shape[1]]
+    return model.rom.tables.frequencies_hz(model.scene.nominal)[:, : model.rom.frequencies_hz.shape[1]]
 
 
 def _history(model: ReducedModel) -> dict[str, np.ndarray]:

@@ -19,7 +19,6 @@ from benchmarks.on_model import main
 from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.studies import simulate
 
 
@@ -37,7 +36,7 @@ def run(path: Path, n: int) -> None:
         once()
         for _ in range(n):
             best = {part: min(seconds, best.get(part, seconds)) for part, seconds in once().items()}
-    n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
+    n_steps = scene.simulation.n_steps
     print(f"{n_steps} steps of {scene.name}, processor time, best of {n}:")
     for part, seconds in best.items():
         print(f"  {part:12s}{1e3 * seconds:8.1f} ms")

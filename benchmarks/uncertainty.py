@@ -32,7 +32,7 @@ from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.plan import Plan
-from pgmp_petsc.ensemble.sampling import Sampler, saltelli
+from pgmp_petsc.ensemble.sampling import Sampler, saltelli, sobol
 from pgmp_petsc.ensemble.statistics import describe, of_blocks, of_event, of_given
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.ending import end, guarded
@@ -149,6 +149,11 @@ def indices() -> Table:
         drawn = [np.random.default_rng(seed).random((n, 3)) for seed in INDEX_SEEDS]
         found = [of_given(function(uniform), dict(zip(names, uniform.T)), LEVEL) for uniform in drawn]
         rows.append(row("S1 of random samples", n, [(one.first, one.first_interval) for one in found], first))
+    for n in (128, 512, 2000, 4096):
+        drawn = [sobol(seed, 3, N_REPLICATES)(0, n) for seed in INDEX_SEEDS]
+        numbers = np.arange(n) % N_REPLICATES
+        found = [of_given(function(uniform), dict(zip(names, uniform.T)), LEVEL, numbers) for uniform in drawn]
+        rows.append(row("S1 of Sobol samples", n, [(one.first, one.first_interval) for one in found], first))
     header = ["index", "blocks or samples", "root mean square error", "half an interval", "intervals that hold, %"]
     words = f"{len(INDEX_SEEDS)} repetitions; of x1, x2, x3. Half an interval is the median."
     return Table("Sobol indices of Ishigami's function", header, rows, words)

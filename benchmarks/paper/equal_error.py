@@ -21,7 +21,7 @@ from mpi4py import MPI
 from benchmarks.paper.cost import FINE, ROMS
 from benchmarks.tables import Table, number
 from pgmp_petsc.api.sources import read_rom
-from pgmp_petsc.bench.history import errors_between, floors_of, run_history, with_steps
+from pgmp_petsc.bench.history import errors_between, floors_of, run_history
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -93,7 +93,7 @@ def exact_steps(n_steps: int) -> int:
 
 def seconds_a_sample(model: FullModel | ReducedModel, n_steps: int, n_batch: int) -> float:
     """Return the processor time of a sample in a batch of random ones, the least of some batches."""
-    values, simulation, times = draw(model.scene, SEED, 0, n_batch), with_steps(model.scene, n_steps).simulation, []
+    values, simulation, times = draw(model.scene, SEED, 0, n_batch), model.scene.simulation.in_steps(n_steps), []
     for _ in range(N_REPEATS):
         start = process_time()
         integrate(model.batch(values, n_batch), simulation)

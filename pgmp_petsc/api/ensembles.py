@@ -150,10 +150,11 @@ def better_models(wanted: Sequence[Correction], own: Model, origin: Origin, comm
 
 
 def _model(one: Correction, own: Model, origin: Origin, comm: Comm) -> Model:
-    simulation = own.scene.simulation.model_copy(update={"step": own.scene.simulation.step / one.divisor})
-    # what is described of the ensemble's own model alone
-    ensemble = own.scene.ensemble.model_copy(update={"checked_share": 0.0, "bands": 0, "balance": False})
-    scene = own.scene.model_copy(update={"simulation": simulation, "ensemble": ensemble})
+    scene = own.scene.with_entries(
+        simulation={"step": own.scene.simulation.step / one.divisor},
+        # what is described of the ensemble's own model alone
+        ensemble={"checked_share": 0.0, "bands": 0, "balance": False},
+    )
     if one.model == own.name and one.scene is None:
         with agreed(comm, f"preparing the {own.title} model"):
             return own.in_scene(scene)

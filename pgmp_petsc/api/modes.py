@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from os import PathLike, fspath
+from os import PathLike
+from pathlib import Path
 
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom
 from pgmp_petsc.api.scenes import SCENE, Overrides, Parameters
-from pgmp_petsc.api.sources import directory_of, keeping, model_of_rom
+from pgmp_petsc.api.sources import directory_of, keeping, read_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.tradeoff import FULL, QUICK, measure_tradeoff
@@ -49,13 +50,12 @@ def frequencies(
 ) -> Result:
     """Compute eigenfrequencies of `scene` over its configurations, full-order and (with `rom`) reduced."""
     comm = solving_ranks_of(comm)
-    inputs = [fspath(one) for one in (scene, rom) if isinstance(one, (str, PathLike))]
-    with keeping("modes", comm, output, on_all_ranks, inputs) as keeper:
+    with keeping("modes", comm, output, on_all_ranks, (scene, rom)) as keeper:
         loaded, meshes = read_scene(scene, overrides, parameters, comm, Purpose.MODES)
         tell_remarks(comm, loaded.remarks)
-        reduced = None if rom is None else model_of_rom(rom, comm)
+        tables = rom.data.rom if isinstance(rom, Rom) else rom and read_rom(Path(rom), (), (), comm)[1]
         with RankGroup.split(comm, ranks_per_angle) as group:
-            table = tabulate_modes(loaded, meshes, reduced, angles or loaded.reduction.angles, group)
+            table = tabulate_modes(loaded, meshes, tables, angles or loaded.reduction.angles, group)
         return keeper.result(table, directory_of(scene), loaded.remarks)
 
 
@@ -91,14 +91,13 @@ def build(
     A component model (`components`) has the condensed bodies alone. Each is condensed by one rank.
     """
     comm = solving_ranks_of(comm)
-    inputs = () if isinstance(scene, Scene) else (fspath(scene),)
     with agreed(comm, "looking at the arguments"):
         for option, is_given in (("--resume", resume), ("--ranks-per-angle", ranks_per_angle > 1)):
             if components and is_given:
                 why = "bodies are condensed one a rank, over no angles, and nothing is kept on the way"
                 raise InputError(f"{option} with --components: {why}; leave it out")
     purpose = Purpose.COMPONENTS if components else Purpose.BUILD
-    with keeping("components" if components else "rom", comm, output, on_all_ranks, inputs) as keeper:
+    with keeping("components" if components else "rom", comm, output, on_all_ranks, (scene,)) as keeper:
         loaded, meshes = read_scene(scene, overrides, parameters, comm, purpose)
         tell_remarks(comm, loaded.remarks)
         if components:
@@ -141,8 +140,7 @@ def tradeoff(
     ranks.
     """
     comm = solving_ranks_of(comm)
-    inputs = () if isinstance(scene, Scene) else (fspath(scene),)
-    with keeping("tradeoff", comm, output, on_all_ranks, inputs) as keeper:
+    with keeping("tradeoff", comm, output, on_all_ranks, (scene,)) as keeper:
         loaded, meshes = read_scene(scene, overrides, parameters, comm, Purpose.TRADEOFF)
         kind, finished = {"command": "tradeoff", "quick": quick}, None
         if keeper.output is not None:

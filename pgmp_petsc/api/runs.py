@@ -43,7 +43,7 @@ from pgmp_petsc.results.estimates import VALIDITY
 from pgmp_petsc.results.trajectory import BodyField
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_values, parameter_units, si_values
-from pgmp_petsc.scene.numerics import MOST_STEPS, count_steps
+from pgmp_petsc.scene.numerics import MOST_STEPS
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.simulate import simulate as simulated
@@ -304,10 +304,9 @@ def _differing(data: Ensemble, numbers: np.ndarray, run: ShardSamples, system: U
 
 def _keeping_outputs(scene: Scene) -> Scene:
     """Return the scene with outputs kept at the ends of all steps of all samples, and nothing estimated unasked."""
-    asked = scene.ensemble
     changed = {"bands": int(MOST_STEPS) + 2, "band_samples": 10**9, "extremes": False, "balance": False}
-    changed |= {"probabilities": {}, "checked_share": asked.checked_share or 0.0}
-    return scene.model_copy(update={"ensemble": asked.model_copy(update=changed)})
+    changed |= {"probabilities": {}, "checked_share": scene.ensemble.checked_share or 0.0}
+    return scene.with_entries(ensemble=changed)
 
 
 @contextmanager
@@ -324,7 +323,7 @@ def _run(
 ) -> tuple[ShardSamples, tuple[Remark, ...]] | None:
     """Integrate samples; return them with what is to be said. None on ranks that get nothing. Collective on `comm`."""
     n, simulation = len(next(iter(file.values.values()))), model.scene.simulation
-    n_numbers = n * (count_steps(simulation.duration, simulation.step) + 1) * len(model.outputs.functions)
+    n_numbers = n * (simulation.n_steps + 1) * len(model.outputs.functions)
 
     def looking_at_the_memory() -> None:
         free = free_memory()
@@ -387,7 +386,7 @@ def _dataset(
         for name, unit in parameter_units(scene).items()
     }
     where = {name: one.assign_attrs(known.get(name, {})) for name, one in coords.items()}
-    n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
+    n_steps = scene.simulation.n_steps
     time = scene.simulation.duration * np.arange(n_steps + 1) / n_steps
     about = {"scene": scene.scene.name, "model": data.model, "program_version": __version__}
     others = {name: value for name, value in own_values(scene).items() if name not in coords}

@@ -33,7 +33,6 @@ from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.plausibility import plausibility
 
-Named = str | PathLike[str]
 AnySource = Rom | Scene | str | PathLike[str]
 REDUCED = "reduced"
 SOURCE = Argument(
@@ -115,7 +114,7 @@ class Origin:
     def _read(self) -> tuple[Scene, ReducedOrderModel | ComponentsFile]:
         """Return a built model and its scene with the changes; by one process."""
         if not isinstance(self.source, Rom):
-            built = read_built(Path(self.source), self.model)
+            built = (ReducedOrderModel if self.model == REDUCED else ComponentsFile).read(Path(self.source))
         else:
             built = self.source.data.rom if self.model == REDUCED else self.source.data
         return scene_of_built(built, self.directory, self.overrides, self.settings, self.name), built
@@ -139,11 +138,6 @@ def kind_of(source: AnySource) -> str | None:
     except (OSError, BrokenSeal):
         return None
     return kind if kind in NAME_OF else None
-
-
-def read_built(path: Path, model: str) -> ReducedOrderModel | ComponentsFile:
-    """Read the file of a built model; raises `InputError` if it is not a whole one. By one process."""
-    return ReducedOrderModel.read(path) if model == REDUCED else ComponentsFile.read(path)
 
 
 def read_rom(
@@ -191,7 +185,7 @@ def _step_left_open(built: Scene, scene: Scene) -> Scene:
     simulation = scene.simulation
     if simulation.tolerance is None or simulation.step != built.simulation.step:
         return scene
-    return scene.model_copy(update={"simulation": Simulation(**simulation.model_dump(exclude={"step"}))})
+    return scene.with_entries(simulation=Simulation(**simulation.model_dump(exclude={"step"})))
 
 
 def _check_tables_hold(built: Scene, scene: Scene, name: object) -> None:
@@ -258,11 +252,6 @@ def settled(model: AnyModel, comm: Comm, ensemble: bool = False) -> tuple[AnyMod
     from pgmp_petsc.bench.step_choice import settle_step  # its many modules take a noticeable time
 
     return settle_step(model, comm, ensemble)
-
-
-def model_of_rom(rom: Rom | Named, comm: Comm) -> ReducedOrderModel:
-    """Return the tables of a reduced model, or of its file. Collective on `comm`."""
-    return rom.data.rom if isinstance(rom, Rom) else read_rom(Path(rom), (), (), comm)[1]
 
 
 def directory_of(source: AnySource) -> Path:
@@ -343,18 +332,20 @@ def keeping(
     comm: Comm,
     output: str | PathLike[str] | None,
     on_all_ranks: bool,
-    inputs: Iterable[str | PathLike[str] | None] = (),
+    inputs: Iterable[AnySource | None] = (),
     plot: str | PathLike[str] | None = None,
 ) -> Iterator[Keeper]:
     """Claim the file of a result, and yield what keeps it. Collective on `comm`; raises `InputError` if it cannot be
-    written, may not be replaced, or is one of the `inputs`; or the folder for the picture cannot be made."""
+    written, may not be replaced, or is one of the `inputs` that are files; or the folder for the picture cannot be
+    made."""
     own, folder = (None if path is None else Path(path) for path in (output, plot))
     if folder is not None:
         on_root(comm, check_folder, folder, own)
     if own is None:
         yield Keeper(kind, comm, None, None, on_all_ranks, folder)
         return
-    with claimed(comm, own, form_of(own, kind), inputs) as target:
+    files = [one for one in inputs if isinstance(one, (str, PathLike))]
+    with claimed(comm, own, form_of(own, kind), files) as target:
         yield Keeper(kind, comm, own, target, on_all_ranks, folder)
 
 

@@ -40,7 +40,6 @@ from pgmp_petsc.bench.history import (
     round_off_of,
     run_history,
     spacing,
-    with_steps,
 )
 from pgmp_petsc.bench.prices import duration_text, step_seconds
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
@@ -151,7 +150,7 @@ class Bench:
 
     def build(self, reduction: Reduction) -> ReducedOrderModel:
         """Build a reduced model of the scene and give it to all ranks."""
-        scene = self.scene.model_copy(update={"reduction": reduction})
+        scene = self.scene.with_entries(reduction=reduction)
         with without_progress():
             rom = build_rom(scene, self._subject.shapes, self.group)
         return self.comm.bcast(rom)
@@ -169,13 +168,11 @@ class Bench:
         return families[setting.family](setting)
 
     def _reduced(self, setting: Setting) -> tuple[ReducedModel, int, float]:
-        scene = self.scene.model_copy(update={"reduction": setting.reduction})
+        scene = self.scene.with_entries(reduction=setting.reduction)
         if self._timed is None:
             rom, kinematics = self._shelf.take(setting.reduction), self._subject.kinematics
         else:
-            simulation = scene.simulation
-            stepped = simulation.model_copy(update={"step": step_of(simulation.duration, setting.n_steps)})
-            scene = scene.model_copy(update={"simulation": stepped})
+            scene = scene.with_entries(simulation={"step": step_of(scene.simulation.duration, setting.n_steps)})
             shapes = self._subject.shapes if setting.refinement == 1 else self._refined(setting.refinement)
             rom, kinematics = build_rom(scene, shapes, self.group), None
         n_coordinates = rom.tables.n_coordinates + rom.tables.n_modes
@@ -433,10 +430,9 @@ class Bench:
             n = min(n, max(LANES, int(TIMED / (n_steps * step))))
         if n * n_steps * step > TIMED:
             taken = min(taken, max(FEWEST_STEPS, int(TIMED / (n * step))))
-        simulation = with_steps(model.scene, n_steps).simulation
+        simulation = model.scene.simulation.in_steps(n_steps)
         if taken < n_steps:
-            duration = simulation.duration * taken / n_steps
-            simulation = simulation.model_copy(update={"duration": duration, "step": duration / taken})
+            simulation = simulation.in_steps(taken, simulation.duration * taken / n_steps)
         values = {name: np.resize(column, n) for name, column in self.training.values.items()}
         start = _now()
         with closing(model.batch(values, n)) as system:
@@ -464,8 +460,7 @@ class Bench:
             try:
                 model = self._model(warm)[0]
                 simulation = self.scene.simulation
-                duration = simulation.duration * WARM_UP_STEPS / setting.n_steps
-                short = simulation.model_copy(update={"duration": duration, "step": duration / WARM_UP_STEPS})
+                short = simulation.in_steps(WARM_UP_STEPS, simulation.duration * WARM_UP_STEPS / setting.n_steps)
                 for n in {min(self.training.n_samples, model.largest_batch), 1}:
                     values = {name: column[:n] for name, column in self.training.values.items()}
                     with closing(model.batch(values, n)) as system:

@@ -74,7 +74,7 @@ class Setting:
         if self.component_modes and self.component_modes != scene.reduction.modes:
             changes.append(f"reduction.modes={self.component_modes}")
         simulation = scene.simulation
-        if self.n_steps != count_steps(simulation.duration, simulation.step) or _left_open(simulation, "step"):
+        if self.n_steps != simulation.n_steps or _left_open(simulation, "step"):
             changes.append(f"simulation.step={step_of(simulation.duration, self.n_steps)!r}")
         return changes
 
@@ -91,11 +91,6 @@ def step_of(duration: float, n_steps: int) -> float:
         if step > 0.0 and count_steps(duration, step) == n_steps:
             return step
     return duration / n_steps
-
-
-def own_steps(scene: Scene) -> int:
-    """Return the number of steps that the scene asks for."""
-    return count_steps(scene.simulation.duration, scene.simulation.step)
 
 
 @dataclass(frozen=True)
@@ -115,10 +110,10 @@ class Case:
 
     def from_rest(self, sample: int) -> Self:
         """Return one sample that starts at rest where the loads pull it."""
-        rest = {"initial": Initial(equilibrium=True, coordinates="free")}
+        scene = self.scene.with_entries(initial=Initial(equilibrium=True, coordinates="free"))
         values = {name: column[sample : sample + 1] for name, column in self.values.items()}
         name = f"{self.name}, sample {sample} from rest"
-        return replace(self, name=name, scene=self.scene.model_copy(update=rest), values=values, n_samples=1)
+        return replace(self, name=name, scene=scene, values=values, n_samples=1)
 
 
 @dataclass(frozen=True)
@@ -139,7 +134,7 @@ class Load:
             scaled = _scaled(function, factor)
             table, harmonic = (None, scaled) if isinstance(scaled, LoadHarmonic) else (scaled, None)
             effects[name] = effects[name].model_copy(update={"table": table, "harmonic": harmonic})
-        return scene.model_copy(update={"effects": effects})
+        return scene.with_entries(effects=effects)
 
 
 @dataclass(frozen=True)
@@ -226,7 +221,7 @@ def with_softer_stops(scene: Scene, factor: float) -> Scene:
     for name in stops_of(scene):
         stop = effects[name]
         effects[name] = stop.model_copy(update={stop.stiff_by: factor * getattr(stop, stop.stiff_by)})
-    return scene.model_copy(update={"effects": effects})
+    return scene.with_entries(effects=effects)
 
 
 def sets_in_at_once(function: Function) -> bool:

@@ -55,7 +55,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values, values_text
-from pgmp_petsc.scene.numerics import Reduction, Simulation, count_steps
+from pgmp_petsc.scene.numerics import Reduction, Simulation
 from pgmp_petsc.scene.uses import extremes, length_names, with_numbers
 
 OF_BASIS = ("modes", "static_modes", "inertia_modes", "parameter_modes", "second_order", "stretching")
@@ -519,7 +519,7 @@ def modes_to_condense(scene: Scene) -> int:
 def _given_steps(scene: Scene) -> int:
     """Return the number of steps of a scene that gives its step; 0 where it is to be chosen."""
     simulation = scene.simulation
-    return 0 if simulation.is_chosen else count_steps(simulation.duration, simulation.step)
+    return 0 if simulation.is_chosen else simulation.n_steps
 
 
 def _demand(scene: Scene, training: Training, period: float, n_modes: int, entry: str) -> Demand:
@@ -566,11 +566,9 @@ def _chosen_scene(scene: Scene, step: StepChoice, trial: Trial, rom: ReducedOrde
     kept = {"tolerance": None}
     if scene.reduction.sampling_tolerance is None and rom.tables.n_coordinates == 1:
         kept["angles"] = len(rom.frequencies_hz)
-    return scene.model_copy(
-        update={
-            "reduction": Reduction(**trial.reduction.model_dump() | kept),
-            "simulation": Simulation(**scene.simulation.model_dump() | time),
-        }
+    return scene.with_entries(
+        reduction=Reduction(**trial.reduction.model_dump() | kept),
+        simulation=Simulation(**scene.simulation.model_dump() | time),
     )
 
 
@@ -638,7 +636,7 @@ def choose_over_lengths(
     at = values_text(scene, nominal)
     say(f"tolerances: what they leave open is chosen at {at}, and checked at the ends of the range")
     found = _chosen_at(scene, nominal, meshes, group, say, finished)
-    chosen = scene.model_copy(update={"reduction": found.scene.reduction, "simulation": found.scene.simulation})
+    chosen = scene.with_entries(reduction=found.scene.reduction, simulation=found.scene.simulation)
     asked, remarks = _asked_again(scene, chosen), []
     for lengths in extremes(scene):
         check = _chosen_at(asked, lengths, meshes, group, lambda text: None, None)
@@ -673,4 +671,4 @@ def _asked_again(scene: Scene, chosen: Scene) -> Scene:
         update["reduction"] = Reduction(**chosen.reduction.model_dump(exclude_none=True) | of_reduction)
     if scene.simulation.tolerance is not None:
         update["simulation"] = Simulation(**chosen.simulation.model_dump() | of_step)
-    return scene.model_copy(update=update)
+    return scene.with_entries(**update)

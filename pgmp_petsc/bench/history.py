@@ -71,11 +71,6 @@ class History:
         )
 
 
-def with_steps(scene: Scene, n_steps: int) -> Scene:
-    step = {"step": scene.simulation.duration / n_steps}
-    return scene.model_copy(update={"simulation": scene.simulation.model_copy(update=step)})
-
-
 def spacing(n_steps: int) -> int:
     """Return the steps between kept instants: a power of two, so that runs with doubled steps share instants."""
     every = 1
@@ -120,7 +115,7 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, pulse:
     measures = [(c, Reading.of_coordinate(c, kinematics)) for c in free]
     nodes = sorted(set().union(*(angle.nodes for _, angle in measures)))
     record = _Record(model, system, nodes, pulse, spacing(n_steps))
-    run = integrate(system, with_steps(model.scene, n_steps).simulation, observer=record)
+    run = integrate(system, model.scene.simulation.in_steps(n_steps), observer=record)
     outputs = np.array(list(at_the_end(model.scene, record.outputs()[1]).values()))
     by_node = record.by_node()
     inside = _inside([(c, angle.value(by_node).reshape(-1, n_samples)) for c, angle in measures], n_samples)

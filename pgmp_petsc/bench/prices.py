@@ -41,7 +41,6 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.lengths import why_of_one_mesh
 from pgmp_petsc.outputs.stress import points_of
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.references import points_used, stressed_bodies
 from pgmp_petsc.scene.uses import count_builds, length_names
@@ -101,7 +100,7 @@ def step_of_samples(scene: Scene, step: float) -> float:
     lengths that are drawn each sample is set up by itself, and taken by itself."""
     if not {*uncertain_names(scene)} & {*length_names(scene)}:
         return step
-    n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
+    n_steps = scene.simulation.n_steps
     by_itself = SETTING_UP[scene.dimension] / n_steps + _forces(scene, FORCES_APART)
     return (1.0 if scene.beside else APART) * step + by_itself
 

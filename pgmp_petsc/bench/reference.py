@@ -30,7 +30,6 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
 from pgmp_petsc.bench.prices import Price, duration_text, step_seconds
-from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.component import rigid_motions
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.matrices import mass_of_bodies
@@ -65,9 +64,7 @@ class Subject:
     @classmethod
     def of(cls, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, n_modes: int) -> Self:
         """Condense the bodies for so many modes, and follow the rigid motion. Collective on ``group.world``."""
-        serving = scene.model_copy(
-            update={"reduction": scene.reduction.model_copy(update={"modes": n_modes, "tolerance": None})}
-        )
+        serving = scene.with_entries(reduction={"modes": n_modes, "tolerance": None})
         shapes = condensed(serving, meshes, group, large=takes_second_order(scene))
         with agreed(group.world, "rigid kinematics"):
             kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes))
@@ -81,9 +78,9 @@ class Subject:
 
 def takes_second_order(scene: Scene) -> bool:
     """Return whether a reduced model of the scene may have terms of second order."""
-    asked = scene.reduction.model_copy(update={"second_order": True, "tolerance": None})
+    asked = scene.with_entries(reduction={"second_order": True, "tolerance": None})
     try:
-        check_capabilities(scene.model_copy(update={"reduction": asked}), Purpose.BUILD)
+        check_capabilities(asked, Purpose.BUILD)
     except InputError:
         return False
     return True
@@ -122,8 +119,7 @@ def condensed_bodies(
 ) -> dict[str, ModelBodyFile]:
     """Return the bodies of a scene as component models have them. Collective on `comm`; parameters and errors as of
     `component_model`."""
-    modes = scene.reduction.model_copy(update={} if n_modes is None else {"modes": n_modes})
-    serving = scene.model_copy(update={"reduction": modes})
+    serving = scene if n_modes is None else scene.with_entries(reduction={"modes": n_modes})
     with agreed(comm, "preparing the component model"):
         bodies = Mechanism.from_scene(scene, meshes).bodies
     shapes = floating_shapes(serving, meshes, bodies, comm)
@@ -235,9 +231,7 @@ def distance_from_mesh(
     n_points = max(1, min(MOST_POINTS, n_samples, affordable // n_steps))
     taken = min(n_steps, affordable)
     window = scene.simulation.duration * taken / n_steps
-    shorter = scene.model_copy(
-        update={"simulation": scene.simulation.model_copy(update={"duration": window, "step": window / taken})}
-    )
+    shorter = scene.with_entries(simulation=scene.simulation.in_steps(taken, window))
     chosen = [0, *_outermost(values, n_samples)][:n_points]
     own, found = chosen[comm.rank :: comm.size], {}
     with agreed(comm, "comparing the component model with the mesh"):
@@ -305,9 +299,7 @@ def _of_tables(model: ReducedModel) -> float:
     """Return the period of a reduced model, from its tables at the sample nearest to the start."""
     tables, nominal = model.terms.tables, model.scene.nominal
     at = tables.samples.nearest(np.asarray(model.start[0])[None])
-    free = [k for k, coordinate in enumerate(model.kinematics.coordinates) if not coordinate.prescribed]
-    weights = (evaluate_weights(own, nominal) for own in (tables.mass_weights, tables.stiffness_weights))
-    return 1.0 / float(tables.frequencies_hz(*weights, free, lambda table: table[at])[0, 0])
+    return 1.0 / float(tables.frequencies_hz(nominal, model.kinematics.mechanism.free, lambda table: table[at])[0, 0])
 
 
 def _of_floating_bodies(model: ComponentModel) -> float:

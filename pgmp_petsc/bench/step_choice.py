@@ -37,7 +37,7 @@ from pgmp_petsc.bench.reference import Reference, period_of
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import steps_of_samplings
-from pgmp_petsc.scene.numerics import Simulation, count_steps
+from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.parameters import spanning_values
 
 AnyModel = TypeVar("AnyModel", FullModel, ReducedModel)
@@ -170,7 +170,7 @@ class StepChoice:
         simulation = bench.scene.simulation
         self.tolerance = simulation.tolerance
         self.kept = not simulation.is_chosen
-        self.n_given = count_steps(simulation.duration, simulation.step)
+        self.n_given = simulation.n_steps
         self._duration = simulation.duration
         self._multiple = steps_of_samplings(bench.scene)
         self._coarsest, self._first = first_steps(bench.scene, period)
@@ -369,7 +369,7 @@ def settle_step(model: AnyModel, comm: Comm, ensemble: bool) -> tuple[AnyModel, 
     step.begin()
     step.finish({})
     entries = simulation.model_dump() | {"tolerance": None, "step": simulation.step if step.kept else step.step}
-    settled = model.with_loads(model.scene.model_copy(update={"simulation": Simulation(**entries)}))
+    settled = model.with_loads(model.scene.with_entries(simulation=Simulation(**entries)))
     tolerance = f"simulation.tolerance = {simulation.tolerance:g}"
     if step.kept:
         best = ledger.best("step")

@@ -31,7 +31,7 @@ from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bench.advice import Sizes, advise
 from pgmp_petsc.bench.bench import Bench, Measured
 from pgmp_petsc.bench.candidates import Limits
-from pgmp_petsc.bench.cases import Setting, Training, held_out, own_steps, step_of
+from pgmp_petsc.bench.cases import Setting, Training, held_out, step_of
 from pgmp_petsc.bench.history import errors_of_samples, largest_errors, sizes_of
 from pgmp_petsc.bench.reference import (
     Demand,
@@ -191,7 +191,7 @@ def _prepared(
     say: Callable[[str], None],
 ) -> tuple[Subject, Reference, dict[str, float]]:
     """Condense bodies and choose the reference; return the processor times of both by what they are for."""
-    modes, n = scene.reduction.modes, own_steps(scene)
+    modes, n = scene.reduction.modes, scene.simulation.n_steps
     factors = (1.0, *sweep.own_modes)
     most = max(*sweep.modes, *sweep.tensor_modes, *(round(f * modes) for f in factors), 1)
     with RankGroup.split(comm, 1) as group:
@@ -271,7 +271,7 @@ class _Study:
     _floors: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        n, halvings = own_steps(self.scene), self.sweep.reference_halvings
+        n, halvings = self.scene.simulation.n_steps, self.sweep.reference_halvings
         self._floors = self.bench.floors
         # where errors fall by 4 with each halving, a step of an eighth of the finest one is the first that can settle;
         # on refined meshes no setting has a finer step than the scene's
@@ -289,7 +289,9 @@ class _Study:
         return n_steps
 
     def first(self) -> list[Setting]:
-        finest = [Setting("reference", own_steps(self.scene), self.sweep.finest)] if self.limits.refinable else []
+        finest = (
+            [Setting("reference", self.scene.simulation.n_steps, self.sweep.finest)] if self.limits.refinable else []
+        )
         self._asked = first_settings(self.scene, self.sweep, self.limits)
         return [*finest, *self._missing(1), *self._asked]
 
@@ -396,7 +398,7 @@ class _Study:
         if not self.limits.refinable:
             return MeshErrors(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros((0, n_outputs)))
         refinements = [1, *self.sweep.refinements, self.sweep.finest]
-        n, exact = own_steps(self.scene), self._finest.history
+        n, exact = self.scene.simulation.n_steps, self._finest.history
         rows = []
         for refinement in refinements:
             run = self._measured.get(Setting("full", n, refinement), self._finest)
@@ -409,7 +411,7 @@ class _Study:
     def sizes(self) -> Sizes:
         """Return how large outputs are, and what meshes change, in their units."""
         found = sizes_of(self._sequences[1].history)
-        apart, runs = None, (self._measured.get(Setting("full", own_steps(self.scene), 1)), self._finest)
+        apart, runs = None, (self._measured.get(Setting("full", self.scene.simulation.n_steps, 1)), self._finest)
         if all(run is not None and run.history is not None for run in runs):
             own, exact = (run.history for run in runs)
             shares = errors_of_samples(own, exact, self._floors)
@@ -447,14 +449,14 @@ def tasks_of(settings: Sequence[Setting]) -> list[Task]:
 def own_setting(scene: Scene, gridded: bool = True) -> Setting:
     """Return what the scene says: its reduced model, or where no grid goes over its coordinates its component model."""
     if not gridded:
-        return Setting("components", own_steps(scene), component_modes=scene.reduction.modes)
-    return Setting("reduced", own_steps(scene), reduction=scene.reduction)
+        return Setting("components", scene.simulation.n_steps, component_modes=scene.reduction.modes)
+    return Setting("reduced", scene.simulation.n_steps, reduction=scene.reduction)
 
 
 def first_settings(scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
     """Return the scene's own setting, first, the lines through it, the tensor, the full order and the surfaces."""
     own = own_setting(scene, limits.gridded)
-    n = own_steps(scene)
+    n = scene.simulation.n_steps
     settings = [own, *(_reduced_settings(own, scene, sweep, limits) if limits.gridded else ())]
     settings += [Setting("full", steps) for steps in _steps(scene, sweep.finer, sweep.coarser)]
     settings += [Setting("full", n, refinement) for refinement in (sweep.refinements if limits.refinable else ())]
@@ -569,7 +571,7 @@ def _within(modes: Sequence[int], limits: Limits) -> list[int]:
 def _steps(scene: Scene, finer: int, coarser: int) -> list[int]:
     """Return the number of a scene's steps, its doubles, and its halves as far as they are whole, with samplings of
     controllers at ends of steps."""
-    n, every = own_steps(scene), steps_between_samplings(scene, scene.simulation)
+    n, every = scene.simulation.n_steps, steps_between_samplings(scene, scene.simulation)
     coarse = [n // 2**k for k in range(1, coarser + 1) if every % 2**k == 0]
     return [n, *(n * 2**k for k in range(1, finer + 1)), *coarse]
 

@@ -53,7 +53,6 @@ from pgmp_petsc.results.estimates import limits_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_values, to_own
 from pgmp_petsc.scene.joints import CouplingEntry
-from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.uses import length_names, offset_directions, uses_of, velocity_names
 from pgmp_petsc.stepping import alpha_step, edge_search
 from pgmp_petsc.stepping.second_order_system import Scheme
@@ -506,7 +505,7 @@ def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, i
 def _steps(scene: Scene) -> dict[str, int | float]:
     """Return the settings of steps and iterations; the latter are the program's own."""
     simulation = scene.simulation
-    n_steps = count_steps(simulation.duration, simulation.step)
+    n_steps = simulation.n_steps
     step = simulation.duration / n_steps
     scheme = Scheme.of(simulation.spectral_radius, step)
     return {
@@ -532,7 +531,7 @@ def checked_scene(scene: Scene, what: str) -> Scene:
     for entry, text in _of_scene(scene):
         raise InputError(f"{entry}: {text}; {what} cannot be written. Take pgmp simulate for this model")
     left = {name: output for name, output in scene.outputs.items() if in_c(scene, name)}
-    return scene if len(left) == len(scene.outputs) else scene.model_copy(update={"outputs": left})
+    return scene if len(left) == len(scene.outputs) else scene.with_entries(outputs=left)
 
 
 def started(model: ReducedModel) -> str:

@@ -45,7 +45,6 @@ from pgmp_petsc.results.gradients import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.results.numbers import plain, with_unit
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.border import own_values, result_units, to_own, values_text
-from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 from pgmp_petsc.scene.uses import length_names
 
@@ -174,7 +173,7 @@ class _Fitting:
         self._n = history.counts()
         self._condensations: dict[str, tuple[bytes, _Condensed]] = {}
         # of the scene's own: runs with smaller steps have more, and residuals are as many in all
-        self._least_steps = 1 + count_steps(scene.simulation.duration, scene.simulation.step)
+        self._least_steps = 1 + scene.simulation.n_steps
         self._run_at = lru_cache(maxsize=4)(self._new_run)
         self._turned_back = TurnedBack()
         self.n_runs = 0

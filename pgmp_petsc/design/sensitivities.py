@@ -21,7 +21,6 @@ from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instan
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values, result_units
-from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.parameters import correlation_matrix
 
 SHARE = 0.01  # of the value of a parameter without a distribution
@@ -55,7 +54,7 @@ def sensitivities(model: ReducedModel, asked: Sequence[str], comm: Comm) -> Deri
 
 def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Derivatives:
     scene, timings, model = model.scene, Timings(), of_samples(model, names)
-    n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
+    n_steps = scene.simulation.n_steps
     with timings.phase("run and derivatives"), progress(n_steps, model.title, comm) as bar:
         run = differentiate(model, scene.values, names, bar.update)
     with timings.phase("errors"):

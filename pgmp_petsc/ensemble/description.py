@@ -46,7 +46,7 @@ from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble, Place, Sh
 from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Sensitivity, Statistics
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.border import own_values, result_units
-from pgmp_petsc.scene.numerics import Event, count_steps
+from pgmp_petsc.scene.numerics import Event
 from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.generalised_alpha import instants
 from pgmp_petsc.stepping.static_equilibrium import starts_remarks
@@ -94,7 +94,7 @@ def describe_ensemble(
         *starts_remarks(scene, samples.numerics["unstable_start"] == 1.0),
         *_of_numbers(n_chosen, constant),
         *tail_remarks(samples.varying(constant), samples.chosen, samples.replicates),
-        *sensitivity_remarks(sobol, of_blocks, len(sampler.names), fine, correlated),
+        *sensitivity_remarks(sobol, of_blocks, len(sampler.names), fine, correlated, samples.replicates),
         *_partial_bands(samples.bands, n_chosen),
         *over_time_remarks({name: one.count for name, one in statistics.items()}, samples.over_time, n_chosen),
         *_estimate_remarks(origin, samples.estimates, status, samples.peaks),
@@ -181,7 +181,9 @@ class _Samples:
     def sobol(self, constant: Collection[str], n_replicates: int | None) -> dict[str, Sensitivity]:
         """Return the Sobol indices of what varies."""
         fine = self.fine & (not self._is_hiding)
-        found = sensitivities(self.varying(constant), self.parameters, self._names, fine, n_replicates, self._level)
+        found = sensitivities(
+            self.varying(constant), self.parameters, self._names, fine, n_replicates, self._level, self.replicates
+        )
         return {name: replace(one, confidence=self._asked.confidence) for name, one in found.items()}
 
     def chance(self, label: str, event: Event) -> Chance:
@@ -216,7 +218,7 @@ def _bands(scene: Scene, kept: Kept, chosen: np.ndarray) -> tuple[dict[str, Band
     each of the first samples."""
     asked, simulation = scene.ensemble, scene.simulation
     steps = band_steps(simulation, asked.bands)
-    time = instants(simulation.duration, count_steps(simulation.duration, simulation.step))[steps]
+    time = instants(simulation.duration, simulation.n_steps)[steps]
     found, ends = {}, {}
     for name, values in kept.bands(asked.band_samples).items() if steps.size else ():
         are_fine = chosen[: len(values)]
@@ -327,7 +329,7 @@ def _estimate_remarks(
     scene = origin.scene
     yield from origin.said
     why = "the run with a coarser step, which they are taken from, failed; take a smaller simulation.step"
-    n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
+    n_steps = scene.simulation.n_steps
     if origin.model == "reduced":
         yield from remarks_of(scene, estimates["validity"])
         why = f"pgmp simulate with their --set says why, sample by sample; {comparing(scene)}"
@@ -364,7 +366,7 @@ class Origin:
         if isinstance(model, REDUCED):
             absent = (*own_error.absence_of_estimates(scene, ensemble=True), *own_error.truncated_stresses(scene))
             if share > 0.0:
-                absent += own_error.few_steps(count_steps(scene.simulation.duration, scene.simulation.step))
+                absent += own_error.few_steps(scene.simulation.n_steps)
                 absent += own_error.left_out_of_estimates(model)
             absent += (own_error.polynomials_of_lengths(model, share > 0.0),) if isinstance(model, LengthLanes) else ()
         else:
@@ -373,7 +375,7 @@ class Origin:
                 *own_error.why_not_of_full_order(model),
             )
             if share > 0.0:
-                absent += own_error.too_few_steps(count_steps(scene.simulation.duration, scene.simulation.step), scene)
+                absent += own_error.too_few_steps(scene.simulation.n_steps, scene)
         return cls(model.name, scene, dict(model.outputs.units), (*model.kinematics.remarks, *absent), share)
 
 

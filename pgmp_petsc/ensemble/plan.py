@@ -28,7 +28,6 @@ from pgmp_petsc.estimates.reference_motion import FINER, price_of_evaluation, sc
 from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.models import REDUCED, LengthLanes, Model, ReducedModel
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.uses import length_names
 
 SAMPLERS = ("random", "latin_hypercube", "sobol", "saltelli")
@@ -129,7 +128,7 @@ def share_of(model: Model) -> float:
 def price_of(model: ReducedModel | LengthLanes) -> float:
     """Return about how many runs of a sample cost as much as an estimate of its errors."""
     mechanism, simulation, tables = model.kinematics.mechanism, model.scene.simulation, model.terms.tables
-    n_steps = count_steps(simulation.duration, simulation.step)
+    n_steps = simulation.n_steps
     sets = schedules_of(mechanism, simulation)[:2]  # by these most samples are settled
     evaluations = sum(one.steps.size for one in sets)
     estimate = evaluations * price_of_evaluation(mechanism)

@@ -23,7 +23,7 @@ from pgmp_petsc.models import FullModel, LengthLanes, Model, OutputRecord, Reduc
 from pgmp_petsc.outputs.rainflow import Counting
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
-from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation, count_steps
+from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
 from pgmp_petsc.stepping.generalised_alpha import Run
 from pgmp_petsc.stepping.second_order_system import Observer, PooledObserver, RunningBalance, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
@@ -184,7 +184,7 @@ def band_steps(simulation: Simulation, most: int) -> np.ndarray:
     most `most`, none for 0."""
     if not most:
         return np.zeros(0, dtype=int)
-    n_steps = count_steps(simulation.duration, simulation.step)
+    n_steps = simulation.n_steps
     return np.unique([*range(0, n_steps, -(-n_steps // (most - 1))), n_steps])
 
 
@@ -200,8 +200,8 @@ def watch_over_time(model: Model, with_bands: bool, asked: Ensemble | None = Non
         return None
 
     def watch(begun: Begun) -> Watch:
-        own, whole = (count_steps(one.duration, one.step) for one in (begun.simulation, simulation))
-        run = _OverTimeWatch(model, begun, of_extremes, events, steps * (own // whole))
+        divisor = begun.simulation.n_steps // simulation.n_steps
+        run = _OverTimeWatch(model, begun, of_extremes, events, steps * divisor)
         return Watch(run, run.found, run.counted)
 
     extremes = [f"{name}/{which}" for name in of_extremes for which in EXTREMES]

@@ -41,7 +41,7 @@ from pgmp_petsc.models import Model, OutputRecord
 from pgmp_petsc.outputs.rainflow import at_the_end
 from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.numerics import Simulation, count_steps
+from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Run
 from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem
 from pgmp_petsc.stepping.status import Status
@@ -107,7 +107,7 @@ def run_coarser(
     The run `of` says what it took; there is no limit where it is not given. `pulse` is called with numbers of steps.
     """
     coarse, times = coarser(model.scene, simulation), times_of(model.scene, simulation)
-    n_steps, record = count_steps(coarse.duration, coarse.step), OutputRecord(model, system, pulse)
+    n_steps, record = coarse.n_steps, OutputRecord(model, system, pulse)
     stepper = GeneralisedAlpha(
         system, coarse.spectral_radius, coarse.duration, n_steps, alive, np.array([0]), record, pulse=None, parts=times
     )
@@ -172,8 +172,7 @@ def fewest_steps(times: int) -> int:
 
 def coarser(scene: Scene, simulation: Simulation) -> Simulation:
     """Return the simulation with the coarser step."""
-    n_steps = -(-count_steps(simulation.duration, simulation.step) // times_of(scene, simulation))
-    return simulation.model_copy(update={"step": simulation.duration / n_steps})
+    return simulation.in_steps(-(-simulation.n_steps // times_of(scene, simulation)))
 
 
 def step_errors(

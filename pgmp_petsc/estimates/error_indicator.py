@@ -35,7 +35,6 @@ from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 from pgmp_petsc.models.model import floors_of
 from pgmp_petsc.outputs.rainflow import at_the_end, counted_after
 from pgmp_petsc.reduced.system import ReducedSystem
-from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.drivers import ERROR_PREFIX
 from pgmp_petsc.stepping.generalised_alpha import integrate
@@ -78,7 +77,7 @@ class ErrorIndicator:
 
     def _take_steps_of(self, simulation: Simulation) -> None:
         self.simulation = simulation
-        self.n_steps = count_steps(simulation.duration, simulation.step)
+        self.n_steps = simulation.n_steps
         self.step = simulation.duration / self.n_steps
         self.finer = simulation.model_copy(update={"step": self.step / reference_motion.FINER})
         self.schedules = reference_motion.schedules_of(self.checking.full.kinematics.mechanism, simulation)

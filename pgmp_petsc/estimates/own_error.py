@@ -106,13 +106,15 @@ def large_errors(
     units: Mapping[str, str],
     model: str = "reduced",
     system: UnitSystem = SI,
+    length: float = 0.0,
 ) -> Iterator[Remark]:
     """Return a warning of outputs whose estimated errors are large, in any of some runs of a model.
 
     Largest errors, and largest sizes, of every output have shape (n_runs,); NaN where they are not known. Sizes are
-    said in units of the system; of an output that vanishes, the error itself.
+    said in units of the system; of an output that vanishes, the error itself. Displacements vanish beside a length of
+    the mechanism too.
     """
-    found, beside, sizes = [], sizes_of(sizes, units), felt(sizes, units)
+    found, beside, sizes = [], sizes_of(sizes, units, length), felt(sizes, units, length)
     for name, values in errors.items():
         size, least = sizes[name], NEGLIGIBLE * beside[name]
         runs = np.flatnonzero(np.isfinite(values) & ((size > 0.0) | ((size == 0.0) & (values > least) & (least > 0.0))))
@@ -354,6 +356,7 @@ def of_statistics(
     described: tuple[str, str],
     model: str = "reduced",
     system: UnitSystem = SI,
+    length: float = 0.0,
 ) -> Iterator[Remark]:
     """Return a warning of statistics to which errors are comparable; nothing where none is.
 

@@ -40,7 +40,7 @@ import numpy as np
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.numerics import Simulation, count_steps
+from pgmp_petsc.scene.numerics import Simulation
 
 # us of one core: an unknown of a beam with its neighbours, a pair of unknowns of a condensed body
 OF_BEAM, OF_PAIR = 0.8, 0.02
@@ -136,7 +136,7 @@ def found_beside(scene: Scene) -> float:
 
 def schedules_of(mechanism: Mechanism, simulation: Simulation) -> list[Schedule]:
     """Return the schedules of a mechanism's run; see `schedules`."""
-    n_steps, scene = count_steps(simulation.duration, simulation.step), mechanism.scene
+    n_steps, scene = simulation.n_steps, mechanism.scene
     every = steps_between_samplings(scene, simulation) if scene.beside else 0
     return schedules(n_steps, simulation.duration, int(DEAR / price_of_evaluation(mechanism)), every)
 
@@ -144,7 +144,7 @@ def schedules_of(mechanism: Mechanism, simulation: Simulation) -> list[Schedule]
 def steps_between_samplings(scene: Scene, simulation: Simulation) -> int:
     """Return the largest number of steps that divides a run, and the time between samplings of every controller."""
     sampled = [round(one.sample_time / simulation.step) for one in scene.controllers.values() if one.sample_time]
-    return gcd(count_steps(simulation.duration, simulation.step), *sampled)
+    return gcd(simulation.n_steps, *sampled)
 
 
 #: From points (n_points, k, n_eta) of paths of reduced coordinates to unknowns (n_dofs, n_points, k).

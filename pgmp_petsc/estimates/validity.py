@@ -55,7 +55,7 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.tables import StiffnessChanges
 from pgmp_petsc.results.estimates import ROTATION_LIMIT, VALIDITY, beyond_limit, limits_of
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.numerics import Simulation, count_steps
+from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.second_order_system import Observer, State
 
 EVERY = 2  # a motion that the steps resolve has ten and more a period: every second one misses its peak by 5 % at most
@@ -84,7 +84,7 @@ class Validity(Observer):
         simulation: Simulation,
     ) -> None:
         self._model, self._system, self._values = model, system, values
-        n_steps = self._n_steps = count_steps(simulation.duration, simulation.step)
+        n_steps = self._n_steps = simulation.n_steps
         self._part = max(SHORTEST, -(-n_steps // (EVERY * N_PARTS)))
         n_looks = n_steps // EVERY + 1 + (n_steps % EVERY > 0)
         self._strains = BodyStrains(model.scene, model.kinematics.mechanism, values, model.terms.layout.second_order)

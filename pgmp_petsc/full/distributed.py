@@ -60,6 +60,7 @@ class FullDistributed(FullSystem):
         sources = Sources(equations.loads, equations.actions, tuple(motions.values()))
         super().__init__(equations, comm, 1, sources, settled, built_in)
         self.rows, layout, self._problem = equations.rows, equations.layout, equations.problem
+        self._actions = Reference(self._problem.actions)
         n, n_all = layout.n_unknowns, layout.needed.size
         self._n, self._own = n, np.searchsorted(layout.needed, np.arange(self.rows.start, self.rows.stop))
         self._multipliers = n + np.flatnonzero(equations.owned_constraints)
@@ -150,11 +151,9 @@ class FullDistributed(FullSystem):
         q, v = (self._gathered(part)[: self._n] for part in (state.q, state.v))
         own = np.zeros(0)
         if self._equations.actions:
-            amplitudes = self._sources.at(np.array([time])).actions[0]
+            amplitudes = self._sources.amplitudes(np.array([time]))[0]
             turns = state.turns[state.turns.size - len(self._problem.actions.dofs) :, None]
-            own = act(
-                Reference(self._problem.actions), self._problem.width, 0, amplitudes, q, v, turns, 0.0, False
-            ).depths[0]
+            own = act(self._actions, self._problem.width, 0, amplitudes, q, v, turns, 0.0, False).depths[0]
         return np.concatenate(self.comm.allgather(own[self._counted_edges]))[:, None]
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ from pgmp_petsc.full.joint_tree import Tree
 from pgmp_petsc.full.kernel import add_lumps, count_turns, take_correction
 from pgmp_petsc.full.node_constraints import add_constraints
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import borrowed, fill, items, keep, lanes_of, nearest_whole
+from pgmp_petsc.lanes.lane_items import borrowed, fill, items, keep, nearest_whole
 
 
 class Joints(NamedTuple):
@@ -197,22 +197,6 @@ def unknowns_of(problem, joints, y, y1, y2, q, v, a):
     for block in range(y.shape[0]):
         place(problem.dimension, joints.tree, problem.width, y[block], y1[block], y2[block], joints.room)
         q[block], v[block], a[block] = joints.room.q, joints.room.v, joints.room.a
-
-
-@njit(cache=True, entry=True, error_model="numpy")
-def correct_in_joints(
-    problem, joints, factors, amplitudes, angles, residual, state, gains, typical_mass, active, fresh, size
-):  # fmt: skip
-    """Do one Newton correction of every active sample in place; see `kernel.correct`."""
-    scale = np.empty(size.shape[1])
-    for block in range(size.shape[0]):
-        size[block] = 0.0
-        if active[block].any():
-            own = state[0][block], state[1][block], state[2][block], state[3][block], state[4][block]
-            correct_joints(
-                problem, joints, borrowed(factors.matrix)[block], block, amplitudes, angles, residual[block], own,
-                gains, typical_mass[block], lanes_of(active[block]), fresh, scale, size[block],
-            )  # fmt: skip
 
 
 @njit(cache=True, entry=True, error_model="numpy")

@@ -286,7 +286,7 @@ def _place(axes, tree, width, y, y1, y2, room):
                 q[3 * held + 2], v[3 * held + 2], a[3 * held + 2] = angle, angle1, angle2
             for face in range(tree.faces[k], tree.faces[k + 1]):
                 if tree.face_nodes[face] == held:
-                    _inward_frame(ways[face], turned[face], axes, n * held, n * base, z, z1, z2)
+                    _frame_beyond(ways[face], turned[face], True, axes, n * held, n * base, z, z1, z2)
                     if d == 2:
                         for i in range(n_own):
                             slope = ways[face][3 * d + d * n_own + i]
@@ -298,7 +298,7 @@ def _place(axes, tree, width, y, y1, y2, room):
             node = tree.face_nodes[face]
             if node == held and tree.kinds[k] != FREE:
                 continue
-            _outward_frame(ways[face], turned[face], axes, n * base, n * node, z, z1, z2)
+            _frame_beyond(ways[face], turned[face], False, axes, n * base, n * node, z, z1, z2)
             if d == 2:
                 turn, turn1, turn2 = angle, angle1, angle2
                 for i in range(n_own):
@@ -313,48 +313,27 @@ def _place(axes, tree, width, y, y1, y2, room):
 
 
 @njit(error_model="numpy")
-def _outward_frame(own, turn, axes, at, to, z, z1, z2):
-    """Fill a face's frame from the floating one."""
+def _frame_beyond(own, turn, inward, axes, at, to, z, z1, z2):
+    """Fill a face's frame from the floating one; where it is `inward` the floating one from that of a face."""
     d = len(axes)
-    m = d * d
+    m, floating, sign = d * d, to if inward else at, -1.0 if inward else 1.0
     for c in range(d):
-        p, p1, p2 = z[at + c], z1[at + c], z2[at + c]
-        for l in range(d):
-            x, x1, x2 = z[at + d + d * l + c], z1[at + d + d * l + c], z2[at + d + d * l + c]
-            w, w1, w2 = own[l], own[d + l], own[2 * d + l]
-            p, p1 = p + x * w, p1 + (x1 * w + x * w1)
-            p2 = p2 + (x2 * w + 2.0 * x1 * w1 + x * w2)
-        z[to + c], z1[to + c], z2[to + c] = p, p1, p2
         for k in range(d):
             p = p1 = p2 = 0.0 * z[at + c]
             for l in range(d):
                 x, x1, x2 = z[at + d + d * l + c], z1[at + d + d * l + c], z2[at + d + d * l + c]
-                r, r1, r2 = turn[d * l + k], turn[m + d * l + k], turn[2 * m + d * l + k]
+                entry = d * k + l if inward else d * l + k
+                r, r1, r2 = turn[entry], turn[m + entry], turn[2 * m + entry]
                 p, p1 = p + x * r, p1 + (x1 * r + x * r1)
                 p2 = p2 + (x2 * r + 2.0 * x1 * r1 + x * r2)
             z[to + d + d * k + c], z1[to + d + d * k + c], z2[to + d + d * k + c] = p, p1, p2
-
-
-@njit(error_model="numpy")
-def _inward_frame(own, turn, axes, at, to, z, z1, z2):
-    """Fill the floating frame from that of a face."""
-    d = len(axes)
-    m = d * d
-    for c in range(d):
-        for l in range(d):
-            p = p1 = p2 = 0.0 * z[at + c]
-            for k in range(d):
-                x, x1, x2 = z[at + d + d * k + c], z1[at + d + d * k + c], z2[at + d + d * k + c]
-                r, r1, r2 = turn[d * l + k], turn[m + d * l + k], turn[2 * m + d * l + k]
-                p, p1 = p + x * r, p1 + (x1 * r + x * r1)
-                p2 = p2 + (x2 * r + 2.0 * x1 * r1 + x * r2)
-            z[to + d + d * l + c], z1[to + d + d * l + c], z2[to + d + d * l + c] = p, p1, p2
         p, p1, p2 = z[at + c], z1[at + c], z2[at + c]
         for l in range(d):
-            x, x1, x2 = z[to + d + d * l + c], z1[to + d + d * l + c], z2[to + d + d * l + c]
-            w, w1, w2 = own[l], own[d + l], own[2 * d + l]
-            p, p1 = p - x * w, p1 - (x1 * w + x * w1)
-            p2 = p2 - (x2 * w + 2.0 * x1 * w1 + x * w2)
+            director = floating + d + d * l + c
+            x, x1, x2 = z[director], z1[director], z2[director]
+            w, w1, w2 = sign * own[l], sign * own[d + l], sign * own[2 * d + l]
+            p, p1 = p + x * w, p1 + (x1 * w + x * w1)
+            p2 = p2 + (x2 * w + 2.0 * x1 * w1 + x * w2)
         z[to + c], z1[to + c], z2[to + c] = p, p1, p2
 
 
@@ -395,42 +374,25 @@ def to_face(own, turn, axes, f, at, out, to):
 
 
 @njit(error_model="numpy")
-def on_face(turn, axes, z, base, f, at, g):
+def on_face(own, turn, inward, axes, z, base, held, f, at, g):
     """Fill what forces on a face's frame do on its ways and turns in the body, g (d + n_turns,), with the floating
-    frame held."""
+    frame held; where it is `inward` what those on the floating frame do, with that of the face held."""
     d = len(axes)
     for l in range(d):
         total = z[base + d + d * l] * f[at]
         for c in range(1, d):
             total += z[base + d + d * l + c] * f[at + c]
-        g[l] = total
-    for t in range(1 if d == 2 else 3):
-        g[d + t] = 0.0 * g[0]
-    for l in range(d):
-        for k in range(d):
-            along = z[base + d + d * l] * f[at + d + d * k]
-            for c in range(1, d):
-                along += z[base + d + d * l + c] * f[at + d + d * k + c]
-            for t in range(1 if d == 2 else 3):
-                g[d + t] += along * turn[(3 + t) * d * d + d * l + k]
-
-
-@njit(error_model="numpy")
-def on_floating(own, turn, axes, z, base, held, f, at, g):
-    """Fill what forces on the floating frame do on ways and turns of the face that holds it, with that held."""
-    d = len(axes)
-    for l in range(d):
-        total = z[base + d + d * l] * f[at]
-        for c in range(1, d):
-            total += z[base + d + d * l + c] * f[at + c]
-        g[l] = -total
+        g[l] = -total if inward else total
     for t in range(1 if d == 2 else 3):
         g[d + t] = 0.0 * g[0]
     for l in range(d):
         for k in range(d):
             along = 0.0 * g[0]
             for c in range(d):
-                along += z[held + d + d * k + c] * (f[at + d + d * l + c] - f[at + c] * own[l])
+                if inward:
+                    along += z[held + d + d * k + c] * (f[at + d + d * l + c] - f[at + c] * own[l])
+                else:
+                    along += z[base + d + d * l + c] * f[at + d + d * k + c]
             for t in range(1 if d == 2 else 3):
                 g[d + t] += along * turn[(3 + t) * d * d + d * l + k]
 
@@ -498,14 +460,14 @@ def _gather_forces(axes, tree, width, y, x, room, into):
         for face in range(tree.faces[k], tree.faces[k + 1]):
             node = tree.face_nodes[face]
             if node != held or tree.kinds[k] == FREE:
-                on_face(turned[face], axes, z, at, f, n * node, g)
+                on_face(ways[face], turned[face], False, axes, z, at, n * held, f, n * node, g)
                 to_floating(ways[face], turned[face], axes, f, n * node, f, at)
                 for t in range(d + n_turns):
                     for i in range(n_own):
                         into[first + i] += g[t] * ways[face][3 * d + t * n_own + i]
         for face in range(tree.faces[k], tree.faces[k + 1] if tree.kinds[k] != FREE else 0):
             if tree.face_nodes[face] == held:
-                on_floating(ways[face], turned[face], axes, z, at, n * held, f, at, g)
+                on_face(ways[face], turned[face], True, axes, z, at, n * held, f, at, g)
                 to_face(ways[face], turned[face], axes, f, at, f, n * held)
                 for t in range(d + n_turns):
                     for i in range(n_own):

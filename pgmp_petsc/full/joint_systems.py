@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.full.batched_ldl import Pattern
-from pgmp_petsc.full.joint_kernel import Joints, carry_in_joints, correct_in_joints, count_turns_in_joints, unknowns_of
+from pgmp_petsc.full.joint_kernel import Joints, carry_in_joints, count_turns_in_joints, unknowns_of
 from pgmp_petsc.full.joint_map import N_TURNED, Room
 from pgmp_petsc.full.joint_matrix import N_SPARE, column_size
 from pgmp_petsc.full.joint_tree import BALL, FREE, coordinates_of, held_by, motions_of, tree_of
@@ -26,7 +26,7 @@ from pgmp_petsc.full.node_constraints import ConstraintParts
 from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.full.parts import contiguous
 from pgmp_petsc.full.problem import FullEquations
-from pgmp_petsc.full.systems import FullBatch, Gains
+from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.lanes.lane_items import SampleBlocks, aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.constraint_set import null_space
@@ -321,16 +321,6 @@ class JointBatch(FullBatch):
             )  # fmt: skip
         loads = self._columns(loads).reshape(n, d * (d + 1), len(times) * self.n_samples)
         return self.own.multipliers_of_joints(self.unknowns_over(states)[0], self._columns(states.multipliers), loads)
-
-    def _correct(
-        self, time: float, state: State, gains: Gains, residual: np.ndarray, active: np.ndarray, fresh: bool
-    ) -> np.ndarray:
-        now = self._sources.at(np.array([time]))
-        correct_in_joints(
-            self._reference, self._joints, self._factors, (now.loads[0], now.actions[0]), now.angles[0], residual,
-            state.parts(), gains, self._typical_mass, self._blocks.mask(active), fresh, self._size,
-        )  # fmt: skip
-        return self._size.ravel()[: self.n_samples].copy()
 
     def count_turns(self, state: State) -> None:
         """Take note of the angles at an instant that is kept."""

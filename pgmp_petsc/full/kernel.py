@@ -36,7 +36,6 @@ from pgmp_petsc.lanes.lane_items import (
     fill,
     items,
     keep,
-    lanes_of,
     select,
     sine_cosine,
 )
@@ -265,28 +264,6 @@ def _count(statements, dofs, width, q, turns):
             if np.isfinite(angle[lane]):
                 turns[k, lane] = angle[lane] / statements.factors[k]
     keep(angle)
-
-
-@njit(cache=True, entry=True, error_model="numpy")
-def correct(problem, factors, blocks, amplitudes, angles, residual, state, gains, typical_mass, active, fresh, size):
-    """Do one Newton correction of every active sample of some blocks, the first and the one behind the last, in place;
-    fill its size (n_blocks, n_lanes).
-
-    Arguments are as of `evaluate`, of all blocks: states (n_blocks, n_dofs, n_constraints or n_turns, n_lanes),
-    residuals (n_blocks, n_constraints or 0, n_lanes). The constraints are scaled to the inertia of a mass, (n_blocks,
-    n_lanes), kg: each sample's own, so that none is felt by another. Where it is not `fresh`, the matrix is that of
-    `factors` as it is.
-    """
-    n_dofs, n_lanes = state[0].shape[1:]
-    scale = np.empty(n_lanes)
-    for block in range(blocks[0], blocks[1]):
-        size[block] = 0.0
-        if active[block].any():
-            own = state[0][block], state[1][block], state[2][block], state[3][block], state[4][block]
-            correct_block(
-                problem, factors, block, amplitudes, angles, residual[block], own, gains, typical_mass[block],
-                lanes_of(active[block]), fresh, scale, size[block],
-            )  # fmt: skip
 
 
 @njit(cache=True, apart=True, error_model="numpy")

@@ -79,11 +79,15 @@ class Sources:
         loads = np.array([of_effects[id(effect)] for effect in self.loads]).reshape(-1, n)
         moved = np.array([motion.at(times)[:2] for motion in self.motions]).reshape(-1, 2, n)
         angles, speeds = (np.ascontiguousarray(moved[:, k].T) for k in range(2))
+        return Strengths(np.ascontiguousarray(loads.T), self.amplitudes(times), angles, speeds)
+
+    def amplitudes(self, times: np.ndarray) -> np.ndarray:
+        """Return those of the actions alone at times (n,), s, shape (n, n_actions)."""
         amplitudes = amplitudes_over(self.actions, times)
         if self.controls is not None and not self.controls.iterates:
             columns, numbers = self.led_by_states
             amplitudes[:, columns] += self.controls.forces(times)[:, 0, numbers]
-        return Strengths(np.ascontiguousarray(loads.T), amplitudes, angles, speeds)
+        return amplitudes
 
 
 class FullEquations:

@@ -1,4 +1,4 @@
-"""Steps of the generalised-alpha scheme for blocks of full-order samples, compiled.
+"""Corrections and steps of the generalised-alpha scheme for blocks of full-order samples, compiled.
 
 The equations and the control of the iteration are those of `alpha_step`: a step is predicted with the accelerations
 extrapolated linearly, and corrected until what remains is below the tolerance, every sample by itself. Equal steps in
@@ -16,6 +16,42 @@ from pgmp_petsc.full.kernel import correct_block, count_turns
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import borrowed, items, keep, lanes_of, select
 from pgmp_petsc.stepping.alpha_step import FIRST_CONTRACTION, MAX_ITERATIONS, REFRESH_EVERY, judge
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def correct(problem, joints, factors, amplitudes, angles, residual, state, gains, typical_mass, active, fresh, size):
+    """Do one Newton correction of every active sample in place; fill its size (n_blocks, n_lanes).
+
+    Arguments are as of `kernel.evaluate`, of all blocks: states (n_blocks, n_dofs, n_constraints or n_turns, n_lanes),
+    residuals (n_blocks, n_constraints or 0, n_lanes); `joints` as of `take_steps`. The constraints are scaled to the
+    inertia of a mass, (n_blocks, n_lanes), kg: each sample's own, so that none is felt by another. Where it is not
+    `fresh`, the matrix is that of `factors` as it is.
+    """
+    scale = np.empty(size.shape[1])
+    for block in range(size.shape[0]):
+        size[block] = 0.0
+        if active[block].any():
+            own = state[0][block], state[1][block], state[2][block], state[3][block], state[4][block]
+            _correct_block(
+                problem, joints, factors, block, amplitudes, angles, residual[block], own, gains, typical_mass[block],
+                lanes_of(active[block]), fresh, scale, size[block],
+            )  # fmt: skip
+
+
+@njit(inline="always")
+def _correct_block(
+    problem, joints, factors, block, amplitudes, angles, residual, state, gains, typical_mass, lanes, fresh, scale, size
+):  # fmt: skip
+    """Correct some lanes of a block; `scale` is a work array (n_lanes,)."""
+    if joints is None:
+        correct_block(
+            problem, factors, block, amplitudes, angles, residual, state, gains, typical_mass, lanes, fresh, scale, size
+        )
+    else:
+        correct_joints(
+            problem, joints, borrowed(factors.matrix)[block], block, amplitudes, angles, residual, state, gains,
+            typical_mass, lanes, fresh, scale, size,
+        )  # fmt: skip
 
 
 @njit(cache=True, entry=True, error_model="numpy")
@@ -105,16 +141,10 @@ def _take_steps_of_block(
             for lane in range(samples.size):
                 n_corrections[k] += active[lane]
             fresh = iteration % REFRESH_EVERY == 0
-            if joints is None:
-                correct_block(
-                    problem, factors, block, amplitudes, angles, itself, state, gains, typical_mass, going, fresh,
-                    scale, size,
-                )  # fmt: skip
-            else:
-                correct_joints(
-                    problem, joints, borrowed(factors.matrix)[block], block, amplitudes, angles, itself, state, gains,
-                    typical_mass, going, fresh, scale, size,
-                )  # fmt: skip
+            _correct_block(
+                problem, joints, factors, block, amplitudes, angles, itself, state, gains, typical_mass, going, fresh,
+                scale, size,
+            )  # fmt: skip
             doubt_limited(rates, last)
             judge(iteration, size, last, expected, active, lost)
             going = lanes_of(active)

@@ -22,11 +22,11 @@ from pgmp_petsc.controllers.running import BEFORE, MOST_STARTS, Controls
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.full.energy import EnergyNames, energies_of
 from pgmp_petsc.full.forces import act
-from pgmp_petsc.full.kernel import Factors, correct, count_turns
+from pgmp_petsc.full.kernel import Factors, count_turns
 from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.full.parts import mass_on_diagonal
 from pgmp_petsc.full.problem import FullEquations, Sources
-from pgmp_petsc.full.steps import take_steps
+from pgmp_petsc.full.steps import correct, take_steps
 from pgmp_petsc.lanes.lane_items import SampleBlocks, aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -337,8 +337,8 @@ class FullBatch(FullSystem):
     ) -> np.ndarray:
         now = self._sources.at(np.array([time]))
         correct(
-            self._reference, self._factors, (0, self._blocks.n_blocks), (now.loads[0], now.actions[0]), now.angles[0],
-            residual, state.parts(), gains, self._typical_mass, self._blocks.mask(active), fresh, self._size,
+            self._reference, self._joints, self._factors, (now.loads[0], now.actions[0]), now.angles[0], residual,
+            state.parts(), gains, self._typical_mass, self._blocks.mask(active), fresh, self._size,
         )  # fmt: skip
         return self._size.ravel()[: self.n_samples].copy()
 
@@ -388,7 +388,7 @@ class FullBatch(FullSystem):
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
-        return self._blocks.unpack(np.array(self._depths(self._sources.at(np.array([time])).actions[0], state)))
+        return self._blocks.unpack(np.array(self._depths(self._sources.amplitudes(np.array([time]))[0], state)))
 
     def measured(self, state: State) -> np.ndarray:
         """Return the motions that forces of controllers are of, or are led by, and their rates, a row for each part of

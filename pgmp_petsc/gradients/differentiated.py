@@ -51,8 +51,9 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.gradients.contacts import Contact, Contacts
 from pgmp_petsc.gradients.differences import AnyModel, Differences, why_differences
-from pgmp_petsc.gradients.linearisation import Linearisation, Linearised, factorise, hold, substitute
+from pgmp_petsc.gradients.linearisation import Linearisation, Linearised
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import eliminate
 from pgmp_petsc.models import LengthLanes, OutputRecord, ReducedModel
 from pgmp_petsc.models.lengths import blended
 from pgmp_petsc.models.reduced_statics import JointAngles
@@ -277,16 +278,14 @@ def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment,
     """
     alpha_m, alpha_f, beta, gamma, gain_v, gain_a = scheme
     n_t, n_parameters, n = by_parameters.shape
-    matrix, order = np.empty((n, n)), np.empty(n, dtype=np.int64)
-    q, v, a, right = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    matrix, right, predicted = np.empty((n, n)), np.empty((n, n_parameters)), np.empty((3, n_parameters, n))
     weight = 1.0 / (1.0 - alpha_m)
     for t in range(n_t):
         for i in range(n):
             for j in range(n):
                 matrix[i, j] = by_q[t, i, j] + gain_v * by_v[t, i, j] + gain_a * by_a[t, i, j]
-        hold(prescribed, matrix, right)
-        factorise(matrix, order)
         for p in range(n_parameters):
+            q, v, a = predicted[0, p], predicted[1, p], predicted[2, p]
             for i in range(n):
                 before, rate, now, auxiliary = moment[0, p, i], moment[1, p, i], moment[2, p, i], moment[3, p, i]
                 ahead = (now - alpha_m * auxiliary) * weight
@@ -295,16 +294,19 @@ def propagate(by_q, by_v, by_a, by_parameters, scheme, step, prescribed, moment,
                 if prescribed[i]:
                     q[i], v[i], a[i] = before, 0.0, 0.0
             for i in range(n):
-                right[i] = -by_parameters[t, p, i]
+                right[i, p] = -by_parameters[t, p, i]
                 for j in range(n):
-                    right[i] -= by_q[t, i, j] * q[j] + by_v[t, i, j] * v[j] + by_a[t, i, j] * a[j]
-            for k in range(prescribed.size):
-                if prescribed[k]:
-                    right[k] = 0.0
-            substitute(matrix, order, right)
+                    right[i, p] -= by_q[t, i, j] * q[j] + by_v[t, i, j] * v[j] + by_a[t, i, j] * a[j]
+        for k in range(n):
+            if prescribed[k]:
+                matrix[k, :], matrix[k, k], right[k, :] = 0.0, 1.0, 0.0
+        eliminate(n, n_parameters, matrix, right)
+        for p in range(n_parameters):
+            q, v, a = predicted[0, p], predicted[1, p], predicted[2, p]
             for i in range(n):
-                then, now, auxiliary = a[i] + gain_a * right[i], moment[2, p, i], moment[3, p, i]
-                moment[0, p, i], moment[1, p, i], moment[2, p, i] = q[i] + right[i], v[i] + gain_v * right[i], then
+                x, then = right[i, p], a[i] + gain_a * right[i, p]
+                now, auxiliary = moment[2, p, i], moment[3, p, i]
+                moment[0, p, i], moment[1, p, i], moment[2, p, i] = q[i] + x, v[i] + gain_v * x, then
                 moment[3, p, i] = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * auxiliary) * weight
                 for part in range(3):
                     result[part, t, p, i] = moment[part, p, i]
@@ -336,31 +338,26 @@ def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Lin
     free, given = ~prescribed, offset_directions(model.scene)
     for row, name in zip(moment[0], linearisation.names):
         row[n - len(given) :] = [own == name for own in given]
-    time, initial = np.zeros(1), model.scene.initial
+    time, initial, bent = np.zeros(1), model.scene.initial, free.copy()
+    still = replace(start, v=np.zeros_like(start.v), a=np.zeros_like(start.a))
     if initial.equilibrium:
-        still = replace(start, v=np.zeros_like(start.v), a=np.zeros_like(start.a))
-        at_rest = linearisation.at(time, still)
-        if initial.coordinates == "free":
-            pushed = at_rest.by_parameters[0] + moment[0] @ at_rest.by_q[0].T
-            moment[0][:, free] = -_solved(at_rest.by_q[0], pushed, free)
-        else:
-            moment[0] = _held(model, start.q, at_rest, linearisation, moment[0])
-        if initial.coordinates == "free" and not model.motions:
-            return moment  # at rest it stays there: no accelerations, whatever the parameters
-        moment[0][:, list(model.motions)] = 0.0
+        at_rest, held = linearisation.at(time, still), initial.coordinates != "free"
     elif given:
-        still = replace(start, v=np.zeros_like(start.v), a=np.zeros_like(start.a))
-        alone, bent = copy(model), free.copy()
+        alone = copy(model)
         alone.actions = model.actions.of_joints(model.kinematics.mechanism)
         at_rest = Linearisation(alone, linearisation.values, linearisation.names).at(time, still, loaded=False)
-        if alone.actions.actions:
+        held, bent[: model.kinematics.n_coordinates] = bool(alone.actions.actions), False
+        if held:
             _require_rest(model)
+    if initial.equilibrium or given:
+        if held:
             moment[0] = _held(model, start.q, at_rest, linearisation, moment[0])
-            moment[0][:, list(model.motions)] = 0.0
         else:
-            bent[: model.kinematics.n_coordinates] = False
             pushed = at_rest.by_parameters[0] + moment[0] @ at_rest.by_q[0].T
             moment[0][:, bent] = -_solved(at_rest.by_q[0], pushed, bent)
+            if initial.equilibrium and not model.motions:
+                return moment  # at rest it stays there: no accelerations, whatever the parameters
+        moment[0][:, list(model.motions)] = 0.0
     named = velocity_names(model.scene)
     for k, coordinate in enumerate(model.kinematics.coordinates):
         for row, name in zip(moment[1], linearisation.names):

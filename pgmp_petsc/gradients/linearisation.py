@@ -30,7 +30,7 @@ from numba.extending import intrinsic
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.gradients.local_effects import Edge, LocalDerivatives
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import WIDE, aligned, items
+from pgmp_petsc.lanes.lane_items import WIDE, aligned, eliminate, items
 from pgmp_petsc.lanes.tiles import store_rows
 from pgmp_petsc.lanes.vectors import (
     CACHE_LINE,
@@ -411,75 +411,9 @@ def _correct(layout, loaded, mass_damping, prescribed, gains, local, at, room, r
             for j in range(n):
                 matrix[k, j] = spread(1.0 if j == k else 0.0)
             balance[k] = spread(0.0)
-    solve_lanes(matrix, balance)
+    eliminate(n, 1, matrix, items(room.balance.reshape(n, 1, LANES), WIDE))
     for i in range(n):
         state[0, i] -= balance[i]
         state[1, i] -= gains[0] * balance[i]
         state[2, i] -= gains[1] * balance[i]
     _take_up(layout, state, mass_damping, moment)
-
-
-@njit(error_model="numpy", counted=False)
-def hold(prescribed, matrix, right):
-    """Make the rows of a system those of the identity where a coordinate is prescribed, shape (n,)."""
-    for k in range(prescribed.size):
-        if prescribed[k]:
-            matrix[k, :] = 0.0
-            matrix[k, k] = 1.0
-            right[k] = 0.0
-
-
-@njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def factorise(matrix, order):
-    """Factorise a matrix (n, n) in place by Gaussian elimination, pivots in the rows `order` (n,)."""
-    n = matrix.shape[0]
-    for k in range(n):
-        largest = k
-        for i in range(k + 1, n):
-            if abs(matrix[i, k]) > abs(matrix[largest, k]):
-                largest = i
-        order[k] = largest
-        if largest != k:
-            for j in range(n):
-                matrix[k, j], matrix[largest, j] = matrix[largest, j], matrix[k, j]
-        for i in range(k + 1, n):
-            matrix[i, k] /= matrix[k, k]
-            for j in range(k + 1, n):
-                matrix[i, j] -= matrix[i, k] * matrix[k, j]
-
-
-@njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def substitute(matrix, order, right):
-    """Solve with the factors of `factorise`, in place."""
-    n = right.size
-    for k in range(n):
-        right[k], right[order[k]] = right[order[k]], right[k]
-    for i in range(n):
-        for j in range(i):
-            right[i] -= matrix[i, j] * right[j]
-    for i in range(n - 1, -1, -1):
-        for j in range(i + 1, n):
-            right[i] -= matrix[i, j] * right[j]
-        right[i] /= matrix[i, i]
-
-
-@njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def solve_lanes(matrix, right):
-    """Solve systems of LANES states at once in place, items (n, n) and (n,); the matrices are lost.
-
-    Without pivots, the last unknown first: so the flexible coordinates come before those of theta, an order in which
-    the engine's iteration matrices have positive pivots.
-    """
-    n = right.size
-    for k in range(n - 1, 0, -1):
-        inverse = 1.0 / matrix[k, k]
-        for i in range(k):
-            factor = matrix[i, k] * inverse
-            right[i] -= factor * right[k]
-            for j in range(k):
-                matrix[i, j] -= factor * matrix[k, j]
-    for k in range(n):
-        total = right[k]
-        for j in range(k):
-            total -= matrix[k, j] * right[j]
-        right[k] = total / matrix[k, k]

@@ -118,6 +118,11 @@ class Mechanism:
         return self.space.n_dofs * self.n_nodes + sum(body.n_internal for body in self.bodies)
 
     @property
+    def free(self) -> np.ndarray:
+        """Numbers of the coordinates that are not prescribed."""
+        return np.flatnonzero([not coordinate.prescribed for coordinate in self.coordinates])
+
+    @property
     def holders(self) -> tuple[Connection | Coupling, ...]:
         """What holds the mechanism together, in the order of the constraints."""
         return (*self.connections, *self.couplings)

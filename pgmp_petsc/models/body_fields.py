@@ -29,6 +29,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.references import stressed_bodies
 
 LARGEST = 2**28  # bytes of the fields of bodies that no stress output names, over all frames
+AT_ONCE = 2**22  # numbers that are evaluated together: 32 MB
 ROD = 0.02  # radius of the lines of a body without a section over its extent
 Values = dict[str, np.ndarray]
 
@@ -133,6 +134,11 @@ class FieldSet:
             )
         return cls(points, left_out)
 
+    @property
+    def at_once(self) -> int:
+        """Instants that are best evaluated together."""
+        return max(1, AT_ONCE // max([1, *(field.width for field in self.points.values())]))
+
 
 def _points(scene: Scene, number: int, body: Body, mesh: SolidMesh | LineMesh) -> FieldPoints:
     stresses, here = None, body.stresses(scene)
@@ -149,9 +155,6 @@ def _radius(scene: Scene, body: Body) -> float:
     section = BeamSection.of(scene, body.name)
     resists = np.mean([float(part.at(scene.values)) for part in section.bending])
     return float(2.0 * np.sqrt(resists / float(section.axial.at(scene.values))))
-
-
-AT_ONCE = 2**22  # numbers that are evaluated together: 32 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,11 +175,6 @@ class FullFields:
 
     def __init__(self, seen: FieldSet, unknowns: Unknowns) -> None:
         self.seen, self._unknowns, self._strains = seen, unknowns, FullStrains(unknowns)
-
-    @property
-    def at_once(self) -> int:
-        """Instants that are best evaluated together."""
-        return instants_at_once(self.seen)
 
     def of(self, q: np.ndarray, values: Mapping[str, float]) -> Fields:
         """Return the fields for unknowns (n_dofs, n)."""
@@ -209,11 +207,6 @@ class ReducedFields:
             for number in numbers
             if not bodies[number].flexible
         }
-
-    @property
-    def at_once(self) -> int:
-        """Instants that are best evaluated together."""
-        return instants_at_once(self.seen)
 
     def of(self, eta: np.ndarray, values: Mapping[str, float]) -> Fields:
         """Return the fields for reduced coordinates (n, n_eta)."""
@@ -261,11 +254,6 @@ def placed(space: Space, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
     ``x = p + sum_k d_k X_k``."""
     natural, d = space.natural(pose), points.shape[1]
     return natural[:d] + np.einsum("akn,kcn->acn", points, natural[d:].reshape(d, d, -1))
-
-
-def instants_at_once(seen: FieldSet) -> int:
-    """Return how many instants are best evaluated together."""
-    return max(1, AT_ONCE // max([1, *(field.width for field in seen.points.values())]))
 
 
 def joined(parts: list[Fields]) -> Fields:

@@ -134,7 +134,7 @@ def search_of(scene: Scene, mechanism: Mechanism) -> Search:
     bounds = [(-np.inf, np.inf) if c.periodic else (c.lower, c.upper) for c in coordinates]
     lower, upper = np.array(bounds).T
     return Search(
-        tuple(k for k, coordinate in enumerate(coordinates) if free and not coordinate.prescribed),
+        tuple(map(int, mechanism.free)) if free else (),
         coordinates,
         lower,
         upper,
@@ -169,11 +169,8 @@ class Measures:
 
     def __init__(self, scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> None:
         motions = [name for one in scene.controllers.values() for name in measured_by(scene, one).motions]
-        of_these = OutputSet.of(
-            scene.model_copy(update={"outputs": {name: scene.outputs[name] for name in in_order(scene, motions)}}),
-            kinematics,
-            start,
-        )
+        measured = scene.with_entries(outputs={name: scene.outputs[name] for name in in_order(scene, motions)})
+        of_these = OutputSet.of(measured, kinematics, start)
         self._scene, rows = scene, rows_of(scene)
         firsts = np.cumsum([0, *rows])[len(scene.carried) :].tolist()
         each = (len(measured_by(scene, one).motions) for one in scene.controllers.values())

@@ -173,7 +173,7 @@ class BuiltIn:
             name: joint if joint.offset is None else joint.model_copy(update={"offset": joint.offset.part(sizes)})
             for name, joint in self._scene.joints.items()
         }
-        return Mechanism.from_scene(self._scene.model_copy(update={"joints": joints}), self._shapes)
+        return Mechanism.from_scene(self._scene.with_entries(joints=joints), self._shapes)
 
     def at(self, modes: ModeSet) -> np.ndarray:
         """Return X at the configuration that the problem is at, in body frames, local rows, (n_local, n_offsets).

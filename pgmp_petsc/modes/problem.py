@@ -104,7 +104,7 @@ class ModalProblem:
     ) -> None:
         self.kinematics = kinematics
         self.mechanism = kinematics.mechanism
-        self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])
+        self.free = self.mechanism.free
         self.clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
         first = self.mechanism.n_held
         self._clamp_rows = slice(first, first + len(self.clamped))

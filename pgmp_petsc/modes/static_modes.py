@@ -164,7 +164,7 @@ class SpringStiffness:
     """Stiffness of springs and preload at any configuration.
 
     Weights are conservative effects that load the mechanism; None for the unloaded state. `dofs` are unknowns of every
-    block, the same at all configurations, and `free` numbers of the coordinates that are not prescribed.
+    block, the same at all configurations.
     """
 
     def __init__(
@@ -176,14 +176,13 @@ class SpringStiffness:
     ) -> None:
         self.kinematics, self._values = kinematics, dict(values)
         self._mechanism = kinematics.mechanism
-        self._springs, self._weights = tuple(springs), weights
-        self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])
+        self._springs, self._weights, self._free = tuple(springs), weights, self._mechanism.free
         self.dofs = [moving_dofs(spring) for spring in self._springs]
         self._forces = UnitForces(self._springs, self._mechanism)
         self._hessians = [BodyHessians(self._mechanism, [(one.statement, one.sides)]) for one in self._springs]
-        moved = [kinematics.coordinates[k] for k in self.free]
+        moved = [kinematics.coordinates[k] for k in self._free]
         self._moving = BodyGradients(self._mechanism, [(c.statement, c.sides) for c in moved])
-        if weights is not None and self.free.size:
+        if weights is not None and self._free.size:
             self.dofs.append(np.unique(self._moving.dofs))
 
     def at(self, theta: np.ndarray, matrices: AffineMatrices, comm: Comm) -> list[Block]:
@@ -203,7 +202,7 @@ class SpringStiffness:
             spring_block(spring, gradient[dofs], self._values, preload)
             for spring, gradient, dofs, preload in zip(self._springs, gradients.T, self.dofs, preloads)
         ]
-        if loaded and self.free.size:
+        if loaded and self._free.size:
             dofs = self.dofs[-1]
             turning = self._moving.dense(poses)[:, dofs].T
             blocks.append(Block(dofs, turning @ self._of_curvature(theta, forces, matrices, comm) @ turning.T))
@@ -220,7 +219,7 @@ class SpringStiffness:
         for share in PLACES[:, : lower.size]:
             theta = lower + share * (upper - lower)
             motion = self.kinematics.motion(theta)
-            velocities = [motion.velocities[..., self.free], motion.released]
+            velocities = [motion.velocities[..., self._free], motion.released]
             rigid = linear_motion(self._mechanism, np.concatenate(velocities, axis=2))
             found, scale = np.zeros((2, rigid.shape[1], rigid.shape[1]))
             for block in self.at(theta, matrices, comm):
@@ -238,7 +237,7 @@ class SpringStiffness:
         motion = self.kinematics.motion(theta)
         poses = motion.poses
         curvature = linear_motion(self._mechanism, motion.accelerations)
-        curvature = curvature[:, self.free][:, :, self.free]
+        curvature = curvature[:, self._free][:, :, self._free]
         pulled = self._forces.at(poses) @ np.array(forces)
         own = slice(matrices.rows.start, matrices.rows.stop)
         # the weights in body frames, local rows, shape (n_local,)

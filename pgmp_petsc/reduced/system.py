@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -238,6 +239,13 @@ class ReducedSystem(SecondOrderSystem):
         """Let the samples start at rest in static equilibria."""
         self.settled = settled
 
+    @cached_property
+    def _at_rest(self) -> tuple[Reference, Reference, Acting]:
+        """The equations with all rigid coordinates prescribed, what they keep, and what acts in them."""
+        equations = self._equations._replace(prescribed=self._prescribed | self._is_rigid)
+        acting = Acting.empty(len(self._memory.samples), self.n_eta)
+        return Reference(equations), Reference(self._memory._replace(acting=acting)), acting
+
     def correct_at_rest(
         self, state: State, force: np.ndarray, active: np.ndarray, share: float, longest: float
     ) -> np.ndarray:
@@ -245,23 +253,16 @@ class ReducedSystem(SecondOrderSystem):
         time zero, in place; return its size (n_samples,) before it was shortened to the `longest`, in units of the
         mechanism's size or of 1 rad. The force (n_samples, n_eta) is what else is in balance with the residual: ``r +
         force = 0``."""
-        before, memory, at_start = state.q.copy(), self._memory, self._strengths.at(0.0)
+        before, at_start = state.q.copy(), self._strengths.at(0.0)
         at_start.loads[:] *= share
-        acting = Acting.empty(len(memory.samples), self.n_eta)
+        equations, memory, acting = self._at_rest
+        acting.balance[:] = self._lanes.packed(force.T)
         if self._actions.actions:
             self._act(0.0, state, 0.0, active, True)
-            acting.balance[:], acting.tangent[:] = share * memory.acting.balance, share * memory.acting.tangent
-        acting.balance[:] += self._lanes.packed(force.T)
-        size = self._correct(
-            Reference(self._equations._replace(prescribed=self._prescribed | self._is_rigid)),
-            Reference(memory._replace(acting=acting)),
-            self._passed[2],
-            at_start,
-            state,
-            Scheme(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-            active,
-            True,
-        )
+            acting.balance[:] += share * self._memory.acting.balance
+            acting.tangent[:] = share * self._memory.acting.tangent
+        scheme = Scheme(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        size = self._correct(equations, memory, self._passed[2], at_start, state, scheme, active, True)
         shortened = np.where(size > longest, longest / np.maximum(size, longest), 1.0)
         state.q[:] = np.where(shortened[:, None] < 1.0, before + shortened[:, None] * (state.q - before), state.q)
         return size

@@ -24,7 +24,6 @@ import scipy.sparse as sp
 from pgmp_petsc.base.errors import InputError, Remark, RunError, gathered, note, warning
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import mass_of_bodies, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -75,9 +74,7 @@ def build_over_lengths(
     if scene.reduction.sampling_tolerance is not None:
         asked = [built(scene, values) for values in (nominal_lengths, *extremes(scene))]
         samples, said = on_root(comm, _common_samples, scene, asked)
-        everywhere = scene.model_copy(
-            update={"reduction": scene.reduction.model_copy(update={"sampling_tolerance": None})}
-        )
+        everywhere = scene.with_entries(reduction={"sampling_tolerance": None})
 
     def at(values: Mapping[str, float]) -> ReducedOrderModel | None:
         return built(everywhere, values)
@@ -232,11 +229,8 @@ def _check(
 ) -> LengthCheck:
     """Compare the family with a model that was built between its points."""
     own = family.at(scene.with_values(values), nominal)
-    weights = [
-        evaluate_weights(names, scene.nominal) for names in (own.tables.mass_weights, own.tables.stiffness_weights)
-    ]
     n_modes = nominal.frequencies_hz.shape[1]
-    found, exact = (model.tables.frequencies_hz(*weights)[:, :n_modes] for model in (own, built))
+    found, exact = (model.tables.frequencies_hz(scene.nominal)[:, :n_modes] for model in (own, built))
     blended = sum(share * member.rigid_inertia for share, member in zip(family.grid.shares(values), family.members))
     inertia = np.max(np.abs(blended - built.rigid_inertia), axis=0) / np.max(np.abs(built.rigid_inertia), axis=0)
     return LengthCheck(dict(values), float(np.max(np.abs(found / exact - 1.0))), float(np.max(inertia)))

@@ -62,7 +62,7 @@ over the packed pairs of ``chi_ij delta_i delta_j``, halved where i = j.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -89,6 +89,7 @@ WEIGHTS = (
     lambda texts: tuple(Monomial.parse(str(text)) for text in texts),
 )
 Weights = tuple[Monomial, ...]
+At = Callable[[np.ndarray], np.ndarray]  # what takes tables at the samples to other configurations
 OF_WEIGHTS = "monomial of parameters that each term is multiplied with"
 
 
@@ -329,21 +330,34 @@ class ReducedTables(Record):
             load=self.load[..., own], n_given=0, second_order=bent, changes=None,
         )  # fmt: skip
 
-    def frequencies_hz(
-        self, mass_weights: np.ndarray, stiffness_weights: np.ndarray, free: Sequence[int] | None = None,
-        at: Callable[[np.ndarray], np.ndarray] = np.asarray,
-    ) -> np.ndarray:  # fmt: skip
-        """Return the eigenfrequencies of the reduced model at every sample, rigid motion left out, shape (n, n_delta -
-        n_unstrained), Hz; or where `at` takes tables to.
+    def over(self, scheme: str, theta: np.ndarray) -> At:
+        """Return what interpolates tables at configurations (n, n_theta), rad."""
+        return lambda table: interpolant(self.samples, table, scheme)(theta)
 
-        Weights have shapes (n_mass_terms,) and (n_stiffness_terms,). `free` are the numbers of the coordinates that are
-        not prescribed, which are held; all by default.
+    def _matrices(self, values: Mapping[str, float], at: At) -> Iterator[np.ndarray]:
+        """Yield mass and stiffness at parameter values, where `at` takes tables to."""
+        for weights, table in ((self.mass_weights, self.mass), (self.stiffness_weights, self.stiffness)):
+            yield np.einsum("t,ntij->nij", evaluate_weights(weights, values), at(table))
+
+    def vibrating(self, values: Mapping[str, float], free: np.ndarray, at: At) -> tuple[np.ndarray, np.ndarray]:
+        """Return mass and stiffness of the `free` coordinates and the flexible ones, (n, n_free + n_delta, n_free +
+        n_delta), at parameter values, where `at` takes tables to."""
+        mass, stiffness = self._matrices(values, at)
+        kept = np.append(free, self.n_coordinates + np.arange(self.n_modes))
+        return mass[:, kept[:, None], kept], np.pad(stiffness, ((0, 0), (free.size, 0), (free.size, 0)))
+
+    def frequencies_hz(
+        self, values: Mapping[str, float], free: Sequence[int] | None = None, at: At = np.asarray
+    ) -> np.ndarray:
+        """Return the eigenfrequencies of the reduced model at parameter values and every sample, rigid motion left out,
+        shape (n, n_delta - n_unstrained), Hz; or where `at` takes tables to.
+
+        `free` are the numbers of the coordinates that are not prescribed, which are held; all by default.
         """
         if self.n_given:
-            return self.moving().frequencies_hz(mass_weights, stiffness_weights, free, at)
+            return self.moving().frequencies_hz(values, free, at)
         r = self.n_coordinates
-        mass = np.einsum("t,ntij->nij", mass_weights, at(self.mass))
-        stiffness = np.einsum("t,ntij->nij", stiffness_weights, at(self.stiffness))
+        mass, stiffness = self._matrices(values, at)
         # free-free modes: what is free to move without strain is condensed out of the kinetic energy
         free = np.arange(r) if free is None else np.asarray(free, dtype=int)
         free, bent = np.append(free, r + self.unstrained), np.setdiff1d(np.arange(self.n_modes), self.unstrained)

@@ -35,10 +35,10 @@ def sizes_of(outputs: Mapping[str, np.ndarray], units: Mapping[str, str], length
     return {name: of_units[units.get(name, "1")] for name in outputs}
 
 
-def felt(sizes: Mapping[str, np.ndarray], units: Mapping[str, str]) -> dict[str, np.ndarray]:
+def felt(sizes: Mapping[str, np.ndarray], units: Mapping[str, str], length: float = 0.0) -> dict[str, np.ndarray]:
     """Return largest sizes of outputs, each of one shape, with zero where an output vanishes beside others of its unit,
     as what a symmetric machine leaves of a motion does. Pure numbers are not beside others: damages may be tiny."""
-    beside = sizes_of(sizes, units)
+    beside = sizes_of(sizes, units, length)
     return {
         name: np.where((size <= VANISHING * beside[name]) & (units.get(name, "1") != "1"), 0.0, size)
         for name, size in sizes.items()

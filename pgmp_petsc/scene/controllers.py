@@ -29,7 +29,6 @@ from pgmp_petsc.scene.fields import (
 )
 from pgmp_petsc.scene.joints import MEASURED, joints_with
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.outputs import circle_of, models_alone
 from pgmp_petsc.scene.references import joint_problems, motion_problems
 from pgmp_petsc.scene.uses import Use
@@ -232,7 +231,7 @@ def _sampling(scene: AnyScene, entry: str, one: ControllerEntry) -> Iterator[str
             words = f"no step that simulation.tolerance finds divides it and simulation.duration = {run.duration:g} s"
             yield problem(f"{entry}.sample_time", f"{words}: let one be a multiple of the other", one.sample_time)
         return
-    step = run.duration / count_steps(run.duration, run.step)
+    step = run.duration / run.n_steps
     ratio = one.sample_time / step
     if round(ratio) < 1:
         words = f"is shorter than simulation.step = {run.step:g} s; take smaller steps, or 0 for a continuous one"

@@ -210,6 +210,16 @@ class Simulation(Table):
         """Whether the step is found by its tolerance."""
         return self.tolerance is not None and "step" not in self.model_fields_set
 
+    @property
+    def n_steps(self) -> int:
+        """Number of equal steps of a run, none longer than `step`."""
+        return count_steps(self.duration, self.step)
+
+    def in_steps(self, n_steps: int, duration: float | None = None) -> Self:
+        """Return the same run, or another time of it (s), in so many steps."""
+        whole = self.duration if duration is None else duration
+        return self.model_copy(update={"duration": whole, "step": whole / n_steps})
+
     @model_validator(mode="after")
     def _step_fits(self) -> Self:
         if self.step > self.duration and not self.is_chosen:

@@ -272,6 +272,13 @@ class Scene(Table):
         changed = {name: self.parameters[name].model_copy(update={"value": float(values[name])}) for name in values}
         return self.model_copy(update={"parameters": {**self.parameters, **changed}})
 
+    def with_entries(self, **tables: Any) -> Self:
+        """Return the scene with other tables; of one of settings a mapping has the entries that are other ones."""
+        for name, given in tables.items():
+            if isinstance(given, dict) and isinstance(own := getattr(self, name), Table):
+                tables[name] = own.model_copy(update=given)
+        return self.model_copy(update=tables)
+
     def initial_state(self, coordinate: str) -> InitialState:
         """Return where a coordinate starts: as given, or 0 and at rest."""
         return self.simulation.initial.get(coordinate, InitialState())

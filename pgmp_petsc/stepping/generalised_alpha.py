@@ -32,7 +32,7 @@ from math import gcd
 import numpy as np
 
 from pgmp_petsc.ranks.petsc import has_options
-from pgmp_petsc.scene.numerics import Simulation, count_steps
+from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.alpha_step import AlphaStep, first_accelerations, put, resolved_jump, standing
 from pgmp_petsc.stepping.drivers import PREFIX, check_ts_options, driver_here
 from pgmp_petsc.stepping.edge_search import EventLocation
@@ -343,7 +343,7 @@ def integrate(
     check_ts_options()
     if alive is None:
         alive = np.ones(system.n_samples, dtype=bool)
-    n_steps = count_steps(simulation.duration, simulation.step)
+    n_steps = simulation.n_steps
     if observer is not None and not isinstance(observer, Observer):
         observer = Called(observer)
     at_once = system.steps_between_looks(None if observer is None else observer.every)
@@ -387,7 +387,7 @@ def integrate_with_smaller_steps(
     `run` integrates an attempt of those `alive`, (n_samples,), and keeps what it wants of the samples that are fine;
     what it kept of an earlier attempt of the same sample is void.
     """
-    n_steps = count_steps(simulation.duration, simulation.step)
+    n_steps = simulation.n_steps
     status = np.full(alive.size, Status.UNPHYSICAL, dtype=int)
     failure_time, divided = np.zeros(alive.size), np.ones(alive.size, dtype=int)
     samples = np.arange(alive.size)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, counted, gathered, warning
-from pgmp_petsc.bench.cases import own_steps
 from pgmp_petsc.bench.prices import Prospect, choice, prospects
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.assembled import MassProperties
@@ -77,7 +76,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
         no_grid = why_no_grid(scene, mechanism)
     reducible = flexible_bodies and not no_grid
     if reducible and not left_open:
-        scene = scene.model_copy(update={"reduction": scene.reduction.fitting(n_flexible)})
+        scene = scene.with_entries(reduction=scene.reduction.fitting(n_flexible))
     lines = [
         f"scene {scene.name}",
         *_bodies(mechanism),
@@ -109,7 +108,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     if flexible_bodies:
         models = _models(scene, meshes, mechanism, patterns)
         lines += [f"  model         {one.text}" for one in models]
-        lines.append(f"  take          {choice(scene, meshes, models, own_steps(scene))}")
+        lines.append(f"  take          {choice(scene, meshes, models, scene.simulation.n_steps)}")
     lines += [f"  {remark}" for remark in (*kinematics.remarks, *_drawn(scene, meshes))]
     lines.append(
         f"  outputs       {', '.join(f'{n} ({scene.system.unit(u)})' for n, u in outputs.units.items()) or 'none'}"
@@ -393,7 +392,7 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
         "unknowns": mechanism.n_dofs,
         "constraints": mechanism.n_constraints,
         "models": {one.model: asdict(one) for one in models},
-        "take": choice(scene, meshes, models, own_steps(scene)) if models else "",
+        "take": choice(scene, meshes, models, scene.simulation.n_steps) if models else "",
         "remarks": [asdict(remark) for remark in (*scene.remarks, *_drawn(scene, meshes))],
     }
 

@@ -61,7 +61,6 @@ from pgmp_petsc.results.selection import EffectSize, EffectSizes
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.fields import Table, quantities_of
-from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.scene.references import parts_of
 from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.second_order_system import State
@@ -102,7 +101,7 @@ def run_rigid(scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKi
     """
     stiff = _with_rigid_bodies(scene)
     model = FullModel(stiff, meshes, kinematics)
-    given = count_steps(scene.simulation.duration, scene.simulation.step)
+    given = scene.simulation.n_steps
     n_steps, turns = min(FEW_STEPS, given), np.array([1.0 / c.scale(kinematics.size) for c in kinematics.coordinates])
     status, found = _run(model, n_steps)
     needed = min(MAX_STEPS, given, _needed(found, n_steps, turns) if status is None else MAX_STEPS)
@@ -115,8 +114,7 @@ def run_rigid(scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKi
 
 def _run(model: FullModel, n_steps: int) -> tuple[Status | None, RigidRun]:
     """Return why a run with so many steps failed, None where it did not, and the run."""
-    simulation, record = model.scene.simulation, StateRecord(lambda n_steps: None)
-    simulation = simulation.model_copy(update={"step": simulation.duration / n_steps})
+    simulation, record = model.scene.simulation.in_steps(n_steps), StateRecord(lambda n_steps: None)
     system = model.single(model.scene.values, alone())
     require_settled(system)
     with system:
@@ -159,8 +157,10 @@ def _with_rigid_bodies(scene: Scene) -> Scene:
     controllers = {k: one.model_copy(update={"sample_time": 0.0}) for k, one in scene.controllers.items()}
     measured = in_order(scene, (name for one in controllers.values() for name in one.measured.values()))
     outputs = {name: scene.outputs[name] for name in measured}
-    changed = {"bodies": bodies, "joints": joints, "materials": materials, "effects": effects}
-    return scene.model_copy(update={**changed, "controllers": controllers, "outputs": outputs, "fields": {}})
+    return scene.with_entries(
+        bodies=bodies, joints=joints, materials=materials, effects=effects, controllers=controllers, outputs=outputs,
+        fields={},
+    )  # fmt: skip
 
 
 def _collect(model: FullModel, system: FullBatch | FullDistributed, time: np.ndarray, states: State) -> RigidRun:
@@ -442,8 +442,7 @@ def choose_effects(
         name, effect = given.get(term.type, (_free_name(term.type, effects), term))
         effects[name] = term if term.type == "gyroscopic" else effect
     changed = {"effects": "named", "second_order": second_order and keeps["geometric_stiffening"]}
-    reduction = scene.reduction.model_copy(update=changed)
-    return scene.model_copy(update={"effects": effects, "reduction": reduction}), sizes
+    return scene.with_entries(effects=effects, reduction=changed), sizes
 
 
 def _free_name(wanted: str, taken: Mapping[str, object]) -> str:

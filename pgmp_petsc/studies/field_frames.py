@@ -27,7 +27,6 @@ import numpy as np
 from scipy.linalg import LinAlgError, eigh
 
 from pgmp_petsc.base.errors import InputError, Remark, note
-from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.effects import start_of
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
@@ -39,7 +38,6 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.body_fields import FieldPoints, Fields, FieldSet, ReducedFields, joined, placed, undeformed
 from pgmp_petsc.outputs.readings import RigidReference
-from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.selection import Assembly, spans_in
 from pgmp_petsc.results.trajectory import BodyField, Frames, ModeShape, Trajectory
@@ -61,7 +59,7 @@ def field_frames(
 
 def fields_over(fields: ReducedFields, eta: np.ndarray, values: Mapping[str, float]) -> Fields:
     """Return the fields for reduced coordinates (n, n_eta), as many instants at once as are best evaluated together."""
-    n = fields.at_once if fields.seen.points else max(1, len(eta))
+    n = fields.seen.at_once if fields.seen.points else max(1, len(eta))
     with np.errstate(all="ignore"):
         return joined([fields.of(eta[first : first + n], values) for first in range(0, len(eta), n)])
 
@@ -217,12 +215,11 @@ def mode_shape(model: ReducedModel, number: int, at: Mapping[str, float]) -> Mod
     frequencies, vectors = _modes(model, theta)
     if not 1 <= number <= frequencies.size:
         raise InputError(f"--mode {number}: the reduced model has modes 1 to {frequencies.size}")
-    scheme, rom = model.scene.interpolation, model.rom
+    rom, tables, free = model.rom, model.rom.tables.moving(), mechanism.free
     poses = model.kinematics.poses(theta[None])
     rigid = rigid_velocities(mechanism, poses[..., 0], model.kinematics.rates(poses)[..., 0])
-    free, v = _free(model), vectors[:, number - 1]
-    shapes = interpolant(rom.tables.samples, rom.projection, scheme)(theta[None])[0]
-    moved = rigid[:, free] @ v[: free.size] + shapes @ v[free.size :]
+    shapes = tables.over(model.scene.interpolation, theta[None])(rom.projection[..., : tables.n_modes])[0]
+    moved = rigid[:, free] @ vectors[: free.size, number - 1] + shapes @ vectors[free.size :, number - 1]
     seen = FieldSet.of(model.scene, mechanism.bodies, 1)
     own = {name: _displacements(field, mechanism.bodies[field.number], moved) for name, field in seen.points.items()}
     d = mechanism.space.dimension
@@ -258,23 +255,11 @@ def _configuration(model: ReducedModel, at: Mapping[str, float]) -> np.ndarray:
     return theta
 
 
-def _free(model: ReducedModel) -> np.ndarray:
-    return np.array([k for k, c in enumerate(model.kinematics.coordinates) if not c.prescribed], dtype=int)
-
-
 def _modes(model: ReducedModel, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies (n,), Hz, rising, and vectors (n_free + n_delta, n) of all modes but the rigid ones."""
-    tables, scheme = model.rom.tables, model.scene.interpolation
-
-    def at_theta(weights: tuple, table: np.ndarray) -> np.ndarray:
-        here = interpolant(tables.samples, table, scheme)(theta[None])[0]
-        return np.einsum("t,tij->ij", evaluate_weights(weights, model.scene.values), here)
-
-    free, r = _free(model), tables.n_coordinates
-    kept = np.concatenate([free, np.arange(r, r + tables.n_modes)])
-    mass = at_theta(tables.mass_weights, tables.mass)[np.ix_(kept, kept)]
-    stiffness = np.zeros_like(mass)
-    stiffness[free.size :, free.size :] = at_theta(tables.stiffness_weights, tables.stiffness)
+    tables, scheme, free = model.rom.tables.moving(), model.scene.interpolation, model.kinematics.mechanism.free
+    matrices = tables.vibrating(model.scene.values, free, tables.over(scheme, theta[None]))
+    mass, stiffness = (matrix[0] for matrix in matrices)
     scale = 1.0 / np.sqrt(np.diag(mass))  # coordinates have units of their own
     try:
         values, vectors = eigh(stiffness * scale * scale[:, None], mass * scale * scale[:, None])

@@ -21,7 +21,6 @@ from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
-from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
@@ -36,11 +35,9 @@ from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import SpringStiffness, VibrationProblem, frequencies_of
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.static_loads import BuiltInStress
-from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.results.trajectory import ModesTable
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.border import own_values
@@ -57,23 +54,14 @@ def reduced_vibrations(
     resists; below zero as in `frequencies_of`.
     """
     tables, kinematics = rom.tables.moving(), springs.kinematics
-    mechanism, r, free = kinematics.mechanism, rom.tables.n_coordinates, springs.free
+    mechanism, free, there = kinematics.mechanism, kinematics.mechanism.free, tables.over(scheme, theta)
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     whole_mass = weighted_sum(matrices.mass, values)
     n_rigid = free.size + tables.unstrained.size - springs.n_resisted(matrices, alone())
-    kept = np.concatenate([free, np.arange(r, r + tables.n_modes)])
-    mass = np.einsum(
-        "t,ntij->nij", evaluate_weights(tables.mass_weights, values),
-        interpolant(tables.samples, tables.mass, scheme)(theta),
-    )[:, kept][:, :, kept]  # fmt: skip
-    stiffness = np.zeros_like(mass)
-    stiffness[:, free.size :, free.size :] = np.einsum(
-        "t,ntij->nij", evaluate_weights(tables.stiffness_weights, values),
-        interpolant(tables.samples, tables.stiffness, scheme)(theta),
-    )  # fmt: skip
+    mass, stiffness = tables.vibrating(values, free, there)
     dofs = np.unique(np.concatenate([np.zeros(0, dtype=int), *springs.dofs]))
-    shapes = interpolant(tables.samples, rom.projection[:, dofs, : tables.n_modes], scheme)(theta)
-    found = np.empty((len(theta), kept.size - n_rigid))
+    shapes = there(rom.projection[:, dofs, : tables.n_modes])
+    found = np.empty((len(theta), mass.shape[1] - n_rigid))
     for number, configuration in enumerate(theta):
         poses = kinematics.poses(configuration)
         rigid = rigid_velocities(mechanism, poses[..., 0], kinematics.rates(poses)[..., 0])[:, free]
@@ -157,7 +145,7 @@ def _tabulated(
     if group.world.rank > 0:
         return None
     with timings.phase("reduced"):
-        reduced = None if rom is None else _reduced(scene, rom, springs, stressed, theta, coordinates)
+        reduced = None if rom is None else _reduced(scene, rom, springs, stressed, theta, mechanism.free)
     full = np.concatenate([rows for rows in arcs if rows is not None])
     remarks = (*scene.remarks, *said, *_unstable(full, theta, coordinates), note(MESH_ERROR))
     return ModesTable(
@@ -175,16 +163,15 @@ def _reduced(
     springs: SpringStiffness | None,
     stressed: bool,
     theta: np.ndarray,
-    coordinates: Sequence[Coordinate],
+    free: np.ndarray,
 ) -> np.ndarray:
     """Return the frequencies of the reduced model at the scene's values, as of the full-order one."""
     rom = rom.at_lengths(scene)
     scheme = scene_from_toml(rom.record.scene_toml, scene.directory).interpolation
     if springs is not None:
         return reduced_vibrations(rom, springs, scheme, scene.values, theta)
-    free = [k for k, coordinate in enumerate(coordinates) if not coordinate.prescribed]
-    given = offset_values(scene, scene.values) if stressed else None
-    return reduced_frequencies(rom.tables.moving(given), scheme, scene.values, theta, free)
+    tables = rom.tables.moving(offset_values(scene, scene.values) if stressed else None)
+    return tables.frequencies_hz(scene.values, free, tables.over(scheme, theta))
 
 
 def springs_of(scene: Scene, kinematics: RigidKinematics) -> tuple[SpringStiffness | None, tuple[Remark, ...]]:
@@ -227,19 +214,6 @@ def _unstable(full_hz: np.ndarray, theta: np.ndarray, coordinates: Sequence[Coor
     lowest = f"lowest {full_hz[worst, 0]:.4g} Hz at {words_of(coordinates, theta[worst], 4)}"
     where = f"at {growing.size} of {len(full_hz)} configurations the mechanism is unstable on its springs"
     yield warning(f"{where}: negative frequencies f are motions that grow as exp(2 pi |f| t); {lowest}")
-
-
-def reduced_frequencies(
-    tables: ReducedTables,
-    scheme: str,
-    values: Mapping[str, float],
-    theta: np.ndarray,
-    free: Sequence[int] | None = None,
-) -> np.ndarray:
-    """Return the frequencies of the reduced model at any configurations (n, n_theta), shape (n, n_modes), Hz; `free`
-    are the coordinates that are not prescribed, all by default."""
-    mass, stiffness = (evaluate_weights(own, values) for own in (tables.mass_weights, tables.stiffness_weights))
-    return tables.frequencies_hz(mass, stiffness, free, lambda table: interpolant(tables.samples, table, scheme)(theta))
 
 
 def _check_same_mechanism(scene: Scene, rom: ReducedOrderModel | None) -> None:

@@ -48,7 +48,8 @@ from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, first_ranks
 from pgmp_petsc.reduced.lagrangian import least_stiffness, load_powers
 from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.estimates import OF_STEP, Balance, EstimatedErrors
-from pgmp_petsc.results.numbers import felt
+from pgmp_petsc.results.numbers import ROUND_OFF as SAME
+from pgmp_petsc.results.numbers import VANISHING, felt
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.border import own_values
@@ -58,7 +59,6 @@ from pgmp_petsc.stepping.generalised_alpha import (
     Run,
     StateRecord,
     Together,
-    count_steps,
     integrate,
     integrate_with_smaller_steps,
 )
@@ -197,11 +197,12 @@ def _full(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
     frames = np.array(recorded["frames"][: len(part.shown)])
     frames = frames.reshape(len(frames), model.kinematics.mechanism.n_nodes, -1 if len(frames) else space.n_pose)
     balance = balance_of(part.time, recorded["energies"])
-    errors, estimated = _step_errors(model, part)
+    rests = _rests(model, part, recorded["coordinates"], frames)
+    errors, estimated = _step_errors(model, part, rests)
     remarks = (
         *why_stopped(model, part.run, ""),
         *steps,
-        *balance_remarks(balance, part.attempt.simulation.step, model.scene.system),
+        *(rests or balance_remarks(balance, part.attempt.simulation.step, model.scene.system)),
         *estimated,
         *why_not_of_full_order(model),
         *started,
@@ -224,12 +225,13 @@ def _coarser(
         return None
     simulation = part.attempt.simulation
     title = f"{model.title} with a coarser step, for the error of the step"
-    with timings.phase("errors"), progress(count_steps(*_span(coarser(model.scene, simulation))), title, comm) as bar:
+    with timings.phase("errors"), progress(coarser(model.scene, simulation).n_steps, title, comm) as bar:
         return run_coarser(model, system, simulation, np.ones(1, dtype=bool), part.run, bar.update)
 
 
-def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None, list[Remark]]:
-    """Return the estimated errors of the step of a full-order or component run, and what is to be said of them."""
+def _step_errors(model: FullModel, part: _Part, rests: Sequence[Remark]) -> tuple[EstimatedErrors | None, list[Remark]]:
+    """Return the estimated errors of the step of a full-order or component run, and what is to be said of them: of a
+    mechanism that `rests`, nothing."""
     other = part.recorded["coarser"]
     if part.run.status[0] != Status.FINE:
         return None, [note("errors of the time step were not estimated: the run stopped before its end")]
@@ -239,7 +241,9 @@ def _step_errors(model: FullModel, part: _Part) -> tuple[EstimatedErrors | None,
     if found is None:
         return None, list(step_remarks(model, part.time, part.outputs, other, found))
     errors = EstimatedErrors(found.time, found.outputs, _largest(model, part.outputs), OF_STEP)
-    large = large_errors(*errors.of_one_run(), model.outputs.units, model.name, model.scene.system)
+    if rests:
+        return errors, []
+    large = large_errors(*errors.of_one_run(), model.outputs.units, model.name, model.scene.system, _length(model))
     return errors, [*large, *step_remarks(model, part.time, part.outputs, other, found)]
 
 
@@ -268,7 +272,8 @@ def _reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
         absent = {name: why for name, (why,) in estimate.absent.items() if why}
         sizes = _largest(model, part.outputs)
         errors = EstimatedErrors(*estimate.histories[0], sizes, absent=absent)
-        remarks += [*steps, *large_errors(*errors.of_one_run(), model.outputs.units, system=model.scene.system)]
+        units, system = model.outputs.units, model.scene.system
+        remarks += [*steps, *large_errors(*errors.of_one_run(), units, system=system, length=_length(model))]
         remarks += [*not_estimated(errors, model.scene), *few_steps(part.time.size - 1), *left_out_of_estimates(model)]
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
@@ -278,9 +283,10 @@ def _reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
         remarks += spread_remarks(part.time, grown)
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
     balance = balance_of(part.time, part.recorded["energies"])
+    rests = _rests(model, part, eta[:, :n_theta], frames)
     described = _described(
         model, part, frames, n_ranks, timings,
-        (*remarks, *balance_remarks(balance, part.attempt.simulation.step, model.scene.system),
+        (*remarks, *(rests or balance_remarks(balance, part.attempt.simulation.step, model.scene.system)),
          *truncated_stresses(model.scene), *left_out_of_fields(fields.seen), *part.recorded["started"],
          *jump_remarks(model, part.recorded["system"], part.recorded["start"], balance.strain),
          *remarks_of(model.scene, found)),
@@ -327,17 +333,13 @@ def _reduced_part(
 
 def _progress(name: str, attempt: Attempt, comm: Comm) -> Progress:
     again = "" if attempt.divisor == 1 else " again with smaller steps"
-    return progress(count_steps(*_span(attempt.simulation)), name + again, comm)
+    return progress(attempt.simulation.n_steps, name + again, comm)
 
 
 def frame_steps(simulation) -> set[int]:
     """Return the steps at which the whole mechanism is stored: evenly spread, first and last among them."""
-    n_steps = count_steps(*_span(simulation))
+    n_steps = simulation.n_steps
     return set(np.unique(np.linspace(0, n_steps, min(simulation.frames, n_steps + 1)).round().astype(int)).tolist())
-
-
-def _span(simulation) -> tuple[float, float]:
-    return simulation.duration, simulation.step
 
 
 def _described(
@@ -366,7 +368,12 @@ def _described(
 
 def _largest(model: FullModel | ReducedModel, outputs: Mapping[str, np.ndarray]) -> dict[str, float]:
     sizes = {name: np.max(np.abs(values)) for name, values in at_the_end(model.scene, outputs).items()}
-    return {name: float(size) for name, size in felt(sizes, model.outputs.units).items()}
+    return {name: float(size) for name, size in felt(sizes, model.outputs.units, _length(model)).items()}
+
+
+def _length(model: FullModel | ReducedModel) -> float:
+    """Return beside which a displacement vanishes that is round-off of places, m."""
+    return SAME / VANISHING * model.kinematics.size
 
 
 LOOK_BACK = 400  # steps before a failure in which its cause is looked for
@@ -459,7 +466,7 @@ class FullRecord(PooledObserver):
             unknowns = self._system.unknowns_over(states)[0]
             for k in wanted:
                 self._unknowns.append(unknowns[:, k : k + 1])
-                if len(self._unknowns) == self._of_fields.at_once:
+                if len(self._unknowns) == self._of_fields.seen.at_once:
                     self._evaluate_fields()
 
     def _evaluate_fields(self) -> None:
@@ -495,6 +502,25 @@ def balance_of(time: np.ndarray, energies: Energies) -> Balance:
         done = np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(time))
         work[name] = work.get(name, 0.0) + np.concatenate([[0.0], done])
     return Balance(energies.kinetic, energies.strain, potential, work)
+
+
+@gathered
+def _rests(
+    model: FullModel | ReducedModel, part: _Part, coordinates: np.ndarray, frames: np.ndarray
+) -> Iterator[Remark]:
+    """Return that the mechanism rests, where all that changes over a run that reached its end is round-off of places:
+    of coordinates (n_t, n_theta), and of frames (n_frames, n_nodes, n_pose) of two instants or more."""
+    if part.run.status[0] != Status.FINE or len(frames) < 2:
+        return
+    space, size = model.kinematics.mechanism.space, model.kinematics.size
+    own = [1.0 if coordinate.unit == "rad" else size for coordinate in model.kinematics.coordinates]
+    moved = np.ptp(frames, axis=0)
+    moved[:, : space.dimension] /= size
+    if max(np.max(np.ptp(coordinates, axis=0) / own, initial=0.0), moved.max()) <= SAME:
+        yield note(
+            "the mechanism rests: nothing of it moves by more than round-off over the run, of which are all changes of "
+            "outputs and energies"
+        )
 
 
 @gathered

@@ -14,7 +14,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import ModesTable, Trajectory
 from pgmp_petsc.results.tradeoff import Tradeoff
 
-QUICK = overridden("reduction.modes=3", "simulation.duration=0.02")
+QUICK = overridden("reduction.modes=3", "simulation.duration=0.02", "simulation.frames=6")
 
 
 def test_a_run_and_its_picture(tmp_path: Path, undrawn: None) -> None:

@@ -48,7 +48,7 @@ def test_a_run_is_that_of_the_scene(case: str, tmp_path: Path) -> None:
     """To the last bit, with its energies and estimates; places of frames and fields to round-off, as what
     LAPACK finds of a loop hangs on where numbers lie in memory."""
     name, *changes = CASES[case]
-    source, changes = SCENES / f"{name}.toml", ("simulation.duration=6e-3", *changes)
+    source, changes = SCENES / f"{name}.toml", ("simulation.duration=6e-3", "simulation.frames=4", *changes)
     model = interface.build(source, components=True, overrides=changes, output=tmp_path / "model.h5")
     runs = {
         "file": interface.simulate(tmp_path / "model.h5", output=tmp_path / "file.h5"),

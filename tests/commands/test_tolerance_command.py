@@ -68,7 +68,7 @@ def test_what_was_chosen_is_said_and_kept(tmp_path: Path) -> None:
     """A build says it, `info` shows the attempts, a run takes the chosen step or another for a tolerance of its own."""
     rom, run = tmp_path / "rom.h5", tmp_path / "run.h5"
     given = f"reduction={{tolerance=1e-2, {PLAIN}}}"
-    asked = overridden(given, "simulation={tolerance=1e-2, duration=0.1}", RIGID)
+    asked = overridden(given, "simulation={tolerance=1e-2, duration=0.1, frames=3}", RIGID)
     said = pgmp("build", PAPER_SCENE, "-o", rom, *asked).stdout
     assert "reference: the mesh" in said
     for words in (
@@ -81,7 +81,7 @@ def test_what_was_chosen_is_said_and_kept(tmp_path: Path) -> None:
     for words in ("  basis, allowed 0.005", "  step, allowed 0.005", "modes = 4, static_modes = true, inertia_modes"):
         assert words in told, told
     assert "reduced model, 65 steps to 0.1 s" in pgmp("simulate", rom, "-o", run).stdout
-    again = pgmp("simulate", rom, "-o", run, *overridden("simulation={tolerance=1e-3, duration=0.1}")).stdout
+    again = pgmp("simulate", rom, "-o", run, *overridden("simulation={tolerance=1e-3, duration=0.1, frames=3}")).stdout
     assert "simulation.tolerance = 0.001: simulation.step = " in again
     too_long = overridden("simulation={tolerance=1e-4, duration=0.1, step=4e-3}")
     refused = pgmp("simulate", rom, "-o", run, *too_long, status=2)

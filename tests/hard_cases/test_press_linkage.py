@@ -92,7 +92,7 @@ def stopped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of the run of second order with coordinates that stretch bodies, which stops."""
     folder = tmp_path_factory.mktemp("press")
     rom_of(scene_of(*DYNAMIC)).write(folder / "rom.h5")
-    pgmp("simulate", folder / "rom.h5", "-o", folder / "run.h5", status=1)
+    pgmp("simulate", folder / "rom.h5", "-o", folder / "run.h5", *overridden("simulation.frames=40"), status=1)
     return folder / "run.h5"
 
 

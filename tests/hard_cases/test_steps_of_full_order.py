@@ -71,7 +71,8 @@ def test_the_estimate_can_be_left_out() -> None:
 @pytest.mark.usefixtures("undrawn")
 def test_file_terminal_and_report_have_it(tmp_path: Path) -> None:
     path, page = tmp_path / "run.h5", tmp_path / "page.html"
-    made = ("simulate", SLIDER_CRANK, "--full", "-o", path, "--override", "simulation.duration=0.2")
+    short = overridden("simulation.duration=0.2", "simulation.frames=3")
+    made = ("simulate", SLIDER_CRANK, "--full", "-o", path, *short)
     for command in (made, ("info", path)):
         assert "estimated errors over the run, of the time step" in pgmp(*command).stdout
     errors = Trajectory.read(path).errors
@@ -90,7 +91,7 @@ def test_file_terminal_and_report_have_it(tmp_path: Path) -> None:
 )
 def test_a_tolerance_is_met(model: str, scene: str, outputs: tuple[str, ...], tmp_path: Path) -> None:
     """Of the step that `simulation.tolerance` chooses, against a sixteenth of the scene's own step."""
-    tolerance, short = 1e-3, "simulation.duration=0.15"
+    tolerance, short = 1e-3, ("simulation.duration=0.15", "simulation.frames=2")
     source = tmp_path / f"{scene}.toml"
     text = (ROOT / "scenes" / f"{scene}.toml").read_text().replace('"../', f'"{ROOT}/')
     own = float(re.search(r"^step = (\S+)", text, re.MULTILINE)[1])
@@ -98,11 +99,11 @@ def test_a_tolerance_is_met(model: str, scene: str, outputs: tuple[str, ...], tm
 
     def outputs_of(*overrides: str) -> Trajectory:
         path = tmp_path / f"{len(overrides)}.h5"
-        pgmp("simulate", source, model, "-o", path, *overridden(short, *overrides))
+        pgmp("simulate", source, model, "-o", path, *overridden(*short, *overrides))
         return Trajectory.read(path)
 
     found = outputs_of(f"simulation.tolerance={tolerance}")
-    fine = outputs_of(f"simulation.step={own / 16!r}", "simulation.error_indicator=false", "simulation.frames=2")
+    fine = outputs_of(f"simulation.step={own / 16!r}", "simulation.error_indicator=false")
     for name in outputs:
         values = fine.outputs[name]
         true = np.abs(found.outputs[name] - np.interp(found.time, fine.time, values)).max()

@@ -25,7 +25,6 @@ from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import write_xdmf
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.field_frames import fields_at, mode_shape
-from pgmp_petsc.studies.modes_table import reduced_frequencies
 from scenes import HEADER, slider_crank, tables
 
 LENGTH, HEIGHT, WIDTH, ARM, FORCE, YOUNG = 1.0, 0.1, 0.01, 0.2, 100.0, 210e9
@@ -174,7 +173,7 @@ def test_a_mode_is_the_derivative_of_the_motion(kind: str) -> None:
     theta = np.array([0.7])
     shape = mode_shape(model, 2, {"theta": 0.7})
     scheme = model.scene.interpolation
-    expected = reduced_frequencies(model.rom.tables, scheme, model.scene.values, theta[:, None])[0]
+    expected = model.rom.tables.frequencies_hz(model.scene.values, at=model.rom.tables.over(scheme, theta[:, None]))[0]
     assert shape.frequency_hz == pytest.approx(expected[1], rel=1e-9)
     assert (shape.number, shape.configuration) == (2, "theta = 0.7 rad")
     moved = {name: own.deformation[0] for name, own in shape.fields.items()}

@@ -498,7 +498,8 @@ def test_the_history_of_siconos_up_to_the_second_impact():
 
 
 @pytest.mark.parametrize(("restitution", "damping", "most", "mean", "speed"), [
-    (0.05, "hunt_crossley", 0.04, 0.015, 2.5), (0.4, "hysteresis", 0.15, 0.04, 5.0),
+    (0.05, "hunt_crossley", 0.04, 0.015, 2.5),
+    pytest.param(0.4, "hysteresis", 0.15, 0.04, 5.0, marks=pytest.mark.thorough),
     pytest.param(0.4, "hunt_crossley", 0.8, 0.2, 5.0, marks=pytest.mark.thorough),
 ])  # fmt: skip
 def test_histories_of_moreaus_rule_over_revolutions(restitution, damping, most, mean, speed):

@@ -652,7 +652,7 @@ def test_derivatives_by_stiffness_and_damping_are_central_differences(kind: str)
 def test_a_ratio_is_that_of_the_run_and_not_of_samples() -> None:
     alike = (
         "joints.mesh.elastic={stiffness=3e3,damping=1.0}", "simulation.duration=0.05",
-        "coordinates.phi.periodic=false", "coordinates.phi.range=[-1.0,1.0]",
+        "coordinates.phi.periodic=false", "coordinates.phi.range=[-1.0,1.0]", "reduction.angles=24",
     )  # fmt: skip
     any_ratio = "parameters.r={nominal=-1.0,bounds=[-1.2,-0.8]}", 'joints.mesh.ratio="r"'
     scene = scene_from_toml(GEARED, ".", (*alike, *any_ratio), ("r=-0.9",))

@@ -27,7 +27,7 @@ from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene
 from scenes import tables
 
-pytestmark = [exported.needs_compiler, pytest.mark.usefixtures("short_tables")]
+pytestmark = [exported.needs_compiler, pytest.mark.usefixtures("short_tables", "quickly_compiled")]
 # a rigid crank on a rocker that bends: arms, limited ranges, mass-proportional damping, harmonics, a table with jumps,
 # all laws but stops, and all outputs
 KINDS = QUICK_RETURN.replace('element = "beam2d"', 'element = "beam2d"\nflexible = false', 1).replace(
@@ -349,14 +349,14 @@ TREES = {
     ),
     "scara": ("simulation.duration=0.1",),
     "payload_arm": (
-        "simulation.duration=0.03", *forces_in("shoulder_gearbox", joint_torque=("y",)),
+        "simulation.duration=0.01", *forces_in("shoulder_gearbox", joint_torque=("y",)),
         *forces_in("wrist_roll", joint_force=("magnitude",), joint_torque=("z",)),
     ),
     "palletizer": (
         "simulation.duration=0.05", 'outputs.torque={type="drive_torque", coordinate="drive"}',
         *forces_in("cross", joint_force=("x",)), *forces_in("elbow", joint_force=("y",)),
     ),
-    "delta_robot": ("simulation.duration=0.05", "simulation.spectral_radius=1.0"),  # steps end with a projection
+    "delta_robot": ("simulation.duration=0.02", "simulation.spectral_radius=1.0"),  # steps end with a projection
     "servo_arm": ("simulation.duration=0.101", 'outputs.held={type="control_force", controller="servo"}'),
     "machine_on_mounts": ("simulation.duration=0.1", "simulation.spectral_radius=1.0"),
     "crank_press": ("simulation.duration=0.1",),

@@ -13,7 +13,6 @@ from runs import history, reduced_model, rom_of, samples
 from two_coordinates import double_pendulum, five_bar, over
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.body_frames import linear_motion, rigid_velocities
 from pgmp_petsc.models import ReducedModel
@@ -25,7 +24,7 @@ from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies.modes_table import reduced_frequencies, tabulate_modes
+from pgmp_petsc.studies.modes_table import tabulate_modes
 from scenes import RADIUS, kinematics_of, mechanism_of, meshes_of, slider_crank
 
 # one number of angles for all coordinates is what the scene's schema knows; the build takes one for each
@@ -86,7 +85,7 @@ def test_the_order_of_interpolation_over_both_coordinates() -> None:
         if not errors:
             wanted = elsewhere(rom.tables.samples)
             exact = exact_hz(scene, scene.nominal, 4, wanted)
-        found = reduced_frequencies(rom.tables, "spline", scene.nominal, wanted)
+        found = rom.tables.frequencies_hz(scene.nominal, at=rom.tables.over("spline", wanted))
         errors.append(np.abs(found / exact - 1).max())
     # cubic splines: fourth order
     assert np.log2(errors[0] / errors[2]) / 2 > 3.7 and errors[-1] < 2e-5
@@ -102,7 +101,9 @@ def test_adaptive_sampling_adds_angles_along_the_coordinate_that_needs_them() ->
         wanted = elsewhere(rom.tables.samples)
         exact = exact_hz(scene, scene.nominal, 4, wanted)
         shapes.append(rom.tables.samples.shape)
-        errors.append(np.abs(reduced_frequencies(rom.tables, "spline", scene.nominal, wanted) / exact - 1).max())
+        errors.append(
+            np.abs(rom.tables.frequencies_hz(scene.nominal, at=rom.tables.over("spline", wanted)) / exact - 1).max()
+        )
         assert errors[-1] < tolerance
     assert {shape[0] for shape in shapes} == {7} and shapes[0][1] < shapes[1][1] < shapes[2][1]
     with pytest.raises(RunError, match=r"with 49 configurations the tables still differ by .* near theta2 = .*; raise"):
@@ -143,8 +144,7 @@ def test_a_prescribed_coordinate_stays_in_the_tables() -> None:
     assert coupling[:, 0].max() > 0.1 and coupling[:, 1].max() < 1e-9
     hinge = mechanism_of(scene).attachment("upper:hinge", "test").node
     np.testing.assert_allclose(rom.projection[:, 3 * hinge + 2], 0.0, rtol=0, atol=1e-12)
-    weights = (evaluate_weights(tables.mass_weights, {}), evaluate_weights(tables.stiffness_weights, {}))
-    found = tables.frequencies_hz(*weights, free=[1])
+    found = tables.frequencies_hz({}, free=[1])
     np.testing.assert_allclose(found[:, :3], rom.frequencies_hz, rtol=1e-6)
 
 
@@ -169,9 +169,7 @@ def test_modes_at_other_parameters_extend_a_basis_over_two_coordinates() -> None
         scene = double_pendulum(*uncertain, *more)
         rom = rom_of(scene)
         exact = exact_hz(scene, values, 5, rom.tables.samples.theta[:8])
-        tables = rom.tables
-        weights = (evaluate_weights(tables.mass_weights, values), evaluate_weights(tables.stiffness_weights, values))
-        errors.append(np.abs(tables.frequencies_hz(*weights)[:8, :5] / exact - 1).max())
+        errors.append(np.abs(rom.tables.frequencies_hz(values)[:8, :5] / exact - 1).max())
     assert rom.n_parameter == 1 and errors[1] < 0.3 * errors[0]
 
 
@@ -263,7 +261,7 @@ def test_tables_meet_the_tolerance_at_angles_that_took_no_part() -> None:
         exact = np.array([problem.solve(theta).frequencies_hz for theta in elsewhere])
     for tolerance in (1e-1, 1e-2, 1e-3):
         rom = adaptive(tolerance)
-        found = reduced_frequencies(rom.tables, "spline", {"r1": RADIUS}, elsewhere[:, None])
+        found = rom.tables.frequencies_hz({"r1": RADIUS}, at=rom.tables.over("spline", elsewhere[:, None]))
         counts.append(rom.tables.samples.n)
         errors.append(np.max(np.abs(found / exact - 1)))
         # an eigenvalue is the square of a frequency, and the tables' entries add up; the check is at middles only

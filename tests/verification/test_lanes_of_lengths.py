@@ -12,7 +12,6 @@ from mpi4py import MPI
 from runs import full_model, history, reduced_model, rom_of, samples
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.design.fitting import fit
 from pgmp_petsc.design.measured_history import MeasuredHistory
 from pgmp_petsc.ensemble.integration import run_batch
@@ -218,11 +217,7 @@ def held_out_rom(scene: Scene) -> ReducedOrderModel:
 
 def frequencies(held_out_rom: ReducedOrderModel, values: Mapping[str, float]) -> np.ndarray:
     """Return the reduced frequencies of the modes that the basis was asked for."""
-    weights = (
-        evaluate_weights(own, values)
-        for own in (held_out_rom.tables.mass_weights, held_out_rom.tables.stiffness_weights)
-    )
-    return held_out_rom.tables.frequencies_hz(*weights)[:, : held_out_rom.frequencies_hz.shape[1]]
+    return held_out_rom.tables.frequencies_hz(values)[:, : held_out_rom.frequencies_hz.shape[1]]
 
 
 def off_by(found: dict[str, np.ndarray], exact: dict[str, np.ndarray], sample: int = 0) -> dict[str, float]:

@@ -43,6 +43,7 @@ from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.effect_sizes import estimate_effects
+from pgmp_petsc.studies.field_frames import mode_shape
 from pgmp_petsc.studies.modes_table import tabulate_modes
 from pgmp_petsc.studies.simulate import simulate
 from scenes import meshes_of
@@ -87,6 +88,11 @@ def test_section_forces_of_a_clamped_beam_are_those_of_the_closed_form() -> None
     # elements of first order: 1e-3 with 32 of them; the moment in the middle of the first one, 1 - 1 / 32
     assert abs(found["shear_force"]) == pytest.approx(force, rel=2e-3)
     assert abs(found["bending_moment"]) == pytest.approx(0.5 * force * LENGTH, rel=0.035)
+
+
+def test_modes_to_see_are_of_what_is_free_to_move() -> None:
+    model = reduced_model(clamped_beam(offset("right", place=[0.0, 1e-5], turn=[2e-5])))
+    assert mode_shape(model, 1, {}).frequency_hz == pytest.approx(model.rom.frequencies_hz[0, 0], rel=1e-9)
 
 
 @pytest.mark.parametrize("off", [offset("C", turn=[TILT, 0.0, 0.0]), offset("C", place=[0.0, 0.0, 2e-3])])
@@ -379,6 +385,7 @@ def test_an_offset_is_recovered_from_a_full_order_history() -> None:
     assert found.estimate == pytest.approx(-5e-4, rel=1e-3)
 
 
+@pytest.mark.usefixtures("quickly_compiled")
 def test_models_in_c_and_units(tmp_path: Path) -> None:
     """Other offsets too, which are constants of a state, and no states of model exchange."""
     model = reduced_model(spatial_four_bar(*CROOKED, *RUNS["over a stop"]))

@@ -194,7 +194,7 @@ def moving(*overrides: str, space: bool = False) -> Scene:
 class Supported:
     """The beam in n sine shapes, with shear and rotary inertia to their first order, and the trolley."""
 
-    n: int = 14
+    n: int = 9
 
     @cached_property
     def wave(self) -> np.ndarray:

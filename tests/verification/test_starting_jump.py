@@ -167,6 +167,21 @@ def test_energies_in_balance_and_the_round_off_of_what_rests_are_not() -> None:
     assert not balance_remarks(balance(0.0, stored=1e10), 1e-3)
 
 
+@pytest.mark.parametrize("model", MODELS)
+def test_a_mechanism_that_rests_is_said_to_rest(model: str) -> None:
+    """Its energies, of 1e-24 J, and its bending were far out of balance and wrong by a third."""
+    bent = '[outputs.bent]\ntype = "deformation"\npoint = "arm:tip"\naxis = "y"\n'
+    still = ("effects.motor.table=[[0.0, 0.0], [1.0, 0.0]]", "simulation.initial.theta.position=0.4")
+    run = trajectory(model, scene_from_toml(ARM + bent, ".", still))
+    assert run.balance.exchanged < 1e-20 and run.errors.largest["bent"] == 0.0
+    found = [remark.text for remark in run.record.remarks]
+    assert sum("the mechanism rests" in text for text in found) == 1
+    assert not [text for text in found if "balance" in text or "large" in text or "vibration" in text], found
+    # what moves by nanometres moves
+    moving = trajectory(model, scene_from_toml(ARM + bent, ".", ("effects.motor.table=[[0.0, 0.0], [1.0, 1e-6]]",)))
+    assert not [remark for remark in moving.record.remarks if "rests" in remark.text]
+
+
 def vibration(loss: float, *, steps: int, turns: int = 100) -> Balance:
     """Return a free vibration of 1 J with so many steps a turn, in all of which together a share of it is lost."""
     time = np.linspace(0.0, float(turns), turns * steps + 1)

@@ -20,7 +20,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.scene.numerics import Simulation, count_steps
+from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.uses import length_names
 from scenes import RADIUS, meshes_of
@@ -65,7 +65,7 @@ class Chosen:
             Steps of the full-order model, likewise.
         """
         scene, values = self.under(table), {"r1": SHARES * RADIUS}
-        n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
+        n_steps = scene.simulation.n_steps
         full = full_model(scene, self.choice.rom.meshes)
         if (table, smaller) not in self.exact:
             self.exact[table, smaller] = run_history(full, values, SHARES.size, smaller * n_steps)
@@ -181,7 +181,7 @@ def errors(kind: str, table: tuple | None, finer: int, smaller: int) -> np.ndarr
     if table is not None:
         effects = dict(chosen.effects) | {"x": chosen.effects["x"].model_copy(update={"table": table})}
         chosen = chosen.model_copy(update={"effects": effects})
-    n = count_steps(chosen.simulation.duration, chosen.simulation.step)
+    n = chosen.simulation.n_steps
     values = {name: HELD_OUT[name] for name in chosen.parameters}
     full = full_model(chosen, meshes_for(chosen))
     exact = run_history(full, values, 2, smaller * n)
