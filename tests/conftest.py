@@ -236,6 +236,16 @@ def short_tables(coarse: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tables, "N_FINE_OF_MORE", 12)
 
 
+@pytest.fixture(scope="module")
+def quickly_compiled() -> Iterator[None]:
+    """Compile FMUs without optimisation, which changes round-off alone."""
+    from pgmp_petsc.c_export import fmu
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fmu, "OPTIONS", ("-O0", *(option for option in fmu.OPTIONS if option != "-O2")))
+        yield
+
+
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make pictures as they are, and write empty ones: to draw one takes half a second."""

@@ -172,6 +172,11 @@ def samples(scene: Scene, n: int, **given: object) -> dict[str, np.ndarray]:
     return {name: np.broadcast_to(given.get(name, value), (n,)).astype(float) for name, value in scene.values.items()}
 
 
+def with_step(scene: Scene, step: float) -> Scene:
+    """Return the scene with another time step."""
+    return scene.model_copy(update={"simulation": scene.simulation.model_copy(update={"step": step})})
+
+
 def run_model(
     model: Model, n: int = 1, values: Mapping[str, np.ndarray] | None = None, alive: np.ndarray | None = None
 ) -> tuple[SecondOrderSystem, Run]:

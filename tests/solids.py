@@ -50,7 +50,7 @@ def box_mesh(kind: str, counts: tuple[int, int, int], lengths: tuple[float, floa
 
 def mesh_of(kind: str, counts: Sequence[int], lengths: Sequence[float]) -> SolidMesh:
     """Return a rectangle or a box, by the kind of its cells; entries beyond its dimension are not used."""
-    d = reference_element(kind).dimension
+    d = dimension_of(kind)
     return (rectangle_mesh if d == 2 else box_mesh)(kind, tuple(counts[:d]), tuple(lengths[:d]))
 
 
@@ -71,7 +71,7 @@ def rod(kind: str, two_materials: bool = False) -> tuple[Solid, dict[str, FaceFr
 
     With two materials the half on the left has a parameter E as its Young's modulus; the other half is of aluminium.
     """
-    mesh = mesh_of(kind, (12, 2, 2) if reference_element(kind).dimension == 2 else (8, 2, 2), (0.6, 0.06, 0.04))
+    mesh = mesh_of(kind, (12, 2, 2) if dimension_of(kind) == 2 else (8, 2, 2), (0.6, 0.06, 0.04))
     face_kind = reference_element(kind).face_kind
     frames = {name: FaceFrame.of(mesh.nodes, mesh.groups[name], face_kind) for name in ("left", "right")}
     if not two_materials:
@@ -100,6 +100,10 @@ def straightened(mesh: SolidMesh) -> SolidMesh:
     weights, nodes = corner_weights(mesh.kind), mesh.nodes.copy()
     nodes[mesh.cells] = np.einsum("ac,eci->eai", weights, mesh.nodes[mesh.cells[:, : weights.shape[1]]])
     return replace(mesh, nodes=nodes)
+
+
+def dimension_of(kind: str) -> int:
+    return reference_element(kind).dimension
 
 
 def rule_of(kind: str, degree: int) -> Quadrature:

@@ -22,11 +22,11 @@ from pgmp_petsc.bench.tradeoff import (
     settings_around,
     tasks_of,
 )
-from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Reduction, count_steps
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.stepping.status import Status
-from scenes import SLIDER_CRANK
+from scenes import slider_crank as scene
 
 LIMITS = Limits(n_modes=28, n_static=1, n_terms=3)
 
@@ -162,10 +162,6 @@ def test_every_setting_is_in_one_task_and_long_ones_come_first() -> None:
 NORMAL = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}'
 DENSITY = 'parameters.rho={nominal=7800.0, distribution={name="uniform", loc=7700.0, scale=200.0}}'
 LAW = stats.norm(5.6e-3, 0.56e-3)
-
-
-def scene(*overrides: str) -> Scene:
-    return scene_from_toml(SLIDER_CRANK, ".", overrides)
 
 
 def test_without_distributions_there_is_the_value_of_the_run() -> None:

@@ -4,7 +4,7 @@ import compiled_elements
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from solids import jacobian_determinants, rule_of
+from solids import dimension_of, jacobian_determinants, rule_of
 
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
@@ -17,10 +17,6 @@ EDGES = np.array([[0.9, 0.2, -0.1], [-0.3, 0.7, 0.2], [0.1, -0.2, 0.8]])  # to w
 # The energy is a polynomial of the fourth degree in the places, so the fourth-order difference has no error but
 # round-off, whatever the step: 1e-16 over the step.
 STEP = 0.1
-
-
-def dimension_of(kind: str) -> int:
-    return reference_element(kind).dimension
 
 
 def lame_of(kind: str) -> Lame:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from refusals import refusal
-from runs import PAPER_SCENE, SMALL, full_model, in_turn, overridden, paper_scene, pgmp, refused, rom_of
+from runs import PAPER_SCENE, SMALL, full_model, in_turn, overridden, paper_scene, pgmp, refused, rom_of, with_step
 
 from pgmp_petsc.api.ensembles import Correction, better_models, exit_status, in_order
 from pgmp_petsc.api.sources import Origin
@@ -90,8 +90,7 @@ def test_better_models_have_the_same_draws(together: tuple[Ensemble, str], scene
     values = draw(scene, SEED, 0, K)
     for name, divisor in (("full", 1), ("full/2", 2)):
         step = scene.simulation.step / divisor
-        simulation = scene.simulation.model_copy(update={"step": step})
-        full = full_model(scene.model_copy(update={"simulation": simulation}))
+        full = full_model(with_step(scene, step))
         batch = run_batch(full, values)
         assert len(found.status[name]) == (K if divisor == 2 else 2 * K)
         for output, expected in batch.outputs.items():
@@ -120,8 +119,7 @@ def test_corrected_figures_are_those_of_their_samples(together: tuple[Ensemble, 
 def test_the_interval_has_the_mean_of_the_better_model(together: tuple[Ensemble, str], scene: Scene) -> None:
     """Of all N draws in the full-order model, with which sampling has nothing to do: what is left is the bias."""
     ensemble, _ = together
-    simulation = scene.simulation.model_copy(update={"step": 0.5 * scene.simulation.step})
-    exact = run_batch(full_model(scene.model_copy(update={"simulation": simulation})), draw(scene, SEED, 0, N))
+    exact = run_batch(full_model(with_step(scene, 0.5 * scene.simulation.step)), draw(scene, SEED, 0, N))
     for name, values in exact.outputs.items():
         one = ensemble.joined.corrected[name]
         bias = ensemble.outputs[name].mean() - values.mean()
@@ -314,7 +312,7 @@ def test_failed_samples_are_tried_further(folder: Path, monkeypatch: pytest.Monk
     with pytest.raises(InputError, match="all of its 50 samples are fine; nothing is left to do"):
         again.write(folder / "again.h5")
         read_earlier(folder / "again.h5", model)
-    other = ReducedModel(long.model_copy(update={"simulation": long.simulation.model_copy(update={"step": 0.01})}),
+    other = ReducedModel(with_step(long, 0.01),
                          rom_of(long))  # fmt: skip
     with pytest.raises(InputError, match=r"simulation\.step is not that of the file"):
         read_earlier(path, other)

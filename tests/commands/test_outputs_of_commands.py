@@ -129,6 +129,7 @@ def test_pictures_of_somebody_else_are_not_overwritten(folder: Path, undrawn: No
         pgmp("export", folder / "trajectory.h5", "-o", folder / "run.xdmf")
 
 
+@pytest.mark.usefixtures("quickly_compiled")
 def test_models_for_other_programs(folder: Path) -> None:
     twice = 2 * [("model/", "--override", "simulation.step=5e-4"), ("model.fmu",)]
     said = "".join(pgmp("export", folder / "rom.h5", "-o", folder / name, *given).stdout for name, *given in twice)

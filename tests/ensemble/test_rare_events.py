@@ -46,12 +46,12 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_a_probability_of_1e_4_is_known_within_20_percent_from_5000_samples(case: str) -> None:
     d, limit_state, exact = CASES[case]
-    found = [rare_events.find(limit_state, d, 5000, seed) for seed in range(5)]
+    found = [rare_events.find(limit_state, d, 5000, seed) for seed in range(3)]
     estimates = np.array([one.probability for one in found]) / exact
     assert all(one.limit_state.size <= 5000 for one in found)
     assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.2
     held = sum(one.interval(0.95)[0] <= exact <= one.interval(0.95)[1] for one in found)
-    assert held >= binom(5, 0.95).ppf(1e-4)
+    assert held >= binom(3, 0.95).ppf(1e-4)
 
 
 def both_sides(u: np.ndarray) -> np.ndarray:
@@ -59,19 +59,19 @@ def both_sides(u: np.ndarray) -> np.ndarray:
 
 
 def test_the_estimated_variation_is_that_of_repeated_runs() -> None:
-    found = [rare_events.find(both_sides, 2, 1000, seed) for seed in range(30)]
+    found = [rare_events.find(both_sides, 2, 1000, seed) for seed in range(20)]
     np.testing.assert_array_equal(found[3].points, rare_events.find(both_sides, 2, 1000, 3).points)
     assert found[3].probability != found[4].probability
     np.testing.assert_allclose(found[0].design.beta, norm.isf(0.5e-3), rtol=1e-3)
     assert sorted(np.sign(found[0].design.points[:, 0])) == [-1.0, 1.0]
     spread = np.std([one.probability for one in found], ddof=1) / ONE_IN_A_THOUSAND
-    # the deviation of 30 values is known to 13 %, three times that
-    assert np.sqrt(np.mean([one.variation**2 for one in found])) == pytest.approx(spread, rel=0.39)
+    # the deviation of 20 values is known to 16 %, three times that
+    assert np.sqrt(np.mean([one.variation**2 for one in found])) == pytest.approx(spread, rel=0.49)
     mean = np.mean([one.probability for one in found])
-    assert mean == pytest.approx(ONE_IN_A_THOUSAND, rel=3 * spread / np.sqrt(30))
+    assert mean == pytest.approx(ONE_IN_A_THOUSAND, rel=3 * spread / np.sqrt(20))
     ends = np.array([one.interval(0.95) for one in found])
     held = np.sum((ends[:, 0] <= ONE_IN_A_THOUSAND) & (ONE_IN_A_THOUSAND <= ends[:, 1]))
-    assert held >= binom(30, 0.95).ppf(1e-4)
+    assert held >= binom(20, 0.95).ppf(1e-4)
 
 
 def test_rounds_but_the_first_make_the_probability() -> None:

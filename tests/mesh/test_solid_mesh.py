@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from refusals import cases
-from solids import SIDES, box_mesh, grid, jacobian_determinants, rectangle_mesh
+from solids import SIDES, box_mesh, dimension_of, grid, jacobian_determinants, rectangle_mesh
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mesh import LineMesh, SolidMesh
@@ -32,10 +32,6 @@ COUNTS, LENGTHS = (4, 3, 2), (2.0, 1.5, 0.5)
 TETRA = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 SQUARES = [[x, y, 0.0] for y in (0.0, 1.0) for x in (0.0, 1.0, 2.0)]  # two unit squares side by side
 TWO_QUADS = [[0, 1, 4, 3], [1, 2, 5, 4]]
-
-
-def dimension_of(kind: str) -> int:
-    return reference_element(kind).dimension
 
 
 def small_grid(kind: str) -> meshio.Mesh:

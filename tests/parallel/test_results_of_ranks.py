@@ -66,10 +66,10 @@ STARTS = {
         "loaded": ("modes", EFFECTS, *PLANE, *overridden("reduction.preload=true"), *TABLE),
         "space": ("modes", SPACE, *IN_SPACE, *TABLE),
         "geared": ("modes", GEARED, *MESH, *TABLE),
-        "run": ("simulate", GEARED, "--full", *MESH, *overridden("simulation.duration=0.05")),
+        "run": ("simulate", GEARED, "--full", *MESH, *overridden("simulation.duration=0.02")),
     },
     "run in space": {
-        "full": ("simulate", SPACE, "--full", *overridden("simulation.duration=0.02", "simulation.step=1e-3")),
+        "full": ("simulate", SPACE, "--full", *overridden("simulation.duration=0.01", "simulation.step=1e-3")),
     },
     "model in space": {"rom": ("build", SPACE, *overridden("reduction.angles=8"), "--ranks-per-angle", RANKS)},
     "solids": {"full": ("simulate", SPATIAL_SOLIDS, "--full", *SUDDEN)},

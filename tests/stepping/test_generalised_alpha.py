@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.linalg
+from alike import assert_order, orders
 from mpi4py import MPI
 
 from pgmp_petsc.base.errors import InputError, RunError
@@ -191,11 +192,6 @@ def test_the_extremes_are_known_schemes() -> None:
     assert (annihilating.alpha_m, annihilating.alpha_f, annihilating.beta, annihilating.gamma) == (-1, 0, 1, 1.5)
 
 
-def orders(errors: list[np.ndarray]) -> np.ndarray:
-    """Return the observed orders between halved steps, one row a pair of neighbours."""
-    return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
-
-
 @pytest.mark.parametrize("radius", RADII[1:])
 def test_second_order_on_a_linear_oscillator(radius: float) -> None:
     errors = []
@@ -204,7 +200,7 @@ def test_second_order_on_a_linear_oscillator(radius: float) -> None:
         state = run(system, radius, 1.0 / n_steps).state
         found = zip((state.q, state.v, state.a), exact(system, 1.0))
         errors.append([np.abs(one - other).max() for one, other in found])
-    assert np.all(np.abs(orders(errors) - 2.0) < 0.15), orders(errors)
+    assert_order(errors, within=0.15)
 
 
 @pytest.mark.parametrize("radius", RADII[1:])

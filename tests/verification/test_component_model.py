@@ -16,6 +16,7 @@ from runs import (
     paper_scene,
     samples,
     trajectory,
+    with_step,
 )
 from solid_scenes import GRAVITY, solid_meshes, solid_slider_crank
 from spatial_beams import slider_crank_of_beams
@@ -199,8 +200,7 @@ def test_the_order_of_the_integration_is_two() -> None:
     start, run = "simulation.initial={theta={velocity=10.0}}", "simulation={duration=1e-3, step=2e-6}"
     model, runs = models(beams, "effects={}", run, start)[1], []
     for step in (2e-6, 1e-6, 5e-7):
-        simulation = model.scene.simulation.model_copy(update={"step": step})
-        scene = model.scene.model_copy(update={"simulation": simulation})
+        scene = with_step(model.scene, step)
         runs.append(history(model.with_loads(scene), samples(scene, 1), 1)[1]["slider_position"][-1, 0])
     assert np.log2((runs[0] - runs[1]) / (runs[1] - runs[2])) == pytest.approx(2.0, abs=0.1)
 

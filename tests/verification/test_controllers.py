@@ -440,7 +440,7 @@ def test_forces_in_joints_under_control(entries: tuple[str, ...], monkeypatch: p
 
 
 @needs_compiler
-@pytest.mark.usefixtures("short_tables")
+@pytest.mark.usefixtures("short_tables", "quickly_compiled")
 def test_units_for_others(tmp_path: Path) -> None:
     """FMUs take a gain, and model exchange, whose integrator does not know the states, is refused."""
     scene = cart(*ARM, *SAMPLED, "simulation.duration=0.05", "reduction.angles=6")

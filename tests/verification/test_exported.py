@@ -27,7 +27,7 @@ from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene
 from scenes import tables
 
-pytestmark = [exported.needs_compiler, pytest.mark.usefixtures("short_tables")]
+pytestmark = [exported.needs_compiler, pytest.mark.usefixtures("short_tables", "quickly_compiled")]
 # a rigid crank on a rocker that bends: arms, limited ranges, mass-proportional damping, harmonics, a table with jumps,
 # all laws but stops, and all outputs
 KINDS = QUICK_RETURN.replace('element = "beam2d"', 'element = "beam2d"\nflexible = false', 1).replace(

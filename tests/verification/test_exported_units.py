@@ -5,7 +5,6 @@ import os
 import shutil
 import subprocess
 import zipfile
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -17,7 +16,7 @@ from exported import COMPILER, FMPY, Unit, assert_equal, needs_compiler, scene_o
 from runs import components_model, motion, reduced_model
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.c_export import fmu, source
+from pgmp_petsc.c_export import source
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.fmu import CORRECTION, FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY, VERSIONS, write_fmu
 from pgmp_petsc.c_export.source import _weigh, _weigh_gaps
@@ -26,7 +25,7 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.stepping.second_order_system import State
 
-pytestmark = needs_compiler
+pytestmark = [needs_compiler, pytest.mark.usefixtures("quickly_compiled")]
 SIMULATE = """
 import sys, json
 from fmpy import simulate_fmu
@@ -39,14 +38,6 @@ print(json.dumps([problems, {name: found[name].tolist() for name in found.dtype.
 """
 STEP = 5e-4
 THREADS = Path(__file__).with_name("instances_in_threads.c")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def quickly_compiled() -> Iterator[None]:
-    """Compile without optimisation, which changes round-off alone."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fmu, "OPTIONS", ("-O0", *(option for option in fmu.OPTIONS if option != "-O2")))
-        yield
 
 
 OF_THE_FILE = "reduction.parameter_modes=0", "reduction.modes=3"
@@ -337,7 +328,7 @@ def test_an_arm_of_six_joints_elsewhere(tmp_path) -> None:
     }
     forces = [f'outputs.{name}={{type="joint_{entries}"}}' for name, entries in asked.items()]
     forces += [f'outputs.{kind}={{type="{kind}", coordinate="elbow"}}' for kind in ("drive_torque", "power")]
-    model = components_model(load_scene(ROOT / "scenes/six_joint_arm.toml", ("simulation.duration=0.1", *forces), ()))
+    model = components_model(load_scene(ROOT / "scenes/six_joint_arm.toml", ("simulation.duration=0.04", *forces), ()))
     write_fmu(tree_constants_of(model, "it"), tmp_path / "arm.fmu", VERSIONS[-1])
     unit = Unit(tmp_path / "arm.fmu", tmp_path / "there")
     assert unit.instantiate(exchange=True) is None and "is for co-simulation alone" in unit.said[-1]

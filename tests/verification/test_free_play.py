@@ -101,6 +101,7 @@ OWN = {"effects/free_play.py": "free_play", "outputs/of_frames.py": "speed"}
 
 
 @needs_compiler
+@pytest.mark.usefixtures("quickly_compiled")
 def test_the_program_s_own_files_as_plugins_run_as_units(tmp_path: Path, no_plugins: None) -> None:
     """An effect and an output that the program does not have, under other names: as the program's, in its own runs, in
     C and as an FMU that is run."""

@@ -250,7 +250,7 @@ class Twin:
 
 
 @pytest.fixture(scope="module")
-def twins(folder: Path) -> Callable[[str, str], Twin]:
+def twins(folder: Path, quickly_compiled: None) -> Callable[[str, str], Twin]:
     """Return a scene in SI units or in mm, after all of its steps."""
     found: dict[tuple[str, str], Twin] = {}
 

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 import runs
 from alike import assert_alike
-from runs import full_model, history, reduced_model, samples
+from runs import full_model, history, reduced_model, samples, with_step
 from scrambling import scrambled
 from two_coordinates import double_pendulum
 
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.lagrangian import reduced_energy
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
 from scenes import RADIUS, slider_crank
@@ -114,11 +113,6 @@ def relative_drift(found: np.ndarray) -> float:
 
 
 FREE = ("effects={}", "simulation.spectral_radius=1.0")
-
-
-def with_step(scene: Scene, step: float) -> Scene:
-    """Return the scene with another time step."""
-    return scene.model_copy(update={"simulation": scene.simulation.model_copy(update={"step": step})})
 
 
 @pytest.mark.parametrize(

@@ -385,6 +385,7 @@ def test_an_offset_is_recovered_from_a_full_order_history() -> None:
     assert found.estimate == pytest.approx(-5e-4, rel=1e-3)
 
 
+@pytest.mark.usefixtures("quickly_compiled")
 def test_models_in_c_and_units(tmp_path: Path) -> None:
     """Other offsets too, which are constants of a state, and no states of model exchange."""
     model = reduced_model(spatial_four_bar(*CROOKED, *RUNS["over a stop"]))

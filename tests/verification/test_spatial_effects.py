@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from effect_scenes import line_meshes, turning
-from runs import full_model, motion
+from runs import full_model, motion, with_step
 from scipy.spatial.transform import Rotation
 from spatial import WIDTH, assembled, table
 
@@ -203,17 +203,13 @@ def _effects(changes: dict[str, str]) -> str:
     return text
 
 
-def at_step(scene: Scene, step: float) -> Scene:
-    return scene.model_copy(update={"simulation": scene.simulation.model_copy(update={"step": step})})
-
-
 def test_a_planar_scene_given_in_space_moves_as_in_the_plane() -> None:
     """Steps in angles and in directors differ by the square of the step, which is extrapolated away."""
     plane, space, names = planar(), spatial(), list(ALL)
     away: dict[str, list[np.ndarray]] = {}
     for step, every in ((5e-4, 1), (2.5e-4, 2)):
-        model = full_model(at_step(plane, step), line_meshes(plane))
-        expected, found = motion(model), run(at_step(space, step))
+        model = full_model(with_step(plane, step), line_meshes(plane))
+        expected, found = motion(model), run(with_step(space, step))
         for name, values in expected.outputs.items():
             away.setdefault(name, []).append((found.outputs[name] - values)[::every])
         for name in names:
