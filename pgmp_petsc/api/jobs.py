@@ -18,7 +18,7 @@ from pgmp_petsc.api.runs import simulate
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import keeping, settled
 from pgmp_petsc.base import __version__
-from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.base.errors import InputError, RunError, counted
 from pgmp_petsc.base.plugins import in_use
 from pgmp_petsc.base.progress import doing
 from pgmp_petsc.base.surroundings import Comm
@@ -139,7 +139,7 @@ def _checked(scene: Scene, mechanism: Mechanism) -> str:
     plural = {"body": "bodies", "joint": "joints", "effect": "effects"}
     parts = [f"{n} {plural[what] if n != 1 else what}" for what, n in counts.items()]
     drawn = sum(parameter.distribution is not None for parameter in scene.parameters.values())
-    return f"{scene.name}: {', '.join(parts)}, {mechanism.n_dofs} unknowns, {drawn} uncertain parameters"
+    return f"{scene.name}: {', '.join(parts)}, {mechanism.n_dofs} unknowns, {counted(drawn, 'uncertain parameter')}"
 
 
 @dataclass

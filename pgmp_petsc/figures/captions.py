@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
+from pgmp_petsc.base.errors import counted
 from pgmp_petsc.figures.style import heading, quantity, scene_of, top_legend
 from pgmp_petsc.files.hdf5 import RunRecord, open_file
 from pgmp_petsc.results import Trajectory
@@ -64,7 +65,7 @@ def of_records(records: Sequence[RunRecord], labels: Sequence[str] = ()) -> list
     )
     shown = [_short(text) for text in list(texts)[:MOST]]
     left = len(texts) - len(shown)
-    return [*shown, f"and {left} more warnings: see pgmp info"] if left else shown
+    return [*shown, f"and {counted(left, 'more warning')}: see pgmp info"] if left else shown
 
 
 def _short(text: str) -> str:

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from pgmp_petsc.base.errors import InputError, nearest_name
+from pgmp_petsc.base.errors import InputError, counted, nearest_name
 from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.results import Band, Ensemble, Statistics
@@ -78,7 +78,7 @@ def labels_of(ensembles: Sequence[Ensemble], files: Sequence[Path] = ()) -> list
     kinds = []
     for ensemble in ensembles:
         n, n_fine = len(ensemble.status), int(np.count_nonzero(ensemble.status == 0))
-        count = f"{n} samples" if n_fine == n else f"{n_fine} fine of {n} samples"
+        count = counted(n, "sample") if n_fine == n else f"{n_fine} fine of {n} samples"
         kinds.append(f"{style.MODELS[ensemble.model]}, {count}")
     apart = tell_apart([ensemble.record for ensemble in ensembles], kinds, files)
     return [
@@ -234,7 +234,7 @@ def bands(ensemble: Ensemble, label: str = "") -> Figure:
     style.span(panels[-1], first.time[0], first.time[-1])
     panels[-1].set_xlabel("time (s)")
     pairs, middle = pairs_of(first.probabilities)
-    keys = [Line2D([], [], color=colour, label=f"mean of {first.count} samples")]
+    keys = [Line2D([], [], color=colour, label=f"mean of {counted(first.count, 'sample')}")]
     if middle is not None:
         text = f"{100 * first.probabilities[middle]:g} % quantile"
         keys.append(Line2D([], [], color=colour, linestyle=":", label=text))

@@ -614,7 +614,7 @@ def headline_of_ensemble(path: Path, *runs: Path) -> str:
     error = model_error(sources, paired(singles))
     failed = int(np.count_nonzero(ensemble.status))
     answer = ensemble.answer(lambda label: _of_runs(ensemble, label, error), _full_order_stops(sources))
-    return f"{len(ensemble.status)} samples, {failed} failed; {answer}{_remarks(ensemble.record)}"
+    return f"{counted(len(ensemble.status), 'sample')}, {failed} failed; {answer}{_remarks(ensemble.record)}"
 
 
 def _remarks(record: RunRecord) -> str:

@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
+from pgmp_petsc.base.errors import counted
 from pgmp_petsc.figures.ensembles import COLOURS, N_PLACES, draw_indices, kernel_density, pairs_of
 from pgmp_petsc.figures.loads import DIAGRAMS
 from pgmp_petsc.figures.style import PALETTE, QUIET, PlainNumbers, axis_label, axis_unit, new_figure, span, styled
@@ -161,7 +162,7 @@ def output_over_time(
     if band is not None:
         pairs, _ = pairs_of(band.probabilities)
         ends = ", ".join(f"{100 * band.probabilities[a]:g} to {100 * band.probabilities[b]:g} %" for a, b in pairs)
-        caption = f"Areas: {ends} of {band.count} samples. {beyond}".rstrip()
+        caption = f"Areas: {ends} of {counted(band.count, 'sample')}. {beyond}".rstrip()
     drawn = chart(draw, name, caption, over_time=True, output=name)
     return replace(drawn, factor=factor, unit="" if shown == "1" else shown)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import counted
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.results.numbers import axis_unit, behind, plain, share_text
 from pgmp_petsc.results.numbers import interval_text as _interval
@@ -25,7 +26,7 @@ SHOWN = 12  # parameters of a design point
 
 def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return what is known of the outputs and parameters, what is not, and the estimated errors."""
-    first = f"{path}: {ensemble.model} model, {len(ensemble.status)} samples; {ensemble.answer()}"
+    first = f"{path}: {ensemble.model} model, {counted(len(ensemble.status), 'sample')}; {ensemble.answer()}"
     lines = [first, *lines_of(ensemble)]
     lines += [*of_ensemble(ensemble), *of_balance(ensemble)]
     return "\n".join([*lines, *closing(ensemble.record, said)])

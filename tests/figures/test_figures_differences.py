@@ -159,6 +159,8 @@ def test_warnings_of_results_are_in_their_pictures() -> None:
     assert shown[1:] == [
         "warning: the step is too long", "warning: a", "warning: b", "and 2 more warnings: see pgmp info",
     ]  # fmt: skip
+    of = replace(of, remarks=of.remarks[:-1])
+    assert texts(trajectories([Comparison(None, run(of=of))]))[-1] == "and 1 more warning: see pgmp info"
     long = replace(synthetic.modes_table(), record=replace(record(), remarks=(warning("too long " * 60),)))
     figure = frequencies([long])
     assert "".join(texts(figure)).endswith("…")
