@@ -12,7 +12,7 @@ function of the design. Designs are found by sequential quadratic programming (S
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 from warnings import catch_warnings, filterwarnings
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 MOST_ITERATIONS = 200
 PRECISE = 1e-7  # of goal and constraints, in units of their sizes: what iterations of runs leave stays below
+GAINED = 1e-5  # of the goal's size, from which on a search from where another one ended goes on
 MET = 1e-6  # of a constraint's size that it may be missed by
 AT_LIMIT = 1e-6  # of the width of the limits
 DESCENT_ENDED = 8  # SLSQP's status where no step along its direction makes the goal smaller
@@ -102,15 +103,21 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
 
 
 def _searched(figures: DesignFigures, goal_size: float, sizes: np.ndarray) -> tuple[OptimizeResult, np.ndarray]:
-    """Return how the search from the start ended, and the best design that can be run; `sizes` are of constraints."""
-    from scipy.optimize import minimize  # takes a noticeable time, and other commands have no use for it
+    """Return how the search from the start ended, and the best design that can be run; `sizes` are of constraints.
 
+    A search ends where the goal hardly changes from one iteration to the next, which it also does where its matrix of
+    second derivatives is of the other side of a kink, as that of a largest value. It begins again there, as long as
+    that gains something.
+    """
     scale = figures.scale
     ends = figures.limits.T / scale  # rounded once
 
     def goal(x: np.ndarray) -> tuple[float, np.ndarray]:
         found = figures.at(x * scale)[0]
         return found.value / goal_size, found.slope * scale / goal_size
+
+    def missed(x: np.ndarray) -> float:
+        return max((figures.at(x * scale)[1 + k].value / size for k, size in enumerate(sizes)), default=0.0)
 
     constraints = [
         {
@@ -120,16 +127,34 @@ def _searched(figures: DesignFigures, goal_size: float, sizes: np.ndarray) -> tu
         }
         for k in range(len(sizes))
     ]
+    done, best = _search(goal, np.clip(figures.start / scale, *ends), ends, constraints, MOST_ITERATIONS)
+    off, n_iterations = missed(best), done.nit
+    while np.isfinite(done.fun) and n_iterations < MOST_ITERATIONS:
+        again, found = _search(goal, best, ends, constraints, MOST_ITERATIONS - n_iterations)
+        further = missed(found)
+        if not (again.fun < done.fun - GAINED and further <= max(off, MET)):
+            break
+        done, best, off, n_iterations = again, found, further, n_iterations + again.nit
+    best = np.clip(best * scale, *figures.limits.T)
+    # where it ended where it was to turn back, the design before
+    return done, best if np.isfinite(figures.at(best)[0].value) else figures.tried[-1]
+
+
+def _search(
+    goal: Callable[[np.ndarray], tuple[float, np.ndarray]], start: np.ndarray, ends: np.ndarray,
+    constraints: Sequence[dict], most: int,
+) -> tuple[OptimizeResult, np.ndarray]:  # fmt: skip
+    """Search from a start within ends (2, n) in so many iterations at most; return how it ended, and where."""
+    from scipy.optimize import minimize  # takes a noticeable time, and other commands have no use for it
+
     with catch_warnings():
         # steps that round-off takes past a limit are taken back
         filterwarnings("ignore", "Values in x were outside bounds", RuntimeWarning)
         done = minimize(
-            goal, np.clip(figures.start / scale, *ends), jac=True, method="SLSQP", bounds=ends.T,
-            constraints=constraints, options={"maxiter": MOST_ITERATIONS, "ftol": PRECISE},
+            goal, start, jac=True, method="SLSQP", bounds=ends.T, constraints=constraints,
+            options={"maxiter": most, "ftol": PRECISE},
         )  # fmt: skip
-    best = np.clip(done.x * scale, *figures.limits.T)
-    # where it ended where it was to turn back, the design before
-    return done, best if np.isfinite(figures.at(best)[0].value) else figures.tried[-1]
+    return done, np.clip(done.x, *ends)
 
 
 def _described(

@@ -11,8 +11,8 @@ from runs import reduced_model
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.design import design_figures
 from pgmp_petsc.design.design_figures import Question
-from pgmp_petsc.design.goals import read_constraint, read_goal
-from pgmp_petsc.design.optimization import designed_parameters, optimize
+from pgmp_petsc.design.goals import Dual, read_constraint, read_goal
+from pgmp_petsc.design.optimization import _searched, designed_parameters, optimize
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
@@ -222,3 +222,21 @@ def test_nothing_to_design_is_refused() -> None:
         designed_parameters(scene, ())
     with pytest.raises(InputError, match="--parameter r2: there is no such parameter; known: r1"):
         designed_parameters(scene, ("r2",))
+
+
+class Valley:
+    """A goal that is least at (1, 1), in a valley whose bottom is a kink, along the parabola y = x^2."""
+
+    scale, limits, start = np.ones(2), np.array([[-1.0, 2.0], [-1.0, 2.0]]), np.array([0.2, 0.9])
+    tried: list[np.ndarray] = []
+
+    def at(self, design: np.ndarray) -> list[Dual]:
+        x, y = design
+        side = 10.0 * np.sign(y - x**2)
+        return [Dual(side * (y - x**2) + (1.0 - x) ** 2, np.array([-2.0 * side * x - 2.0 * (1.0 - x), side]))]
+
+
+def test_a_search_that_ends_at_a_kink_begins_again_there() -> None:
+    """SLSQP by itself ends at 0.009, and says that it has converged."""
+    done, best = _searched(Valley(), 1.0, np.zeros(0))
+    assert done.status in (0, 8) and Valley().at(best)[0].value < 3e-4
