@@ -10,7 +10,6 @@ number alone.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
@@ -27,7 +26,7 @@ from pgmp_petsc.ensemble.description import Origin, describe_ensemble, shard_of
 from pgmp_petsc.ensemble.failures import FURTHER, Earlier, fine_pieces
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, block_of, checked, missing, pieces, share_of, within
 from pgmp_petsc.ensemble.sampling import Sampler, physical
-from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
+from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped, timed
 from pgmp_petsc.ensemble.watchers import (
     Begun,
     Found,
@@ -335,10 +334,7 @@ def allot(
 
     def integrate(sizes: np.ndarray) -> None:
         for k, (model, n) in enumerate(zip(models, sizes)):
-            start = time.monotonic()
-            computed = model.up_to(int(n))
-            if computed:
-                costs[k] = (time.monotonic() - start) / computed
+            costs[k] = timed(model.up_to, int(n)) or costs[k]
         done[:] = np.maximum(done, sizes)
 
     def choose(share: float) -> np.ndarray:

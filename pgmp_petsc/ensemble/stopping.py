@@ -274,33 +274,11 @@ def are_met(rules: tuple[Rule, ...], seen: Seen) -> np.ndarray:
     return reach_of(seen.estimates, seen.intervals, relative) <= wanted
 
 
-@dataclass
-class Clock:
-    """Says how many samples a budget still pays for, by what the last ones took; rank 0 decides for all."""
-
-    stop: Stop
-    comm: Comm
-    seconds: float | None = None  # of a sample; None where that is not known
-
-    def affordable(self, unit: int) -> int:
-        """Return how many more samples are within the budget, a multiple of `unit`. Collective."""
-        n = None
-        if self.comm.rank == 0:
-            left = self.stop.left
-            if left < (1.0 - RESERVE) * self.stop.budget:
-                n = 0
-            elif self.seconds is None:
-                n = -(-PROBE // unit) * unit
-            else:
-                n = int(min(left / self.seconds, MOST)) // unit * unit
-        return self.comm.bcast(n)
-
-    def measure(self, run: Callable[[int], int], n: int) -> None:
-        """Integrate up to sample n, and take the time; what was taken up from a checkpoint tells nothing."""
-        start = time.monotonic()
-        computed = run(n)
-        if computed:
-            self.seconds = max((time.monotonic() - start) / computed, 1e-9)
+def timed(run: Callable[[int], int], n: int) -> float | None:
+    """Integrate up to sample n, and return what a sample took, s; None where all were taken up from a checkpoint."""
+    start = time.monotonic()
+    computed = run(n)
+    return (time.monotonic() - start) / computed if computed else None
 
 
 def stages(
@@ -312,16 +290,29 @@ def stages(
     rank the same; `unit` and `most` are as of `looks`. Collective on `comm`.
     """
     found: list[Seen] = []
-    clock, done = Clock(stop, comm), 0
+    done, seconds = 0, None  # samples, and what one of the last ones took
+
+    def affordable() -> int:
+        """Return how many more samples are within the budget, a multiple of `unit`: rank 0 decides for all."""
+        n = None
+        if comm.rank == 0:
+            if stop.left < (1.0 - RESERVE) * stop.budget:
+                n = 0
+            elif seconds is None:
+                n = -(-PROBE // unit) * unit
+            else:
+                n = int(min(stop.left / seconds, MOST)) // unit * unit
+        return comm.bcast(n)
+
     for n in looks(unit, most):
         while done < n:
             target = n
             if stop.budget is not None:
-                more = clock.affordable(unit)
+                more = affordable()
                 if not more and done:
                     break
                 target = min(n, done + max(more, unit))
-            clock.measure(run, target)
+            seconds = timed(run, target) or seconds
             done = target
         found.append(seen(done))
         if done < n or stop.rules and np.all(are_met(stop.rules, found[-1])):

@@ -24,7 +24,7 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import FixedPlace
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.outputs import STRESSES, OutputEntry
+from pgmp_petsc.scene.outputs import QUANTITIES, STRESSES, OutputEntry
 from pgmp_petsc.scene.references import stress_problems, stressed_bodies
 
 
@@ -34,21 +34,7 @@ class Stress(OutputEntry):
     type: Literal["stress"]
     reads = ("stresses",)
     body: str = Field(description="name of a flexible body")
-    quantity: Literal[
-        "von_mises",
-        "principal_max",
-        "principal_min",
-        "axial_force",
-        "shear_force",
-        "shear_force_2",
-        "shear_force_3",
-        "torsion_moment",
-        "bending_moment",
-        "bending_moment_2",
-        "bending_moment_3",
-        "stress_max",
-        "stress_min",
-    ] = Field(
+    quantity: Literal[QUANTITIES] = Field(
         description="von_mises, principal_max, principal_min (Pa) of solids; of beams axial_force, shear_force (N), "
         "bending_moment (N m), stress_max, stress_min of the outermost fibres (Pa), in space shear_force_2 and _3, "
         "bending_moment_2 and _3, torsion_moment"

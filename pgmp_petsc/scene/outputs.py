@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from itertools import chain
 from typing import Annotated, Any, ClassVar, Literal
 
 from pgmp_petsc.base.units import UnknownUnit, take_unit
@@ -32,6 +33,8 @@ STRESSES = {
         "stress_min": "Pa",
     },
 }
+#: All of them, each once.
+QUANTITIES = tuple(dict.fromkeys(chain(*STRESSES.values())))
 #: What outputs may read.
 READS = ("frames", "outputs", "time", "parameters", "stresses", "multipliers", "beside", "history")
 #: Entries that say of what, where others than the output itself read it.
