@@ -27,12 +27,12 @@ ABSOLUTE = "whether it counts from outside of a base that moves (`base_motion`),
 
 
 class OfStatement(OutputEntry):
-    """What is read of a statement about two frames, which `motion` returns."""
+    """What is read of a statement about two frames, which `stated` returns."""
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
         """Return the statement."""
-        motion = self.stated(name, kinematics.mechanism)
-        return Reading("MEASURE", (motion["a"], motion["b"]), motion["statement"], kinematics.mechanism.space)
+        found = self.stated(name, kinematics.mechanism)
+        return Reading("MEASURE", (found["a"], found["b"]), found["statement"], kinematics.mechanism.space)
 
 
 def from_origin(statement: Statement, point: str, name: str, mechanism: Mechanism) -> dict[str, Any]:
