@@ -3,7 +3,6 @@
 import itertools
 from collections.abc import Callable
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -37,6 +36,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.tables import ReducedTables, fine_grid
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 from pgmp_petsc.studies.simulate import lost_definiteness
@@ -275,7 +275,7 @@ def simulate(
         states.append(state.copy())
         times.append(time)
 
-    simulation = SimpleNamespace(duration=duration, step=step, spectral_radius=radius)
+    simulation = Simulation(duration=duration, step=step, spectral_radius=radius)
     return integrate(system, simulation, observer=record), states, times
 
 
