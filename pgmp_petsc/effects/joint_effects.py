@@ -54,8 +54,7 @@ def place_of(mechanism: Mechanism, name: str, entry: Any) -> dict[str, Any]:
     two points."""
     if entry.points is None:
         return joint_measure(mechanism, entry)
-    a, b = (mechanism.attachment(point, f"effects.{name}.points") for point in entry.points)
-    return {"statement": distance(mechanism.space.dimension), "a": a, "b": b}
+    return mechanism.between(distance(mechanism.space.dimension), entry.points, f"effects.{name}.points")
 
 
 class EndStop(OnJoint):

@@ -346,6 +346,6 @@ class PointFriction(EffectEntry):
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
         """Return the friction."""
-        sides = (mechanism.attachment(point, f"effects.{name}.point") for point in (GROUND_ORIGIN, self.point))
-        parameters, statement = (Quantity.of(self.limit), Quantity.of(self.speed)), along(np.array(self.direction))
-        return ActionEffect(name, [Action(name, statement, *sides, FRICTION, parameters)], mechanism)
+        ends, entry = (GROUND_ORIGIN, self.point), f"effects.{name}.point"
+        place = mechanism.between(along(np.array(self.direction)), ends, entry)
+        return ActionEffect.of_laws(name, mechanism, place, FRICTION, (self.limit, self.speed))

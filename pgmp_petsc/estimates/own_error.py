@@ -356,7 +356,6 @@ def of_statistics(
     described: tuple[str, str],
     model: str = "reduced",
     system: UnitSystem = SI,
-    length: float = 0.0,
 ) -> Iterator[Remark]:
     """Return a warning of statistics to which errors are comparable; nothing where none is.
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -167,6 +168,12 @@ class Mechanism:
         Raises `InputError` if the body's mesh has no such point; `entry` is the scene entry to blame.
         """
         return attachment_at(self.scene, self.bodies, address, entry)
+
+    def between(self, statement: Statement, points: Sequence[str], entry: str) -> dict[str, Any]:
+        """Return a statement with the attachments at two points, as `effects.action.Action` takes them; `entry` as of
+        `attachment`."""
+        a, b = (self.attachment(point, entry) for point in points)
+        return {"statement": statement, "a": a, "b": b}
 
     def node_dofs(self, node: int) -> np.ndarray:
         """Return the unknowns of a node, shape (3,), in space (6,)."""

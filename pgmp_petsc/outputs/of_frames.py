@@ -13,9 +13,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from pgmp_petsc.effects.joint_effects import joint_measure
+from pgmp_petsc.effects.loads import GROUND_ORIGIN
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.statements import Statement, along, angle, distance
+from pgmp_petsc.mechanism.statements import along, angle, distance
 from pgmp_petsc.outputs.readings import AXES, Absolute, AnyReading, Rate, Reading, RigidReference
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Connection, Point, refusal
@@ -31,14 +32,11 @@ class OfStatement(OutputEntry):
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
         """Return the statement."""
-        found = self.stated(name, kinematics.mechanism)
-        return Reading("MEASURE", (found["a"], found["b"]), found["statement"], kinematics.mechanism.space)
+        return _measured(self.stated(name, kinematics.mechanism), kinematics)
 
 
-def from_origin(statement: Statement, point: str, name: str, mechanism: Mechanism) -> dict[str, Any]:
-    """Return a statement about the ground's origin and a point, as `Action` takes it."""
-    ends = (mechanism.attachment(one, f"{name}.point") for one in ("ground:origin", point))
-    return {"statement": statement, **dict(zip("ab", ends))}
+def _measured(stated: dict[str, Any], kinematics: RigidKinematics) -> Reading:
+    return Reading("MEASURE", (stated["a"], stated["b"]), stated["statement"], kinematics.mechanism.space)
 
 
 class Angle(OutputEntry):
@@ -77,8 +75,7 @@ class Distance(OfStatement):
 
     def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
         """Return the distance."""
-        ends = (mechanism.attachment(point, f"{name}.points") for point in self.points)
-        return {"statement": distance(mechanism.space.dimension), **dict(zip("ab", ends))}
+        return mechanism.between(distance(mechanism.space.dimension), self.points, f"{name}.points")
 
 
 class Rotation(OutputEntry):
@@ -99,7 +96,7 @@ class Rotation(OutputEntry):
         return Reading.at_point("ROTATION", self.point, name, kinematics)
 
     def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
-        return from_origin(angle(np.eye(2), np.eye(2)), self.point, name, mechanism)
+        return mechanism.between(angle(np.eye(2), np.eye(2)), (GROUND_ORIGIN, self.point), f"{name}.point")
 
 
 class AlongAxis(OutputEntry):
@@ -126,7 +123,8 @@ class OnTheGround(AlongAxis):
 
 
 def _along_axis(point: str, axis: str, name: str, mechanism: Mechanism) -> dict[str, Any]:
-    return from_origin(along(np.eye(mechanism.space.dimension)[AXES[axis]]), point, name, mechanism)
+    statement = along(np.eye(mechanism.space.dimension)[AXES[axis]])
+    return mechanism.between(statement, (GROUND_ORIGIN, point), f"{name}.point")
 
 
 class Position(OnTheGround):
@@ -200,10 +198,9 @@ class Speed(OutputEntry):
             found = Reading.at_point("POSITION", self.point, name, kinematics, AXES[self.axis])
             return Rate(Absolute(found) if self.absolute else found)
         mechanism = kinematics.mechanism
-        connection = mechanism.connection(self.joint)
         if not slides(mechanism.scene, self):
-            return Rate(Reading.of_angle(connection, kinematics, start))
-        return Rate(Reading("MEASURE", connection.sides, connection.measure("sliding"), space=mechanism.space))
+            return Rate(Reading.of_angle(mechanism.connection(self.joint), kinematics, start))
+        return Rate(_measured(joint_measure(mechanism, self), kinematics))
 
     @property
     def is_stated(self) -> bool:

@@ -513,7 +513,7 @@ def _rests(
     if part.run.status[0] != Status.FINE or len(frames) < 2:
         return
     space, size = model.kinematics.mechanism.space, model.kinematics.size
-    own = [1.0 if coordinate.unit == "rad" else size for coordinate in model.kinematics.coordinates]
+    own = [coordinate.scale(size) for coordinate in model.kinematics.coordinates]
     moved = np.ptp(frames, axis=0)
     moved[:, : space.dimension] /= size
     if max(np.max(np.ptp(coordinates, axis=0) / own, initial=0.0), moved.max()) <= SAME:
