@@ -122,10 +122,10 @@ def _where(failed: np.ndarray, parameters: Mapping[str, np.ndarray], units: Mapp
         aside = _significance(lost, fine)
         apart = _significance(np.abs(lost - middle), np.abs(fine - middle))
         if aside[0] <= apart[0]:
-            found.append((aside[0], f"they fail mostly at {'high' if aside[1] else 'low'} {name} ({medians}, "))
+            found.append((aside[0], f"failures are mostly at {'high' if aside[1] else 'low'} {name} ({medians}, "))
         else:
             place = "at both ends of" if apart[1] else "in the middle of"
-            found.append((apart[0], f"they fail mostly {place} {name} ({medians}, "))
+            found.append((apart[0], f"failures are mostly {place} {name} ({medians}, "))
     limit = SIGNIFICANT / max(2 * len(parameters), 1)
     clear = sorted(item for item in found if item[0] < limit)
     return [f"{words}p = {p:.1g})" for p, words in clear[:NAMED]]

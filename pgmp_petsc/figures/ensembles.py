@@ -90,7 +90,7 @@ def _notes(ensembles: Sequence[Ensemble], labels: Sequence[str]) -> list[str]:
     """Return what has to be known besides: samples that failed, and warnings."""
     several = len(ensembles) > 1
     failed = [
-        f"{label + ': ' if several else ''}the failed samples are in no density and no mean, which may bias them"
+        f"{label + ': ' if several else ''}outputs are described without the failed samples, which may bias them"
         for ensemble, label in zip(ensembles, labels)
         if ensemble.status.any()
     ]

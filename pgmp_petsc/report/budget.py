@@ -159,8 +159,10 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
                 yield Line(f"{what}: {name}", [one.datums[name]] if np.isfinite(share) else [], how)
     elif "reduced" in models:
         here = "is here" if models == {"reduced"} else "goes far enough to compare with"
-        how = f"no run of a better model {here}, and errors were not estimated; see the notes for the reason"
-        yield Line("model", [], f"{how}, or run pgmp simulate SCENE --full and add its file")
+        how = f"no run of a better model {here}"
+        if not any(np.isfinite(x).any() for one in of_kind(sources, Ensemble) for x in one.result.errors.values()):
+            how += ", and errors were not estimated; see the notes for the reason"
+        yield Line("model", [], f"{how}; run pgmp simulate SCENE --full and add its file")
     elif models:
         kinds = " and ".join(MODELS[model] for model in sorted(models))
         if models == {"full"}:
@@ -532,7 +534,7 @@ def _of_failures(ensembles: Sequence[Source], runs: Sequence[Source]) -> Iterato
         if source.result.status.any():
             fate = "are in no figure above, which may bias them"
             if source.result.probabilities:
-                fate = "count both ways in intervals of probabilities; all other figures are without them"
+                fate = "count both ways in intervals of probabilities; all other figures of outputs are without them"
             yield [f"{failed_of(source)}, and {fate}."]
     for source in runs:
         if captions.ended_early(source.result):

@@ -258,27 +258,36 @@ def _statistics(source: Source, several: bool) -> Table:
     head += [f"{100 * p:g} %" for p in first.probabilities]
     rows: list[list[Sentence]] = []
     names = [name for name in ensemble.statistics if name not in ensemble.parameters]
+    of_all = {*names} - {*ensemble.first_passages} if ensemble.status.any() else {}
     for name in (*names, *ensemble.parameters):
-        s = ensemble.statistics.get(name)
-        if s is None or not s.count:
-            never = "no sample has one" if name in ensemble.first_passages else "not known: no sample tells"
-            rows.append([[_title(ensemble, name)], [never], *([[]] * (len(head) - 2))])
+        s, title = ensemble.statistics.get(name), _title(ensemble, name)
+        if s is None:
+            rows.append([[title], ["not known"], *([[]] * (len(head) - 2))])
             continue
         mean, factor, unit = mean_of(source, name)
         place = Place(source.name, f"/statistics/{name}")
-        title = _title(ensemble, name) + (unit and f" ({unit.strip()})")
-        count = place.datum("count", s.count, str(s.count))
-        if s.constant:
-            rows.append([[title], mean, ["constant"], [count], *([[]] * s.probabilities.size)])
-            continue
-        quantiles = [
-            place.figure("quantiles", q, "quantile_intervals", ends, factor, str(k))
-            for k, (q, ends) in enumerate(zip(s.quantiles, s.quantile_intervals))
-        ]
-        std = place.figure("std", s.std, "std_interval", s.std_interval, factor)
-        rows.append([[title], mean, std, [count], *quantiles])
+        title += unit and f" ({unit.strip()})"
+        count = [place.datum("count", s.count, str(s.count))]
+        quantiles: list[Sentence] = [[]] * s.probabilities.size
+        if not s.count:
+            never = "no sample has one" if name in ensemble.first_passages else "not known: no sample tells"
+            mean, std, count = [never], [], []
+        elif s.constant:
+            std = ["constant"]
+        else:
+            std = place.figure("std", s.std, "std_interval", s.std_interval, factor)
+            quantiles = [
+                place.figure("quantiles", q, "quantile_intervals", ends, factor, str(k))
+                for k, (q, ends) in enumerate(zip(s.quantiles, s.quantile_intervals))
+            ]
+        if name in of_all:
+            bounds = [place.ends("quantile_bounds", ends, factor, str(k)) for k, ends in enumerate(s.quantile_bounds)]
+            quantiles = [[*cell, " {", low, ", ", high, "}"] for cell, (low, high) in zip(quantiles, bounds)]
+        rows.append([[title], mean, std, count, *quantiles])
     of = f"{source.name}: " if several else ""
     note = f"{of}{MODEL_WORDS[ensemble.model]}; brackets hold {100 * first.confidence:g} % intervals of sampling alone."
+    if of_all:
+        note += " Braces hold the bounds of the quantiles of all samples, whatever the failed ones would have been."
     return Table(head, rows, note)
 
 

@@ -118,15 +118,17 @@ class Place:
         self, name: str, value: float, interval_name: str, ends: np.ndarray, factor: float, index: str = ""
     ) -> list[str | Datum | Interval]:
         """Return a figure and its interval, ``5.8 [4.5, 7.4]``, in a unit of which the file's has `factor`."""
-        row = f"{index}," if index else ""
         shown = self.datum(name, value, number_text(factor * float(value), factor * ends, 6), index)
         if np.isnan(ends).any() or np.isinf(ends).all():
             return [shown, " [unknown]"]
-        low, high = (
-            self.datum(interval_name, end, text, f"{row}{k}")
-            for k, (end, text) in enumerate(zip(ends, end_texts(factor * ends, factor * float(value))))
-        )
+        low, high = self.ends(interval_name, ends, factor, index, value)
         return [shown, Interval(low, high)]
+
+    def ends(self, name: str, ends: np.ndarray, factor: float, index: str = "", value: float = np.nan) -> list[Datum]:
+        """Return both ends of an interval, of a value where that is known, in a unit as of `figure`."""
+        row = f"{index}," if index else ""
+        texts = end_texts(factor * ends, factor * float(value))
+        return [self.datum(name, end, text, f"{row}{k}") for k, (end, text) in enumerate(zip(ends, texts))]
 
 
 def mean_of(source: Source, name: str) -> tuple[Sentence, float, str]:

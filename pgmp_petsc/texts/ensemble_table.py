@@ -61,7 +61,7 @@ def lines_of(ensemble: Ensemble) -> list[str]:
     if ensemble.stopping is not None:
         lines += ensemble.stopping.lines()
     lines += _sobol(ensemble)
-    if ensemble.bands:
+    if any(band.count for band in ensemble.bands.values()):
         band = next(iter(ensemble.bands.values()))
         samples = f"{band.count} samples at {band.time.size} instants"
         lines.append(f"  outputs over time: mean, deviation and quantiles of {samples}, in /bands")
@@ -86,7 +86,8 @@ def _moments(ensemble: Ensemble) -> Iterator[str]:
 def _quantiles(ensemble: Ensemble) -> Iterator[str]:
     failed = bool(np.any(ensemble.status != 0))
     known = [(name, ensemble.statistics[name]) for name in ensemble.outputs]
-    known = [(name, s) for name, s in known if s.count and not (s.constant and not failed)]
+    bounded = [name for name, s in known if failed and np.isfinite(s.quantile_bounds).any()]
+    known = [(name, s) for name, s in known if name in bounded or (s.count and not s.constant)]
     if known:
         yield f"  quantiles at the end, {_percent(known[0][1].confidence)} intervals of sampling"
     for name, s in known:

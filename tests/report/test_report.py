@@ -18,6 +18,7 @@ import synthetic
 from runs import one_message
 
 from pgmp_petsc.base.errors import InputError, note, warning
+from pgmp_petsc.ensemble.statistics import describe, quantile_bounds
 from pgmp_petsc.files.hdf5 import write_file
 from pgmp_petsc.report import budget
 from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble, headline_of_run
@@ -263,7 +264,7 @@ def test_what_is_constant_has_no_deviation_and_no_density(tmp_path: Path, monkey
     read = Ensemble.read(tmp_path / "many.h5")
     assert read.statistics["crank_angle"].constant and not read.statistics["slider_deformation"].constant
     row = next([words(cell) for cell in row] for row in tree.iter("tr") if words(row).startswith("crank_angle"))
-    assert row[2] == "constant" and not any(row[4:])
+    assert row[2] == "constant" and not any(cell.split("{")[0] for cell in row[4:])
     assert any("crank_angle" in line and line.split()[2] == "constant" for line in lines_of(read))
     assert summary_of(read)["statistics"]["crank_angle"]["constant"] is True
 
@@ -287,7 +288,7 @@ def test_the_verdict_says_how_sure_and_how_far_off(tree: Element) -> None:
     assert first == "P(crank_angle above 5 rad at any time) = 5.26 % [1, 20], 90 % interval of 57 samples."
     # the made-up error is 4 % cos(9 t) of the deformation, measured against the full-order one
     assert any(re.match(r"Model error 3\.4 % of the largest slider_deformation, .* measured", text) for text in others)
-    fate = "count both ways in intervals of probabilities; all other figures are without them"
+    fate = "count both ways in intervals of probabilities; all other figures of outputs are without them"
     assert f"many.h5: 3 of 60 samples failed, and {fate}." in others
     assert "1 warning" in others
 
@@ -509,6 +510,24 @@ def test_results_with_little_in_them_are_shown(folder: Path, monkeypatch: pytest
     verdict = words(verdict_of(tree))
     assert "lost.h5: 10 of 10 samples failed" in verdict and "Model error: not known" in verdict
     assert "not known: no sample tells" in words(tree)
+
+
+def test_the_page_and_the_terminal_bound_quantiles_where_samples_failed(folder: Path) -> None:
+    """Also where so many failed that the outputs have no statistics, and in no quantile of a parameter."""
+    many, name = synthetic.ensemble("reduced", 60, 3), "crank_angle"
+    values = many.outputs[name][:-3]
+    for known in (values, np.empty(0)):
+        found = describe(known, 10, np.array([0.1, 0.5]), 3, 0.95)
+        bounds = quantile_bounds(values, found.probabilities, 3)
+        found = replace(found, quantile_bounds=bounds)
+        lost = replace(many, statistics=many.statistics | {name: found})
+        rows = {words(row[0]): words(row) for row in page_with(folder, lost=lost).iter("tr") if len(row)}
+        table = "\n".join(lines_of(lost))
+        braces = re.findall(r"\{(\S+), (\S+)\}", rows[f"{name} (rad)"])
+        np.testing.assert_allclose(np.array(braces, dtype=float), bounds, rtol=1e-3)
+        assert "{" not in rows["r1 (mm)"] and ("not known" in rows[f"{name} (rad)"]) == (known.size == 0)
+        for low, high in bounds:
+            assert f"at least {low:.6g}, at most {high:.6g}" in table
 
 
 @pytest.mark.parametrize(
