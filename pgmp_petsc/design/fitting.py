@@ -37,6 +37,7 @@ from pgmp_petsc.design.measured_history import MeasuredHistory, autocorrelation,
 from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, difference_remarks
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.files.hdf5 import RunRecord
+from pgmp_petsc.gradients.differences import announce_runs
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
@@ -87,6 +88,7 @@ def fit(
         names = chosen_parameters(model.scene, asked, uncertain_names(model.scene), why)
         _check(history, names, noise)
         if comm.rank == 0:
+            announce_runs(model, names, "each step of the fit", comm)
             with progress(None, "runs of the fit", comm) as bar:
                 found = _Fitting(model, history, names, noise, bar.update).result(comm.size)
     return found

@@ -29,6 +29,7 @@ from pgmp_petsc.design.goals import Dual, Outcome
 from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, difference_remarks, step_remarks
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.files.hdf5 import RunRecord
+from pgmp_petsc.gradients.differences import announce_runs
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
@@ -63,6 +64,8 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     timings = Timings()
     with agreed(comm, "samples"):
         figures = DesignFigures(model, question, comm)
+        each = "each sample of a design" if figures.n_samples > 1 else "each design"
+        announce_runs(model, question.names, each, comm)
     with timings.phase("design"), progress(None, "runs of designs", comm) as bar:
         figures.count = bar.update
         start = figures.start

@@ -13,7 +13,7 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures, polynomials_of_lengths
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.contacts import Contact
-from pgmp_petsc.gradients.differences import AnyModel, why_differences
+from pgmp_petsc.gradients.differences import AnyModel, announce_runs, why_differences
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
@@ -55,6 +55,7 @@ def sensitivities(model: ReducedModel, asked: Sequence[str], comm: Comm) -> Deri
 def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Derivatives:
     scene, timings, model = model.scene, Timings(), of_samples(model, names)
     n_steps = scene.simulation.n_steps
+    announce_runs(model, names, "this run with its derivatives", comm)
     with timings.phase("run and derivatives"), progress(n_steps, model.title, comm) as bar:
         run = differentiate(model, scene.values, names, bar.update)
     with timings.phase("errors"):

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.progress import announce
+from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel, SeparateLengths
 
 AnyModel = ReducedModel | LengthLanes | ComponentModel | SeparateLengths
@@ -33,6 +35,16 @@ def why_differences(model: AnyModel) -> str:
     """Return why derivatives of a model's runs are differences; empty where they are exact."""
     named = [f"the {model.title} model"] if model.name == ComponentModel.name else []
     return ", ".join([*named, *model.scene.beside])
+
+
+def announce_runs(model: AnyModel, names: Sequence[str], what: str, comm: Comm) -> None:
+    """Say before the work begins how many runs derivatives take, where they are not samples of one batch."""
+    why = why_differences(model)
+    n = Differences.of(model, model.scene.values, names).n_runs if why else 0
+    if n > model.largest_batch:
+        each = "one after the other" if model.largest_batch == 1 else f"{model.largest_batch} at a time"
+        faster = "" if model.name == ReducedModel.name else "; a reduced model (pgmp build) takes them at once"
+        announce(f"{what} takes {n} runs, {each}: derivatives are differences, because of {why}{faster}", comm)
 
 
 @dataclass(frozen=True, eq=False)

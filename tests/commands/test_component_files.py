@@ -242,10 +242,12 @@ def test_derivatives_are_differences_of_runs_with_their_error(tmp_path: Path, ca
     np.testing.assert_array_equal(same.derivatives["crank_angle"]["r1"], found.derivatives["crank_angle"]["r1"])
 
 
-def test_derivatives_with_controllers() -> None:
-    """Run by run, as forces beside are of one sample; against a central difference of single runs."""
+def test_derivatives_with_controllers(capsys: pytest.CaptureFixture) -> None:
+    """Run by run, as forces beside are of one sample, which is said first; against differences of single runs."""
     model = interface.build(SCENES / "servo_arm.toml", components=True, overrides=("simulation.duration=0.1",))
+    capsys.readouterr()
     found = interface.sensitivities(model, ["kp"])
+    assert "its derivatives takes 5 runs, one after the other: derivatives are diff" in capsys.readouterr().err
     value, step = model.scene.parameters["kp"].nominal, 1e-3 * model.scene.parameters["kp"].nominal
     up, down = (interface.simulate(model, {"kp": value + sign * step}).outputs for sign in (1, -1))
     for output in ("tip_x", "hinge_angle"):
