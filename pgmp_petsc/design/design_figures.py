@@ -61,6 +61,7 @@ class DesignFigures:
         self.n_samples = 1 if self._offsets is None else question.n_samples
         self.tried: list[np.ndarray] = []
         self.goals: list[float] = []
+        self.missed: list[list[float]] = []  # by how much those tried miss each constraint
         self.turned_back = TurnedBack()
         self._known: dict[bytes, list[Dual]] = {}
         self.count: Callable[[int], object] = lambda n: None
@@ -132,6 +133,7 @@ class DesignFigures:
                 search_at(own_values(self.scene, dict(zip(self._question.names, map(float, design)))))
                 self.tried.append(design.copy())
                 self.goals.append(found[0].value)
+                self.missed.append([dual.value for dual in found[1:]])
             self._known = {key: found}
         return self._known[key]
 

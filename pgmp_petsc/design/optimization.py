@@ -46,6 +46,7 @@ PRECISE = 1e-7  # of goal and constraints, in units of their sizes: what iterati
 GAINED = 1e-5  # of the goal's size, from which on a search from where another one ended goes on
 MET = 1e-6  # of a constraint's size that it may be missed by
 AT_LIMIT = 1e-6  # of the width of the limits
+OTHER = -1  # status of a search that ended where constraints are missed, though a design was tried that meets them
 DESCENT_ENDED = 8  # SLSQP's status where no step along its direction makes the goal smaller
 
 
@@ -139,8 +140,16 @@ def _searched(figures: DesignFigures, goal_size: float, sizes: np.ndarray) -> tu
             break
         done, best, off, n_iterations = again, found, further, n_iterations + again.nit
     best = np.clip(best * scale, *figures.limits.T)
-    # where it ended where it was to turn back, the design before
-    return done, best if np.isfinite(figures.at(best)[0].value) else figures.tried[-1]
+    if not np.isfinite(figures.at(best)[0].value):  # where it was to turn back; the design before
+        best = figures.tried[-1]
+    met = [k for k, missed_by in enumerate(figures.missed) if np.all(np.array(missed_by) <= MET * sizes)]
+    if missed(best / scale) > MET and met:
+        best = figures.tried[min(met, key=lambda k: figures.goals[k])]
+        done.status, done.message = (
+            OTHER,
+            f"{done.message}; the design is the best one tried that meets all constraints",
+        )
+    return done, best
 
 
 def _search(
@@ -176,7 +185,7 @@ def _described(
 
 @gathered
 def _of_end(done: OptimizeResult, question: Question, last: Sequence[Dual], missed: Sequence[int]) -> Iterator[Remark]:
-    if not missed:
+    if not missed and done.status in (0, DESCENT_ENDED):
         yield note(
             "the design is the nearest optimum from where the search began (--set); another start may find a better one"
         )

@@ -229,6 +229,7 @@ class Valley:
 
     scale, limits, start = np.ones(2), np.array([[-1.0, 2.0], [-1.0, 2.0]]), np.array([0.2, 0.9])
     tried: list[np.ndarray] = []
+    missed: list[list[float]] = []
 
     def at(self, design: np.ndarray) -> list[Dual]:
         x, y = design
@@ -240,3 +241,23 @@ def test_a_search_that_ends_at_a_kink_begins_again_there() -> None:
     """SLSQP by itself ends at 0.009, and says that it has converged."""
     done, best = _searched(Valley(), 1.0, np.zeros(0))
     assert done.status in (0, 8) and Valley().at(best)[0].value < 3e-4
+
+
+class Cliff(Valley):
+    """A goal that falls towards where a constraint is missed all at once, without a slope that says so."""
+
+    def __init__(self) -> None:
+        self.tried, self.goals, self.missed = [], [], []
+
+    def at(self, design: np.ndarray) -> list[Dual]:
+        off = 0.1 if design[0] < 0.0 else -0.1
+        self.tried, self.goals, self.missed = [*self.tried, design], [*self.goals, design[0]], [*self.missed, [off]]
+        return [Dual(design[0], np.array([1.0, 0.0])), Dual(off, np.zeros(2))]
+
+
+def test_a_search_that_ends_outside_keeps_the_best_design_that_meets_the_constraints() -> None:
+    cliff = Cliff()
+    done, best = _searched(cliff, 1.0, np.ones(1))
+    inside = [x for x in cliff.tried if x[0] >= 0.0]
+    assert min(x[0] for x in cliff.tried) < 0.0 <= best[0] == min(x[0] for x in inside)
+    assert done.status not in (0, 8) and done.message.endswith("the best one tried that meets all constraints")
