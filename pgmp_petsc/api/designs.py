@@ -103,7 +103,7 @@ def fit(
 def _status_of_design(found: Design) -> int:
     if not found.converged:
         why = next((remark.text for remark in found.record.remarks if remark.kind == "warning"), "see the remarks")
-        raise RunError(f"no design was found that meets all that was asked for: {why}")
+        raise RunError(why)
     return 0
 
 

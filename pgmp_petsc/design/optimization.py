@@ -145,10 +145,8 @@ def _searched(figures: DesignFigures, goal_size: float, sizes: np.ndarray) -> tu
     met = [k for k, missed_by in enumerate(figures.missed) if np.all(np.array(missed_by) <= MET * sizes)]
     if missed(best / scale) > MET and met:
         best = figures.tried[min(met, key=lambda k: figures.goals[k])]
-        done.status, done.message = (
-            OTHER,
-            f"{done.message}; the design is the best one tried that meets all constraints",
-        )
+        kept = "the design is the best one tried that meets all constraints"
+        done.status, done.message = OTHER, f"{done.message}; {kept}"
     return done, best
 
 
