@@ -132,14 +132,16 @@ def _draw(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path, inputs: 
     """Draw the assembled mechanism and its parts of cells, and say where; by one process only."""
     from pgmp_petsc.figures.mechanism import assembly  # matplotlib takes a noticeable time
     from pgmp_petsc.figures.solids import meshed_part
-    from pgmp_petsc.figures.style import save
+    from pgmp_petsc.figures.style import letters_lacking, save
     from pgmp_petsc.studies.field_frames import assembly_of
 
     parts = {name: mesh for name, mesh in meshes.items() if isinstance(mesh, SolidMesh)}
     files = {name: picture.with_name(f"{picture.stem}_{name}.png") for name in parts}
     for file in files.values():
         check_output(file, "picture", inputs)
-    lines = [f"  picture       {save(assembly(assembly_of(scene, meshes)), picture)}"]
+    with letters_lacking() as lacking:
+        lines = [f"  picture       {save(assembly(assembly_of(scene, meshes)), picture)}"]
+    lines += [f"  note: {line}" for line in lacking]
     with doing("drawing parts"):
         for name, file in files.items():
             nodes, metre = scene.system.named(parts[name].nodes, "m")

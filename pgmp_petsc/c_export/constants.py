@@ -553,8 +553,7 @@ def left_out(scene: Scene) -> str:
     having = ", ".join(kind for kind, found in kinds if found.of_frames() or "beside" in found.reads)
     named = ", ".join(f"outputs.{name} ({kind})" for name, kind in lacking.items())
     forces = any("multipliers" in scene.outputs[name].reads for name in lacking)
-    why = f", drives, and forces in joints {LACKING}" if forces else ""
-    why += ", and rainflow of these"
+    why = f", drives, forces in joints{f' {LACKING}' if forces else ''}, and rainflow of these"
     return f"note: {named} left out: a model in C has {having}{why}; pgmp simulate has all outputs"
 
 

@@ -20,7 +20,7 @@ from pgmp_petsc.figures.frequencies import labels_of as tables_labels
 from pgmp_petsc.figures.loads import DIAGRAMS, loads
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.solids import has_solids, solids
-from pgmp_petsc.figures.style import MODELS, save, scene_name
+from pgmp_petsc.figures.style import MODELS, letters_lacking, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import design, energies, fit, labels_of, paired, sensitivities, trajectories
 from pgmp_petsc.files.claims import check_folder, check_output
@@ -58,14 +58,15 @@ def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0, at: 
     for target in pictures:
         check_output(target, "picture", files)
     drawn, failures = [], []
-    for target, picture in pictures.items():
-        try:
-            drawn.append(str(save(picture(), target)))
-        except InputError as error:
-            failures.append(f"no {target.name}: {error}")
+    with letters_lacking() as lacking:
+        for target, picture in pictures.items():
+            try:
+                drawn.append(str(save(picture(), target)))
+            except InputError as error:
+                failures.append(f"no {target.name}: {error}")
     if not drawn:
         raise InputError("; ".join(failures))
-    return [*drawn, *failures, *lines]
+    return [*drawn, *failures, *lines, *lacking]
 
 
 def pictures_of(result: Result, path: Path, exaggeration: float, at: float | None) -> Pictures:
@@ -74,11 +75,14 @@ def pictures_of(result: Result, path: Path, exaggeration: float, at: float | Non
 
 
 def draw_result(result: Result, directory: Path) -> str:
-    """Draw a result that has one picture into ``directory``, and return its path; by one process only. Raises
-    `InputError` if the directory cannot be made or written to; `RunError` if the system fails to write."""
+    """Draw a result that has one picture into ``directory``; by one process only. Return its path, and a line on what
+    it lacks. Raises `InputError` if the directory cannot be made or written to; `RunError` if the system fails to
+    write."""
     _make(directory)
     name, picture = ALONE[type(result)]
-    return str(save(picture(result), check_output(directory / f"{name}.png", "picture")))
+    with letters_lacking() as lacking:
+        path = save(picture(result), check_output(directory / f"{name}.png", "picture"))
+    return "\n".join([str(path), *lacking])
 
 
 def _of_scene(results: Sourced, exaggeration: float, at: float | None) -> tuple[Pictures, list[str]]:
@@ -159,7 +163,7 @@ def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pict
     of_one = {
         "mechanism": (partial(mechanism, exaggeration=exaggeration), lambda run: run.frames is not None),
         "solids": (partial(solids, at=at, exaggeration=exaggeration), has_solids),
-        "energies": (energies, lambda run: run.balance is not None),
+        "energies": (energies, lambda run: run.balance is not None and not run.rests),
         **{kind: (partial(loads, kind=kind), diagram.of) for kind, diagram in DIAGRAMS.items()},
         "coordinate_path": (coordinate_path, lambda run: len(run.coordinate_units) == 2),
     }
@@ -175,6 +179,8 @@ def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pict
         notes.append(f"{' and '.join(names)}: of {files[run]} alone, the first run that has what they show")
     if at is not None and "solids" not in pictures:
         notes.append(f"--at {at:g}: without effect, as no trajectory has bodies of solids in its frames")
+    if "energies" not in pictures and any(run.rests for run in found):
+        notes.append("no energies.png: the mechanism rests, and energies are of round-off alone")
     if "mechanism" not in pictures:
         notes.append("no mechanism.png: no trajectory has frames; use --override simulation.frames=100")
     return pictures, notes

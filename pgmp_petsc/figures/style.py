@@ -5,11 +5,14 @@ from __future__ import annotations
 import functools
 import io
 import os
+import re
 import textwrap
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ParamSpec
+from warnings import catch_warnings, filterwarnings, showwarning
 
 import matplotlib
 import numpy as np
@@ -38,6 +41,7 @@ MODELS = {"full": "full order", "components": "component modes", "reduced": "red
 RESOLUTION = 150
 SHOWN = 75  # in notebooks
 PROGRAM = f"pgmp_petsc {__version__}"
+LACKING = r"Glyph (\d+) .* missing from (current )?font"  # of matplotlib
 
 _SETTINGS = {
     "font.family": "sans-serif",
@@ -130,6 +134,25 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> Path:
         with replacing(path, "picture") as partial:
             figure.savefig(partial, dpi=RESOLUTION, format=path.suffix[1:] or "png", metadata=software)
     return path
+
+
+@contextmanager
+def letters_lacking() -> Iterator[list[str]]:
+    """Catch what is said of letters that the font of pictures saved within does not have; what is yielded has a line on
+    them behind the block, where there are any."""
+    lines: list[str] = []
+    with catch_warnings(record=True) as said:
+        filterwarnings("always", LACKING, UserWarning)
+        yield lines
+    letters = []
+    for one in said:
+        code = re.match(LACKING, str(one.message))
+        if code is None:
+            showwarning(one.message, one.category, one.filename, one.lineno)
+        elif chr(int(code[1])) not in letters:
+            letters.append(chr(int(code[1])))
+    if letters:
+        lines.append(f"the font of pictures has no {', '.join(letters)}: boxes are in their place")
 
 
 def top_legend(figure: Figure, handles: Sequence[Artist], title: str | None, notes: Sequence[str] = ()) -> Figure:

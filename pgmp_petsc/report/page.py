@@ -333,7 +333,7 @@ def _ranked(source: Source) -> str:
 
 
 def _energies(runs: Sequence[Source]) -> Iterator[Chart]:
-    run = next((source.result for source in runs if source.result.balance is not None), None)
+    run = next((one.result for one in runs if one.result.balance is not None and not one.result.rests), None)
     if run is not None:
         yield charts.energies(run, run.balance)
         if run.balance.exchanged > 0.0:
@@ -544,6 +544,8 @@ def _absent(runs: Sequence[Source], ensembles: Sequence[Source], film: Film | No
         yield "no picture of the mechanism: no trajectory with frames is here; add a file of pgmp simulate"
     else:
         yield from film.left_out
+    if any(source.result.rests for source in runs):
+        yield "no energies of a mechanism that rests: they are of round-off alone"
     if len(runs) > MOST_CURVES:
         yield f"{MOST_CURVES} of {len(runs)} runs are in the charts over time"
     if not ensembles:

@@ -221,6 +221,9 @@ class Frames(Record):
         )
 
 
+RESTS = "the mechanism rests: "  # a remark of a run begins so
+
+
 @dataclass(frozen=True)
 class Trajectory(Result):
     """One run of the full-order or the reduced model; `fields` are of the bodies whose meshes the model knows."""
@@ -252,6 +255,11 @@ class Trajectory(Result):
     )  # fmt: skip
     status: int = attribute("@status", absent=0, about="0 where the run reached its end, else the number of the reason")
     steps_divided: int = attribute("@steps_divided", absent=1, about="by what simulation.step was divided")
+
+    @property
+    def rests(self) -> bool:
+        """Whether its mechanism rests, so that all changes are round-off."""
+        return any(remark.text.startswith(RESTS) for remark in self.record.remarks)
 
     @property
     def why_stopped(self) -> str:

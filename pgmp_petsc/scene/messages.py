@@ -43,6 +43,8 @@ COMPONENTS = {2: "two numbers (x, y) are needed in the plane", 3: "three numbers
 #: What pydantic appends to the location of a refused key of a table.
 KEY_MARK = "[key]"
 _NOTHING = object()
+#: SI units of numbers in what entries mean.
+_UNITS = re.compile(r"\((?:(?:kg|Pa|rad|[NJWms])\d?(?:[ /]|(?=\))))+\)")
 
 
 def input_error(problems: Sequence[str]) -> InputError:
@@ -76,7 +78,7 @@ def explain(error: ValidationError, model: type[BaseModel], units: Mapping[str, 
     problems = []
     for details in error.errors(include_url=False):
         table, name, *_ = *details["loc"], "", ""
-        text = _explain(details, model)
+        text = _UNITS.sub(lambda found: system.unit(found[0]), _explain(details, model))
         if table == "parameters" and name in units and details["type"] == "refusal" and re.search(r"\d", text):
             own = "SI units" if system == SI else str(system)
             text += f" (in {own}; the scene's are in {units[name]})"

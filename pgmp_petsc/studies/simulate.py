@@ -50,7 +50,7 @@ from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.estimates import OF_STEP, Balance, EstimatedErrors
 from pgmp_petsc.results.numbers import ROUND_OFF as SAME
 from pgmp_petsc.results.numbers import VANISHING, felt
-from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.results.trajectory import RESTS, Trajectory
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.numerics import Simulation
@@ -518,7 +518,7 @@ def _rests(
     moved[:, : space.dimension] /= size
     if max(np.max(np.ptp(coordinates, axis=0) / own, initial=0.0), moved.max()) <= SAME:
         yield note(
-            "the mechanism rests: nothing of it moves by more than round-off over the run, of which are all changes of "
+            f"{RESTS}nothing of it moves by more than round-off over the run, of which are all changes of "
             "outputs and energies"
         )
 

@@ -1,5 +1,6 @@
 """Pictures: what is drawn is what the data say, and nothing overlaps the edge."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from scipy.stats import expon, norm, uniform
 from sealed import resealed
 from solids import box_mesh, rectangle_mesh, straightened
 
-from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.errors import InputError, note
 from pgmp_petsc.figures.captions import labels_by_parameters
 from pgmp_petsc.figures.collection import draw, draw_result
 from pgmp_petsc.figures.ensembles import bands, densities, kernel_density, sobol
@@ -26,9 +27,10 @@ from pgmp_petsc.figures.style import axis_unit, quantity, save
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import Comparison, design, fit, paired, sensitivities, trajectories
 from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS
-from pgmp_petsc.results import Derivatives, Ensemble, Tradeoff
+from pgmp_petsc.results import Balance, Derivatives, Ensemble, Tradeoff
 from pgmp_petsc.results.gradients import DEVIATION
 from pgmp_petsc.results.tradeoff import MeshErrors
+from pgmp_petsc.results.trajectory import RESTS
 from pgmp_petsc.texts.studies import design_lines, lines_of
 
 # what numpy and matplotlib warn of is a picture that is not right
@@ -345,6 +347,22 @@ def test_a_design_shows_its_search_and_both_ends() -> None:
     assert legend_texts(figure) == ["at the start, r1 = 5.6 mm", "design, r1 = 6.2 mm"]
     np.testing.assert_array_equal(visible(figure)[0].lines[0].get_ydata(), [1e-4, 4e-5, 5e-5])
     assert_inside(figure)
+
+
+def test_energies_of_round_off_and_letters_without_a_font_are_said(tmp_path: Path) -> None:
+    run = synthetic.trajectory("full", n_frames=3)
+    nothing = Balance(*np.full((3, run.time.size), 1e-50), {})
+    rests = note(f"{RESTS}nothing of it moves")
+    scene = re.sub(r'name = "\w+"', 'name = "\u6f22\u5b57"', run.record.scene_toml, count=1)
+    record = replace(run.record, scene_toml=scene, remarks=(rests,))
+    paths = written(tmp_path, replace(run, balance=nothing), replace(run, balance=nothing, record=record))
+    assert (tmp_path / "out" / "energies.png").as_posix() in draw(paths[:1], tmp_path / "out")
+    lines = draw(paths[1:], tmp_path / "rests")
+    assert lines[-2:] == [
+        "no energies.png: the mechanism rests, and energies are of round-off alone",
+        "the font of pictures has no \u6f22, \u5b57: boxes are in their place",
+    ]
+    assert not (tmp_path / "rests" / "energies.png").exists()
 
 
 def test_a_result_is_drawn_into_a_folder(tmp_path: Path) -> None:

@@ -489,6 +489,20 @@ def test_settings_are_in_the_units_of_the_scene(tmp_path: Path) -> None:
         load_scene(path, ['bodies.coupler.section.width="7 kg"'])
 
 
+def test_what_is_missing_is_said_in_the_units_of_the_scene(tmp_path: Path) -> None:
+    path = tmp_path / "mm.toml"
+    path.write_text(FOUR_BAR.replace('name = "four_bar"', 'name = "four_bar"\nunits = "mm"'), encoding="utf-8")
+    for change, words in (
+        (
+            'outputs.s={type="stress", body="rocker"}',
+            r"s\.quantity: .*principal_min \(MPa\) .*moment \(N mm\), ",
+        ),
+        ("bodies.rocker.line={elements=4}", r"rocker\.line\.length: missing; needed: length \(mm\), a"),
+    ):
+        with pytest.raises(InputError, match=words):
+            load_scene(path, [change])
+
+
 BAD = {
     "unit": ('scene.units="mmm"', r'scene\.units = "mmm": unknown'),
     "dimension": ('bodies.coupler.section.width="7 kg"', r"coupler\.section\.width .* a mass; needed is a length"),
