@@ -14,6 +14,7 @@ worst candidate hardly better."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +38,7 @@ class ParameterSnapshots:
     """
 
     def __init__(self, problem: ModalProblem, loads: StaticLoads, points: Sequence[Mapping[str, float]]) -> None:
-        self._problem, self._loads = problem, loads
+        self.problem, self.loads = problem, loads
         self.problems = [problem.at_values(values) for values in points]
 
     def __enter__(self) -> ParameterSnapshots:
@@ -58,7 +59,7 @@ class ParameterSnapshots:
         found = []
         for problem in self.problems:
             modes = problem.solve(theta)
-            own = np.hstack([modes.flexible, static_modes(problem, modes, self._loads.at)])
+            own = np.hstack([modes.flexible, static_modes(problem, modes, self.loads.at)])
             found.append(own @ problem.inner(own, problem.times_mass(kept)))
         return found
 
@@ -72,7 +73,7 @@ class ParameterSnapshots:
             return np.empty((len(kept), 0))
         rest = np.hstack(snapshots)
         for _ in range(2):
-            rest = rest - self._problem.onto(kept, rest)
+            rest = rest - self.problem.onto(kept, rest)
         return rest
 
 
@@ -162,110 +163,77 @@ def choose_points(scene: Scene, problem: ModalProblem, loads: StaticLoads, group
             f"reduction.parameter_modes = {scene.reduction.parameter_modes}: no parameter has a distribution (or a "
             "value beside the nominal one) to take modes at; give one, or leave parameter_modes out"
         )
-    with agreed(group.world, "choice of parameter points"):
-        shares = _Shares(scene, problem, loads, group, candidates)
-    chosen: list[int] = []
-    current = shares.of(chosen)
-    missed = [current.max()]
-    while len(chosen) < min(MOST_POINTS, len(candidates)):
-        trial = [*chosen, int(np.argmax(current))]
-        found = shares.of(trial)
-        if trial[-1] in chosen or (chosen and found.max() > GAIN * current.max()):
-            break
-        chosen, current = trial, found
-        missed.append(current.max())
+    # configurations spread over the range, shape (n, n_theta)
+    coordinates = problem.kinematics.coordinates
+    n = int(np.ceil(N_CONFIGURATIONS ** (1.0 / len(coordinates))))
+    axes = [c.lower + (c.upper - c.lower) * (np.arange(n) + 0.5) / n for c in coordinates]
+    middles = np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
+    own = middles[list(group.arc(len(middles)))]
+
+    def shares(chosen: Sequence[int]) -> np.ndarray:
+        """Return the largest missed share of every candidate over the configurations, shape (n_candidates,)."""
+        worst = np.zeros(len(candidates))
+        for configuration in configurations:
+            worst = np.maximum(worst, configuration.shares(snapshots, chosen, scene.reduction.parameter_modes))
+        return np.round(np.max(group.world.allgather(worst), axis=0), DIGITS)
+
+    with ExitStack() as stack:
+        with agreed(group.world, "choice of parameter points"):
+            snapshots = stack.enter_context(ParameterSnapshots(problem, loads, candidates if own.size else ()))
+            configurations = [_Configuration.of(snapshots, theta) for theta in own]
+        chosen: list[int] = []
+        current = shares(chosen)
+        missed = [current.max()]
+        while len(chosen) < min(MOST_POINTS, len(candidates)):
+            trial = [*chosen, int(np.argmax(current))]
+            found = shares(trial)
+            if trial[-1] in chosen or (chosen and found.max() > GAIN * current.max()):
+                break
+            chosen, current = trial, found
+            missed.append(current.max())
     values = {name: np.array([candidates[k][name] for k in chosen]) for name in spanned}
     return ParameterPoints(scene.reduction.parameter_modes, np.array(missed), values)
 
 
-class _Shares:
-    """Missed shares of all candidates. Collective on ``group.world``."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        problem: ModalProblem,
-        loads: StaticLoads,
-        group: RankGroup,
-        candidates: Sequence[Mapping[str, float]],
-    ) -> None:
-        self._group, self._n_candidates = group, len(candidates)
-        self._n_vectors = scene.reduction.parameter_modes
-        self._own: list[_Configuration] = []
-        # configurations spread over the range, shape (n, n_theta)
-        n = int(np.ceil(N_CONFIGURATIONS ** (1.0 / problem.kinematics.n_coordinates)))
-        axes = [c.lower + (c.upper - c.lower) * (np.arange(n) + 0.5) / n for c in problem.kinematics.coordinates]
-        middles = np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
-        own = middles[list(group.arc(len(middles)))]
-        if not own.size:
-            return
-        with ParameterSnapshots(problem, loads, candidates) as snapshots:
-            for theta in own:
-                self._own.append(_Configuration.of(problem, snapshots, loads, theta))
-
-    def of(self, chosen: Sequence[int]) -> np.ndarray:
-        """Return the largest missed share of every candidate over the configurations, shape (n_candidates,)."""
-        worst = np.zeros(self._n_candidates)
-        for configuration in self._own:
-            worst = np.maximum(worst, configuration.shares(chosen, self._n_vectors))
-        return np.round(np.max(self._group.world.allgather(worst), axis=0), DIGITS)
-
-
 @dataclass(frozen=True, eq=False)
 class _Configuration:
-    """Products of the kept vectors V and of X, what they leave of all snapshots, at one configuration."""
+    """The kept flexible vectors V, and X, what they leave of all snapshots, at one configuration; local rows."""
 
-    n_kept: int  # number of kept flexible vectors
-    mass: np.ndarray  # ``X^T M X`` at the nominal parameters, shape (n_candidates, q, n_candidates, q)
-    stiffness: tuple[np.ndarray, ...]  # ``W^T K_c W`` at every candidate c with W = [V, X], each of shape (w, w)
+    kept: np.ndarray  # shape (n_local, n_kept)
+    rest: np.ndarray  # shape (n_candidates, n_local, q)
     #: ``V^T M`` times the whole snapshots, which are V times these plus X (plus a rigid motion, which strains nothing),
-    #: shape (n_kept, n_candidates q)
+    #: shape (n_candidates, n_kept, q)
     coefficients: np.ndarray
 
     @classmethod
-    def of(
-        cls, problem: ModalProblem, snapshots: ParameterSnapshots, loads: StaticLoads, theta: np.ndarray
-    ) -> _Configuration:
-        """Compute the products."""
+    def of(cls, snapshots: ParameterSnapshots, theta: np.ndarray) -> _Configuration:
+        """Compute the vectors."""
+        problem = snapshots.problem
         modes = problem.solve(theta)
-        static = static_modes(problem, modes, loads.at)
-        flexible = np.hstack([modes.flexible, static])
-        found = snapshots.at(theta, flexible)
-        rest = snapshots.missed(found, np.hstack([modes.unstrained, flexible]))
-        everything = np.hstack([flexible, rest])
-        stiffness = tuple(problem.inner(everything, other.times_stiffness(everything)) for other in snapshots.problems)
-        n, q = len(found), found[0].shape[1]
-        mass = problem.inner(rest, problem.times_mass(rest)).reshape(n, q, n, q)
-        along = problem.inner(flexible, problem.times_mass(np.hstack(found)))
-        return cls(flexible.shape[1], mass, stiffness, along)
+        kept = np.hstack([modes.flexible, static_modes(problem, modes, snapshots.loads.at)])
+        found = snapshots.at(theta, kept)
+        rest = snapshots.missed(found, np.hstack([modes.unstrained, kept]))
+        along = problem.inner(kept, problem.times_mass(np.hstack(found)))
+        return cls(kept, *(np.stack(np.hsplit(part, len(found))) for part in (rest, along)))
 
-    def shares(self, chosen: Sequence[int], n_vectors: int) -> np.ndarray:
+    def shares(self, snapshots: ParameterSnapshots, chosen: Sequence[int], n_vectors: int) -> np.ndarray:
         """Return the missed share of the energy norm of every candidate, shape (n_candidates,)."""
-        n, q = self.mass.shape[:2]
-        place = np.arange(n * q).reshape(n, q)
-        own = place[list(chosen)].ravel()
-        basis = np.zeros((self.n_kept + n * q, self.n_kept))
-        basis[: self.n_kept] = np.eye(self.n_kept)
-        if own.size:
-            squares, vectors = np.linalg.eigh(self.mass.reshape(n * q, n * q)[np.ix_(own, own)])
+        problem, basis = snapshots.problem, self.kept
+        if chosen:
+            own = np.hstack(self.rest[list(chosen)])
+            squares, vectors = np.linalg.eigh(problem.inner(own, problem.times_mass(own)))
             leading = vectors[:, squares > ROUND_OFF * squares[-1]][:, ::-1][:, :n_vectors]
-            further = np.zeros((self.n_kept + n * q, leading.shape[1]))
-            further[self.n_kept + own] = leading
-            basis = np.hstack([basis, further])
-        worst = np.empty(n)
-        for candidate, stiffness in enumerate(self.stiffness):
-            snapshot = np.zeros((self.n_kept + n * q, q))
-            snapshot[: self.n_kept] = self.coefficients[:, place[candidate]]
-            snapshot[self.n_kept + place[candidate]] = np.eye(q)
-            forces = basis.T @ stiffness
-            inner = forces @ basis
+            basis = np.hstack([basis, own @ leading])
+        worst = np.empty(len(snapshots.problems))
+        for candidate, other in enumerate(snapshots.problems):
+            snapshot = self.kept @ self.coefficients[candidate] + self.rest[candidate]
+            forces = other.times_stiffness(basis)
+            inner = problem.inner(forces, basis)
             scale = 1.0 / np.sqrt(np.diag(inner))
-            projected = np.linalg.solve(inner * scale * scale[:, None], scale[:, None] * (forces @ snapshot))
+            missed = scale[:, None] * problem.inner(forces, snapshot)
+            projected = np.linalg.solve(inner * scale * scale[:, None], missed)
             rest = snapshot - basis @ (scale[:, None] * projected)
-            worst[candidate] = np.sqrt(np.max(_energies(rest, stiffness) / _energies(snapshot, stiffness)))
+            both = np.hstack([rest, snapshot])
+            energies = np.maximum(np.diag(problem.inner(both, other.times_stiffness(both))), 0.0)
+            worst[candidate] = np.sqrt(np.max(energies[: rest.shape[1]] / energies[rest.shape[1] :]))
         return worst
-
-
-def _energies(vectors: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Return ``v^T K v`` of every column, shape (k,)."""
-    return np.maximum(np.einsum("ij,ij->j", vectors, stiffness @ vectors), 0.0)
