@@ -93,9 +93,8 @@ def spring_remarks(effects: Sequence[Effect], reduction: Reduction | None = None
 
 
 def moving_dofs(action: Action) -> np.ndarray:
-    """Return the unknowns of the nodes that an action holds at, none of them twice, shape (n,)."""
-    dofs = np.concatenate([np.zeros(0, dtype=int), *(side.dofs for side in action.sides if not side.on_ground)])
-    return dofs if len(action.statement.terms) == 1 else np.unique(dofs)  # terms may be about one node
+    """Return the unknowns of the nodes that an action holds at, increasing, none of them twice, shape (n,)."""
+    return np.unique([side.dofs for side in action.sides if not side.on_ground]).astype(int)
 
 
 def spring_force(
@@ -121,7 +120,7 @@ def spring_block(
     """Return the stiffness of a spring on the rigid mechanism at a configuration, in body frames.
 
     The gradient is that of its statement in the unknowns of `moving_dofs` there, shape (n,). The preload is the force
-    that it has already (`spring_force`) times the statement's second derivatives in these (`BodyHessians`), shape (n,
+    that it has already (`spring_force`) times the statement's second derivatives in these (`BodyStatements`), shape (n,
     n); 0 leaves the second term of the module's equation out.
     """
     matrix = spring.stiffness.at(values) * np.outer(gradient, gradient) - preload
