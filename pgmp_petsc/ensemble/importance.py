@@ -65,6 +65,16 @@ class KernelDensity:
     #: symmetric roots of the covariances of the first kernels, whose deviations are 1, shape (k, d, d)
     roots: np.ndarray | None = None
 
+    def with_further(self, centres: np.ndarray, proportions: np.ndarray, share: float) -> KernelDensity:
+        """Return these and kernels of deviation 1 about further centres (n, d), whose share of all kernels is divided
+        in proportions (n,), 1 in sum."""
+        return KernelDensity(
+            np.concatenate([self.centres, centres]),
+            np.concatenate([(1.0 - share) * self.shares, share * proportions]),
+            np.concatenate([self.deviations, np.ones(len(centres))]),
+            self.roots,
+        )
+
     def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
         """Return n independent points, shape (n, d)."""
         chosen = random.choice(len(self.centres), size=n, p=self.shares)
@@ -115,16 +125,10 @@ class Mixture:
 
     def with_kernels(self, centres: np.ndarray, share: float) -> Mixture:
         """Return this mixture with kernels of deviation 1 about further centres (n, d), with a share of the kernels."""
-        n, own = len(centres), self.kernels
-        if not n:
+        if not len(centres):
             return self
-        kernels = KernelDensity(
-            np.concatenate([own.centres, centres]),
-            np.concatenate([(1.0 - share) * own.shares, np.full(n, share / n)]),
-            np.concatenate([own.deviations, np.ones(n)]),
-            own.roots,
-        )
-        return replace(self, kernels=kernels)
+        even = np.full(len(centres), 1.0 / len(centres))
+        return replace(self, kernels=self.kernels.with_further(centres, even, share))
 
     def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
         """Return n independent points, shape (n, d)."""
@@ -199,14 +203,7 @@ def chosen_density(
         return Mixture(KernelDensity(broad, of_broad, np.ones(len(broad))), outside, 1.0 - DEFENSIVE)
     clusters = cluster_means(points, weights, families, values, n_clusters, random)
     found = _density(points, weights, families, clusters, factor, random)
-    main = 1.0 - DEFENSIVE - OUTSIDE
-    kernels = KernelDensity(
-        np.concatenate([found.centres, broad]),
-        np.concatenate([main * found.shares, DEFENSIVE * of_broad]) / (1.0 - OUTSIDE),
-        np.concatenate([found.deviations, np.ones(len(broad))]),
-        found.roots,
-    )
-    return Mixture(kernels, outside, OUTSIDE)
+    return Mixture(found.with_further(broad, of_broad, DEFENSIVE / (1.0 - OUTSIDE)), outside, OUTSIDE)
 
 
 def outside_of(points: np.ndarray) -> float:
