@@ -35,6 +35,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 DRAWN = (0.0, 0.5, 1.0)  # factors a
 FITTED = -1.0  # in place of a factor: one kernel a cluster, with the covariance of its points
@@ -132,8 +133,6 @@ class Mixture:
 
     def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
         """Return n independent points, shape (n, d)."""
-        from scipy.special import ndtr, ndtri
-
         d = self.kernels.centres.shape[1]
         n_beyond = int(random.binomial(n, self.beyond)) if self.beyond else 0
         n_outside = int(random.binomial(n - n_beyond, self.share))
@@ -143,17 +142,15 @@ class Mixture:
         radii = np.sqrt(_squared_radius(self.outside * (1.0 - random.random(n_outside)), d))
         drawn = [radii[:, None] * directions, self.kernels.draw(n - n_outside - n_beyond, random)]
         if n_beyond:
-            chances = ndtr(-self.beta)
+            chances = scipy.special.ndtr(-self.beta)
             chosen = random.choice(len(chances), size=n_beyond, p=chances / chances.sum())
-            along, normals = -ndtri(chances[chosen] * (1.0 - random.random(n_beyond))), self.alpha[chosen]
+            along, normals = -scipy.special.ndtri(chances[chosen] * (1.0 - random.random(n_beyond))), self.alpha[chosen]
             points = random.standard_normal((n_beyond, d))
             drawn.append(points + (along - np.sum(points * normals, axis=1))[:, None] * normals)
         return np.concatenate(drawn)
 
     def log(self, points: np.ndarray) -> np.ndarray:
         """Return the logarithm of the density at points (n, d), shape (n,)."""
-        from scipy.special import ndtr
-
         # the points drawn nearest are on the border but for round-off
         normal, beyond = log_normal(points), np.sum(points**2, axis=1) >= (1.0 - 1e-12) * self._squared_radius
         of_outside = np.where(beyond, normal + np.log(self.share / self.outside), -np.inf)
@@ -162,7 +159,7 @@ class Mixture:
             return found
         n_beyond = np.sum(np.einsum("nd,kd->nk", points, self.alpha) >= (1.0 - 1e-12) * self.beta, axis=1)
         with np.errstate(divide="ignore"):
-            of_planes = normal + np.log(n_beyond * self.beyond / ndtr(-self.beta).sum())
+            of_planes = normal + np.log(n_beyond * self.beyond / scipy.special.ndtr(-self.beta).sum())
         return np.logaddexp(np.log1p(-self.beyond) + found, of_planes)
 
 
@@ -208,10 +205,8 @@ def chosen_density(
 
 def outside_of(points: np.ndarray) -> float:
     """Return the probability of outside the ball that reaches nearly to the nearest of the points (m, d)."""
-    from scipy.special import gammaincc
-
     nearest = float(np.min(np.sum(points**2, axis=1)))
-    return min(1.0, LARGER * float(gammaincc(0.5 * points.shape[1], 0.5 * nearest)))
+    return min(1.0, LARGER * float(scipy.special.gammaincc(0.5 * points.shape[1], 0.5 * nearest)))
 
 
 def _halves(families: np.ndarray, random: np.random.Generator) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
@@ -229,9 +224,7 @@ def _halves(families: np.ndarray, random: np.random.Generator) -> tuple[tuple[np
 
 def _squared_radius(outside: np.ndarray | float, d: int) -> np.ndarray:
     """Return the squared radius of the balls that standard normal points are outside of with these probabilities."""
-    from scipy.special import gammainccinv
-
-    return 2.0 * gammainccinv(0.5 * d, outside)
+    return 2.0 * scipy.special.gammainccinv(0.5 * d, outside)
 
 
 def _some(
@@ -392,13 +385,14 @@ def lie_apart(points: np.ndarray, weights: np.ndarray, random: np.random.Generat
 
 
 def _labels(points: np.ndarray, weights: np.ndarray, n_clusters: int, random: np.random.Generator) -> np.ndarray:
-    from scipy.cluster.vq import kmeans2
-
     if n_clusters == 1:
         return np.zeros(len(points), dtype=int)
     some, shares = _some(points, weights, 4 * KERNELS, random)
     with warnings.catch_warnings(), np.errstate(invalid="ignore"):  # of points that are all one
         warnings.simplefilter("ignore", UserWarning)  # an empty cluster, which is left out by who asks
-        tries = [kmeans2(some, n_clusters, minit="++", seed=random, check_finite=False) for _ in range(TRIES)]
+        tries = [
+            scipy.cluster.vq.kmeans2(some, n_clusters, minit="++", seed=random, check_finite=False)
+            for _ in range(TRIES)
+        ]
     centres = min(tries, key=lambda one: np.sum(shares * np.sum((some - one[0][one[1]]) ** 2, axis=1)))[0]
     return np.argmin(np.sum((points[:, None] - centres) ** 2, axis=2), axis=1)
