@@ -25,7 +25,7 @@ import numpy as np
 
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
-from pgmp_petsc.scene.effects import Driving, OverTime
+from pgmp_petsc.scene.effects import OverTime
 from pgmp_petsc.scene.fields import LoadHarmonic
 from pgmp_petsc.scene.numerics import Initial, Reduction, Simulation, count_steps
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
@@ -159,7 +159,7 @@ class Training:
             remarks.append("no torque or force acts over time: loads are not varied")
         if not uncertain_names(scene):
             remarks.append("no parameter has a distribution: none is varied")
-        if any(isinstance(effect, Driving) for effect in scene.effects.values()):
+        if scene.driven:
             remarks.append("prescribed motions are not varied")
         return cls(scene, values, n_samples, loads, tuple(remarks))
 
