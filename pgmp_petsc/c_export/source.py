@@ -30,7 +30,7 @@ from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.statements import KINDS
 from pgmp_petsc.reduced import lagrangian
 
-SHARED = ("steps", "statements", "actions", "control", "kinematics", "outputs", "counts")
+SHARED = ("steps", "statements", "over_time", "actions", "control", "kinematics", "outputs", "counts")
 #: Parts of each kind of model beside the shared ones; the first has a header too.
 OWN = {"reduced": ("reduced", "interpolation", "lagrangian", "solution", "forces"), "tree": ("tree", "reactions")}
 OLDER = "model.c"  # what `steps.c` was called

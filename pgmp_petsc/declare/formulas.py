@@ -67,6 +67,8 @@ def declared(text: str, names: Mapping[str, str], words: str) -> tuple[str, set[
     allowed = f"a formula has numbers, {words}, {ALLOWED}"
     if len(text) > LONGEST:
         raise FormulaError(f"has {len(text)} characters; at most {LONGEST} are taken")
+    if "#" in text:  # Python would read a comment, and leave out what is behind it
+        raise FormulaError(f"has '#'; {allowed}", text.index("#"))
     try:
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:

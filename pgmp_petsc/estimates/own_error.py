@@ -22,7 +22,7 @@ from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
-from pgmp_petsc.results.estimates import EstimatedErrors
+from pgmp_petsc.results.estimates import LARGE, EstimatedErrors
 from pgmp_petsc.results.numbers import behind, felt, number_text, share_text, sizes_of, with_unit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
@@ -41,7 +41,6 @@ SMALLER_ERRORS = {
 SMALLER_ERRORS["components"] = SMALLER_ERRORS["full"]
 SMALL = 0.01  # estimated error as a share of an output's largest value, up to which it is no harm that it is unsure
 NEGLIGIBLE = 1e-6  # of the largest output of its unit: an error as small of an output that vanishes is none
-LARGE = 0.05  # estimated error as a share of an output's largest value, from which on a run warns of it
 
 
 def is_estimated(scene: Scene, of_step: bool = False) -> bool:

@@ -28,7 +28,6 @@ from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connectio
 from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupling, orthonormality
 from pgmp_petsc.mechanism.space import SPATIAL, Space, rotate, space_of
 from pgmp_petsc.mechanism.statements import ANGLE, Statement, distance
-from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.uses import slides
 
@@ -222,7 +221,7 @@ class Mechanism:
         """Return whether this very scene and these very shapes of bodies make the same mechanism."""
         same = self.shapes.keys() == shapes.keys() and all(self.shapes[name] is shapes[name] for name in shapes)
         driven = {coordinate.name for coordinate in self.coordinates if coordinate.prescribed}
-        return self.scene is scene and same and driven == _prescribed(scene)
+        return self.scene is scene and same and driven == set(scene.driven)
 
     @classmethod
     def from_scene(cls, scene: Scene, shapes: Mapping[str, BodyShape]) -> Mechanism:
@@ -233,7 +232,6 @@ class Mechanism:
         bodies = bodies_of(scene, shapes)
         guess = first_guess(scene, bodies)
         connections = connections_of(scene, bodies, guess)
-        prescribed = _prescribed(scene)
         by_name = {connection.name: connection for connection in connections}
         coordinates = []
         for name, entry in scene.coordinates.items():
@@ -243,16 +241,11 @@ class Mechanism:
                 sides = tuple(attachment_at(scene, bodies, point, address) for point in entry.points)
             else:
                 statement, sides = joint.measure("sliding" if slides(scene, entry) else "turning"), joint.sides
-            rest = (*entry.range, entry.periodic, name in prescribed, joint, scene.system)
+            rest = (*entry.range, entry.periodic, name in scene.driven, joint, scene.system)
             coordinates.append(Coordinate(name, statement, sides, *rest))
         coordinates = tuple(coordinates)
         couplings = couplings_of(scene, connections, guess, [c.statement for c in coordinates])
         return cls(bodies, connections, couplings, coordinates, guess, scene, shapes)
-
-
-def _prescribed(scene: Scene) -> set[str]:
-    """Return the coordinates that follow given motions."""
-    return {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
 
 
 N_POSE = SPATIAL.n_pose

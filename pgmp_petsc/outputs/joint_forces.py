@@ -42,7 +42,6 @@ from pgmp_petsc.mechanism.space import Space
 from pgmp_petsc.mechanism.statements import MEET, Combination, Function, Statement
 from pgmp_petsc.outputs.readings import AXES, Frames, Rate, Reading, Seen
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.joints import CouplingEntry
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import OutputEntry
@@ -130,7 +129,7 @@ class OfDrive(OutputEntry):
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if nothing prescribes such a motion, or several do."""
-        entry, driven = f"outputs.{name}", _driven(scene)
+        entry, driven = f"outputs.{name}", scene.driven
         if not scene.coordinates.keys() >= {*driven}:
             return  # a motion is refused that names no coordinate
         if self.coordinate is not None:
@@ -152,7 +151,7 @@ class OfDrive(OutputEntry):
         """Return the name of the coordinate that is prescribed."""
         if self.coordinate is not None:
             return self.coordinate
-        return next(one for one in _driven(scene) if scene.coordinates[one].joint == self.joint)
+        return next(one for one in scene.driven if scene.coordinates[one].joint == self.joint)
 
     def multiplied(self, name: str, kinematics: RigidKinematics) -> ForceOutput:
         """Return what the motion takes."""
@@ -202,11 +201,6 @@ class ControlForce(OutputEntry):
         """Return N for what slides."""
         found = scene.controllers.get(self.controller)
         return "N" if found is not None and slides(scene, found) else "N m"
-
-
-def _driven(scene: Scene) -> list[str]:
-    """Return the coordinates that follow given motions."""
-    return [effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)]
 
 
 def _not_driven(driven: Sequence[str]) -> str:

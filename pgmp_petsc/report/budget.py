@@ -31,7 +31,7 @@ from pgmp_petsc.report.sources import (
     read_sources,
 )
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
-from pgmp_petsc.results.estimates import OF_STEP, VALIDITY, EstimatedErrors, limits_of
+from pgmp_petsc.results.estimates import LARGE, OF_STEP, VALIDITY, EstimatedErrors, limits_of
 from pgmp_petsc.results.numbers import behind, end_texts, interval_text, number_text, percent, plain, share_text
 from pgmp_petsc.results.statistics import DOUBT, RareEvent
 from pgmp_petsc.results.trajectory import truncated
@@ -374,7 +374,7 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
     for source in ensembles:
         sentences += _of_ensemble(source, len(ensembles) > 1, error, _full_order_stops(sources))
     if not sentences and runs:
-        sentences += _of_run(runs[0])
+        sentences += _of_run(runs[0], error)
     if not sentences:
         chances = [(source, chance_of(source)) for source in sources if isinstance(source.result, RareEvent)]
         sentences += [[f"{source.result.event.replace('_', ' ')}: ", *of, "."] for source, of in chances if of]
@@ -446,9 +446,12 @@ def _of_runs(ensemble: Ensemble, label: str, error: ModelError | None) -> float:
     return error.bound(event.get("output", ""), event.get("when", "end"))
 
 
-def _of_run(source: Source) -> Iterator[Sentence]:
-    """Yield the largest size of every output of a run, and when it has it."""
+def _of_run(source: Source, error: ModelError | None) -> Iterator[Sentence]:
+    """Yield the largest size of every output of a run, when it has it, and by how much it may be off, if much."""
     run = source.result
+    off = [] if run.errors is None else [{name: _share(source, name) for name in run.errors.outputs}]
+    if error is not None and run.model == "reduced":  # measured, where it is
+        off = [one.datums for one in (error, error.with_step) if one is not None]
     for name, values in run.outputs.items():
         if not np.isfinite(values).any():
             yield [f"{name} is not known at any instant."]
@@ -458,7 +461,10 @@ def _of_run(source: Source) -> Iterator[Sentence]:
         factor, unit = axis_unit(run.units.get(name, "1"), values)
         largest = Datum(values[place], f"{factor * values[place]:.4g}", source.name, f"/outputs/{name}", str(place))
         unit = behind(unit)
-        yield [f"{name} is furthest from zero at {run.time[place]:.4g} s: ", largest, f"{unit}."]
+        shares = [own[name] for own in off if name in own and np.isfinite(own[name].value)]
+        worst = max(shares, key=lambda one: one.value, default=None)
+        doubt = [", off by up to ", worst, " of that"] if worst is not None and worst.value > LARGE else []
+        yield [f"{name} is furthest from zero at {run.time[place]:.4g} s: ", largest, unit, *doubt, "."]
     if (stress := stress_of(run)) is not None:
         largest, unit = stress.shown(source.name, run.record.system.unit("Pa"))
         lacking = run.model == "reduced" and truncated(run.record.scene_toml)

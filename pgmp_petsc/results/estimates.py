@@ -21,6 +21,7 @@ import numpy as np
 from pgmp_petsc.declare.records import Record, array, attribute, derived
 
 OF_REDUCED, OF_STEP = "reduced less full-order", "of the time step"
+LARGE = 0.05  # error as a share of an output's largest value, from which on a run warns of it
 # rad. Displacements linear in the deformation turn a length by phi and make it longer by phi^2 / 2 of itself, which is
 # the relative error of a linear strain measure: one per cent here.
 ROTATION_LIMIT = 0.14

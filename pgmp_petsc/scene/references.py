@@ -536,10 +536,9 @@ def _initial_states(scene: AnyScene) -> Iterator[str]:
         if name not in scene.coordinates:
             what = f"there is no such coordinate{nearest_name(name, scene.coordinates)}"
             yield problem(f"simulation.initial.{name}", what)
-    prescribed = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
     for name, coordinate in scene.coordinates.items():
         (low, high), position = coordinate.range, scene.initial_state(name).position
-        if name not in prescribed and not (coordinate.periodic or low <= position <= high):
+        if name not in scene.driven and not (coordinate.periodic or low <= position <= high):
             given = "" if name in scene.simulation.initial else "; a start that is not given is at zero"
             words = f"must lie in the coordinate's range [{low}, {high}]{given}"
             yield problem(f"simulation.initial.{name}.position", words, position)

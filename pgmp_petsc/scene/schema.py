@@ -16,7 +16,7 @@ from pgmp_petsc.base.units import SAID, SI, UnitSystem, system_of
 from pgmp_petsc.declare.ideas import WHEN_GROWN
 from pgmp_petsc.scene.bodies import Body, Material
 from pgmp_petsc.scene.controllers import Controller, controller_problems
-from pgmp_petsc.scene.effects import Effect
+from pgmp_petsc.scene.effects import Driving, Effect
 from pgmp_petsc.scene.fields import Name, Number, OneLine, Table
 from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
 from pgmp_petsc.scene.messages import input_error
@@ -229,6 +229,11 @@ class Scene(Table):
 
     def _of_signs(self, *signs: Sign) -> frozenset[str]:
         return frozenset(use.parameter for use in uses_of(self) if use.sign in signs and use.parameter is not None)
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """The coordinates that follow given motions."""
+        return tuple(effect.coordinate for effect in self.effects.values() if isinstance(effect, Driving))
 
     @property
     def carried(self) -> dict[str, Effect]:

@@ -28,7 +28,6 @@ from pgmp_petsc.base.errors import InputError, Remark, note, warning
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, words_of
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, Settled
 
 SHARES = (1, 4, 16, 64)  # steps in which loads are put on, one after the other where fewer do not converge
@@ -368,8 +367,7 @@ def starts_remarks(scene: Scene, unstable: np.ndarray) -> tuple[Remark, ...]:
 
 def _let_go(scene: Scene) -> str:
     """Return the text on coordinates that are held at first: prescribed ones go on as prescribed."""
-    driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
-    if not driven:
+    if not scene.driven:
         return ", and lets them go"
-    let_go = [name for name in scene.coordinates if name not in driven]
+    let_go = [name for name in scene.coordinates if name not in scene.driven]
     return f", and lets {', '.join(let_go)} go" if let_go else ""

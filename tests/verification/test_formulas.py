@@ -140,6 +140,7 @@ FORMULA"s.real"} -> effects.e.force = "s.real": has 's.real'; a formula has numb
 FORMULA"(lambda: s)()"} -> effects.e.force = "(lambda: s)()": has '(lambda: s)()'
 FORMULA"s if t else v"} -> effects.e.force = "s if t else v": has 's if t else v'
 FORMULA"s == 1"} -> effects.e.force = "s == 1": has 's == 1'
+FORMULA"s # - c * v"} -> effects.e.force = "s # - c * v": has '#'; a formula has numbers
 FORMULA"s *"} -> effects.e.force = "s *": is no formula (
 FORMULA""} -> effects.e.force = "": is no formula
 FORMULA"min(s)"} -> effects.e.force = "min(s)": gives min 1 arguments; it takes 2

@@ -155,3 +155,29 @@ int bends(const struct pgmp_model *m, const struct iterate kept[], const double 
     }
     return 0;
 }
+
+/* How far every edge of a law is crossed in a state, negative where it is not. */
+void find_depths(const struct pgmp_model *m, const double q[N], double depths[]) {
+    static const double none[AT_LEAST_ONE(N_STRENGTHS)];
+    double at_rest[N] = {0}, r[N] = {0};
+    if (N_EDGES == 0) return;
+    add_actions(m, none, q, at_rest, 0.0, 0, 0, depths, 0, r, 0, 0, 0);
+}
+
+/* Lets controllers respond to a state. */
+void look_at_motions(const struct pgmp_model *m, const double q[N], const double v[N], struct response *at) {
+    static const double none[AT_LEAST_ONE(N_STRENGTHS)];
+    double r[N] = {0};
+    add_actions(m, none, q, v, 0.0, 0, 0, 0, at, r, 0, 0, 0);
+}
+
+/* What controllers put on their joints from now on: those whose time it is are sampled when the next step begins. */
+void find_held(const struct pgmp_model *m, double found[][3]) {
+    struct response now;
+    int jumping = jumps(m);
+    if (jumping) begin_sampling(m, DUE, pgmp_time(m), &now), look_at_motions(m, m->q, m->v, &now);
+    for (int k = 0; k < N_CONTROLS; k++) {
+        int every = controls[k].every, due = jumping && every > 0 && m->number % every == 0;
+        found[k][0] = due ? now.forces[k] : m->beside[controls[k].column + 3 * controls[k].n_states];
+    }
+}

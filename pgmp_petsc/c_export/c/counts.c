@@ -60,7 +60,6 @@ void count_step(struct pgmp_model *m) {
 #if N_COUNTS > 0
     double curves[N_COUNTS][MOST_PARTS][3], ultimates[N_COUNTS];
     weigh_counts(m->parameters, curves, ultimates);
-    pgmp_observe(m);
     for (int k = 0; k < N_COUNTS; k++) take(m, k, m->counted[k], curves[k], ultimates[k]);
 #else
     (void)m;
@@ -71,7 +70,6 @@ void start_counts(struct pgmp_model *m) {
     memset(m->waiting, 0, sizeof m->waiting);
     memset(m->closed, 0, sizeof m->closed);
     memset(m->damages, 0, sizeof m->damages);
-    count_step(m);
 }
 
 void show_counts(struct pgmp_model *m, double time) {

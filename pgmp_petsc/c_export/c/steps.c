@@ -40,63 +40,6 @@ void pgmp_weigh(struct pgmp_model *m) {
             m->validity |= PGMP_PARAMETER;
 }
 
-/* A function at a time, and its two derivatives, from the piece that holds at the time `since`. */
-double evaluate_piece(int function, double time, double since, double rates[2]) {
-    int p = function_pieces[function];
-    while (p + 1 < function_pieces[function + 1] && since >= pieces[p + 1].begin) p++;
-    const struct piece *f = pieces + p;
-    double s = time - f->origin, rate = f->wave[1], phase = rate * time + f->wave[2];
-    double wave = f->wave[0] * sin(phase), slope = f->wave[0] * cos(phase);
-    const double *c = f->cubic;
-    rates[0] = c[1] + s * (2.0 * c[2] + s * (3.0 * c[3] + s * 4.0 * c[4])) + rate * slope;
-    rates[1] = 2.0 * c[2] + s * (6.0 * c[3] + s * 12.0 * c[4]) - rate * rate * wave;
-    return c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * c[4]))) + wave;
-}
-
-double pgmp_next_break(const struct pgmp_model *m, double time) {
-    double next = 1e300;
-    for (int f = 0; f < N_STRENGTHS + R; f++)
-        for (int p = function_pieces[f] + 1; p < function_pieces[f + 1]; p++)
-            if (pieces[p].begin > time && pieces[p].begin < next && (f >= N_STRENGTHS || m->follows_scene[f]))
-                next = pieces[p].begin;
-    return next;
-}
-
-void act(const struct pgmp_model *m, double time, double since, struct acting *now) {
-    double rates[2];
-    for (int k = 0; k < N_STRENGTHS; k++)
-        now->strengths[k] = m->follows_scene[k] ? evaluate_piece(k, time, since, rates) : strength_sizes[k] * m->strengths[k];
-    for (int k = 0; k < R; k++)
-        if (function_pieces[N_STRENGTHS + k] < function_pieces[N_STRENGTHS + k + 1])
-            now->motions[k][0] = evaluate_piece(N_STRENGTHS + k, time, since, now->motions[k] + 1);
-}
-
-/* How far every edge of a law is crossed in a state, negative where it is not. */
-static void find_depths(const struct pgmp_model *m, const double q[N], double depths[]) {
-    static const double none[AT_LEAST_ONE(N_STRENGTHS)];
-    double at_rest[N] = {0}, r[N] = {0};
-    if (N_EDGES == 0) return;
-    add_actions(m, none, q, at_rest, 0.0, 0, 0, depths, 0, r, 0, 0, 0);
-}
-
-/* Lets controllers respond to a state. */
-static void look_at_motions(const struct pgmp_model *m, const double q[N], const double v[N], struct response *at) {
-    static const double none[AT_LEAST_ONE(N_STRENGTHS)];
-    double r[N] = {0};
-    add_actions(m, none, q, v, 0.0, 0, 0, 0, at, r, 0, 0, 0);
-}
-
-/* What controllers put on their joints from now on: those whose time it is are sampled when the next step begins. */
-void find_held(const struct pgmp_model *m, double found[][3]) {
-    struct response now;
-    int jumping = jumps(m);
-    if (jumping) begin_sampling(m, DUE, pgmp_time(m), &now), look_at_motions(m, m->q, m->v, &now);
-    for (int k = 0; k < N_CONTROLS; k++) {
-        int every = controls[k].every, due = jumping && every > 0 && m->number % every == 0;
-        found[k][0] = due ? now.forces[k] : m->beside[controls[k].column + 3 * controls[k].n_states];
-    }
-}
-
 static void look_at_state(struct pgmp_model *m) {
     for (int i = 0; i < N; i++)
         if (!isfinite(m->q[i]) || !isfinite(m->v[i]) || !isfinite(m->a[i])) m->validity |= PGMP_NOT_FINITE;
@@ -176,6 +119,10 @@ void pgmp_accelerate(struct pgmp_model *m, double time, double since) {
     look_at_state(m);
 }
 
+static void count(struct pgmp_model *m) {
+    if (N_COUNTS > 0) pgmp_observe(m), count_step(m);
+}
+
 static void find_first(struct pgmp_model *m);
 
 void pgmp_start(struct pgmp_model *m) {
@@ -198,9 +145,8 @@ void pgmp_start(struct pgmp_model *m) {
     for (int e = 0; e < N_EDGES; e++) m->beyond[e] = depths[e] > 0.0;
     find_first(m);
     start_counts(m);
+    count(m);
 }
-
-double pgmp_time(const struct pgmp_model *m) { return STEP * m->number; }
 
 static double at_most(double most, double x) { return x > most ? most : x; }
 
@@ -505,6 +451,6 @@ int pgmp_step(struct pgmp_model *m) {
         follow(m, &t);
     m->number++;
     look_at_state(m);
-    count_step(m);
+    count(m);
     return m->validity;
 }

@@ -87,7 +87,7 @@ void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW],
 void combine(double time, const double *p, double (*bases)[3], double (*readings)[3], double (*forces)[3],
              double outputs[], double counted[]);
 void weigh_counts(const double *p, double (*curves)[MOST_PARTS][3], double ultimates[]);
-/* Counts what is seen of a state from a new start, or from the last step on; and shows it among the outputs. */
+/* Counts what was seen last, from a new start or from the last step on; and shows it among the outputs. */
 void start_counts(struct pgmp_model *m);
 void count_step(struct pgmp_model *m);
 void show_counts(struct pgmp_model *m, double time);
@@ -113,6 +113,8 @@ void begin_response(const struct pgmp_model *m, const struct scheme *s, double h
 void begin_sampling(const struct pgmp_model *m, int who, double time, struct response *at);
 void follow_response(struct pgmp_model *m, const struct scheme *s, const struct response *at);
 int jumps(const struct pgmp_model *m);
+void find_depths(const struct pgmp_model *m, const double q[N], double depths[]);
+void look_at_motions(const struct pgmp_model *m, const double q[N], const double v[N], struct response *at);
 void find_held(const struct pgmp_model *m, double found[][3]);
 
 double evaluate_statement(const struct statement *s, const double z[2 * N_FRAME], double turned, double gradient[],

@@ -22,7 +22,6 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_values, shown_in
-from pgmp_petsc.scene.effects import Driving
 from pgmp_petsc.scene.fields import GROUND
 from pgmp_petsc.scene.joints import ORIGIN, CouplingEntry
 from pgmp_petsc.scene.messages import Finding, doubt, input_error, refusal
@@ -257,8 +256,7 @@ def _is_set(settings: BaseModel, name: str) -> bool:
 def riding_findings(scene: Scene) -> Iterator[Finding]:
     """Yield what rides freely on a beam, whose slope drives it, in a scene without terms of second order."""
     riding = [name for name, joint in scene.joints.items() if joint.rides]
-    moved = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
-    driven = any(scene.coordinates[name].joint in riding for name in moved)
+    driven = any(scene.coordinates[name].joint in riding for name in scene.driven)
     if riding and not driven and not scene.second_order:
         words = (
             "moves freely, and the slope of the bent beam drives it, which reduced models have with terms of second "

@@ -172,7 +172,6 @@ def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | Non
     Raises `InputError` if it cannot be. The `size` is the length of the longest body, m.
     """
     coordinates = {(c.joint, slides(scene, c)): name for name, c in scene.coordinates.items() if c.joint is not None}
-    driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, Driving)}
     kinematics, system = None, scene.system
     for name, effect in scene.effects.items():
         if not effect.sets_in or effect.joint is None:
@@ -181,7 +180,7 @@ def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | Non
         if (effect.joint, slid) in coordinates:
             start, unit = scene.initial_state(coordinates[effect.joint, slid]).position, "m" if slid else "rad"
             deepest = DEEPEST * (size if slid else 1.0)
-        elif meshes is None or driven:
+        elif meshes is None or scene.driven:
             continue
         else:
             kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, meshes))
