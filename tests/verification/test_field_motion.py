@@ -1,10 +1,11 @@
 """Motions of bodies with random fields: closed forms, energies, and the models against each other."""
 
+import tracemalloc
 from contextlib import closing
 
 import numpy as np
 import pytest
-from runs import components_model, full_model, history, reduced_model, samples
+from runs import components_model, full_model, history, reduced_model, rom_of, samples
 from spatial_beams import SLIDER_CRANK as IN_SPACE
 
 from pgmp_petsc.bodies.random_fields import checked_expansion, correlation
@@ -43,7 +44,7 @@ def tips(model: FullModel, values: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def test_fields_of_many_terms_take_little_memory() -> None:
-    """Products of all candidates with each other took 340 MB of these 40 terms, and 30 GB of twice as many vectors."""
+    """Products of all candidates with each other took 600 MB of these 20 terms."""
     field = FIELD.replace("0.1", "0.05").replace("length = 0.5", "length = 0.2").replace("terms = 4", "terms = 20")
     scene = bar(field, "reduction.modes=4", "reduction.parameter_modes=2")
     tracemalloc.start()
