@@ -276,8 +276,14 @@ NAMED = re.compile(r'^(    (?:type|shape): Literal\["|    other_half = ")(\w+)',
 LAWS = re.compile(r'((?:Law|OfSquare|Acting)\(\s*f?")(\w+)')
 
 
-@pytest.mark.parametrize("scene", ["servo_arm", "slider_crank_effects"])
-def test_copies_of_all_ideas_by_other_names_do_the_same(tmp_path: Path, scene: str) -> None:
+@pytest.mark.parametrize(
+    ("scene", "more"),
+    [
+        ("servo_arm", ['effects.rub={type="joint_friction", joint="hinge", coefficient=0.2, radius=0.01, speed=0.1}']),
+        ("slider_crank_effects", []),
+    ],
+)
+def test_copies_of_all_ideas_by_other_names_do_the_same(tmp_path: Path, scene: str, more: list[str]) -> None:
     """Nothing outside of an idea's file asks for its name or for its class: the program's own files, copied with other
     names of ideas and laws, act to the last bit as these."""
     names: dict[str, set[str]] = {}
@@ -290,7 +296,7 @@ def test_copies_of_all_ideas_by_other_names_do_the_same(tmp_path: Path, scene: s
                 copy = tmp_path / f"{family.group}_{path.name}"
                 copy.write_text(LAWS.sub(r"\1other_\2", NAMED.sub(r"\1other_\2", text)))
                 pgmp.use(copy)
-    own = pgmp.load(ROOT / "scenes" / f"{scene}.toml", overrides=["simulation.duration=0.02"])
+    own = pgmp.load(ROOT / "scenes" / f"{scene}.toml", overrides=["simulation.duration=0.02", *more])
     tables = tomllib.loads(scene_to_toml(own))
     for group in names.keys() & tables.keys():
         for entry in tables[group].values():
@@ -455,6 +461,15 @@ LATER = {
         ("return ActionEffect", "from pgmp_petsc.effects.effect import Effect; return Effect(name); ActionEffect"),
         r".*: class LineSpring: forces returns an Effect without loads, actions, dampings or a field$",
     ),
+    "a load that it does not say": (
+        LISTING,
+        (
+            "import SPRING_DAMPER",
+            "import ALONE\nfrom pgmp_petsc.effects.law import Law\n"
+            "SPRING_DAMPER = Law('own', ('load', 'k', 'c'), force='-load', loaded=True)",
+        ),
+        r".*: class LineSpring: 1 of its actions have a law that is loaded; by_load says whether one has$",
+    ),
     "no forces": (
         LISTING,
         ("return ActionEffect", "ActionEffect"),
@@ -562,7 +577,15 @@ BROKEN = {
         (", Quantity(0.0))", ")"),
         r"mine\.py:3\d: effects\.line_spring: law spring_damper .* parameters k, c, rest, and is given 2; give one for",
     ),
-    "a law of a taken name": (("@", LAW.format("stop", "-k * s")), r"mine\.py:2: the name 'stop' is .*action\.py"),
+    "a load of no joint": (('acts = "forces"', 'acts = "forces"; by_load = True'), r"\(by_load\) has the entry joint$"),
+    "a load of no parameter": (
+        ("@", LAW.format("own", "-s").replace('("k",)', "(), loaded=True")),
+        r"mine\.py:2: law own: it is loaded; its first parameter is the force that the joint carries$",
+    ),
+    "a law of a taken name": (
+        ("@", LAW.format("stop", "-k * s")),
+        r"mine\.py:2: the name 'stop' is .*joint_effects\.py",
+    ),
     "two laws of one name": (
         ("@", 2 * LAW.format("own", "-k * s") + "other = Law('own', ('k',), force='k')\n"),
         r"mine\.py:4: the name 'own' is taken by .*mine\.py:5; take another one$",
