@@ -37,6 +37,7 @@ from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.bodies import Body
 from pgmp_petsc.scene.reference_page import reference_page
+from pgmp_petsc.studies.effect_sizes import choose_effects
 from pgmp_petsc.studies.simulate import simulate
 from scenes import tables
 
@@ -530,6 +531,19 @@ class Nothing(EffectEntry):
     type: Literal["nothing"]
     acts = "{}"
 """
+
+
+def test_a_term_of_the_reduction_is_kept_and_not_judged_by_its_work(tmp_path: Path) -> None:
+    (path := tmp_path / "mine.py").write_text(f"{NOTHING.format('reduction')}    second_order = True\n")
+    pgmp.use(path)
+    scene = scene_from_toml(scene_to_toml(scene_of("beams", "nothing")), ".", ["effects.mine={type='nothing'}"])
+    meshes = meshes_for(scene)
+    chosen, sizes = choose_effects(scene, meshes, meshes)
+    assert "mine" not in {size.name for size in sizes.sizes}
+    assert {"nothing"} == {effect.type for effect in chosen.effects.values() if effect.acts == "reduction"}
+    assert chosen.second_order
+
+
 #: A change of the file (text, in its place), and what is said of it behind the file's name.
 BROKEN = {
     "no Python": (("@", "class ("), r"plugin '.*', line 1: this is not Python: invalid syntax$"),
