@@ -22,10 +22,10 @@ and the other when the joint comes to rest, and the sample fails: take a larger 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from pgmp_petsc.effects.action import FRICTION, SPRING_DAMPER
 from pgmp_petsc.effects.effect import ActionEffect
@@ -106,11 +106,9 @@ class EndStop(OnJoint):
         "number or a parameter's name",
     )
 
-    @model_validator(mode="after")
-    def _some_end(self) -> Self:
+    def check_entries(self) -> None:
         if self.lower is None and self.upper is None:
             raise refusal("at least one of lower and upper is needed")
-        return self
 
     @classmethod
     def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
@@ -181,11 +179,9 @@ class JointFriction(OnJoint):
         description="rate at which 76 % of the limit are reached (rad/s or m/s), a number or a parameter's name"
     )
 
-    @model_validator(mode="after")
-    def _one_limit(self) -> Self:
+    def check_entries(self) -> None:
         if self.radius is not None and self.limit is not None:
             raise refusal("without effect, as the limit is given; leave it out", "radius")
-        return self
 
     @property
     def nothing_without(self) -> str:
