@@ -27,8 +27,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from pgmp_petsc.effects.action import CARRIED_FRICTION, FRICTION, SPRING_DAMPER, STOP
+from pgmp_petsc.effects.action import FRICTION, SPRING_DAMPER
 from pgmp_petsc.effects.effect import ActionEffect
+from pgmp_petsc.effects.law import Law
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import distance
 from pgmp_petsc.scene import Scene
@@ -42,6 +43,26 @@ from pgmp_petsc.scene.fields import (
 )
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.uses import slides
+
+# A stop never pulls, and its force begins at zero, so that it is continuous at contact; side is 1 for an upper stop, -1
+# for a lower one.
+STOP = Law(
+    "stop",
+    ("k", "c", "place", "side"),
+    potential="k * (side * (s - place))**2 / 2 if side * (s - place) > 0 else 0",
+    force="elastic * max(0, 1 + c * side * rate)",
+    edges=("side * (s - place)",),
+    left_out="it is one-sided, not linear",
+)
+
+CARRIED_FRICTION = Law(
+    "carried_friction",
+    ("load", "coefficient", "radius", "speed"),
+    force="-coefficient * radius * (load + amplitude) * tanh(rate / speed)",
+    about_zero="speed",
+    left_out=FRICTION.left_out,
+    loaded=True,
+)
 
 
 def joint_measure(mechanism: Mechanism, entry: Any) -> dict[str, Any]:

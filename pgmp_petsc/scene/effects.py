@@ -168,6 +168,8 @@ def _check(cls: type[EffectEntry]) -> None:
         raise refuse(cls, f"there is no entry {strange[0]}; its entries: {', '.join(cls.model_fields)}")
     if bool(cls.joints) != ("joint" in cls.model_fields):
         raise refuse(cls, 'an effect with the entry joint says what of it is free: joints = ("turning", "sliding")')
+    if cls.by_load is not False and "joint" not in cls.model_fields:
+        raise refuse(cls, "what hangs on the force that its joint carries (by_load) has the entry joint")
     if issubclass(cls, OverTime) and not cls.strength_unit:
         raise refuse(cls, 'an effect over time says the unit of its values: strength_unit = "N m"')
     try:
