@@ -229,11 +229,12 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def short_tables(coarse: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tabulate what is rigid on 12 x 12 configurations: such tables are most of the code of a model in C, which is
-    compared with the program on the same ones."""
+    """Tabulate what is rigid on 12 x 12 configurations, or at 5 places along each of three coordinates: such tables are
+    most of the code of a model in C, which is compared with the program on the same ones."""
     from pgmp_petsc.reduction import tables
 
     monkeypatch.setattr(tables, "N_FINE_OF_MORE", 12)
+    monkeypatch.setattr(tables, "FEWEST_OF_THREE", 5)
 
 
 @pytest.fixture(scope="module")

@@ -265,15 +265,18 @@ def one_message(*arguments: object) -> str:
     return err
 
 
-def in_turn(n: int, commands: Iterable[Iterable[object]]) -> tuple[list, subprocess.CompletedProcess[str]]:
+def in_turn(
+    n: int, commands: Iterable[Iterable[object]], before: str = ""
+) -> tuple[list, subprocess.CompletedProcess[str]]:
     """Run commands one after the other in one start of n ranks; return all ranks' statuses of each and what was
-    printed. On one rank they run in this process, but where modules are to be found elsewhere."""
+    printed. On one rank they run in this process, but where modules are to be found elsewhere; several ranks run a
+    text first."""
     if n == 1 and os.environ.get("PYTHONPATH") == MODULES:
         each = [pgmp(*command, status=None) for command in commands]
         printed = ("".join(part) for part in zip(*((done.stdout, done.stderr) for done in each)))
         return [[done.returncode] for done in each], subprocess.CompletedProcess([], 0, *printed)
     words = json.dumps([[str(word) for word in command] for command in commands])
-    done = run_mpi(n, "-c", IN_TURN, words)
+    done = run_mpi(n, "-c", before + IN_TURN, words)
     assert "Traceback" not in done.stderr, done.stderr
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")], done
 

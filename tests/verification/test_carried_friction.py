@@ -76,13 +76,13 @@ def test_a_pendulum_rubs_by_what_its_bearing_carries(model, more):
     errors, end = [], 31 if more else 51
     exact = exactly()[:, :end]
     assert exact[1].max() > 40.0
-    for step in (2e-3, 1e-3, 5e-4):
+    for step in (5e-3, 2.5e-3, 1.25e-3):
         scene = pendulum(*more, f"simulation.step={step}", f"simulation.duration={(end - 1) / 100}")
         _, found = run(scene, model, round(1e-2 / step))
         assert found["angle"][0] == 0.0
         errors.append([np.abs(found[name] - own).max() for name, own in zip(("angle", "carried"), exact)])
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert np.all((1.8 < orders) & (orders < 2.3)) and errors[-1][0] < 1e-5 * np.ptp(exact[0]), (orders, errors)
+    assert np.all((1.8 < orders) & (orders < 2.3)) and errors[-1][0] < 2e-5 * np.ptp(exact[0]), (orders, errors)
 
 
 BLOCK = HEADER + tables("""

@@ -354,6 +354,7 @@ SAMPLED = (
     HELD[2],
 )
 RUBBED = (
+    "simulation.duration=0.05",
     'effects.rub={type="joint_friction", joint="crank_hinge", coefficient=0.3, radius=0.02, speed=0.5}',
     'outputs.carried={type="joint_force", joint="crank_hinge"}',
     HELD[2],

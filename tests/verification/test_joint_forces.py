@@ -588,7 +588,7 @@ from runs import full_model, motion
 from scenes import slider_crank
 
 scene = slider_crank(
-    "simulation.duration=0.02", "simulation.initial.theta.velocity=20.0",
+    "simulation.duration=0.01", "simulation.initial.theta.velocity=20.0",
     'outputs.x={type="joint_force", joint="elbow", component="x"}',
     'outputs.normal={type="joint_force", joint="slider", component="radial"}',
 )

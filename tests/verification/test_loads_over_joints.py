@@ -197,7 +197,7 @@ def test_loads_over_joints_in_c(loads: tuple[str, ...], tmp_path: Path) -> None:
 def test_loads_over_the_other_joint_on_ranks(tmp_path: Path) -> None:
     """The action that leads is measured on every rank that has what it leads."""
     scene = tmp_path / "cart.toml"
-    scene.write_text(scene_to_toml(cart(*ACROSS, "simulation.duration=0.05", "reduction.angles=6")))
+    scene.write_text(scene_to_toml(cart(*ACROSS, "simulation.duration=0.02", "reduction.angles=6")))
 
     def commands(n: int) -> list[list[object]]:
         rom, *runs = (tmp_path / f"{n}_{name}.h5" for name in ("rom", *MODELS))

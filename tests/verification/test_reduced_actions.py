@@ -275,7 +275,7 @@ def test_the_angle_of_the_elbow_counts_the_turns_of_the_crank() -> None:
         elbow = model.outputs.evaluate(model.observed_of(0.0, still(eta), {}))["elbow"]
         np.testing.assert_allclose(elbow, exact + 2.0 * np.pi * turns, rtol=0, atol=1e-6)
     scene = in_space(
-        "coil", "simulation.initial.theta.velocity=200.0", "simulation.step=5e-4", "simulation.duration=0.06"
+        "coil", "simulation.initial.theta.velocity=200.0", "simulation.step=1e-3", "simulation.duration=0.06"
     )
     full = motion("full", scene)
     assert full.outputs["angle"][-1] > 5.0 and np.abs(np.diff(full.outputs["elbow"])).max() < 1.0

@@ -575,25 +575,25 @@ def test_a_planar_mechanism_moves_in_space_as_beams_do_in_the_plane() -> None:
     ]
     torque = TORQUE.partition("=")[2]
     plane = slider_crank(
-        "parameters={}", *bodies, *over(0.12), f"effects={{motor={torque}}}", SLIDER, "reduction.parameter_modes=0"
+        "parameters={}", *bodies, *over(0.08), f"effects={{motor={torque}}}", SLIDER, "reduction.parameter_modes=0"
     )
     expected = motion("full", plane)
     finer = ('bodies.crank.mesh="0.0:0.3:5"', 'bodies.rod.mesh="0.3:1.0:9"')
-    found = full_run(slider_crank_in_space(*over(0.12), TORQUE, SLIDER, *finer))
+    found = full_run(slider_crank_in_space(*over(0.08), TORQUE, SLIDER, *finer))
     assert_close(expected.outputs, found.outputs, angle=1e-3, position=1e-4, deformation=0.03)
 
 
 def test_energy_is_balanced_with_the_square_of_the_step() -> None:
     shares = []
     for step in (1e-3, 5e-4, 2.5e-4):
-        run = full_run(spatial_slider_crank(*over(0.02, step), "simulation.spectral_radius=1.0"))
+        run = full_run(spatial_slider_crank(*over(0.01, step), "simulation.spectral_radius=1.0"))
         shares.append(np.abs(run.balance.residual).max() / run.balance.exchanged)
     orders = np.log2(np.array(shares[:-1]) / shares[1:])
     assert np.all(orders > 1.7), (shares, orders)
 
 
 def test_a_prescribed_coordinate_turns_as_prescribed_and_counts_its_turns() -> None:
-    made = slider_crank_in_space(*over(0.4, 2e-3), f"effects={{{DRIVEN[8:]}}}", SLIDER)
+    made = slider_crank_in_space(*over(0.4, 4e-3), f"effects={{{DRIVEN[8:]}}}", SLIDER)
     run = full_run(made)
     (driven,) = motions_of(made, full_model(made).kinematics.mechanism).values()
     expected = np.array([driven.at(t)[0] for t in run.time])

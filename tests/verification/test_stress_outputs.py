@@ -449,7 +449,7 @@ def test_forces_follow_the_mesh_at_other_lengths_too() -> None:
     late = "effects.motor.table=[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]"
     light, short = "effects.weight.acceleration=1e-9", "simulation.duration=0.25"
     # a build takes 192 angles by itself, which leave 0.1 % in place of 0.4; see the next test
-    changed = (*FORCES, late, light, short, "reduction.length_points=4", "reduction.max_angles=96")
+    changed = (*FORCES, late, light, short, "reduction.length_points=3", "reduction.max_angles=96")
     model = reduced_model(long_crank(*changed, settings=("rod_length=0.68", f"r1={THINNER}")))
     family = model.rom.family
     members = tuple(replace(member, missed=None) for member in family.members)
