@@ -23,6 +23,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
@@ -376,8 +377,6 @@ class Surround:
 
 def _keys(motion: Motion) -> list:
     """Return what grey and plain bodies are, where they are beside coloured ones."""
-    from matplotlib.patches import Patch
-
     rigid = any(skin.rigid for skin in motion.skins)
     plain = any(not skin.rigid and skin.values is None for skin in motion.skins)
     keys = [Patch(color=RIGID, label="rigid")] if rigid and not all(skin.rigid for skin in motion.skins) else []
