@@ -34,7 +34,7 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.design.goals import TurnedBack
 from pgmp_petsc.design.measured_history import MeasuredHistory, autocorrelation, remembered
-from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, difference_remarks
+from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, difference_remarks, step_remarks
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differences import announce_runs
@@ -194,7 +194,8 @@ class _Fitting:
             *self._of_own_error(solution, slopes, sigma, errors), *served_remarks(self._served, self._names),
             *self._of_limits(estimate, errors, blind), *_tied(self._names, correlation),
             *self._of_noise(left, sigma, lasting),
-            *difference_remarks(self._model, solution.run.off), *contact_remarks(solution.run), *scene.remarks,
+            *difference_remarks(self._model, solution.run.off), *step_remarks(self._model, solution.run),
+            *contact_remarks(solution.run), *scene.remarks,
         )  # fmt: skip
         parameters = [
             FittedParameter(name, result_units(scene)[name], *map(float, row))

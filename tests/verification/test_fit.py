@@ -111,6 +111,13 @@ def test_a_parameter_without_effect_is_named(of_full) -> None:
     assert any("what is left of angle is no independent noise" in text for text in texts)
 
 
+def test_runs_with_smaller_steps_are_said(model, of_full, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run at the scene's step is another one: a fit through a stop was 1.4 mrad off it, without a word."""
+    monkeypatch.setattr(fitting, "differentiate", lambda *given: replace(differentiate(*given), steps_divided=2))
+    found = fit(model, measured(of_full, 5), ["r1"], {}, MPI.COMM_SELF)
+    assert any("it was integrated with 1/2 of it" in remark.text for remark in found.record.remarks)
+
+
 def test_a_limit_that_is_met_is_said(model, of_full) -> None:
     narrow = model.scene.parameters["r1"].model_copy(update={"bounds": (5.0e-3, 5.9e-3)})
     scene = model.scene.model_copy(update={"parameters": model.scene.parameters | {"r1": narrow}})
