@@ -19,6 +19,7 @@ from hypothesis.internal.conjecture import providers
 ROOT = Path(__file__).resolve().parent.parent
 SCRIPTS = Path(__file__).resolve().parent / "parallel"
 gc.disable()  # until tests begin: modules and tests stay
+os.fsync = os.fstat  # no file has to outlast the machine, and each would wait some milliseconds for the disk
 if sys.dont_write_bytecode:
     # Every process of the suite would compile all of the package anew, and the tests with it, some ten seconds each:
     # what is compiled is kept, where it is in nobody's way.
