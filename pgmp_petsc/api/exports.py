@@ -31,6 +31,8 @@ from pgmp_petsc.c_export.tree import tree_constants_of
 from pgmp_petsc.files.claims import KINDS, TABLE, TABULAR, check_output, is_table, named
 from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.results.summary import columns_of, write_result
+from pgmp_petsc.results.trajectory import GROUP, truncated, write_xdmf
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_values
 
@@ -162,8 +164,6 @@ def export_result(
 
 
 def _write_frames(file: Path, output: Path) -> int:
-    from pgmp_petsc.results.trajectory import write_xdmf
-
     kind = _kind_of(file)
     if kind != "trajectory":
         name = output.with_suffix(".csv") if output.name else "NAME.csv"
@@ -173,8 +173,7 @@ def _write_frames(file: Path, output: Path) -> int:
 
 
 def _write_table(file: Path, output: Path) -> tuple[int, int]:
-    from pgmp_petsc.results import READERS
-    from pgmp_petsc.results.summary import columns_of, write_result
+    from pgmp_petsc.results import READERS  # all kinds of results
 
     kind = _kind_of(file)
     if kind not in TABULAR:
@@ -195,8 +194,6 @@ def _kind_of(file: Path) -> str:
 
 def _what_lacks(file: Path) -> list[str]:
     """Return what the stresses of a reduced run lack, and why a run stopped early; by one process."""
-    from pgmp_petsc.results.trajectory import GROUP, truncated
-
     with open_file(file, "trajectory") as opened:
         reduced, scene = str(opened.attrs["model"]) == "reduced", str(opened.attrs["scene"])
         lacking = truncated(scene) if reduced and GROUP in opened else ""

@@ -18,6 +18,7 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.results import Trajectory
 
 if TYPE_CHECKING:
     from pgmp_petsc.figures.motion import Motion
@@ -138,7 +139,6 @@ def _draw(
     """Write the film and return what is to be said of it; by one process."""
     from pgmp_petsc.figures.motion import motion_of, vibration_of
     from pgmp_petsc.figures.solids import Pace, write_film  # matplotlib takes a noticeable time
-    from pgmp_petsc.results import Trajectory
 
     if shape is None:
         motion: Motion = motion_of(Trajectory.read(file), field or "mises", scale)

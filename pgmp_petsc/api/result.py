@@ -23,7 +23,7 @@ from pgmp_petsc.declare.records import GROUP, Record, encoded, leaves
 from pgmp_petsc.files.claims import claimed, form_of, is_table, named
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.ranks.agreement import on_root
-from pgmp_petsc.results.summary import origin_of, units_of_parameters
+from pgmp_petsc.results.summary import origin_of, plain, summary_of, units_of_parameters, write_result
 
 if TYPE_CHECKING:
     import xarray
@@ -158,8 +158,6 @@ class Result:
 
     def summary(self) -> dict[str, Any]:
         """Return its figures as plain data, those of the command's ``--json``."""
-        from pgmp_petsc.results.summary import plain, summary_of
-
         return plain(summary_of(self.data))
 
     def to_xarray(self) -> xarray.Dataset:
@@ -238,8 +236,6 @@ class Result:
         fails to write.
         """
 
-        from pgmp_petsc.results.summary import write_result
-
         def writing_the_result() -> None:
             write_result(self.data, target)
 
@@ -273,8 +269,6 @@ class Rom(Result):
         return super()._own().rom if self.kind == "rom" else super()._own()
 
     def summary(self) -> dict[str, Any]:
-        from pgmp_petsc.results.summary import plain
-
         return plain(self.data.figures() | origin_of(self.record))
 
 

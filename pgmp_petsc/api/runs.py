@@ -46,6 +46,7 @@ from pgmp_petsc.scene.border import own_values, parameter_units, si_values
 from pgmp_petsc.scene.numerics import MOST_STEPS
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.stepping.status import Status
+from pgmp_petsc.studies.field_frames import fields_at
 from pgmp_petsc.studies.simulate import simulate as simulated
 from pgmp_petsc.texts.models import report_of_run
 from pgmp_petsc.texts.studies import report_of_derivatives
@@ -179,8 +180,6 @@ def fields(rom: Rom, run: Result, times: Sequence[float], *, comm: Comm | None =
         If the run is not of this model, an instant is outside the run, or no mesh of a body is known.
     """
     comm = solving_ranks_of(comm)
-    from pgmp_petsc.studies.field_frames import fields_at
-
     with agreed(comm, "looking at the arguments"):
         if rom.kind != "rom":
             raise wrong("rom", rom, "a reduced model: states of component runs are not kept")

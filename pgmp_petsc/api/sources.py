@@ -27,6 +27,7 @@ from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
 from pgmp_petsc.models.component_file import ComponentsFile
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, served_ranges
+from pgmp_petsc.results.summary import write_result
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.loading import scene_from_tables
 from pgmp_petsc.scene.numerics import Simulation
@@ -298,8 +299,6 @@ class Keeper:
         data = data.in_own_units() if isinstance(data, RunResult) else data
 
         def writing_the_result() -> None:
-            from pgmp_petsc.results.summary import write_result  # loads h5py, which without a file nobody needs
-
             write_result(data, self.output)
 
         def handing_out_the_result() -> Any:

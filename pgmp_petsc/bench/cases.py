@@ -22,6 +22,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
@@ -291,9 +292,7 @@ def held_out(scene: Scene) -> tuple[dict[str, np.ndarray], int]:
     names, n = uncertain_names(scene), N_TEST
     if not names:
         return at_values(scene, np.empty((1, 0))), 1
-    from scipy.stats import qmc  # a tenth of a second, and a check or a build has no use for it
-
-    centred = qmc.LatinHypercube(len(names), scramble=False, seed=SEED).random(n)
+    centred = scipy.stats.qmc.LatinHypercube(len(names), scramble=False, seed=SEED).random(n)
     if len(names) == 1:
         centred = np.sort(centred, axis=0)
     low, high = TEST_RANGE
@@ -307,9 +306,7 @@ def node_values(scene: Scene, n: int) -> np.ndarray:
     low, high = box(scene)
     if len(low) == 1:
         return np.linspace(low, high, n)
-    from scipy.stats import qmc  # as above
-
-    return low + (high - low) * qmc.Halton(len(low), scramble=True, seed=SEED).random(n)
+    return low + (high - low) * scipy.stats.qmc.Halton(len(low), scramble=True, seed=SEED).random(n)
 
 
 def box(scene: Scene) -> tuple[np.ndarray, np.ndarray]:

@@ -22,8 +22,8 @@ from pgmp_petsc.base.errors import InputError, nearest_name
 from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.profile import UNIFORM, Profiles, SectionScale
-from pgmp_petsc.bodies.solid import FaceFrame
-from pgmp_petsc.mesh.solid_mesh import SolidMesh, bounds_one_cell, cell_faces, reference_element
+from pgmp_petsc.bodies.solid import FaceFrame, tensor_of_inertia
+from pgmp_petsc.mesh.solid_mesh import SolidMesh, outer_faces, reference_element
 
 ROUND_OFF = 1e-13  # of coordinates: a centre of mass nearer to 0 is there
 
@@ -39,8 +39,7 @@ class MassProperties:
     @property
     def inertia(self) -> np.ndarray:
         """The moment of inertia of the plane, shape (1, 1), or the tensor, shape (3, 3), about the centre, kg m2."""
-        trace = np.trace(self.second)
-        return np.array([[trace]]) if len(self.second) == 2 else trace * np.eye(3) - self.second
+        return tensor_of_inertia(self.second)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +76,7 @@ class Assembled:
         groups, surface, kind = {}, np.zeros((0, 1), dtype=int), ""
         if mesh is not None:
             groups, kind = mesh.groups, reference_element(mesh.kind).face_kind
-            faces = cell_faces(mesh.kind, mesh.cells)
-            surface = faces[bounds_one_cell(faces)]
+            surface = outer_faces(mesh.kind, mesh.cells)
         k, m = both
         return cls(nodes, labels, dict(sets), groups, surface, kind, k.indptr, k.indices, k.data, m.data)
 

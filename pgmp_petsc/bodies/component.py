@@ -26,7 +26,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.beam3d import N_FRAME, at_rest
-from pgmp_petsc.bodies.floating import Recovery
+from pgmp_petsc.bodies.floating import Recovery, bar_length
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -142,13 +142,7 @@ class Component:
         if self.rigid:
             return max(float(np.sqrt(12.0 * np.max(np.diag(m)[d:]) / m[0, 0])) for m in self.mass.values())
         moved = self.fields[:, [0, *range(d, 2 * d)]]  # by one and by every coordinate, all in the first direction
-        all_moments = [moved.T @ matrix @ moved for matrix in self.mass.values()]
-        most, variances = max(moments[0, 0] for moments in all_moments), []
-        for moments in all_moments:
-            if moments[0, 0] < MASSLESS * most:
-                continue  # what scaling a cross-section adds to moments of inertia alone
-            variances.append(np.diag(moments)[1:] / moments[0, 0] - (moments[0, 1:] / moments[0, 0]) ** 2)
-        return float(np.sqrt(12.0 * np.max(variances)))
+        return bar_length([moved.T @ matrix @ moved for matrix in self.mass.values()])
 
     @property
     def n(self) -> int:

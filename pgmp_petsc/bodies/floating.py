@@ -35,7 +35,7 @@ choose their order of summation by the number of columns.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -160,17 +160,10 @@ class FloatingBody:
     def extent(self) -> float:
         """Largest extent of the frames along an axis of the body's frame, m; with one frame that of the straight bar
         with the body's largest radius of gyration."""
-        between = float(np.max(np.ptp(self.centres, axis=0)))
+        between, d = float(np.max(np.ptp(self.centres, axis=0))), self.centres.shape[1]
         if between > 0.0:
             return between
-        places, variances = slice(1, 1 + self.centres.shape[1]), []
-        heaviest = max(moments[0, 0] for moments in self.moments.values())
-        for moments in self.moments.values():
-            if moments[0, 0] < HEAVY * heaviest:
-                continue  # what turns with sections alone, or what a random field adds
-            mean = moments[0, places] / moments[0, 0]
-            variances.append(np.diag(moments[places, places]) / moments[0, 0] - mean**2)
-        return float(np.sqrt(12.0 * np.max(variances)))
+        return bar_length([moments[: 1 + d, : 1 + d] for moments in self.moments.values()])
 
     def modal(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """Return the mass (kg) and the stiffness (N/m) of every amplitude by itself, each of shape (n,)."""
@@ -180,6 +173,15 @@ class FloatingBody:
         )
         both = second_moments(moments, self.centres.shape[1])[2]
         return np.einsum("kkii->i", both), np.diagonal(stiffness)
+
+
+def bar_length(terms: Sequence[np.ndarray]) -> float:
+    """Return the length of the straight bar that has a body's largest radius of gyration along an axis of its frame, m,
+    from the moments of 1 and the coordinates of each term of its mass, (1 + d, 1 + d)."""
+    heaviest = max(moments[0, 0] for moments in terms)
+    # lighter ones turn with sections alone, or are what a random field adds
+    heavy = [moments / moments[0, 0] for moments in terms if not moments[0, 0] < HEAVY * heaviest]
+    return float(np.sqrt(12.0 * max(np.max(np.diag(one)[1:] - one[0, 1:] ** 2) for one in heavy)))
 
 
 def without_noise(

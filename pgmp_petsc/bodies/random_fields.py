@@ -35,7 +35,7 @@ from pgmp_petsc.base.errors import InputError, Remark, note, warning
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.profile import UNIFORM, Profile, Profiles
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh, reference_element
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import RandomField
 
@@ -126,7 +126,6 @@ def _cells(mesh: LineMesh | SolidMesh) -> tuple[np.ndarray, np.ndarray]:
     if isinstance(mesh, LineMesh):
         return middles, mesh.lengths
     from pgmp_petsc.bodies.elasticity import volumes_of
-    from pgmp_petsc.mesh.solid_mesh import reference_element
 
     return middles, volumes_of(mesh.nodes[mesh.cells], reference_element(mesh.kind).mass).sum(axis=1)
 

@@ -251,7 +251,7 @@ class FaceFrame:
         weights, arms = np.zeros(nodes.size), np.zeros((nodes.size, places.shape[1]))
         np.add.at(weights, local, shares)
         np.add.at(arms, local, moments)
-        return cls(centre, nodes, weights, arms, _inertia(arms.T @ places[nodes]))
+        return cls(centre, nodes, weights, arms, tensor_of_inertia(arms.T @ places[nodes]))
 
     @classmethod
     def of_nodes(cls, places: np.ndarray, nodes: np.ndarray) -> FaceFrame:
@@ -261,7 +261,7 @@ class FaceFrame:
         """
         weights, centre = np.full(nodes.size, 1.0 / nodes.size), places[nodes].mean(axis=0)
         arms = (places[nodes] - centre) / nodes.size
-        return cls(centre, nodes, weights, arms, _inertia(arms.T @ places[nodes]))
+        return cls(centre, nodes, weights, arms, tensor_of_inertia(arms.T @ places[nodes]))
 
     @property
     def radius(self) -> float:
@@ -282,8 +282,8 @@ class FaceFrame:
         return sp.coo_matrix((values.ravel(), (rows.ravel(), columns.ravel())), (len(values), d * n_nodes)).tocsr()
 
 
-def _inertia(second: np.ndarray) -> np.ndarray:
-    """Return H / A from the mean of ``X' X^T``."""
+def tensor_of_inertia(second: np.ndarray) -> np.ndarray:
+    """Return H / A from the mean of ``X' X^T``, shape (1, 1) in the plane, or (3, 3)."""
     return np.trace(second) * np.eye(3) - second if len(second) == 3 else np.array([[np.trace(second)]])
 
 

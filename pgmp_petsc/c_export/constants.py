@@ -33,7 +33,7 @@ from pgmp_petsc.controllers import running
 from pgmp_petsc.controllers.acting import ACTING_LAW, measured_by
 from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.effects import motions_of
-from pgmp_petsc.effects.action import CARRIED_FRICTION, Action
+from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
@@ -243,7 +243,7 @@ def shared_of(
     settings = _steps(model.scene)
     controls = controls_in_c(scene, parameters, settings["STEP"])
     control_actions = [k for k, action in enumerate(actions) if action.law is ACTING_LAW]
-    carried_actions = [k for k, action in enumerate(actions) if action.law is CARRIED_FRICTION]
+    carried_actions = [k for k, action in enumerate(actions) if action.law.loaded]
     found = Constants(
         name=scene.name,
         system=scene.system,

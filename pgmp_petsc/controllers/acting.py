@@ -14,7 +14,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.controllers.law import LIMITS, ControlLaw, Measured
-from pgmp_petsc.effects.action import CARRIED_FRICTION, NOTHING, Action
+from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.effects.law import Law
@@ -74,13 +74,10 @@ ACTING_LAW = Acting(
     force="amplitude + force - stiffness * s - damping * rate",
 )
 
-#: Laws of which the first parameters are given between corrections, and how many.
-GIVEN = {ACTING_LAW: 3, CARRIED_FRICTION: 1}
-
 
 def given_to(actions: Sequence[Action]) -> list[int]:
     """Return the numbers of the actions to which parameters are given between corrections."""
-    return [k for k, action in enumerate(actions) if action.law in GIVEN]
+    return [k for k, action in enumerate(actions) if action.law.loaded or action.law is ACTING_LAW]
 
 
 class ControllerEffect(ActionEffect):

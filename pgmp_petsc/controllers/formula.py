@@ -10,9 +10,9 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from functools import cache
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from pgmp_petsc.controllers.acting import JointController
 from pgmp_petsc.controllers.law import ControlLaw
@@ -73,8 +73,7 @@ class FormulaController(JointController):
         {}, description="states at the start, each a number or a parameter's name; 0 where they are not given"
     )
 
-    @model_validator(mode="after")
-    def _are_formulas(self) -> Self:
+    def check_entries(self) -> None:
         named, taken = self._named, set()
         if not isinstance(self.measures, str) and not named:
             raise refusal("give the name of an output, or { name = output }", "measures")
@@ -104,7 +103,6 @@ class FormulaController(JointController):
             unused = [name for name in names if name not in used]
             if unused:
                 raise refusal(f"no formula names '{unused[0]}'; leave it out", key)
-        return self
 
     def jumps_within(self, step: float) -> bool:
         """Return whether its reference does, or a formula has a comparison or a sign."""

@@ -24,9 +24,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, nearest_name, note, warning
 from pgmp_petsc.base.progress import progress
@@ -47,10 +47,6 @@ from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.border import own_values, result_units, to_own, values_text
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 from pgmp_petsc.scene.uses import length_names
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
-
 
 MOST_ROUNDS, SETTLED = 8, 1e-3  # of deviations that follow from what is left, and their change that is none
 WIDE = 100.0  # times the value and its hundredth, of a parameter without distribution and bounds
@@ -233,8 +229,6 @@ class _Fitting:
         return sigma, solution
 
     def _minimum(self, at: np.ndarray, sigma: np.ndarray) -> _Solution:
-        from scipy.optimize import least_squares  # takes a noticeable time, and other commands have no use for it
-
         lower, upper = self._limits.T / self._scale
         room = 1e-10 * (upper - lower)  # the method begins inside
         begin = np.clip(at / self._scale, lower + room, upper - room)
@@ -247,7 +241,7 @@ class _Fitting:
                 self._turned_back.add(error)
                 return np.full(shape, np.nan)  # from which the method turns back
 
-        done = least_squares(
+        done = scipy.optimize.least_squares(
             residuals, begin, lambda x: self._equations(self._run(x * self._scale), sigma)[1] * self._scale,
             bounds=(lower, upper), xtol=1e-10, ftol=1e-10, gtol=1e-12,
         )  # fmt: skip
@@ -271,11 +265,9 @@ class _Fitting:
         self._count()
         return run
 
-    def _spline(self, run: DifferentiatedRun, output: str) -> CubicSpline:
-        from scipy.interpolate import CubicSpline  # as above
-
+    def _spline(self, run: DifferentiatedRun, output: str) -> scipy.interpolate.CubicSpline:
         rows = [run.outputs[output], *(run.derivatives[output][name] for name in self._names)]
-        return CubicSpline(run.time, np.array(rows).T)
+        return scipy.interpolate.CubicSpline(run.time, np.array(rows).T)
 
     def _at(self, run: DifferentiatedRun, output: str, time: np.ndarray) -> np.ndarray:
         """Return an output and its derivatives at times (n,), by a cubic spline: shape (n, n_parameters + 1)."""
@@ -418,7 +410,7 @@ class _Condensed:
             self._factors[k, : len(r)], self._measured[k, : len(own)] = r, own
             self.rest += float(np.sum((measured[first:last] - q @ own) ** 2))
 
-    def rows(self, spline: CubicSpline) -> np.ndarray:
+    def rows(self, spline: scipy.interpolate.CubicSpline) -> np.ndarray:
         """Return what the cubics of the output differ by from what was measured, and its derivatives, shape (4 n_steps,
         n_parameters + 1)."""
         scaled = spline.c * self._steps[:, None] ** np.arange(3, -1, -1)[:, None, None]
@@ -462,12 +454,10 @@ def uncertainty(
 
 def _correlated(jacobian: np.ndarray, lasting: np.ndarray) -> np.ndarray:
     """Return ``J^T R J`` of an output, whose matrix R has the correlations with later values along its diagonals."""
-    from scipy.signal import oaconvolve  # takes a noticeable time, and independent noise has no use for it
-
     if lasting.size == 1:
         return jacobian.T @ jacobian
     both_sides = np.concatenate([lasting[:0:-1], lasting])
-    return jacobian.T @ oaconvolve(jacobian, both_sides[:, None], mode="same", axes=0)
+    return jacobian.T @ scipy.signal.oaconvolve(jacobian, both_sides[:, None], mode="same", axes=0)
 
 
 def _tied(names: Sequence[str], correlation: np.ndarray) -> list[Remark]:

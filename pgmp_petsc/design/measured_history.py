@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, plain_reason, shortened
 from pgmp_petsc.base.units import SI, UnitSystem, times
@@ -175,8 +176,6 @@ def autocorrelation(left: np.ndarray) -> np.ndarray:
     and later ones follow without their noise (den Haan and Levin, Handbook of Statistics 15 (1997) 299-342). Of the
     first order the bias of few values is taken off (Kendall, Biometrika 41 (1954) 403-404).
     """
-    from scipy.linalg import solve_toeplitz
-
     n, size = left.size, float(np.sum(left**2))
     most = min(MOST_ORDER, n // 10)
     if not size > 0.0 or most < 1:
@@ -184,7 +183,7 @@ def autocorrelation(left: np.ndarray) -> np.ndarray:
     found = np.array([1.0, *(np.sum(left[lag:] * left[:-lag]) / size for lag in range(1, most + 1))])
     best, least = np.zeros(0), 0.0
     for order in range(1, most + 1):
-        weights = solve_toeplitz(found[:order], found[1 : order + 1])
+        weights = scipy.linalg.solve_toeplitz(found[:order], found[1 : order + 1])
         rest = 1.0 - weights @ found[1 : order + 1]
         criterion = n * np.log(max(rest, 1e-300)) + order * np.log(n)
         if criterion < least:

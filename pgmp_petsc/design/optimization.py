@@ -14,10 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 from warnings import catch_warnings, filterwarnings
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.base.progress import progress
@@ -36,9 +36,6 @@ from pgmp_petsc.results.gradients import Design, DesignConstraint, DesignParamet
 from pgmp_petsc.results.numbers import behind, interval_text, percent, with_unit
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values, result_units, to_own
-
-if TYPE_CHECKING:
-    from scipy.optimize import OptimizeResult
 
 MOST_ITERATIONS = 200
 PRECISE = 1e-7  # of goal and constraints, in units of their sizes: what iterations of runs leave stays below
@@ -102,7 +99,9 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     )  # fmt: skip
 
 
-def _searched(figures: DesignFigures, goal_size: float, sizes: np.ndarray) -> tuple[OptimizeResult, np.ndarray]:
+def _searched(
+    figures: DesignFigures, goal_size: float, sizes: np.ndarray
+) -> tuple[scipy.optimize.OptimizeResult, np.ndarray]:
     """Return how the search from the start ended, and the best design that can be run; `sizes` are of constraints.
 
     A search ends where the goal hardly changes from one iteration to the next, which it also does where its matrix of
@@ -143,14 +142,12 @@ def _searched(figures: DesignFigures, goal_size: float, sizes: np.ndarray) -> tu
 def _search(
     goal: Callable[[np.ndarray], tuple[float, np.ndarray]], start: np.ndarray, ends: np.ndarray,
     constraints: Sequence[dict], most: int,
-) -> tuple[OptimizeResult, np.ndarray]:  # fmt: skip
+) -> tuple[scipy.optimize.OptimizeResult, np.ndarray]:  # fmt: skip
     """Search from a start within ends (2, n) in so many iterations at most; return how it ended, and where."""
-    from scipy.optimize import minimize  # takes a noticeable time, and other commands have no use for it
-
     with catch_warnings():
         # steps that round-off takes past a limit are taken back
         filterwarnings("ignore", "Values in x were outside bounds", RuntimeWarning)
-        done = minimize(
+        done = scipy.optimize.minimize(
             goal, start, jac=True, method="SLSQP", bounds=ends.T, constraints=constraints,
             options={"maxiter": most, "ftol": PRECISE},
         )  # fmt: skip
@@ -172,7 +169,9 @@ def _described(
 
 
 @gathered
-def _of_end(done: OptimizeResult, question: Question, last: Sequence[Dual], missed: Sequence[int]) -> Iterator[Remark]:
+def _of_end(
+    done: scipy.optimize.OptimizeResult, question: Question, last: Sequence[Dual], missed: Sequence[int]
+) -> Iterator[Remark]:
     if not missed:
         yield note(
             "the design is the nearest optimum from where the search began (--set); another start may find a better one"

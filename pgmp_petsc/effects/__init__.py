@@ -37,6 +37,10 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
                 raise refuse(type(entry), f"forces returns an Effect, such as an ActionEffect, and not a {found}")
             if not named[-1].acts:
                 raise refuse(type(entry), "forces returns an Effect without loads, actions, dampings or a field")
+            n_loaded = sum(action.law.loaded for action in named[-1].actions())
+            if n_loaded != entry.by_load:
+                words = f"{n_loaded} of its actions have a law that is loaded; by_load says whether one has"
+                raise refuse(type(entry), words)
     named += [entry.forces(name, mechanism) for name, entry in scene.controllers.items()]
     named += springs_of_joints(scene, mechanism)
     held = scene.initial.equilibrium and scene.initial.coordinates == "held"

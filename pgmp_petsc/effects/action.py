@@ -16,8 +16,10 @@ s_1', s_2')`` along g_2, with s_1' as its amplitude and s_2' as its rate.
 from __future__ import annotations
 
 import sys
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -32,9 +34,8 @@ from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Statement
 from pgmp_petsc.scene.effects import ActionMismatch
 
-# The laws of the program; that of a plugin is another such object. Friction is regularised: its force is smooth.
-# A stop never pulls, and its damping is that of Hunt and Crossley (1975): the force begins at zero, so that it is
-# continuous at contact; side is 1 for an upper stop, -1 for a lower one.
+# Laws of several effects; that of one is in its file, and that of a plugin is another such object. Friction is
+# regularised: its force is smooth.
 
 SOURCE = Law("source", ("scale",), force="amplitude * scale")
 
@@ -52,23 +53,6 @@ FRICTION = Law(
     force="-limit * tanh(rate / speed)",
     about_zero="speed",
     left_out="it is friction, not linear and without stiffness",
-)
-
-CARRIED_FRICTION = Law(
-    "carried_friction",
-    ("load", "coefficient", "radius", "speed"),
-    force="-coefficient * radius * (load + amplitude) * tanh(rate / speed)",
-    about_zero="speed",
-    left_out=FRICTION.left_out,
-)
-
-STOP = Law(
-    "stop",
-    ("k", "c", "place", "side"),
-    potential="k * (side * (s - place))**2 / 2 if side * (s - place) > 0 else 0",
-    force="elastic * max(0, 1 + c * side * rate)",
-    edges=("side * (s - place)",),
-    left_out="it is one-sided, not linear",
 )
 
 ALONE, LEADS, LED, BY_LOAD = range(4)  # whose measure a law is of: see `Action.role`
@@ -139,6 +123,13 @@ class Action:
         name = "" if self.led else self.law.linear_stiffness
         found = self.parameters[self.law.parameters.index(name)] if name else None
         return found if found is not None and found.coefficient != 0.0 else None
+
+    @cached_property
+    def reads_rate(self) -> bool:
+        """Whether its force hangs on the rate of its measure: that of a linear spring without a damper does not."""
+        anything = defaultdict(lambda: 1.0)
+        known = [parameter.at(anything) for parameter in self.parameters]
+        return not self.law.linear_stiffness or self.law.evaluate(known, 0.0).damping != 0.0
 
 
 class Actions(NamedTuple):

@@ -34,11 +34,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
-from pydantic import Field, model_validator
+from pydantic import Field
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
@@ -79,11 +79,9 @@ class StructuralDamping(EffectEntry):
         (), description="damping ratios of the first elastic modes of each free body, without masses that it carries"
     )
 
-    @model_validator(mode="after")
-    def _something(self) -> Self:
+    def check_entries(self) -> None:
         if not (self.stiffness or self.mass or any(self.ratios)):
             raise refusal("at least one of stiffness, mass and ratios must be above zero")
-        return self
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line for each body that has no structural damping, or has that of an earlier effect."""

@@ -25,7 +25,7 @@ from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import TimeFunction
-from pgmp_petsc.mechanism.body_frames import BodyGradients
+from pgmp_petsc.mechanism.body_frames import BodyStatements
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.numerics import Reduction
 
@@ -60,7 +60,7 @@ class UnitForces:
 
     def __init__(self, actions: Sequence[Action], mechanism: Mechanism) -> None:
         self.actions, self._mechanism = tuple(actions), mechanism
-        self._gradients = BodyGradients(mechanism, [(action.statement, action.sides) for action in actions])
+        self._gradients = BodyStatements(mechanism, [(action.statement, action.sides) for action in actions])
 
     def chosen(self, numbers: np.ndarray) -> UnitForces:
         """Return those of some of the actions, by their numbers or a mask."""

@@ -20,9 +20,9 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cache
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.declare.formulas import FUNCTIONS, FormulaError, declared, jumps_with
@@ -243,8 +243,7 @@ class FormulaEffect(OnJoint):
         """What comparisons and signs are of."""
         return jumps_with(self.force)
 
-    @model_validator(mode="after")
-    def _is_formula(self) -> Self:
+    def check_entries(self) -> None:
         for name in self.constants:
             if not (name.isidentifier() and name.isascii()) or name in STATE or name in FUNCTIONS:
                 words = f"'{name}' cannot be a name in a formula: take letters, digits and _, and no name that it has"
@@ -256,7 +255,6 @@ class FormulaEffect(OnJoint):
         unused = [name for name in self.constants if name not in used]
         if unused:
             raise refusal(f"the formula does not name '{unused[0]}'; leave it out", "constants")
-        return self
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if there is no such joint as its s is of."""

@@ -22,13 +22,14 @@ and the other when the joint comes to rest, and the sample fails: take a larger 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from pgmp_petsc.effects.action import CARRIED_FRICTION, FRICTION, SPRING_DAMPER, STOP
+from pgmp_petsc.effects.action import FRICTION, SPRING_DAMPER
 from pgmp_petsc.effects.effect import ActionEffect
+from pgmp_petsc.effects.law import Law
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import distance
 from pgmp_petsc.scene import Scene
@@ -42,6 +43,26 @@ from pgmp_petsc.scene.fields import (
 )
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.uses import slides
+
+# A stop never pulls, and its force begins at zero, so that it is continuous at contact; side is 1 for an upper stop, -1
+# for a lower one.
+STOP = Law(
+    "stop",
+    ("k", "c", "place", "side"),
+    potential="k * (side * (s - place))**2 / 2 if side * (s - place) > 0 else 0",
+    force="elastic * max(0, 1 + c * side * rate)",
+    edges=("side * (s - place)",),
+    left_out="it is one-sided, not linear",
+)
+
+CARRIED_FRICTION = Law(
+    "carried_friction",
+    ("load", "coefficient", "radius", "speed"),
+    force="-coefficient * radius * (load + amplitude) * tanh(rate / speed)",
+    about_zero="speed",
+    left_out=FRICTION.left_out,
+    loaded=True,
+)
 
 
 def joint_measure(mechanism: Mechanism, entry: Any) -> dict[str, Any]:
@@ -85,11 +106,9 @@ class EndStop(OnJoint):
         "number or a parameter's name",
     )
 
-    @model_validator(mode="after")
-    def _some_end(self) -> Self:
+    def check_entries(self) -> None:
         if self.lower is None and self.upper is None:
             raise refusal("at least one of lower and upper is needed")
-        return self
 
     @classmethod
     def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
@@ -160,11 +179,9 @@ class JointFriction(OnJoint):
         description="rate at which 76 % of the limit are reached (rad/s or m/s), a number or a parameter's name"
     )
 
-    @model_validator(mode="after")
-    def _one_limit(self) -> Self:
+    def check_entries(self) -> None:
         if self.radius is not None and self.limit is not None:
             raise refusal("without effect, as the limit is given; leave it out", "radius")
-        return self
 
     @property
     def nothing_without(self) -> str:

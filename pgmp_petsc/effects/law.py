@@ -101,6 +101,8 @@ class Law(Printed):
     #: empty for laws whose iterates are not
     about_zero: str = ""
     left_out: str = ""  # why a force of this law is not in the stiffness of vibrations; empty where none is looked for
+    #: whether its first parameter is the force that the effect's joint carries, found between corrections of a step
+    loaded: bool = False
     place: str = field(init=False)  # file and line of the declaration
 
     def __post_init__(self) -> None:
@@ -116,6 +118,8 @@ class Law(Printed):
             check(f"{entry}: edges[{number}]", edge, of_s, place)
         if self.about_zero:
             check(f"{entry}: about_zero", self.about_zero, self.parameters, place)
+        if self.loaded and not self.parameters:
+            raise InputError(f"{place}: {entry}: it is loaded; its first parameter is the force that the joint carries")
         self.enter()
 
     @functools.cached_property

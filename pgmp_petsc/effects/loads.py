@@ -13,10 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import product
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from pgmp_petsc.base.units import STANDARD_GRAVITY
 from pgmp_petsc.bodies.affine import Quantity
@@ -96,17 +96,15 @@ class Force(OverTime):
     follows: bool = Field(False, strict=True, description="whether the direction turns with the body at this point")
     towards: Point | None = Field(None, description='the point that it pulls towards, "body:point" or "ground:point"')
 
-    @model_validator(mode="after")
-    def _one_direction(self) -> Self:
+    def check_entries(self) -> None:
         given = [key for key in ("direction", "towards", "follows") if getattr(self, key)]
         if self.joint is not None and given:
             raise refusal("a force along a joint has its direction; leave it out", given[0])
         if self.joint is not None:
-            return self
+            return
         exactly_one(self, "direction", "towards")
         if self.follows and self.direction is None:
             raise refusal("a direction that turns with the body needs `direction`", "follows")
-        return self
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if the distance that it makes shorter cannot change, or steps do not resolve it."""

@@ -24,10 +24,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, NamedTuple, Self
+from typing import Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.loads import Weights
@@ -70,11 +70,9 @@ class PrescribedMotion(Driving):
     spin_up: SpinUp | None = Field(None, description="{ speed, time, start = 0 }: from rest to a constant speed")
     constant_speed: ConstantSpeed | None = Field(None, description="{ speed, start = 0 }")
 
-    @model_validator(mode="after")
-    def _one_function(self) -> Self:
+    def check_entries(self) -> None:
         if self.table is not None and len(self.table) < 2:
             raise refusal("a motion needs at least two rows", "table")
-        return self
 
     def measured(self, scene: Scene, entry: str) -> Iterator[Use]:
         """Yield what it is of the coordinate, and the times of its rows."""
@@ -223,11 +221,9 @@ class BaseMotion(OverTime):
         "cubic spline, at rest beyond its ends",
     )
 
-    @model_validator(mode="after")
-    def _a_spline_has_rows(self) -> Self:
+    def check_entries(self) -> None:
         if self.of != "acceleration" and self.table is not None and len(self.table) < 2:
             raise refusal("a motion needs at least two rows", "table")
-        return self
 
     @property
     def unit_of_values(self) -> str:

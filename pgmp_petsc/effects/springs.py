@@ -20,10 +20,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from pgmp_petsc.base.errors import Remark, gathered, note
 from pgmp_petsc.bodies.affine import AffineSum, Quantity
@@ -93,9 +93,8 @@ def spring_remarks(effects: Sequence[Effect], reduction: Reduction | None = None
 
 
 def moving_dofs(action: Action) -> np.ndarray:
-    """Return the unknowns of the nodes that an action holds at, none of them twice, shape (n,)."""
-    dofs = np.concatenate([np.zeros(0, dtype=int), *(side.dofs for side in action.sides if not side.on_ground)])
-    return dofs if len(action.statement.terms) == 1 else np.unique(dofs)  # terms may be about one node
+    """Return the unknowns of the nodes that an action holds at, increasing, none of them twice, shape (n,)."""
+    return np.unique([side.dofs for side in action.sides if not side.on_ground]).astype(int)
 
 
 def spring_force(
@@ -121,7 +120,7 @@ def spring_block(
     """Return the stiffness of a spring on the rigid mechanism at a configuration, in body frames.
 
     The gradient is that of its statement in the unknowns of `moving_dofs` there, shape (n,). The preload is the force
-    that it has already (`spring_force`) times the statement's second derivatives in these (`BodyHessians`), shape (n,
+    that it has already (`spring_force`) times the statement's second derivatives in these (`BodyStatements`), shape (n,
     n); 0 leaves the second term of the module's equation out.
     """
     matrix = spring.stiffness.at(values) * np.outer(gradient, gradient) - preload
@@ -165,13 +164,11 @@ class SpringDamper(OnJoint):
         "joint if not given",
     )
 
-    @model_validator(mode="after")
-    def _one_place(self) -> Self:
+    def check_entries(self) -> None:
         if self.points is not None and self.rest is None:
             raise refusal("a spring between points needs the distance without force (m)", "rest")
         if not (self.stiffness or self.damping):
             raise refusal("at least one of stiffness and damping is needed")
-        return self
 
     def doubts(
         self, scene: Scene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
@@ -226,12 +223,10 @@ class Bushing(EffectEntry):
         (), description="about each axis (Nm s/rad)"
     )
 
-    @model_validator(mode="after")
-    def _something(self) -> Self:
+    def check_entries(self) -> None:
         keys = ("stiffness", "damping", "turning_stiffness", "turning_damping")
         if not any(value for key in keys for value in getattr(self, key)):
             raise refusal(f"at least one of {', '.join(keys)} must be above zero")
-        return self
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if its axes make no frame, or it has not as many numbers as axes."""

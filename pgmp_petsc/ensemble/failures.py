@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, checked
@@ -133,9 +134,7 @@ def _where(failed: np.ndarray, parameters: Mapping[str, np.ndarray], units: Mapp
 
 def _significance(lost: np.ndarray, fine: np.ndarray) -> tuple[float, bool]:
     """Return the probability of such ranks by chance, and whether those of `lost` are the larger ones."""
-    from scipy import stats  # a noticeable time, which a run without failures need not wait for
-
-    test = stats.mannwhitneyu(lost, fine, alternative="two-sided")
+    test = scipy.stats.mannwhitneyu(lost, fine, alternative="two-sided")
     return float(test.pvalue), bool(test.statistic > 0.5 * lost.size * fine.size)
 
 

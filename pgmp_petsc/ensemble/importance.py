@@ -35,6 +35,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 DRAWN = (0.0, 0.5, 1.0)  # factors a
 FITTED = -1.0  # in place of a factor: one kernel a cluster, with the covariance of its points
@@ -64,6 +65,16 @@ class KernelDensity:
     deviations: np.ndarray  # of each variable in the kernels, shape (m,)
     #: symmetric roots of the covariances of the first kernels, whose deviations are 1, shape (k, d, d)
     roots: np.ndarray | None = None
+
+    def with_further(self, centres: np.ndarray, proportions: np.ndarray, share: float) -> KernelDensity:
+        """Return these and kernels of deviation 1 about further centres (n, d), whose share of all kernels is divided
+        in proportions (n,), 1 in sum."""
+        return KernelDensity(
+            np.concatenate([self.centres, centres]),
+            np.concatenate([(1.0 - share) * self.shares, share * proportions]),
+            np.concatenate([self.deviations, np.ones(len(centres))]),
+            self.roots,
+        )
 
     def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
         """Return n independent points, shape (n, d)."""
@@ -115,21 +126,13 @@ class Mixture:
 
     def with_kernels(self, centres: np.ndarray, share: float) -> Mixture:
         """Return this mixture with kernels of deviation 1 about further centres (n, d), with a share of the kernels."""
-        n, own = len(centres), self.kernels
-        if not n:
+        if not len(centres):
             return self
-        kernels = KernelDensity(
-            np.concatenate([own.centres, centres]),
-            np.concatenate([(1.0 - share) * own.shares, np.full(n, share / n)]),
-            np.concatenate([own.deviations, np.ones(n)]),
-            own.roots,
-        )
-        return replace(self, kernels=kernels)
+        even = np.full(len(centres), 1.0 / len(centres))
+        return replace(self, kernels=self.kernels.with_further(centres, even, share))
 
     def draw(self, n: int, random: np.random.Generator) -> np.ndarray:
         """Return n independent points, shape (n, d)."""
-        from scipy.special import ndtr, ndtri
-
         d = self.kernels.centres.shape[1]
         n_beyond = int(random.binomial(n, self.beyond)) if self.beyond else 0
         n_outside = int(random.binomial(n - n_beyond, self.share))
@@ -139,17 +142,15 @@ class Mixture:
         radii = np.sqrt(_squared_radius(self.outside * (1.0 - random.random(n_outside)), d))
         drawn = [radii[:, None] * directions, self.kernels.draw(n - n_outside - n_beyond, random)]
         if n_beyond:
-            chances = ndtr(-self.beta)
+            chances = scipy.special.ndtr(-self.beta)
             chosen = random.choice(len(chances), size=n_beyond, p=chances / chances.sum())
-            along, normals = -ndtri(chances[chosen] * (1.0 - random.random(n_beyond))), self.alpha[chosen]
+            along, normals = -scipy.special.ndtri(chances[chosen] * (1.0 - random.random(n_beyond))), self.alpha[chosen]
             points = random.standard_normal((n_beyond, d))
             drawn.append(points + (along - np.sum(points * normals, axis=1))[:, None] * normals)
         return np.concatenate(drawn)
 
     def log(self, points: np.ndarray) -> np.ndarray:
         """Return the logarithm of the density at points (n, d), shape (n,)."""
-        from scipy.special import ndtr
-
         # the points drawn nearest are on the border but for round-off
         normal, beyond = log_normal(points), np.sum(points**2, axis=1) >= (1.0 - 1e-12) * self._squared_radius
         of_outside = np.where(beyond, normal + np.log(self.share / self.outside), -np.inf)
@@ -158,7 +159,7 @@ class Mixture:
             return found
         n_beyond = np.sum(np.einsum("nd,kd->nk", points, self.alpha) >= (1.0 - 1e-12) * self.beta, axis=1)
         with np.errstate(divide="ignore"):
-            of_planes = normal + np.log(n_beyond * self.beyond / ndtr(-self.beta).sum())
+            of_planes = normal + np.log(n_beyond * self.beyond / scipy.special.ndtr(-self.beta).sum())
         return np.logaddexp(np.log1p(-self.beyond) + found, of_planes)
 
 
@@ -199,22 +200,13 @@ def chosen_density(
         return Mixture(KernelDensity(broad, of_broad, np.ones(len(broad))), outside, 1.0 - DEFENSIVE)
     clusters = cluster_means(points, weights, families, values, n_clusters, random)
     found = _density(points, weights, families, clusters, factor, random)
-    main = 1.0 - DEFENSIVE - OUTSIDE
-    kernels = KernelDensity(
-        np.concatenate([found.centres, broad]),
-        np.concatenate([main * found.shares, DEFENSIVE * of_broad]) / (1.0 - OUTSIDE),
-        np.concatenate([found.deviations, np.ones(len(broad))]),
-        found.roots,
-    )
-    return Mixture(kernels, outside, OUTSIDE)
+    return Mixture(found.with_further(broad, of_broad, DEFENSIVE / (1.0 - OUTSIDE)), outside, OUTSIDE)
 
 
 def outside_of(points: np.ndarray) -> float:
     """Return the probability of outside the ball that reaches nearly to the nearest of the points (m, d)."""
-    from scipy.special import gammaincc
-
     nearest = float(np.min(np.sum(points**2, axis=1)))
-    return min(1.0, LARGER * float(gammaincc(0.5 * points.shape[1], 0.5 * nearest)))
+    return min(1.0, LARGER * float(scipy.special.gammaincc(0.5 * points.shape[1], 0.5 * nearest)))
 
 
 def _halves(families: np.ndarray, random: np.random.Generator) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
@@ -232,9 +224,7 @@ def _halves(families: np.ndarray, random: np.random.Generator) -> tuple[tuple[np
 
 def _squared_radius(outside: np.ndarray | float, d: int) -> np.ndarray:
     """Return the squared radius of the balls that standard normal points are outside of with these probabilities."""
-    from scipy.special import gammainccinv
-
-    return 2.0 * gammainccinv(0.5 * d, outside)
+    return 2.0 * scipy.special.gammainccinv(0.5 * d, outside)
 
 
 def _some(
@@ -395,13 +385,14 @@ def lie_apart(points: np.ndarray, weights: np.ndarray, random: np.random.Generat
 
 
 def _labels(points: np.ndarray, weights: np.ndarray, n_clusters: int, random: np.random.Generator) -> np.ndarray:
-    from scipy.cluster.vq import kmeans2
-
     if n_clusters == 1:
         return np.zeros(len(points), dtype=int)
     some, shares = _some(points, weights, 4 * KERNELS, random)
     with warnings.catch_warnings(), np.errstate(invalid="ignore"):  # of points that are all one
         warnings.simplefilter("ignore", UserWarning)  # an empty cluster, which is left out by who asks
-        tries = [kmeans2(some, n_clusters, minit="++", seed=random, check_finite=False) for _ in range(TRIES)]
+        tries = [
+            scipy.cluster.vq.kmeans2(some, n_clusters, minit="++", seed=random, check_finite=False)
+            for _ in range(TRIES)
+        ]
     centres = min(tries, key=lambda one: np.sum(shares * np.sum((some - one[0][one[1]]) ** 2, axis=1)))[0]
     return np.argmin(np.sum((points[:, None] - centres) ** 2, axis=2), axis=1)

@@ -26,6 +26,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+import scipy
 
 UNKNOWN = np.full(2, np.nan)
 
@@ -52,14 +53,12 @@ def of_deviation(values: np.ndarray, confidence: float) -> np.ndarray:
     variance = np.var(values, ddof=1)
     if not variance > (1e-12 * np.max(np.abs(values))) ** 2:  # round-off of equal values
         return np.full(2, np.sqrt(variance))
-    from scipy.special import ndtri
-
     # in place: of a million samples every copy would be a thirtieth of the memory of a rank
     scaled = values - np.mean(values)
     scaled /= np.sqrt(variance)
     scaled.sort()
     second = np.einsum("i,i->", scaled, scaled)
-    z = ndtri(0.5 + 0.5 * confidence)
+    z = scipy.special.ndtri(0.5 + 0.5 * confidence)
     correction = n / (n - z) if n > z else np.inf
     # as scipy.stats.trim_mean, whose import takes a quarter of a second of every ensemble
     cut = int(n * min(0.5 / np.sqrt(n - 4), 0.5 - 0.5 / n))
@@ -114,10 +113,9 @@ def _rank(n: float, probability: float, beyond: float) -> float | None:
 
     None where there is none.
     """
-    from scipy.special import betainc
 
     def excess(rank: float) -> float:
-        return betainc(rank, n + 1.0 - rank, probability) - beyond
+        return scipy.special.betainc(rank, n + 1.0 - rank, probability) - beyond
 
     if n < 2 or excess(1.0) < 0.0 or excess(float(n)) > 0.0:
         return None
@@ -149,12 +147,10 @@ def _clopper_pearson(count: np.ndarray, sizes: np.ndarray, confidence: float) ->
     As `scipy.stats.binomtest`, but for numbers that need not be whole (Korn and Graubard, Survey Methodology 24 (1998)
     193-201).
     """
-    from scipy.special import betaincinv
-
     tail, n = 0.5 * (1.0 - confidence), equivalent_size(count, sizes, confidence)
     true = n * float(count.sum() / sizes.sum())
-    low = betaincinv(true, n - true + 1.0, tail) if true > 0.0 else 0.0
-    high = betaincinv(true + 1.0, n - true, 1.0 - tail) if true < n else 1.0
+    low = scipy.special.betaincinv(true, n - true + 1.0, tail) if true > 0.0 else 0.0
+    high = scipy.special.betaincinv(true + 1.0, n - true, 1.0 - tail) if true < n else 1.0
     return float(low), float(high)
 
 
@@ -167,16 +163,14 @@ def equivalent_size(count: np.ndarray, sizes: np.ndarray, confidence: float) -> 
     many replicates as there are would not have shown: v is no smaller than that leaves open. All trials where none or
     all came true, and of one replicate.
     """
-    from scipy.special import ndtri
-
     n, n_replicates, share = float(sizes.sum()), count.size, float(count.sum() / sizes.sum())
     if n_replicates < 2 or not 0.0 < share < 1.0:
         return n
-    tail = 0.5 * (1.0 - confidence)
-    student = _student(confidence, n_replicates - 1)
+    tail, student = 0.5 * (1.0 - confidence), _student(confidence, n_replicates - 1)
+    ratio = scipy.special.ndtri(1.0 - tail) / student
     unseen = n_replicates * -np.expm1(np.log(tail) / n_replicates) / student
     spread = n_replicates / (n_replicates - 1.0) * np.sum((count - share * sizes) ** 2)
-    return float(n**2 * share * (1.0 - share) / max(spread, unseen**2) * (ndtri(1.0 - tail) / student) ** 2)
+    return float(n**2 * share * (1.0 - share) / max(spread, unseen**2) * ratio**2)
 
 
 def of_share(count: int, n: int, confidence: float) -> np.ndarray:
@@ -186,15 +180,13 @@ def of_share(count: int, n: int, confidence: float) -> np.ndarray:
     rule of three: Hanley and Lippman-Hand, JAMA 249 (1983) 1743-1745), and of all that did the same from 1; Jeffreys'
     own end is nearer, and shares that it leaves out are missed in 8 % of samples. 0 and 1 of no trials.
     """
-    from scipy.special import betaincinv
-
     if n < 1:
         return np.array([0.0, 1.0])
     of_none = -np.expm1(np.log1p(-confidence) / n)
     if count in (0, n):
         return np.array([0.0, of_none]) if count == 0 else np.array([1.0 - of_none, 1.0])
     tail = 0.5 * (1.0 - confidence)
-    return betaincinv(count + 0.5, n - count + 0.5, [tail, 1.0 - tail])
+    return scipy.special.betaincinv(count + 0.5, n - count + 0.5, [tail, 1.0 - tail])
 
 
 def of_replicates(
@@ -268,6 +260,4 @@ def freedom_of(values: np.ndarray, most: float) -> float:
 
 def _student(confidence: float, freedom: float) -> float:
     """Return between which +- a variable of Student's distribution lies with probability `confidence`."""
-    from scipy.special import stdtrit
-
-    return float(stdtrit(freedom, 0.5 + 0.5 * confidence))
+    return float(scipy.special.stdtrit(freedom, 0.5 + 0.5 * confidence))

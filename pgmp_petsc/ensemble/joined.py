@@ -38,6 +38,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.base.errors import Remark, RunError, gathered, note, warning
 from pgmp_petsc.ensemble import intervals
@@ -73,9 +74,7 @@ class Estimate:
 
     def reach(self, confidence: float) -> float:
         """Return half the width of the interval."""
-        from scipy.special import stdtrit
-
-        own = float(stdtrit(self.freedom, 0.5 + 0.5 * confidence) * np.sqrt(self.variance))
+        own = float(scipy.special.stdtrit(self.freedom, 0.5 + 0.5 * confidence) * np.sqrt(self.variance))
         return own if self.apart is None else float(np.hypot(own, self.apart[1] * self.apart[0].reach(confidence)))
 
     def interval(self, confidence: float) -> np.ndarray:
@@ -214,9 +213,7 @@ def deviation_of(
         return float("nan"), intervals.UNKNOWN
     if values[0].size < FEWEST_OF_DEVIATION:
         return float(np.sqrt(variance)), intervals.UNKNOWN
-    from scipy.special import ndtri
-
-    z, n = ndtri(0.5 + 0.5 * confidence), values[0].size
+    z, n = scipy.special.ndtri(0.5 + 0.5 * confidence), values[0].size
     reach = squares.reach(confidence) / variance * n / (n - z)  # Bonett's correction of the logarithm
     return float(np.sqrt(variance)), np.sqrt(variance) * np.exp(0.5 * reach * np.array([-1.0, 1.0]))
 

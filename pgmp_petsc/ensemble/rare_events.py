@@ -49,7 +49,7 @@ bisection finds one of its beginnings.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -348,30 +348,26 @@ def _levels(chains: _Chains) -> tuple[list[Level], list[np.ndarray], tuple[np.nd
     return levels, directions, (points, g, families)
 
 
+@dataclass(eq=False)
 class _Chains:
     """Evaluates g, and keeps all points."""
 
-    def __init__(
-        self,
-        limit_state: LimitState,
-        seed: int,
-        d: int,
-        n_samples: int,
-        slopes: Slopes | None = None,
-        has_design: bool = True,
-    ) -> None:
-        self._limit_state, self._seed, self.d, self._n_samples = limit_state, seed, d, n_samples
-        self._slopes, self._has_design = slopes, has_design
-        self._from_afar: DesignPoints | None = None
-        self.points: list[np.ndarray] = []
-        self.values: list[np.ndarray] = []
-        self._spread = 0.6  # of a step over the deviation of the points
-        self._number = 0
-        self._n_differentiated = 0
+    limit_state: LimitState
+    seed: int
+    d: int
+    n_samples: int
+    slopes: Slopes | None = None
+    has_design: bool = True
+    points: list[np.ndarray] = field(default_factory=list)
+    values: list[np.ndarray] = field(default_factory=list)
+    explained: DesignPoints | None = None  # design points that explain all samples from afar
+    spread: float = 0.6  # of a step over the deviation of the points
+    number: int = 0  # of the last random stream
+    n_differentiated: int = 0
 
     @property
     def left(self) -> int:
-        return self._n_samples - sum(part.size for part in self.values) - self._n_differentiated
+        return self.n_samples - sum(part.size for part in self.values) - self.n_differentiated
 
     def go_on(
         self, seeds: np.ndarray, g: np.ndarray, threshold: float, size: int
@@ -384,13 +380,13 @@ class _Chains:
         while sum(map(len, points)) < size:
             left = size - sum(map(len, points))
             current, value = current[:left], value[:left]
-            sigma = np.minimum(self._spread * deviation, 1.0)
+            sigma = np.minimum(self.spread * deviation, 1.0)
             candidate = np.sqrt(1.0 - sigma**2) * current + sigma * random.standard_normal(current.shape)
             found = self.evaluate(candidate)
             better = found <= threshold
             current, value = np.where(better[:, None], candidate, current), np.where(better, found, value)
             accepted.append(better.mean())
-            self._spread *= np.exp((accepted[-1] - ACCEPTED) / np.sqrt(len(accepted)))
+            self.spread *= np.exp((accepted[-1] - ACCEPTED) / np.sqrt(len(accepted)))
             points.append(current)
             values.append(value)
         return np.concatenate(points)[:size], np.concatenate(values)[:size], float(np.mean(accepted or [1.0]))
@@ -398,8 +394,8 @@ class _Chains:
     def design(self, starts: np.ndarray, level: float) -> DesignPoints | None:
         """Return the design points that searches from some points lead to, with a part of the samples that are left;
         from differences where exact derivatives lead to none, and of a level on g by bisection where nor those do."""
-        if self._from_afar is not None:
-            return self._from_afar
+        if self.explained is not None:
+            return self.explained
         n_scanned, random = self.left // PART_SCANNED, self.random()
         self.evaluate(
             np.repeat(SCANNED, n_scanned)[:, None] * random.standard_normal((len(SCANNED) * n_scanned, self.d))
@@ -407,7 +403,7 @@ class _Chains:
         nearest = starts[np.argsort(np.sum(starts**2, axis=1))]
         units = nearest / np.maximum(np.sqrt(np.sum(nearest**2, axis=1, keepdims=True)), 1e-300)
         nearest, found = nearest[unlike(units)], None
-        for slopes in (None,) if self._slopes is None else (self._differentiated, None):
+        for slopes in (None,) if self.slopes is None else (self._differentiated, None):
             most, others = int(OF_DESIGN * self.left), (np.concatenate(self.points), np.concatenate(self.values))
             found = found or design_points(self.evaluate, slopes, nearest, most, others)
         if found is None:
@@ -422,8 +418,8 @@ class _Chains:
 
     def _differentiated(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return g and its derivatives, each of which counts as a sample."""
-        self._n_differentiated += len(points)
-        return self._slopes(points)
+        self.n_differentiated += len(points)
+        return self.slopes(points)
 
     def beyond(self, design: DesignPoints) -> tuple[np.ndarray, np.ndarray, float] | None:
         """Return points of the event from design points on, their g, and the share of accepted steps; None where the
@@ -463,11 +459,11 @@ class _Chains:
                 break
         if best is None:
             return None
-        if len(of_event) and self._has_design:
+        if len(of_event) and self.has_design:
             found = self._bisected(of_event, 0.0, self.left - to_be_left)
             seeds = self._beyond(found) if found is not None and not found.is_open else None
             if seeds is not None:
-                self._from_afar = found
+                self.explained = found
                 return *seeds, np.arange(len(seeds[0])), float(min(1.0, ndtr(-found.beta).sum()))
         deviation, points, g, each = best
         n_steps = 1.0 + np.log(deviation) * np.sqrt(d) / 0.6
@@ -477,7 +473,7 @@ class _Chains:
         chances = np.full(n_first, len(best[1]) / each)
         copies = max(1, m // n_first)
         points, g, m = np.repeat(points, copies, axis=0), np.repeat(g, copies), n_first * copies
-        spread = self._spread
+        spread = self.spread
         while deviation > 1.0:
             if self.left < m:
                 return None
@@ -557,12 +553,12 @@ class _Chains:
         return [root * of_round for root, of_round in zip(roots, weights[1:])]
 
     def random(self) -> np.random.Generator:
-        self._number += 1
-        return stream(self._seed, OF_RARE, self._number)
+        self.number += 1
+        return stream(self.seed, OF_RARE, self.number)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
         """Return g of points (n, d), shape (n,), and keep both."""
-        found = self._limit_state(points)
+        found = self.limit_state(points)
         self.points.append(points)
         self.values.append(found)
         return found

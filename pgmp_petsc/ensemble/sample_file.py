@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, shortened
@@ -50,8 +51,6 @@ def read_samples(path: Path | Columns, scene: Scene, n_samples: int | None) -> S
     if not isinstance(path, Path):
         columns = {name: np.asarray(path[name], dtype=float) for name in _used(where, list(path), scene)}
         return of_columns(columns, scene, where, n_samples, [name for name in path if name not in columns])
-    import h5py
-
     try:
         if not path.is_file():
             raise InputError(f"{where}: there is no such file; a CSV or HDF5 file of samples is needed")
@@ -137,8 +136,6 @@ def _number(text: str, where: str, name: str) -> float:
 
 def _of_hdf5(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
     """Return the columns of parameters and the number of each sample; data sets that have no part are not named."""
-    import h5py
-
     with h5py.File(path, "r") as file:
         group = file["parameters"] if isinstance(file.get("parameters"), h5py.Group) else file
         names = [name for name, item in group.items() if isinstance(item, h5py.Dataset)]

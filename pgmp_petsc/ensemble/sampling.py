@@ -47,6 +47,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
 from pgmp_petsc.ensemble.plan import Plan
@@ -171,12 +172,10 @@ def latin_hypercube(seed: int, d: int, n: int) -> Design:
 
 def sobol(seed: int, d: int, n_replicates: int, purpose: int = OF_SCRAMBLE) -> Design:
     """Return scrambled Sobol sequences that take turns, by streams whose first key is the `purpose`."""
-    from scipy.stats import qmc  # half a second, which other designs need not wait for
-
     streams = [stream(seed, purpose, number) for number in range(n_replicates)]
-    sequences = [qmc.Sobol(d, scramble=True, bits=BITS, seed=own) for own in streams]
+    sequences = [scipy.stats.qmc.Sobol(d, scramble=True, bits=BITS, seed=own) for own in streams]
 
-    def points(sequence: qmc.Sobol, first: int, n: int) -> np.ndarray:
+    def points(sequence: scipy.stats.qmc.Sobol, first: int, n: int) -> np.ndarray:
         """Return points first to first + n - 1: multiples of 2^-30 and half of it, as 0 has no finite quantile."""
         if first < sequence.num_generated:
             sequence.reset()
@@ -456,23 +455,20 @@ class Mixing:
         return made[self.copula](uniform)
 
     def _gaussian(self, uniform: np.ndarray) -> np.ndarray:
-        from scipy.special import ndtr, ndtri
-
-        found, normal = uniform.copy(), ndtri(uniform)
+        found, normal = uniform.copy(), scipy.special.ndtri(uniform)
         # one product after the other: a sample must not depend on how many there are
         for row in np.flatnonzero(np.count_nonzero(self.factor, axis=1) > 1):
-            found[:, row] = ndtr(sum(self.factor[row, k] * normal[:, k] for k in range(row + 1)))
+            found[:, row] = scipy.special.ndtr(sum(self.factor[row, k] * normal[:, k] for k in range(row + 1)))
         return found
 
     def _student(self, uniform: np.ndarray) -> np.ndarray:
-        from scipy.special import stdtr, stdtrit
-
         found, freedom, squares, spherical = uniform.copy(), self.number, np.zeros(len(uniform)), {}
         for number, column in enumerate(self.joined):
             known = np.sqrt((freedom + squares) / (freedom + number))
-            spherical[column] = known * stdtrit(freedom + number, uniform[:, column])
+            spherical[column] = known * scipy.special.stdtrit(freedom + number, uniform[:, column])
             squares = squares + spherical[column] ** 2
-            found[:, column] = stdtr(freedom, sum(self.factor[column, k] * own for k, own in spherical.items()))
+            correlated = sum(self.factor[column, k] * own for k, own in spherical.items())
+            found[:, column] = scipy.special.stdtr(freedom, correlated)
         return found
 
     def _archimedean(self, uniform: np.ndarray) -> np.ndarray:

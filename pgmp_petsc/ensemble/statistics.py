@@ -28,6 +28,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.base.units import UnitSystem
@@ -367,8 +368,6 @@ def of_given(
 ) -> Sensitivity | None:
     """Return the first indices of an output from any samples (N,), of the first that are fine; None where they, or the
     replicates of Sobol sequences that they belong to, (N,), are too few, or nothing varies."""
-    from scipy.special import ndtri
-
     chosen = np.flatnonzero(np.isfinite(values))[:MOST_GIVEN]
     n = chosen.size
     n_slices = min(n // FEWEST_IN_SLICE, max(n // IN_SLICE, FEW_SLICES), MOST_SLICES)
@@ -378,7 +377,7 @@ def of_given(
     orders = [np.argsort(x[chosen], kind="stable") for x in parameters.values()]
     if replicates is None:
         first, errors = np.array([_explained(output[order], n_slices) for order in orders]).T
-        ends = first[:, None] + ndtri(0.5 + 0.5 * confidence) * errors[:, None] * np.array([-1.0, 1.0])
+        ends = first[:, None] + scipy.special.ndtri(0.5 + 0.5 * confidence) * errors[:, None] * np.array([-1.0, 1.0])
     else:
         numbers = np.unique(replicates[chosen], return_inverse=True)[1]
         if numbers.max() + 1 < FEWEST_REPLICATES:

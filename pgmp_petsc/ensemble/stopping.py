@@ -46,6 +46,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.base.errors import InputError, Remark, gathered, nearest_name, note, warning
 from pgmp_petsc.base.surroundings import Comm
@@ -187,21 +188,18 @@ FIRST = 64  # samples at the first look, at least
 @cache
 def level_of_each(confidence: float) -> float:
     """Return the level of the intervals at every look, so that the one at the stop has `confidence`."""
-    from scipy.optimize import brentq
-    from scipy.special import ndtr, ndtri
-
     alpha = 1.0 - confidence
     points, weights = np.polynomial.legendre.leggauss(64)
 
     def excess(a: float) -> float:
-        z = -ndtri(0.5 * a)
+        z = -scipy.special.ndtri(0.5 * a)
         # P(|Z_1| > z, |Z_2| > z): Z_2 = (Z_1 + Z') / sqrt(2), over Z_1 from z to where nothing is left
         x = z + 5.0 * (points + 1.0)
-        tails = ndtr(x - np.sqrt(2.0) * z) + ndtr(-x - np.sqrt(2.0) * z)
+        tails = scipy.special.ndtr(x - np.sqrt(2.0) * z) + scipy.special.ndtr(-x - np.sqrt(2.0) * z)
         both = 2.0 * 5.0 * np.sum(weights * np.exp(-0.5 * x**2) / np.sqrt(2.0 * np.pi) * tails)
         return 1.5 * a - 0.5 * both - alpha
 
-    return 1.0 - float(brentq(excess, 0.5 * alpha, alpha, xtol=1e-14))
+    return 1.0 - float(scipy.optimize.brentq(excess, 0.5 * alpha, alpha, xtol=1e-14))
 
 
 def looks(unit: int, most: int) -> Iterator[int]:

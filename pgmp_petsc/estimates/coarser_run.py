@@ -35,6 +35,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.models import Model, OutputRecord
@@ -184,19 +185,17 @@ def step_errors(
     n = known.size if known.all() else int(RELIED_ON * np.argmin(known))
     if n <= FEWEST or not all(np.isfinite(values).all() for values in outputs.values()):
         return None
-    from scipy.interpolate import CubicSpline  # a noticeable time, and reduced runs have no coarser one
-
     at, step, n_steps = other.time[:n], float(time[1] - time[0]), time.size - 1
     covered, ratio = slice(0, 1 + int(np.searchsorted(time[1:], at[-1] * (1 + 1e-12), side="right"))), other.step / step
     times = round(ratio)
     bands = Bands.of(scene.simulation.spectral_radius, n_steps)
     fine = np.column_stack(list(outputs.values()))
     coarse = np.column_stack([other.outputs[name][:n, sample] for name in outputs])
-    there = fine[: n * times : times] if n_steps % times == 0 else CubicSpline(time, fine)(at)
+    there = fine[: n * times : times] if n_steps % times == 0 else scipy.interpolate.CubicSpline(time, fine)(at)
     differences = dict(zip(outputs, (coarse - there).T))
     marks = {name: (output.kinked_in(scene), output.jumps_in(scene)) for name, output in scene.outputs.items()}
     kinked, jumping = np.array([marks.get(name, (False, False)) for name in outputs]).T
-    between = CubicSpline(at, coarse)(time[covered])
+    between = scipy.interpolate.CubicSpline(at, coarse)(time[covered])
     between[:, jumping] = fine[covered][:, jumping]  # where both jump at the same instants, bands tell nothing
     off, turns = bands.lost(fine[covered], between, ratio, kinked)
     places = bands.hop * step * np.arange(len(off))
@@ -265,10 +264,8 @@ class Bands:
         out = apart > LOST * amplitudes
         out[..., :LOWEST] = False
         if kinked.any():
-            from scipy.ndimage import median_filter  # as above
-
             of_kinked = amplitudes[:, kinked]
-            out[:, kinked] &= of_kinked > PEAK * median_filter(of_kinked, (1, 1, AROUND), mode="nearest")
+            out[:, kinked] &= of_kinked > PEAK * scipy.ndimage.median_filter(of_kinked, (1, 1, AROUND), mode="nearest")
         largest, furthest = (np.maximum.accumulate(part, axis=0) for part in (amplitudes, apart))
         most, off = np.minimum(2.0 * largest, furthest), np.zeros(amplitudes.shape[1:])
         found, resolved = np.empty_like(amplitudes), apart / (ratio**2 - 1.0)

@@ -22,7 +22,6 @@ from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,14 +34,12 @@ from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
 from pgmp_petsc.models.model import floors_of
 from pgmp_petsc.outputs.rainflow import at_the_end, counted_after
 from pgmp_petsc.reduced.system import ReducedSystem
+from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.drivers import ERROR_PREFIX
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import Observer, PooledObserver, State
 from pgmp_petsc.stepping.status import Status
-
-if TYPE_CHECKING:
-    from pgmp_petsc.scene.numerics import Simulation
 
 TOGETHER = 2**21  # unknowns of instants whose outputs are evaluated together
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -180,9 +181,7 @@ def kernel_density(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     low, high = values.min(), values.max()
     if not high > low:
         return np.zeros(places.shape)
-    from scipy.stats import gaussian_kde  # a tenth of a second, and few figures have densities
-
-    of = gaussian_kde(values)
+    of = scipy.stats.gaussian_kde(values)
     return np.where((low <= places) & (places <= high), of(places) + of(2 * low - places) + of(2 * high - places), 0.0)
 
 

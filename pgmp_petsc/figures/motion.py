@@ -18,18 +18,10 @@ from pgmp_petsc.figures.captions import of_runs
 from pgmp_petsc.figures.loads import Arrow, arrows_of
 from pgmp_petsc.figures.mechanism import spans_of
 from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading, round_below
-from pgmp_petsc.mesh import solid_mesh as reference
+from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, outer_faces
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import BodyField, ModeShape, truncated
 
-# by the beginning of a kind's name: edges, then faces or, in the plane, the cell itself, by their corners
-_SHAPES = {
-    "triangle": (reference.EDGES_OF_TRIANGLE, ((0, 1, 2),)),
-    "quad": (reference.EDGES_OF_QUAD, ((0, 1, 2, 3),)),
-    "tetra": (reference.EDGES_OF_TETRA, reference.FACES_OF_TETRA),
-    "hexahedron": (reference.EDGES_OF_HEXAHEDRON, reference.FACES_OF_HEXAHEDRON),
-}
-_LINEAR = ("triangle", "quad", "tetra", "hexahedron")
 # of a face by its number of nodes, one after the other around it
 _TRIANGLES = {
     3: ((0, 1, 2),),
@@ -39,26 +31,17 @@ _TRIANGLES = {
 }
 
 
-def outer_faces(kind: str, cells: np.ndarray) -> np.ndarray:
+def drawn_faces(kind: str, cells: np.ndarray) -> np.ndarray:
     """Return the faces that one cell alone has, in the plane all cells, by the nodes around them, shape (n_faces, k).
 
     Cells, nodes of shape (n_cells, n_a), are of the `kind` that meshio calls so.
     """
-    edges, faces = _SHAPES[next(name for name in _SHAPES if kind.startswith(name))]
-    n_corners = 1 + max(max(face) for face in faces)
-    between = {frozenset(edge): n_corners + number for number, edge in enumerate(edges)}
-    around = []
-    for face in faces:
-        ring: list[int] = []
-        for corner, following in zip(face, (*face[1:], face[0])):
-            ring += [corner] if kind in _LINEAR else [corner, between[frozenset((corner, following))]]
-        around.append(ring)
-    found = cells[:, np.array(around)].reshape(-1, len(around[0]))
-    if len(faces) == 1:
-        return found
-    corners = np.sort(found if kind in _LINEAR else found[:, ::2], axis=1)
-    _, which, counts = np.unique(corners, axis=0, return_inverse=True, return_counts=True)
-    return found[counts[which.reshape(-1)] == 1]
+    faces = cells if kind in PLANE_KINDS else outer_faces(kind, cells)
+    n_nodes = faces.shape[1]
+    if n_nodes < 6:
+        return faces
+    n_corners = 3 if n_nodes == 6 else 4  # then the middles of the edges between them, perhaps that of the face
+    return faces[:, np.arange(2 * n_corners).reshape(2, n_corners).T.ravel()]
 
 
 def triangles(faces: np.ndarray) -> np.ndarray:
@@ -284,7 +267,7 @@ def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField
     if own.kind == "line":
         none, radius = np.zeros((0, 3), dtype=int), own.radius or 0.0
         return Skin(name, in_space(shown), none, own.cells, radius, colours, own.rigid)
-    faces = outer_faces(own.kind, own.cells)
+    faces = drawn_faces(own.kind, own.cells)
     return Skin(name, in_space(shown), triangles(faces), outlines(faces, own.nodes), 0.0, colours, own.rigid)
 
 

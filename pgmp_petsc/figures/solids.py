@@ -23,12 +23,13 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.figures.motion import Motion, Skin, motion_of, normals, outer_faces
+from pgmp_petsc.figures.motion import Motion, Skin, drawn_faces, motion_of, normals
 from pgmp_petsc.figures.style import (
     PROGRAM,
     QUIET,
@@ -376,8 +377,6 @@ class Surround:
 
 def _keys(motion: Motion) -> list:
     """Return what grey and plain bodies are, where they are beside coloured ones."""
-    from matplotlib.patches import Patch
-
     rigid = any(skin.rigid for skin in motion.skins)
     plain = any(not skin.rigid and skin.values is None for skin in motion.skins)
     keys = [Patch(color=RIGID, label="rigid")] if rigid and not all(skin.rigid for skin in motion.skins) else []
@@ -498,7 +497,7 @@ def plane_part(mesh: SolidMesh, places: Mapping[str, np.ndarray], title: str, un
     half = np.maximum(1.2 * half, LABEL * half.max())
     figure = new_figure(8.0, float(np.clip(8.0 * half[1] / half[0], 1.2, 7.0)) + 0.8)
     axes = figure.subplots()
-    cells = mesh.nodes[outer_faces(mesh.kind, mesh.cells)]
+    cells = mesh.nodes[drawn_faces(mesh.kind, mesh.cells)]
     axes.add_collection(PolyCollection(cells, facecolors="#E8EAED", edgecolors="#B5BBC2", linewidths=0.5))
     for (name, place), colour in zip(places.items(), distinct_colours(len(places))):
         edges = mesh.nodes[mesh.groups[name][:, :2]]
@@ -517,7 +516,7 @@ def part_picture(mesh: SolidMesh, places: Mapping[str, np.ndarray], title: str, 
     """Return the surface of a mesh, with named groups coloured and named at their places (3,)."""
     figure = new_figure(8.0, 6.0)
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    bare = outer_faces(mesh.kind, mesh.cells)
+    bare = drawn_faces(mesh.kind, mesh.cells)
     owned = {frozenset(face[: bare.shape[1]].tolist()): name for name in places for face in mesh.groups[name]}
     colours = dict(zip(places, distinct_colours(len(places))))
     shade = 0.55 + 0.45 * np.clip(normals(bare, mesh.nodes) @ LIT, 0.0, 1.0)

@@ -10,9 +10,9 @@ The factors r_i may be parameters. The rigid motion depends on them as it does o
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field
 
 from pgmp_petsc.scene.fields import Name, NotZeroOrParameter, Pair, PositivePair, TwoNames, Unit, refusal
 from pgmp_petsc.scene.joints import CouplingEntry, Share
@@ -77,11 +77,9 @@ class Belt(CouplingEntry):
         description="whether the belt over the radii is crossed, so that its pulleys turn against one another",
     )
 
-    @model_validator(mode="after")
-    def _of_radii_or_a_ratio(self) -> Self:
+    def check_entries(self) -> None:
         if self.crossed and self.ratio is not None:
             raise refusal("a ratio says it by its sign: negative where the pulleys turn against one another", "crossed")
-        return self
 
     def shares(self, motion):
         """Return ``r_2 s_2 - r_1 s_1``, or the sum if it is crossed; with a ratio that of a gear."""

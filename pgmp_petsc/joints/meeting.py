@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from pgmp_petsc.mechanism.joints import aligned, meeting, weld
 from pgmp_petsc.mechanism.statements import Statement, perpendicular
@@ -73,11 +73,9 @@ class Universal(JointEntry):
     axis: Axis = Field(description="axis (x, y, z) fixed in the first body, in its frame")
     second_axis: Axis = Field(description="axis fixed in the second body; in the frame of the first one, as assembled")
 
-    @model_validator(mode="after")
-    def _axes_differ(self) -> Self:
+    def check_entries(self) -> None:
         if are_parallel(self.axis, self.second_axis):
             raise refusal("must not have the direction of axis; both axes are at a right angle", "second_axis")
-        return self
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
         """Return that the points meet, and that the first axis, in a, is across the second one, in b."""

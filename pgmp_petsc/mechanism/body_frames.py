@@ -4,13 +4,15 @@ Vectors have shape (n_dofs, ...): displacements and rotations of every node, and
 condensed bodies are in body frames always. In its body's frame a vector is turned back: ``u = R^T v``. A rigid velocity
 of a body is then a combination of constant vectors.
 
-Gradients of statements on the rigid mechanism, in body frames: rows of constraints, forces of actions.
+Derivatives of statements on the rigid mechanism, in body frames: rows of constraints, forces of actions.
 
 A node of a body at the pose P has the frame z(P) in the inertial frame. Its displacement and rotation u in the body's
 frame change that by ``dz = F(P) u`` (`Space.frame_gradient`), wherever the node is. With the slopes g of a statement in
 the frames of its two nodes its gradient in body frames is
 
-    ds/du = g(z(P)) F(P).
+    ds/du = g(z(P)) F(P),
+
+and its second derivatives are ``F^T h F + g.z''``, h those in the frames; z'' is zero in the plane.
 
 Which unknowns a statement feels does not depend on the configuration: it is found once, and values alone are filled in.
 
@@ -75,70 +77,76 @@ def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray)
     return linear_motion(mechanism, [mechanism.space.velocity_field(*own) for own in zip(poses, rates)])
 
 
-class BodyGradients:
-    """Gradients of statements, or combinations of them, about attachments of a mechanism, one a row, at any
-    configuration.
+class BodyStatements:
+    """Derivatives of statements, or combinations of them, about attachments of a mechanism, one a row, in body frames,
+    at any configuration of the rigid mechanism.
 
-    There are n rows. `rows` and `dofs` are row and unknown of every entry, shape (n_entries,), none of them twice; no
-    entry is zero everywhere.
+    There are n rows. `rows` and `dofs` are row and unknown of every first derivative, shape (n_entries,), none of them
+    twice; no entry is zero everywhere. `nodal` are the unknowns of all nodes that the statements are about, shape (k,),
+    and `linear` says whether their second derivatives are zero everywhere.
     """
 
     def __init__(self, mechanism: Mechanism, held: Sequence[Attached]) -> None:
-        space, sides = mechanism.space, [own for _, own in held]
-        self.n, self._space, self._n_dofs = len(held), space, mechanism.n_dofs
-        moving = {side.node: side for pair in sides for side in pair if not side.on_ground}
-        nodes = np.array(sorted(moving), dtype=int)
+        space = self._space = mechanism.space
+        self.n, self._n_dofs = len(held), mechanism.n_dofs
+        moving = {side.node: side for _, sides in held for side in sides if not side.on_ground}
+        sides = [moving[node] for node in sorted(moving)]
         # statements see the nodes that they are about, one after the other
-        self._rows = StatementRows(
-            held, lambda node: space.n_pose * np.searchsorted(nodes, node) + np.arange(space.n_pose), space.dimension
-        )
-        starts, columns, _ = self._rows.compiled.entries
-        self._slopes = np.repeat(np.arange(starts.size - 1), np.diff(starts)), columns
-        bodies = np.array([moving[node].body for node in nodes], dtype=int)
-        points = np.array([moving[node].point - moving[node].arm for node in nodes]).reshape(-1, space.dimension)
-        self._nodes = [(body, points[bodies == body]) for body in np.unique(bodies)]
-        every = [side for own in sides for side in own]
-        self._bodies = np.array([side.body for side in every], dtype=int).reshape(-1, 2)
-        grounded = np.full(space.n_dofs, -1)
-        dofs = np.array([grounded if side.on_ground else side.dofs for side in every], dtype=int)
-        dofs = dofs.reshape(-1, 2, space.n_dofs)
-        self._entries = self._felt(dofs, len(mechanism.bodies))
+        first = {side.node: space.n_pose * k for k, side in enumerate(sides)}
+        self._rows = StatementRows(held, lambda node: first.get(node, 0) + np.arange(space.n_pose), space.dimension)
+        self._bodies = np.array([side.body for side in sides], dtype=int)
+        points = np.array([side.point - side.arm for side in sides]).reshape(-1, space.dimension)
+        self._points = [(body, points[self._bodies == body]) for body in np.unique(self._bodies)]
+        self.nodal = np.array([side.dofs for side in sides], dtype=int).ravel()
+        self.linear = not (held and (self._rows.curvature_pattern[0].size or space.n_tied))
         # terms of a row may be about one node, and both sides of a statement too
-        pairs = np.stack([self._rows.row_of[self._entries[0]], dofs[self._entries]])
-        (self.rows, self.dofs), self._entry_of = np.unique(pairs, axis=1, return_inverse=True)
-        self._entry_of = self._entry_of.ravel()
+        of, columns = self._rows.jacobian_pattern
+        pairs, own = np.unique(of * len(sides) + columns // space.n_pose, return_inverse=True)
+        self._places = own * space.n_pose + columns % space.n_pose
+        row, self._nodes = np.divmod(pairs, max(len(sides), 1))
+        self._felt = np.nonzero(np.abs(self._slopes(self._generic(len(mechanism.bodies)), True)) > ROUND_OFF)
+        self.rows = row[self._felt[0]]
+        self.dofs = self.nodal.reshape(-1, space.n_dofs)[self._nodes][self._felt]
 
     def values(self, poses: np.ndarray) -> np.ndarray:
         """Return the entries at poses (n_bodies, n_pose), shape (n_entries,)."""
-        return np.bincount(self._entry_of, self._everything(poses, False)[self._entries], self.rows.size)
+        return self._slopes(poses)[self._felt]
 
     def dense(self, poses: np.ndarray) -> np.ndarray:
         """Return the gradients in all unknowns at poses (n_bodies, n_pose), shape (n, n_dofs)."""
         found = np.zeros((self.n, self._n_dofs))
-        if not self.n:
-            return found
         found[self.rows, self.dofs] = self.values(poses)
         return found
 
-    def _everything(self, poses: np.ndarray, generic: bool) -> np.ndarray:
-        """Return the derivatives of terms in both nodes' unknowns, shape (n_terms, 2, n_dofs of a node), any on the
-        ground; `generic` as of `StatementRows.jacobian_values`."""
-        space = self._space
-        frames = [space.place(poses[body], points).ravel() for body, points in self._nodes]
-        n = len(self._bodies)
-        slopes = np.zeros((n, 2 * space.n_pose))
-        slopes[self._slopes] = self._rows.jacobian_values(np.concatenate([*frames, np.zeros(0)]), generic)
-        turns = np.array([space.frame_gradient(pose) for pose in poses])
-        return (slopes.reshape(n, 2, 1, space.n_pose) @ turns[self._bodies])[:, :, 0]
+    def second(self, poses: np.ndarray) -> np.ndarray:
+        """Return the second derivatives in the `nodal` unknowns at poses (n_bodies, n_pose), shape (n, k, k)."""
+        space, at = self._space, poses[self._bodies]
+        slopes, values = self._rows.dense(self._frames(poses))
+        turn = block_diag(*(space.frame_gradient(pose) for pose in at))
+        curved = turn.T @ values @ turn
+        for k, pose in enumerate(at):
+            own = slice(space.n_dofs * k, space.n_dofs * (k + 1))
+            curved[:, own, own] += space.frame_curvature(pose, slopes[:, space.n_pose * k : space.n_pose * (k + 1)])
+        return curved
 
-    def _felt(self, dofs: np.ndarray, n_bodies: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the places of the derivatives that are not zero at poses that no mechanism comes to."""
-        random, d = np.random.default_rng(0), self._space.dimension
-        poses = random.normal(size=(n_bodies, self._space.n_pose))
+    def _frames(self, poses: np.ndarray) -> np.ndarray:
+        """Return the frames of all nodes, one after the other."""
+        return np.concatenate([np.zeros(0), *(self._space.place(poses[k], at).ravel() for k, at in self._points)])
+
+    def _slopes(self, poses: np.ndarray, generic: bool = False) -> np.ndarray:
+        """Return the first derivatives of rows in the unknowns of each node that they are about, shape (n_pairs, n_dofs
+        of a node); `generic` as of `StatementRows.jacobian_values`."""
+        space, values = self._space, self._rows.jacobian_values(self._frames(poses), generic)
+        in_frames = np.bincount(self._places, values, space.n_pose * len(self._nodes))
+        turns = np.array([space.frame_gradient(pose) for pose in poses])[self._bodies[self._nodes]]
+        return (in_frames.reshape(-1, 1, space.n_pose) @ turns)[:, 0]
+
+    def _generic(self, n_bodies: int) -> np.ndarray:
+        """Return poses that no mechanism comes to."""
+        poses, d = np.random.default_rng(0).normal(size=(n_bodies, self._space.n_pose)), self._space.dimension
         if self._space.n_tied:  # directors
             poses[:, d:] = np.linalg.qr(poses[:, d:].reshape(n_bodies, d, d))[0].reshape(n_bodies, d * d)
-        felt = np.abs(self._everything(poses, True)) > ROUND_OFF
-        return np.nonzero(felt & (dofs >= 0))
+        return poses
 
 
 class ConstraintJacobian:
@@ -152,17 +160,14 @@ class ConstraintJacobian:
 
     def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
         held = [part for one in mechanism.holders for part in one.holding(moving=True)]
-        self._gradients = BodyGradients(mechanism, held + [(c.statement, c.sides) for c in clamped])
-        rows, columns = self._gradients.rows, self._gradients.dofs
-        self._order = np.lexsort((columns, rows))
-        ones, shape = np.ones(rows.size), (self._gradients.n, mechanism.n_dofs)
-        joints = sp.csr_matrix((ones, (rows, columns)), shape=shape)
+        own = self._own = BodyStatements(mechanism, held + [(c.statement, c.sides) for c in clamped])
+        joints = sp.csr_matrix((np.ones(own.rows.size), (own.rows, own.dofs)), shape=(own.n, mechanism.n_dofs))
         self.pattern = sp.vstack([joints, *_ties(mechanism)]).tocsr()
 
     def values(self, poses: np.ndarray) -> np.ndarray:
         """Return the entries on the pattern at poses (n_bodies, n_pose), shape (n_entries,)."""
         values = self.pattern.data.copy()
-        values[: self._order.size] = self._gradients.values(poses)[self._order]
+        values[: self._own.rows.size] = self._own.values(poses)
         return values
 
     def at(self, poses: np.ndarray) -> sp.csr_matrix:
@@ -190,36 +195,6 @@ def _ties(mechanism: Mechanism) -> Iterator[sp.spmatrix]:
             yield sp.coo_matrix((data, (rows, columns)), shape=(n, mechanism.n_dofs))
 
 
-class BodyHessians:
-    """Second derivatives of statements, or combinations of them, about attachments of a mechanism, in body frames, at
-    configurations of the rigid mechanism.
-
-    With the frames ``z(u)`` of the nodes in their displacements u these are ``F^T h F + g.z''``, F the frames'
-    gradient, and g and h the derivatives of a statement in the frames; z'' is zero in the plane. `dofs` are the nodal
-    unknowns that they depend on, shape (k,), and `linear` says whether they are zero everywhere.
-    """
-
-    def __init__(self, mechanism: Mechanism, parts: Sequence[Attached]) -> None:
-        space = self._space = mechanism.space
-        self._moving = list({side.node: side for _, own in parts for side in own if not side.on_ground}.values())
-        numbers = {side.node: space.n_pose * k for k, side in enumerate(self._moving)}
-        self._rows = StatementRows(parts, lambda node: numbers.get(node, 0) + np.arange(space.n_pose), space.dimension)
-        self.dofs = np.concatenate([np.zeros(0, dtype=int), *(side.dofs for side in self._moving)])
-        self.linear = not parts or not (self._rows.curvature_pattern[0].size or space.n_tied)
-
-    def at(self, poses: np.ndarray) -> np.ndarray:
-        """Return them at poses (n_bodies, n_pose), shape (n, k, k)."""
-        space, at = self._space, [poses[side.body] for side in self._moving]
-        places = [space.place(pose, (side.point - side.arm)[None])[0] for pose, side in zip(at, self._moving)]
-        slopes, values = self._rows.dense(np.concatenate(places))
-        turn = block_diag(*(space.frame_gradient(pose) for pose in at))
-        curved = turn.T @ values @ turn
-        for k, pose in enumerate(at):
-            own = slice(space.n_dofs * k, space.n_dofs * (k + 1))
-            curved[:, own, own] += space.frame_curvature(pose, slopes[:, space.n_pose * k : space.n_pose * (k + 1)])
-        return curved
-
-
 @dataclass(frozen=True, eq=False)
 class ConstraintHessian:
     """Second derivatives of the constraints of one joint or coupling, or of a clamped coordinate, in body frames."""
@@ -234,14 +209,14 @@ class ConstraintHessians:
     the rigid mechanism."""
 
     def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
-        self._joints: list[tuple[slice, BodyHessians]] = []
+        self._joints: list[tuple[slice, BodyStatements]] = []
         first = 0
         held = [one.holding(moving=True) for one in mechanism.holders]
         for parts in [*held, *([(c.statement, c.sides)] for c in clamped)]:
-            numbered, hessians = slice(first, first := first + len(parts)), BodyHessians(mechanism, parts)
-            if not hessians.linear:
-                self._joints.append((numbered, hessians))
+            numbered, own = slice(first, first := first + len(parts)), BodyStatements(mechanism, parts)
+            if not own.linear:
+                self._joints.append((numbered, own))
 
     def at(self, poses: np.ndarray) -> list[ConstraintHessian]:
         """Return them at poses (n_bodies, n_pose)."""
-        return [ConstraintHessian(rows, one.dofs, one.at(poses)) for rows, one in self._joints]
+        return [ConstraintHessian(rows, one.nodal, one.second(poses)) for rows, one in self._joints]

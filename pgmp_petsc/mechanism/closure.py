@@ -26,6 +26,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
@@ -277,9 +278,7 @@ class LoopClosure:
             if d == 2:
                 turn = f"angle = {np.remainder(pose[2] + np.pi, 2.0 * np.pi) - np.pi:.4g}"
             else:
-                from scipy.spatial.transform import Rotation  # for a message alone
-
-                vector = Rotation.from_matrix(pose[3:].reshape(3, 3).T).as_rotvec()
+                vector = scipy.spatial.transform.Rotation.from_matrix(pose[3:].reshape(3, 3).T).as_rotvec()
                 turn = f"rotation = [{', '.join(f'{x:.4g}' for x in vector)}]"
             texts.append(f"bodies.{body.name}.placement = {{ origin = [{origin}], {turn} }}")
         return ", ".join(texts)
@@ -300,8 +299,6 @@ class LoopClosure:
     def _nearest(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Return poses (n_bodies, n_pose, 1) of rigid bodies whose joints come as near as they can, from such poses at
         theta (1, n_theta)."""
-        from scipy.optimize import least_squares  # a mechanism that closes has no use for it
-
         weights = STIFF / self._scale
         weights[: self.mechanism.n_constraints] /= STIFF
 
@@ -311,7 +308,7 @@ class LoopClosure:
         def slopes(unknowns: np.ndarray) -> np.ndarray:
             return weights[:, None] * self.jacobian(unknowns.reshape(poses.shape))[0]
 
-        return least_squares(weighted, poses.ravel(), slopes, x_scale=self._units).x.reshape(poses.shape)
+        return scipy.optimize.least_squares(weighted, poses.ravel(), slopes, x_scale=self._units).x.reshape(poses.shape)
 
     def closed_freely(self, poses: np.ndarray) -> np.ndarray:
         """Close the loops near poses (n_bodies, n_pose, n) wherever the coordinates then are; best effort."""

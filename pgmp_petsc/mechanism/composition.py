@@ -26,6 +26,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import AffineSum, Monomial, Quantity
@@ -226,9 +227,7 @@ def _rotation(turn: np.ndarray) -> np.ndarray:
     if turn.size == 1:
         cos, sin = np.cos(turn[0]), np.sin(turn[0])
         return np.array([[cos, -sin], [sin, cos]])
-    from scipy.spatial.transform import Rotation  # takes a tenth of a second, and the plane has no use for it
-
-    return Rotation.from_rotvec(turn).as_matrix()
+    return scipy.spatial.transform.Rotation.from_rotvec(turn).as_matrix()
 
 
 def _held(

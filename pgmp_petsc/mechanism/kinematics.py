@@ -25,6 +25,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.base.errors import InputError, Remark, note
 from pgmp_petsc.mechanism.closure import SINGULAR_TOLERANCE, LoopClosure, ReleasedClosure, size_of
@@ -408,12 +409,10 @@ class RigidKinematics:
 
     def _on_no_ground(self) -> list[str]:
         """Say which bodies are joined to others, and none of them to the ground."""
-        from scipy.sparse import coo_array  # a mechanism that is held has no use for them
-        from scipy.sparse.csgraph import connected_components
-
         n = len(self.mechanism.bodies)
         one, other = np.array([[side.body % (n + 1) for side in c.sides] for c in self.mechanism.connections]).T
-        _, groups = connected_components(coo_array((np.ones(one.size), (one, other)), shape=(n + 1, n + 1)))
+        graph = scipy.sparse.coo_array((np.ones(one.size), (one, other)), shape=(n + 1, n + 1))
+        _, groups = scipy.sparse.csgraph.connected_components(graph)
         texts = []
         for group in np.setdiff1d(groups, groups[n:]):
             names = [self.mechanism.bodies[k].name for k in np.flatnonzero(groups[:n] == group)]

@@ -50,9 +50,10 @@ class StatementRows:
         own = [part for part, _ in terms], list(zip(every[::2], every[1::2])), dimension
         self.statements = NodeStatements.of(*own, [function for _, function in terms])
         # derivatives may be zero at some place, as those of a cam that dwells, or of what is local along a line
-        self._generic = NodeStatements.of(
-            [part.generic for part, _ in terms], *own[1:], [function.generic for _, function in terms]
-        )
+        generic = [part.generic for part, _ in terms], *own[1:], [function.generic for _, function in terms]
+        # with factors of their own, by which terms of a row do not cancel
+        factors = np.random.default_rng(0).uniform(1.0, 2.0, len(terms))
+        self._generic = NodeStatements.of(*generic)._replace(factors=factors)
         grounded = np.full(node_dofs(0).size, -1)
         dofs = [grounded if side.on_ground else node_dofs(side.node) for side in every]
         angles = {one: row for row, (one, _) in enumerate(parts) if isinstance(one, Statement) and one.kind == ANGLE}

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.declare.expressions import kept
 from pgmp_petsc.lanes.compiled import njit, text_mark
@@ -63,10 +64,8 @@ class Function:
     @classmethod
     def through(cls, factor: float, table: Sequence[tuple[float, float]]) -> Function:
         """Return a factor times the spline through points, the last of which is the first one after a period."""
-        from scipy.interpolate import CubicSpline  # for cams alone
-
         x, y = np.array(table, dtype=float).T
-        found = CubicSpline(x, np.append(y[:-1], y[0]), bc_type="periodic")
+        found = scipy.interpolate.CubicSpline(x, np.append(y[:-1], y[0]), bc_type="periodic")
         return cls(factor, x, np.ascontiguousarray(found.c[::-1].T))
 
     def at(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray | float]:

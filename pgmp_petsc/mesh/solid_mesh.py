@@ -94,9 +94,6 @@ class ReferenceElement:
     #: stiffness, mass: quadrature that is exact for the stiffness or the mass of undistorted cells
     stiffness: Quadrature
     mass: Quadrature
-    #: local numbers of the nodes of every face, in the order of the face's type, normal outwards, shape (n_faces,
-    #: n_face_nodes)
-    faces: np.ndarray
     face_kind: str  # meshio's name of the faces' type; "" for lines
 
     @property
@@ -115,7 +112,6 @@ def reference_element(kind: str) -> ReferenceElement:
         nodes,
         _quadrature(kind, nodes, stiffness_degree),
         _quadrature(kind, nodes, mass_degree),
-        _faces(shape, nodes, face_kind) if face_kind else np.empty((0, 0), dtype=int),
         face_kind,
     )
 
@@ -138,10 +134,13 @@ def _nodes(shape: _Shape, middles: tuple[str, ...]) -> np.ndarray:
     return np.vstack([corners, *further])
 
 
-def _faces(shape: _Shape, nodes: np.ndarray, face_kind: str) -> np.ndarray:
-    """Number the nodes of every face as the face's element does: its corners, then the middles of its edges, ..."""
+@cache
+def faces_of(kind: str) -> np.ndarray:
+    """Return the local numbers of the nodes of every face of a cell, shape (n_faces, n_face_nodes), normal outwards, in
+    the order of the face's element: its corners, then the middles of its edges, ..."""
+    shape, _, own, *_, face_kind = _KINDS[kind]
     face_shape, _, middles, *_ = _KINDS[face_kind]
-    weights = _barycentric(face_shape, _nodes(face_shape, middles))
+    nodes, weights = _nodes(shape, own), _barycentric(face_shape, _nodes(face_shape, middles))
     return np.array(
         [[_number_at(nodes, place) for place in weights @ nodes[list(corners)]] for corners in shape.faces], dtype=int
     )
@@ -251,15 +250,16 @@ def set_numbers(rows: np.ndarray) -> np.ndarray:
 
 def cell_faces(kind: str, cells: np.ndarray) -> np.ndarray:
     """Return the faces of all cells (n_cells, n_cell_nodes) of meshio's type `kind`, cell after cell, so that an inner
-    face is there twice: shape (n_cells n_faces, n_face_nodes), nodes in the order of the reference element's faces."""
-    faces = reference_element(kind).faces
+    face is there twice: shape (n_cells n_faces, n_face_nodes), nodes in the order of `faces_of`."""
+    faces = faces_of(kind)
     return cells[:, faces].reshape(-1, faces.shape[1])
 
 
-def bounds_one_cell(faces: np.ndarray) -> np.ndarray:
-    """Return which faces of all cells (n_faces, n_face_nodes), each cell's own, bound no other cell."""
+def outer_faces(kind: str, cells: np.ndarray) -> np.ndarray:
+    """Return the faces, as `cell_faces`, that bound one cell alone."""
+    faces = cell_faces(kind, cells)
     numbers = set_numbers(faces)
-    return np.bincount(numbers)[numbers] == 1
+    return faces[np.bincount(numbers)[numbers] == 1]
 
 
 def incidence_edges(n_nodes: int, cells: np.ndarray) -> np.ndarray:

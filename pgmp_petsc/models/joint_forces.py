@@ -18,7 +18,6 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.controllers.running import BEFORE
 from pgmp_petsc.controllers.running import rows_of as rows_of_beside
 from pgmp_petsc.effects import Effect, Motion, actions_of
-from pgmp_petsc.effects.action import CARRIED_FRICTION
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models.model import MultipliersOf
 from pgmp_petsc.outputs.joint_forces import ForceOutput
@@ -153,7 +152,7 @@ class ReducedMultipliers:
     def in_lanes(self) -> CarriedForces | None:
         """Return what steps in lanes take of the forces that joints carry; see `CarriedForces.of`."""
         actions = self._actions.actions
-        rubbing = [k for k, action in enumerate(actions) if action.law is CARRIED_FRICTION]
+        rubbing = [k for k, action in enumerate(actions) if action.law.loaded]
         return CarriedForces.of(self.gaps, self.rows.tolist(), self._terms.grid, self._carried, rubbing, actions)
 
     def _nothing(self, n: int) -> np.ndarray:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pgmp_petsc.lanes.lane_items import solutions
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.reduced.system import ReducedSystem
@@ -114,19 +115,12 @@ class ReducedStatics:
                 lost = lost | (failed & active)
                 found = np.concatenate([changed, (self._angles.of(moved) - angles) / scales], axis=1)
                 jacobian[:, :, column] = (found - defect) / step[:, None]
+            step = solutions(jacobian, -defect)
+            lost = lost | (active & ~np.isfinite(step).all(axis=1))
             active = active & ~lost
-            for sample in np.flatnonzero(active):
-                try:
-                    step = np.linalg.solve(jacobian[sample], -defect[sample])
-                except np.linalg.LinAlgError:
-                    step = np.full(2 * r, np.nan)
-                if not np.isfinite(step).all():
-                    lost[sample] = True
-                    continue
-                eta[sample, :r] += step[:r]
-                mu[sample] += step[r:]
-                moved_by[sample] = np.max(np.abs(step[:r]) / scales)
-            active = active & ~lost
+            eta[active, :r] += step[active, :r]
+            mu[active] += step[active, r:]
+            moved_by[active] = np.max(np.abs(step[active, :r]) / scales, axis=1)
         self._away[active] = np.max(np.abs(away), axis=1)[active]
         return -mu, lost | active
 

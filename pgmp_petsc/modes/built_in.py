@@ -28,7 +28,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.mechanism.body_frames import BodyGradients, ConstraintJacobian
+from pgmp_petsc.mechanism.body_frames import BodyStatements, ConstraintJacobian
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statement_rows import StatementRows
@@ -82,7 +82,7 @@ class Closing:
         still = [(c.statement, c.sides) for c in mechanism.coordinates]
         still += [(part.statement, c.sides) for c in mechanism.connections for part in c.released]
         still += [(c.combination, c.sides) for c in mechanism.couplings if c.elastic]
-        self._still = BodyGradients(mechanism, still)
+        self._still = BodyStatements(mechanism, still)
 
     def at(self, modes: ModeSet, gaps: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
         """Return what closes gaps (n_constraints, n) at the configuration that the problem is at, in body frames, local

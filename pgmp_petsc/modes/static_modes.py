@@ -46,7 +46,7 @@ from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.effects import Action, Effect
 from pgmp_petsc.effects.effect import UnitForces
 from pgmp_petsc.effects.springs import Block, moving_dofs, spring_block, spring_force
-from pgmp_petsc.mechanism.body_frames import BodyGradients, BodyHessians, linear_motion, to_body
+from pgmp_petsc.mechanism.body_frames import BodyStatements, linear_motion, to_body
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, PREFIX, ModalProblem, ModeSet
 from pgmp_petsc.solvers.shift_invert import EigenPairs
@@ -179,9 +179,9 @@ class SpringStiffness:
         self._springs, self._weights, self._free = tuple(springs), weights, self._mechanism.free
         self.dofs = [moving_dofs(spring) for spring in self._springs]
         self._forces = UnitForces(self._springs, self._mechanism)
-        self._hessians = [BodyHessians(self._mechanism, [(one.statement, one.sides)]) for one in self._springs]
+        self._measured = [BodyStatements(self._mechanism, [(one.statement, one.sides)]) for one in self._springs]
         moved = [kinematics.coordinates[k] for k in self._free]
-        self._moving = BodyGradients(self._mechanism, [(c.statement, c.sides) for c in moved])
+        self._moving = BodyStatements(self._mechanism, [(c.statement, c.sides) for c in moved])
         if weights is not None and self._free.size:
             self.dofs.append(np.unique(self._moving.dofs))
 
@@ -197,7 +197,7 @@ class SpringStiffness:
             for spring in self._springs
         ]
         gradients = self._forces.at(poses)
-        preloads = [force * one.at(poses)[0] if force else 0.0 for force, one in zip(forces, self._hessians)]
+        preloads = [force * one.second(poses)[0] if force else 0.0 for force, one in zip(forces, self._measured)]
         blocks = [
             spring_block(spring, gradient[dofs], self._values, preload)
             for spring, gradient, dofs, preload in zip(self._springs, gradients.T, self.dofs, preloads)

@@ -34,7 +34,7 @@ from pydantic import Field
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import SI
 from pgmp_petsc.effects import springs_of_joints
-from pgmp_petsc.effects.action import SPRING_DAMPER, Action
+from pgmp_petsc.effects.action import Action
 from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupling
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, Unknowns
@@ -287,7 +287,15 @@ class OfConnection(ForceOutput):
         sides = [*connection.sides, *(side for _, own in held for side in own)]
         nodes = frozenset(side.node for side in sides if not side.on_ground)
         made = cls(
-            name, rows, nodes, any(pull.reads_rates for pull in pulls), entry, mechanism.space, connection, held, pulls
+            name,
+            rows,
+            nodes,
+            any(pull.action.reads_rate for pull in pulls),
+            entry,
+            mechanism.space,
+            connection,
+            held,
+            pulls,
         )
         along_ground = entry.frame == "ground" and entry.component not in ("axial", "radial")
         meet = all(isinstance(part, Statement) and part.kind == MEET for part, _ in held)
@@ -376,17 +384,12 @@ class Pull:
         parts = (part for part, _ in action.statement.terms)
         return cls(action, tuple(Reading("MEASURE", own, part, space) for own, part in zip(action.pairs, parts)))
 
-    @property
-    def reads_rates(self) -> bool:
-        """Whether it takes rates of frames: all but a spring without a damper."""
-        return self.action.law is not SPRING_DAMPER or bool(self.action.parameters[1].coefficient)
-
     def measured(self, frames: Frames, rates: Frames) -> tuple[np.ndarray, np.ndarray, list[np.ndarray | float]]:
         """Return what the law is of and its rate, (n,) each, and the derivatives with the terms' statements."""
         read = [reading.value(frames) for reading in self.readings]
         found = [function.at(s) for s, (_, function) in zip(read, self.action.statement.terms)]
         factors, speed = [slope for _, slope in found], np.zeros(read[0].shape)
-        if self.reads_rates:
+        if self.action.reads_rate:
             speed = sum(slope * _rate(reading, frames, rates) for slope, reading in zip(factors, self.readings))
         return sum(value for value, _ in found), speed, factors
 
@@ -440,7 +443,7 @@ class OfCoupling(ForceOutput):
             pull = Pull(action, tuple(readings))
             rows, nodes = rows[:0], set().union(*(reading.nodes for reading in readings))
         return cls(
-            name, rows, frozenset(nodes), pull is not None and pull.reads_rates, entry, readings[number],
+            name, rows, frozenset(nodes), pull is not None and pull.action.reads_rate, entry, readings[number],
             terms[number][1], pull,
         )  # fmt: skip
 

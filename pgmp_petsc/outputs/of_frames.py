@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.effects.loads import GROUND_ORIGIN
@@ -180,13 +180,11 @@ class Speed(OutputEntry):
     )
     absolute: bool = Field(False, strict=True, description=ABSOLUTE)
 
-    @model_validator(mode="after")
-    def _of_one(self) -> Self:
+    def check_entries(self) -> None:
         if (self.point is None) != (self.axis is None):
             raise refusal("a point has a speed along an axis, a joint has one of its own", "axis")
         if self.absolute and self.point is None:
             raise refusal("a joint's speed is that of one body against the other; leave it out", "absolute")
-        return self
 
     def unit_in(self, scene: Scene) -> str:
         """Return rad/s for what turns."""

@@ -11,10 +11,10 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from pgmp_petsc.base.units import UnknownUnit, measure
 from pgmp_petsc.lanes.rainflow import count
@@ -66,15 +66,13 @@ class Curve(Table):
         "the ends where both axes are logarithmic",
     )
 
-    @model_validator(mode="after")
-    def _one_curve(self) -> Self:
+    def check_entries(self) -> None:
         for key in ("reference", "cycles"):
             if (getattr(self, key) is None) != (self.table is not None):
                 given = "not given beside a table" if self.table is not None else "missing: a curve has exponent, "
                 raise refusal(given if self.table is not None else f"{given}reference and cycles, or a table", key)
         if self.table is not None:
             _falls(self.table)
-        return self
 
 
 class Rainflow(OutputEntry):
@@ -103,15 +101,13 @@ class Rainflow(OutputEntry):
         rows = range(len(self.curve.table or ()))
         yield from (Use(f"{entry}.curve.table[{k}][0]", 0.0, "any", ("Pa",)) for k in rows)
 
-    @model_validator(mode="after")
-    def _strength(self) -> Self:
+    def check_entries(self) -> None:
         if (self.mean_stress == "goodman") != (self.ultimate is not None):
             words = "missing: goodman takes the ultimate strength" if self.ultimate is None else "for goodman alone"
             raise refusal(f'{words}; give mean_stress = "goodman" and ultimate, or neither', "ultimate")
         if (self.quantity == "life") != (self.run_out is not None):
             words = "missing: a life takes the longest that counts (s)" if self.run_out is None else "for a life alone"
             raise refusal(f'{words}; give quantity = "life" and run_out, or neither', "run_out")
-        return self
 
     @property
     def made_of(self) -> Mapping[str, str]:

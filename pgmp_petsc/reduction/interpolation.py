@@ -22,6 +22,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from scipy.linalg import solve_banded
 
 from pgmp_petsc.lanes.compiled import njit
@@ -193,13 +194,11 @@ def _fine_count(samples: Samples, fine: int) -> int:
 
 
 def _spline_on_fine_grid(samples: Samples, table: np.ndarray, count: int) -> np.ndarray:
-    from scipy.interpolate import CubicSpline  # takes a noticeable time, and uniform samples have no use for it
-
     fine = Samples.uniform(samples.lower, samples.upper, _fine_count(samples, count), samples.periodic)
     if not samples.periodic:
-        return CubicSpline(samples.theta, table)(fine.theta)
+        return scipy.interpolate.CubicSpline(samples.theta, table)(fine.theta)
     theta = np.append(samples.theta, samples.theta[0] + samples.upper - samples.lower)
-    return CubicSpline(theta, np.concatenate([table, table[:1]]), bc_type="periodic")(fine.theta)
+    return scipy.interpolate.CubicSpline(theta, np.concatenate([table, table[:1]]), bc_type="periodic")(fine.theta)
 
 
 def _spectral_on_fine_grid(samples: Samples, table: np.ndarray, fine: int) -> np.ndarray:
@@ -207,9 +206,7 @@ def _spectral_on_fine_grid(samples: Samples, table: np.ndarray, fine: int) -> np
     if samples.periodic:
         if not samples.is_uniform:
             raise ValueError("trigonometric interpolation needs uniform samples")
-        from scipy.signal import resample  # takes a third of a second, and only this interpolation needs it
-
-        return resample(table, count, axis=0)
+        return scipy.signal.resample(table, count, axis=0)
     points = Samples.uniform(samples.lower, samples.upper, count, False)
     return _barycentric(samples.theta, table, points.theta)
 

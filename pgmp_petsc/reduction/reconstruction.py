@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from math import factorial
 
 import numpy as np
+import scipy
 from numpy.polynomial import Polynomial
 
 from pgmp_petsc.lanes.compiled import njit
@@ -212,14 +213,12 @@ class Reconstruction:
 
     def _fill_in_space(self, theta: np.ndarray, poses: np.ndarray, local: np.ndarray, frames: np.ndarray) -> None:
         """Fill frames from displacements and rotations (n, 6 n_nodes) in body frames at poses (n_bodies, 12, n)."""
-        from scipy.spatial.transform import Rotation  # takes a noticeable time, and the plane has no use for it
-
         n = len(theta)
         moved = local.reshape(n, self._nodes.size, SPATIAL.n_dofs)
         for node, (body, point) in enumerate(zip(self._bodies, self._points)):
             axes = poses[body, 3:].reshape(3, 3, n)
             frames[node, :3] = poses[body, :3] + np.einsum("nk,kcn->cn", point + moved[:, node, :3], axes)
-            turn = Rotation.from_rotvec(moved[:, node, 3:]).as_matrix()
+            turn = scipy.spatial.transform.Rotation.from_rotvec(moved[:, node, 3:]).as_matrix()
             frames[node, 3:12] = np.einsum("njk,jcn->kcn", turn, axes).reshape(9, n)
         frames[:, 12:] = theta.T[: frames.shape[1] - 12]
 

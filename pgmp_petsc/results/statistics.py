@@ -10,6 +10,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+import scipy
 
 from pgmp_petsc.declare.records import Record, Result, array, attribute, check_shape, derived, run_record
 from pgmp_petsc.files.hdf5 import RunRecord, take
@@ -180,9 +181,7 @@ class MostLikely(Record):
     @property
     def probability(self) -> np.ndarray:
         """Of the planes that touch the event's border there, ``Phi(-beta)`` (FORM), shape (n_points,)."""
-        from scipy.special import ndtr
-
-        return ndtr(-self.beta)
+        return scipy.special.ndtr(-self.beta)
 
 
 def _curve(file: h5py.Group, _: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -375,30 +375,30 @@ class Body(Table):
         given = isinstance(data, dict) and data.get("rigid") is not None
         return {"flexible": False, **data} if given else data
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def check_entries(self) -> None:
+        in_matrices = ("material", "thickness", "section", "orientation", "section_scale", "regions")
         if self.rigid is not None:
-            own = ("element", "material", "section", "orientation", "thickness", "section_scale", "regions", *OF_MESHES)
-            for key in own:
-                if getattr(self, key):
-                    raise refusal("rigid says all mass properties; leave it out", key)
+            self._has_none("rigid says all mass properties; leave it out", "element", *in_matrices, *OF_MESHES)
             if self.flexible:
                 raise refusal("a body with rigid does not deform; leave it out", "flexible")
-            return self
-        if self.element is None:
+        elif self.element is None:
             raise refusal("missing; needed: beam2d, beam3d, solid2d or solid3d", "element")
-        if self.matrices is not None:
+        elif self.matrices is not None:
             if not self.continuum:
                 raise refusal("for solid2d and solid3d only", "matrices")
-            for key in OF_MESHES:
-                if getattr(self, key):
-                    raise refusal("for solids from a mesh only; matrices have their own faces", key)
-            for key in ("material", "thickness", "section", "orientation", "section_scale", "regions"):
-                if getattr(self, key):
-                    cure = "matrices.stiffness_scale and matrices.mass_scale multiply these"
-                    raise refusal(f"is in the matrices already; {cure}", key)
-            return self
-        return self._consistent_solid() if self.continuum else self._consistent_beam()
+            self._has_none("for solids from a mesh only; matrices have their own faces", *OF_MESHES)
+            cure = "matrices.stiffness_scale and matrices.mass_scale multiply these"
+            self._has_none(f"is in the matrices already; {cure}", *in_matrices)
+        elif self.continuum:
+            self._check_solid()
+        else:
+            self._check_beam()
+
+    def _has_none(self, why: str, *keys: str) -> None:
+        """Refuse entries that are given, and why."""
+        for key in keys:
+            if getattr(self, key):
+                raise refusal(why, key)
 
     @property
     def of_cad(self) -> bool:
@@ -420,7 +420,7 @@ class Body(Table):
         """2 in the plane, 3 in space."""
         return int(self.element[-2]) if self.rigid is None else self.rigid.dimension
 
-    def _consistent_solid(self) -> Self:
+    def _check_solid(self) -> None:
         for key in ("line", "section", "orientation"):
             if getattr(self, key) is not None:
                 beam = f"beam{self.dimension}d" if key != "orientation" else "beam3d"
@@ -437,12 +437,9 @@ class Body(Table):
             raise refusal("for solid2d only; a solid3d body has its thickness from its mesh", "thickness")
         if self.section_scale is not None and not self.flexible:
             raise refusal("for flexible bodies; the inertia of a rigid one would not be affine in it", "section_scale")
-        return self
 
-    def _consistent_beam(self) -> Self:
-        for key in ("thickness", "section_scale", "regions", *OF_MESHES):
-            if getattr(self, key):
-                raise refusal("for solid2d and solid3d only", key)
+    def _check_beam(self) -> None:
+        self._has_none("for solid2d and solid3d only", "thickness", "section_scale", "regions", *OF_MESHES)
         if self.of_cad:
             raise refusal('a part of CAD is a solid: element = "solid3d" is needed', "element")
         if self.section is None:
@@ -459,10 +456,6 @@ class Body(Table):
         none = next((key for key in quantities_of(type(section)) if getattr(section, key) == 0.0), None)
         if none is not None and self.flexible:
             raise refusal(f"a flexible body needs section.{none} above 0", "section")
-        return self._oriented()
-
-    def _oriented(self) -> Self:
-        """Refuse a section in space without its direction, and a direction in the plane."""
         if self.dimension == 2 and self.orientation is not None:
             raise refusal("for beam3d only; in the plane the height of a section is in the plane", "orientation")
         if self.dimension == 3 and self.orientation is None and not self.section.round:
@@ -471,4 +464,3 @@ class Body(Table):
                 "the section's height (its second axis) in the body's frame",
                 "orientation",
             )
-        return self

@@ -53,15 +53,13 @@ class Setpoint(Table):
     def _number(cls, given: Any) -> Any:
         return given if isinstance(given, (dict, Setpoint)) else {"constant": given}
 
-    @model_validator(mode="after")
-    def _one(self) -> Setpoint:
+    def check_entries(self) -> None:
         values = [value for _, value in self.table or ()]
         values += [self.harmonic.amplitude, self.harmonic.mean] if self.harmonic else []
         named = [value for value in values if isinstance(value, str)]
         if named:
             words = f"{named[0]}: over time numbers are needed; a reference that is always the same may be a parameter"
             raise refusal(words)
-        return self
 
     @property
     def changes(self) -> bool:

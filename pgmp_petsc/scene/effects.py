@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from itertools import chain
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from pgmp_petsc.base.errors import InputError, shortened
 from pgmp_petsc.base.units import UNITS, UnknownUnit, take_unit
@@ -47,7 +47,7 @@ TABLE = (
 class EffectEntry(Table):
     """A table ``[effects.NAME]``. An effect is a subclass with ``type: Literal["..."]``, its entries, and `acts`.
 
-    An entry that may name a parameter says its `Unit`. What two entries ask of each other is a `model_validator`, what
+    An entry that may name a parameter says its `Unit`. What two entries ask of each other says `check_entries`, what
     the rest of the scene has to have are `problems`.
     """
 
@@ -168,6 +168,8 @@ def _check(cls: type[EffectEntry]) -> None:
         raise refuse(cls, f"there is no entry {strange[0]}; its entries: {', '.join(cls.model_fields)}")
     if bool(cls.joints) != ("joint" in cls.model_fields):
         raise refuse(cls, 'an effect with the entry joint says what of it is free: joints = ("turning", "sliding")')
+    if cls.by_load is not False and "joint" not in cls.model_fields:
+        raise refuse(cls, "what hangs on the force that its joint carries (by_load) has the entry joint")
     if issubclass(cls, OverTime) and not cls.strength_unit:
         raise refuse(cls, 'an effect over time says the unit of its values: strength_unit = "N m"')
     try:
@@ -254,13 +256,11 @@ class OverTime(EffectEntry):
         for row in range(len(self.table or ())):
             yield Use(f"{entry}.table[{row}][0]", 0.0, "any", (unit,))
 
-    @model_validator(mode="after")
-    def _one_function(self) -> Self:
+    def check_entries(self) -> None:
         if isinstance(self.scale, str) and self.parameters_over_time:
             named = shortened(", ".join(self.parameters_over_time))
             words = f"a number is needed: values over time name {named}, and loads are affine in their parameters"
             raise refusal(f"{words}; give these values numbers, or leave the scale out", "scale")
-        return self
 
 
 #: Of what hangs on the motion of a joint.

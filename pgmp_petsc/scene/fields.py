@@ -53,11 +53,18 @@ class Table(BaseModel):
     one_of: ClassVar[tuple[str, ...]] = ()
 
     @model_validator(mode="after")
-    def _one_of_each(self) -> Self:
-        for cls in reversed(type(self).__mro__):
-            if keys := vars(cls).get("one_of"):
+    def _fits_itself(self) -> Self:
+        declared = [vars(cls) for cls in reversed(type(self).__mro__)]
+        for own in declared:
+            if keys := own.get("one_of"):
                 exactly_one(self, *keys)
+        for own in declared:
+            if check := own.get("check_entries"):
+                check(self)
         return self
+
+    def check_entries(self) -> None:
+        """Raise `refusal` where entries do not fit each other; so do those of the classes of which it is a subclass."""
 
 
 #: A scene as its own entries and their checks see it: a `Scene`, whose entries are of the kinds that are found.

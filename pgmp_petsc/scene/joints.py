@@ -12,7 +12,7 @@ from itertools import chain
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
+from pydantic import Field, GetJsonSchemaHandler, field_validator
 from pydantic_core import CoreSchema
 
 from pgmp_petsc.base.errors import nearest_name
@@ -143,13 +143,11 @@ class Clearance(Table):
         "friction; or a parameter's name",
     )
 
-    @model_validator(mode="after")
-    def _of_one_kind(self) -> Self:
+    def check_entries(self) -> None:
         if self.friction and self.friction_speed is None:
             raise refusal("friction needs the speed up to which it grows (m/s), such as 1e-3", "friction_speed")
         if self.friction_speed is not None and not self.friction:
             raise refusal("without effect, as there is no friction; leave it out", "friction_speed")
-        return self
 
     def of_stiffness(self, entry: str, slides: bool) -> Iterator[tuple[str, Any, str]]:
         """Yield the stiffness with its unit, as `JointTable.measured`; none where samples have their own exponents."""
@@ -553,16 +551,10 @@ class Coordinate(Table):
         False, strict=True, description="whether the range of an angle closes on itself (it is then 2 pi long)"
     )
 
-    @model_validator(mode="after")
-    def _of_one(self) -> Self:
+    def check_entries(self) -> None:
         if self.points is not None and self.motion is not None:
             raise refusal("a distance has one motion; leave it out", "motion")
-        return self
-
-    @model_validator(mode="after")
-    def _period_is_a_revolution(self) -> Self:
         low, high = self.range
         if self.periodic and abs(high - low - 2.0 * math.pi) > 1e-9:
             degrees = "; it is in rad, not in degrees" if high - low == 360.0 else ""
             raise refusal(f"the range of a periodic coordinate is 2 pi = {2.0 * math.pi!r} long{degrees}", "range")
-        return self

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from math import ceil
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from pgmp_petsc.base.errors import InputError, nearest_name
 from pgmp_petsc.scene.fields import (
@@ -120,11 +120,9 @@ class Reduction(Table):
         "(periodic) and Chebyshev (limited range)",
     )
 
-    @model_validator(mode="after")
-    def _splines_for_adaptive_sampling(self) -> Self:
+    def check_entries(self) -> None:
         if self.sampling_tolerance is not None and self.interpolation != "spline":
             raise refusal('needs interpolation = "spline", which takes samples at any angles', "sampling_tolerance")
-        return self
 
     def fitting(self, n_available: int, n_static: int = 0) -> Self:
         """Return these settings with as many modes as a mesh has, where the scene says no number and the mesh has no
@@ -172,11 +170,9 @@ class Initial(Table):
         "the equilibrium that the loads pull them to from there",
     )
 
-    @model_validator(mode="after")
-    def _free_in_equilibrium(self) -> Self:
+    def check_entries(self) -> None:
         if self.coordinates == "free" and not self.equilibrium:
             raise refusal("needs initial.equilibrium = true", "coordinates")
-        return self
 
 
 class Simulation(Table):
@@ -220,8 +216,7 @@ class Simulation(Table):
         whole = self.duration if duration is None else duration
         return self.model_copy(update={"duration": whole, "step": whole / n_steps})
 
-    @model_validator(mode="after")
-    def _step_fits(self) -> Self:
+    def check_entries(self) -> None:
         if self.step > self.duration and not self.is_chosen:
             raise refusal(f"must not exceed the duration, {self.duration} s", "step")
         if self.duration / self.step > MOST_STEPS and not self.is_chosen:
@@ -230,7 +225,6 @@ class Simulation(Table):
                 f"{MOST_STEPS:.0e} are taken, with which each output has 0.8 GB",
                 "step",
             )
-        return self
 
 
 class Reference(Table):
@@ -347,11 +341,9 @@ class Ensemble(Table):
         False, description="draw up the balance of energy of every sample, which needs its energies after every step"
     )
 
-    @model_validator(mode="after")
-    def _start_and_end(self) -> Self:
+    def check_entries(self) -> None:
         if self.bands == 1:
             raise refusal("must be 0, or at least 2: the start and the end", "bands")
-        return self
 
     def with_extremes(self, outputs: Iterable[str]) -> list[str]:
         """Return the outputs whose extremes are kept: all, or those of events at any time, which extremes judge."""

@@ -27,10 +27,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field
 
 from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.scene.fields import (
@@ -131,8 +131,7 @@ class Distribution(Table):
         fine = len(arguments) == 2 and np.isfinite(list(arguments.values())).all() and arguments["scale"] > 0.0
         return SIMPLE[self.name](**arguments) if fine and self.name in SIMPLE else None
 
-    @model_validator(mode="after")
-    def _arguments_fit(self) -> Self:
+    def check_entries(self) -> None:
         needed, allowed = OWN.get(self.name, ("", ()))
         for key in ("values", "weights", "of"):
             if getattr(self, key) is not None and key not in allowed:
@@ -140,9 +139,9 @@ class Distribution(Table):
                 raise refusal(f"no key of {self.name}; {has}", key)
         if allowed:
             self._check_own(needed, allowed)
-            return self
+            return
         if self._simple is not None:
-            return self
+            return
         named = _continuous(self.name).shapes
         shapes = named.split(", ") if named else []
         allowed = [*shapes, "loc", "scale"]
@@ -157,7 +156,6 @@ class Distribution(Table):
             raise refusal("a positive number is needed", "scale")
         if np.isnan(self.frozen().support()).any():
             raise refusal(f"scipy.stats refuses these arguments of {self.name}")
-        return self
 
     def _check_own(self, needed: str, allowed: tuple[str, ...]) -> None:
         for key in self.arguments:
@@ -235,10 +233,9 @@ class Parameter(Table):
     def _limits(self) -> tuple[float, float]:
         return (-np.inf, np.inf) if self.bounds is None else self.bounds
 
-    @model_validator(mode="after")
-    def _inside_bounds(self) -> Self:
+    def check_entries(self) -> None:
         if self.bounds is None:
-            return self
+            return
         low, high = self.bounds
         bounds = f"the parameter's bounds [{low}, {high}] {self.unit}".rstrip()
         for key in ("nominal", "value"):
@@ -246,7 +243,7 @@ class Parameter(Table):
             if number is not None and not low <= number <= high:
                 raise refusal(f"must lie inside {bounds}", key)
         if self.distribution is None:
-            return self
+            return
         law = self.distribution.law
         below, above = (_below(law)(low), law.cdf(high)), (law.sf(low), law.sf(high))
         if not max(below[1] - below[0], above[0] - above[1]) > 0.0:
@@ -256,7 +253,6 @@ class Parameter(Table):
             shares = f"{below[0]:.3g} of its samples below {bounds} and {below[1]:.3g}"
             why = "below their upper end, which are no shares, as it repeats itself within them"
             raise refusal(f"has {shares} {why}; take narrower bounds, or another distribution", "distribution")
-        return self
 
 
 def _below(law: object) -> Callable[[float], float]:
@@ -411,13 +407,11 @@ class RandomField(Table):
         about = f"variable {number} of the random field {name}"
         return {"nominal": 0.0, "description": about, "distribution": law, "bounds": [-self.reach, self.reach]}
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def check_entries(self) -> None:
         if self.kernel == "matern" and self.smoothness is None:
             raise refusal("missing; needed: smoothness of the kernel matern, such as 1.5", "smoothness")
         if self.kernel != "matern" and self.smoothness is not None:
             raise refusal('for the kernel "matern" only', "smoothness")
-        return self
 
 
 def add_field_parameters(data: dict[str, Any]) -> None:

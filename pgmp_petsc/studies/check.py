@@ -27,6 +27,7 @@ from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.kinematics import MOST_FOLLOWED, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
+from pgmp_petsc.models import FullModel
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.results.numbers import behind
 from pgmp_petsc.scene import Scene
@@ -54,8 +55,6 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
         check_slender(scene, framed)
     kinematics = RigidKinematics(mechanism)
     if any(joint.offset is not None for joint in scene.joints.values()):
-        from pgmp_petsc.models import FullModel  # few scenes have joints that are off
-
         FullModel(scene, meshes).require_taken()
     outputs = OutputSet.of(scene, kinematics)
     large = any(body.to_condense for body in mechanism.bodies)

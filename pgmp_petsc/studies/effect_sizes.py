@@ -271,7 +271,7 @@ def _named(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) -> l
     """Return the sizes of what acts by forces in the scene, by its work; not known where the mechanism rests."""
     sizes = []
     for name, effect in scene.effects.items():
-        if effect.type in TERMS:
+        if effect.acts == "reduction":
             continue
         if effect.on_vibrations:
             about = "acts on vibrations, which a rigid mechanism has not"
@@ -428,13 +428,14 @@ def choose_effects(
     sizes = estimate_effects(scene, meshes, shapes=shapes)
     keeps = {kind: False for kind in TERMS} | {size.kind: size.keeps for size in sizes.sizes if size.kind in TERMS}
     kept = {size.name for size in sizes.sizes if size.name and size.keeps and size.kind not in TERMS}
-    effects = {name: effect for name, effect in scene.effects.items() if name in kept}
+    of_plugins = {name for name, one in scene.effects.items() if one.acts == "reduction" and one.type not in TERMS}
+    effects = {name: effect for name, effect in scene.effects.items() if name in kept | of_plugins}
     given = {effect.type: (name, effect) for name, effect in scene.effects.items() if effect.type in TERMS}
-    wanted = []
-    if not keeps["gyroscopic"]:
+    wanted, is_given = [], any(effects[name].second_order for name in of_plugins)
+    if not (keeps["gyroscopic"] or is_given):
         wanted.append(Gyroscopic(type="gyroscopic", keep=False))
     second_order = scene.reduction.second_order
-    if not second_order and keeps["geometric_stiffening"]:
+    if not (second_order or is_given) and keeps["geometric_stiffening"]:
         stretching = "static" if all(has_long_axis(shape) for shape in shapes.values()) else "dynamic"
         stiffening = GeometricStiffening(type="geometric_stiffening", stretching=stretching)
         wanted += [stiffening, ModeInertia(type="mode_inertia")]

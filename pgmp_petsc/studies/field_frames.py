@@ -24,6 +24,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy
 from scipy.linalg import LinAlgError, eigh
 
 from pgmp_petsc.base.errors import InputError, Remark, note
@@ -156,10 +157,8 @@ def _shape(mechanism: Mechanism, body: Body, nodal: np.ndarray) -> np.ndarray:
 
 def _rotation_vectors(shape: np.ndarray) -> np.ndarray:
     """Return the rotations of nodes (n_f, n_nodes, n_frame) in space as axis times angle, shape (n_f, n_nodes, 3)."""
-    from scipy.spatial.transform import Rotation  # takes a noticeable time, and the plane has no use for it
-
     directors = shape[..., 3:12].reshape(-1, 3, 3)
-    turns = Rotation.from_matrix(directors.swapaxes(1, 2)).as_rotvec()
+    turns = scipy.spatial.transform.Rotation.from_matrix(directors.swapaxes(1, 2)).as_rotvec()
     return turns.reshape(*shape.shape[:2], 3)
 
 

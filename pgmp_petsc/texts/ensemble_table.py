@@ -4,22 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.base.errors import counted
-from pgmp_petsc.results import Ensemble
+from pgmp_petsc.base.errors import Remark, counted
+from pgmp_petsc.results import Ensemble, RareEvent
+from pgmp_petsc.results.ensemble import ShardSamples
 from pgmp_petsc.results.numbers import axis_unit, behind, plain, share_text
 from pgmp_petsc.results.numbers import interval_text as _interval
 from pgmp_petsc.results.numbers import number_text as _number
 from pgmp_petsc.results.numbers import percent as _percent
 from pgmp_petsc.texts.models import closing, of_balance, of_ensemble
-
-if TYPE_CHECKING:
-    from pgmp_petsc.base.errors import Remark
-    from pgmp_petsc.results.ensemble import ShardSamples
-    from pgmp_petsc.results.statistics import RareEvent
 
 SHOWN = 12  # parameters of a design point
 

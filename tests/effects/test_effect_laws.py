@@ -13,8 +13,9 @@ from conftest import ROOT, TIMEOUT_SECONDS
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects import action
-from pgmp_petsc.effects.action import CARRIED_FRICTION, FRICTION, SOURCE, SPRING_DAMPER, STOP, Action, compile_actions
+from pgmp_petsc.effects.action import FRICTION, SOURCE, SPRING_DAMPER, Action, compile_actions
 from pgmp_petsc.effects.free_play import FREE_PLAY
+from pgmp_petsc.effects.joint_effects import CARRIED_FRICTION, STOP
 from pgmp_petsc.effects.law import Law, differentiate, obey
 from pgmp_petsc.full.forces import Acted, BlockActions, act
 from pgmp_petsc.full.part_reference import Reference
@@ -26,7 +27,8 @@ from pgmp_petsc.mechanism.statements import distance
 
 STEP = 1e-6  # central differences of functions of order 1: 1e-12 by truncation, 1e-10 by round-off
 ATOL = 1e-9
-FOUND = [one for one in vars(action).values() if isinstance(one, Law) and one is not action.NOTHING] + [FREE_PLAY]
+FOUND = [one for one in vars(action).values() if isinstance(one, Law) and one is not action.NOTHING]
+FOUND += [FREE_PLAY, CARRIED_FRICTION, STOP]
 UPPER, LOWER = (50.0, 0.3, 0.5, 1.0), (50.0, 0.3, -0.5, -1.0)
 # law, parameters, amplitude, measure, rate
 STATES = {
@@ -230,7 +232,11 @@ def test_an_action_gives_its_law_all_parameters() -> None:
         Action("rope", distance(2), ground, ground, STOP, (Quantity(1.0),))
 
 
-PRINTED = "import sys; from pgmp_petsc.effects.action import STOP; print(STOP.code.__file__, 'sympy' in sys.modules)"
+PRINTED = """
+import sys
+from pgmp_petsc.effects.action import FRICTION
+print(FRICTION.code.__file__, "sympy" in sys.modules)
+"""
 
 
 def printing(folder: Path) -> subprocess.Popen:
@@ -239,12 +245,12 @@ def printing(folder: Path) -> subprocess.Popen:
 
 
 def test_what_is_printed_is_kept_by_several_processes_and_printed_anew_if_damaged(tmp_path: Path) -> None:
-    path = tmp_path / Path(STOP.code.__file__).name
-    path.write_text(Path(STOP.code.__file__).read_text()[:200])
+    path = tmp_path / Path(FRICTION.code.__file__).name
+    path.write_text(Path(FRICTION.code.__file__).read_text()[:200])
     both = [printing(tmp_path) for _ in range(2)]
     said = [one.communicate(timeout=TIMEOUT_SECONDS)[0].split() for one in both]
     assert all(one[0] == str(path) for one in said) and [str(path), "True"] in said
-    assert [*tmp_path.glob("pgmp_printed_stop*.py")] == [path]
+    assert [*tmp_path.glob("pgmp_printed_friction*.py")] == [path]
     last = printing(tmp_path).communicate(timeout=TIMEOUT_SECONDS)[0].split()
     assert last == [str(path), "False"], "sympy is for printing alone"
 

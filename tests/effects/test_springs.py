@@ -14,7 +14,7 @@ from pgmp_petsc.effects import Action, actions_of, effects_of
 from pgmp_petsc.effects.effect import UnitForces
 from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.effects.springs import left_out, linear_springs, moving_dofs, spring_block, spring_force, spring_remarks
-from pgmp_petsc.mechanism.body_frames import BodyHessians
+from pgmp_petsc.mechanism.body_frames import BodyStatements
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
@@ -68,7 +68,7 @@ def test_the_stiffness_is_that_of_the_energy(dimension: int, number: int) -> Non
     force = spring_force(spring, mechanism, poses, theta, scene.values)
     away = measure(np.zeros(dofs.size)) - spring.parameters[2].at(scene.values)
     assert force == pytest.approx(-stiffness * away, rel=1e-12, abs=1e-12)
-    hessian = BodyHessians(mechanism, [(spring.statement, spring.sides)]).at(poses)[0]
+    hessian = BodyStatements(mechanism, [(spring.statement, spring.sides)]).second(poses)[0]
     loaded = spring_block(spring, gradient, scene.values, -3.0 * hessian)
     np.testing.assert_allclose(loaded.matrix - plain.matrix, 3.0 * bends_of(measure, dofs.size), rtol=0, atol=1e-6)
 

@@ -21,7 +21,7 @@ from pgmp_petsc.figures.collection import draw, draw_result
 from pgmp_petsc.figures.ensembles import bands, densities, kernel_density, sobol
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.mechanism import mechanism, shown_positions
-from pgmp_petsc.figures.motion import normals, outer_faces, outlines, triangles
+from pgmp_petsc.figures.motion import drawn_faces, normals, outlines, triangles
 from pgmp_petsc.figures.style import axis_unit, quantity, save
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import Comparison, design, fit, paired, sensitivities, trajectories
@@ -551,7 +551,7 @@ def length(nodes: np.ndarray, edges: np.ndarray) -> float:
 @pytest.mark.parametrize("kind", SOLID_KINDS)
 def test_the_surface_of_a_box(kind: str) -> None:
     mesh = straightened(box_mesh(kind, (3, 2, 2), LENGTHS))
-    faces = outer_faces(mesh.kind, mesh.cells)
+    faces = drawn_faces(mesh.kind, mesh.cells)
     found = areas(mesh.nodes, triangles(faces))
     x, y, z = LENGTHS
     assert np.linalg.norm(found, axis=1).sum() == pytest.approx(2.0 * (x * y + y * z + z * x), rel=1e-12)
@@ -566,7 +566,7 @@ def test_the_surface_of_a_box(kind: str) -> None:
 @pytest.mark.parametrize("kind", PLANE_KINDS)
 def test_cells_in_the_plane(kind: str) -> None:
     mesh = straightened(rectangle_mesh(kind, (3, 2), LENGTHS[:2]))
-    faces = outer_faces(mesh.kind, mesh.cells)
+    faces = drawn_faces(mesh.kind, mesh.cells)
     found = areas(mesh.nodes, triangles(faces))
     assert found[:, 2].min() > 0.0 and found[:, 2].sum() == pytest.approx(2.0, rel=1e-12)
     assert length(mesh.nodes, outlines(faces, mesh.nodes)) == pytest.approx(6.0, rel=1e-12)
@@ -578,5 +578,5 @@ def test_nodes_between_corners_are_drawn_where_they_are() -> None:
     nodes = mesh.nodes.copy()
     top = np.flatnonzero((nodes[:, 1] == 1.0) & (nodes[:, 0] == 0.5))
     nodes[top, 1] += 0.2
-    found = areas(nodes, triangles(outer_faces(mesh.kind, mesh.cells)))
+    found = areas(nodes, triangles(drawn_faces(mesh.kind, mesh.cells)))
     assert found[:, 2].sum() == pytest.approx(1.0 + 0.5 * 0.2, rel=1e-12)

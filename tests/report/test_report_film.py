@@ -17,7 +17,7 @@ from fielded import block_run, field_of, flat_run, run_of
 from PIL import Image
 from solids import box_mesh
 
-from pgmp_petsc.figures.motion import coarsened, motion_of, outer_faces, triangles
+from pgmp_petsc.figures.motion import coarsened, drawn_faces, motion_of, triangles
 from pgmp_petsc.figures.style import scene_of
 from pgmp_petsc.report import film as module_of_films
 from pgmp_petsc.report.film import SHADES, SIZE, Film, bodies_of, film_of
@@ -55,7 +55,7 @@ def drawn(film: Film, number: int, factor: float = 1.0) -> np.ndarray:
 
 
 def on_surface(own: BodyField) -> np.ndarray:
-    return np.unique(outer_faces(own.kind, own.cells))
+    return np.unique(drawn_faces(own.kind, own.cells))
 
 
 def picture_of(film: Film) -> np.ndarray:
@@ -259,7 +259,7 @@ def test_large_surfaces_are_coarsened(monkeypatch: pytest.MonkeyPatch) -> None:
     entry = film.data["bodies"][0]
     assert 60 < entry["n"] <= 120 and film.left_out[0].startswith(f"the surface of block has {entry['n']} of its ")
     assert taken(entry, "shades", "<u1").max() == SHADES  # the largest one remains
-    pieces = triangles(outer_faces(mesh.kind, mesh.cells))
+    pieces = triangles(drawn_faces(mesh.kind, mesh.cells))
     used, pieces = np.unique(pieces, return_inverse=True)
     kept, fewer = coarsened(mesh.nodes[used], pieces.reshape(-1, 3), np.zeros(len(used)), 400)
     corners = mesh.nodes[used][kept][fewer]

@@ -37,6 +37,7 @@ from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.bodies import Body
 from pgmp_petsc.scene.reference_page import reference_page
+from pgmp_petsc.studies.effect_sizes import choose_effects
 from pgmp_petsc.studies.simulate import simulate
 from scenes import tables
 
@@ -276,8 +277,14 @@ NAMED = re.compile(r'^(    (?:type|shape): Literal\["|    other_half = ")(\w+)',
 LAWS = re.compile(r'((?:Law|OfSquare|Acting)\(\s*f?")(\w+)')
 
 
-@pytest.mark.parametrize("scene", ["servo_arm", "slider_crank_effects"])
-def test_copies_of_all_ideas_by_other_names_do_the_same(tmp_path: Path, scene: str) -> None:
+@pytest.mark.parametrize(
+    ("scene", "more"),
+    [
+        ("servo_arm", ['effects.rub={type="joint_friction", joint="hinge", coefficient=0.2, radius=0.01, speed=0.1}']),
+        ("slider_crank_effects", []),
+    ],
+)
+def test_copies_of_all_ideas_by_other_names_do_the_same(tmp_path: Path, scene: str, more: list[str]) -> None:
     """Nothing outside of an idea's file asks for its name or for its class: the program's own files, copied with other
     names of ideas and laws, act to the last bit as these."""
     names: dict[str, set[str]] = {}
@@ -290,7 +297,7 @@ def test_copies_of_all_ideas_by_other_names_do_the_same(tmp_path: Path, scene: s
                 copy = tmp_path / f"{family.group}_{path.name}"
                 copy.write_text(LAWS.sub(r"\1other_\2", NAMED.sub(r"\1other_\2", text)))
                 pgmp.use(copy)
-    own = pgmp.load(ROOT / "scenes" / f"{scene}.toml", overrides=["simulation.duration=0.02"])
+    own = pgmp.load(ROOT / "scenes" / f"{scene}.toml", overrides=["simulation.duration=0.02", *more])
     tables = tomllib.loads(scene_to_toml(own))
     for group in names.keys() & tables.keys():
         for entry in tables[group].values():
@@ -455,6 +462,15 @@ LATER = {
         ("return ActionEffect", "from pgmp_petsc.effects.effect import Effect; return Effect(name); ActionEffect"),
         r".*: class LineSpring: forces returns an Effect without loads, actions, dampings or a field$",
     ),
+    "a load that it does not say": (
+        LISTING,
+        (
+            "import SPRING_DAMPER",
+            "import ALONE\nfrom pgmp_petsc.effects.law import Law\n"
+            "SPRING_DAMPER = Law('own', ('load', 'k', 'c'), force='-load', loaded=True)",
+        ),
+        r".*: class LineSpring: 1 of its actions have a law that is loaded; by_load says whether one has$",
+    ),
     "no forces": (
         LISTING,
         ("return ActionEffect", "ActionEffect"),
@@ -515,6 +531,19 @@ class Nothing(EffectEntry):
     type: Literal["nothing"]
     acts = "{}"
 """
+
+
+def test_a_term_of_the_reduction_is_kept_and_not_judged_by_its_work(tmp_path: Path) -> None:
+    (path := tmp_path / "mine.py").write_text(f"{NOTHING.format('reduction')}    second_order = True\n")
+    pgmp.use(path)
+    scene = scene_from_toml(scene_to_toml(scene_of("beams", "nothing")), ".", ["effects.mine={type='nothing'}"])
+    meshes = meshes_for(scene)
+    chosen, sizes = choose_effects(scene, meshes, meshes)
+    assert "mine" not in {size.name for size in sizes.sizes}
+    assert {"nothing"} == {effect.type for effect in chosen.effects.values() if effect.acts == "reduction"}
+    assert chosen.second_order
+
+
 #: A change of the file (text, in its place), and what is said of it behind the file's name.
 BROKEN = {
     "no Python": (("@", "class ("), r"plugin '.*', line 1: this is not Python: invalid syntax$"),
@@ -562,7 +591,15 @@ BROKEN = {
         (", Quantity(0.0))", ")"),
         r"mine\.py:3\d: effects\.line_spring: law spring_damper .* parameters k, c, rest, and is given 2; give one for",
     ),
-    "a law of a taken name": (("@", LAW.format("stop", "-k * s")), r"mine\.py:2: the name 'stop' is .*action\.py"),
+    "a load of no joint": (('acts = "forces"', 'acts = "forces"; by_load = True'), r"\(by_load\) has the entry joint$"),
+    "a load of no parameter": (
+        ("@", LAW.format("own", "-s").replace('("k",)', "(), loaded=True")),
+        r"mine\.py:2: law own: it is loaded; its first parameter is the force that the joint carries$",
+    ),
+    "a law of a taken name": (
+        ("@", LAW.format("stop", "-k * s")),
+        r"mine\.py:2: the name 'stop' is .*joint_effects\.py",
+    ),
     "two laws of one name": (
         ("@", 2 * LAW.format("own", "-k * s") + "other = Law('own', ('k',), force='k')\n"),
         r"mine\.py:4: the name 'own' is taken by .*mine\.py:5; take another one$",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from runs import reduced_model, samples
 
-from pgmp_petsc.effects.action import STOP as STOPS
+from pgmp_petsc.effects.joint_effects import STOP as STOPS
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.system import ReducedSystem

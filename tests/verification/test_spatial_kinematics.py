@@ -20,7 +20,7 @@ from spatial import (
     table,
 )
 
-from pgmp_petsc.mechanism.body_frames import BodyGradients
+from pgmp_petsc.mechanism.body_frames import BodyStatements
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL, directors
 from pgmp_petsc.scene import Scene
@@ -356,7 +356,7 @@ def test_the_derivatives_of_coordinates_in_small_motions_of_nodes() -> None:
     poses, step = kinematics.poses(np.array([[0.4, -0.7]]))[..., 0], 1e-5
     for coordinate, n_moving in zip(kinematics.coordinates, (1, 2)):
         joint = coordinate.connection
-        gradient = BodyGradients(kinematics.mechanism, [(joint.angle, joint.sides)]).dense(poses)
+        gradient = BodyStatements(kinematics.mechanism, [(joint.angle, joint.sides)]).dense(poses)
         moving = [side for side in joint.sides if not side.on_ground]
         assert len(moving) == n_moving
         assert not np.delete(gradient, np.concatenate([side.dofs for side in moving]), axis=1).any()

@@ -14,6 +14,9 @@ from pgmp_petsc.base.units import DENSITIES, DENSITY, STRESS, WAVE_SPEEDS, UnitS
 from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import BodyShape, given_properties, shape_in_scene
+from pgmp_petsc.effects import start_of
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
@@ -63,9 +66,6 @@ def first_frequency(scene: Scene, meshes: Mapping[str, BodyShape]) -> float | No
 
     None where it takes more than a moment (bodies of cells, meshes that are not at hand), or cannot be had.
     """
-    from pgmp_petsc.effects import start_of
-    from pgmp_petsc.mechanism.kinematics import RigidKinematics
-    from pgmp_petsc.mechanism.mechanism import Mechanism
     from pgmp_petsc.modes.problem import ModalProblem
 
     meshes = _with_lines(scene, meshes)
