@@ -80,6 +80,7 @@ def stand_in(path: str, arguments: Sequence[str]) -> NoReturn:
 def serve(path: str) -> None:
     """Fork a process for every connection to a socket, until stdin is closed."""
     atexit.register(_leave)  # before what libraries register, so that it runs after that
+    os.fsync = os.fstat  # as in `conftest`
     _preload()
     gc.freeze()  # Python looks through what it will collect when a process ends, and would copy all of it for that
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)

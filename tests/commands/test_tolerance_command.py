@@ -27,7 +27,7 @@ REFUSED = cases("""
     the mesh itself leaves more than the tolerance: cells cut in two would move slider_deformation by 0.0 |
     slider_deformation, load ' | half the load leaves | can be met by this part | kept as given: reduction.modes = 2,
     reduction.static_modes = false, reduction.inertia_modes = false, reduction.parameter_modes = 0, reduction.second
-reduction={tolerance=1e-4, modes=30, static_modes=false, second_order=false, angles=48, interpolation="spectral"} &
+reduction={tolerance=1e-4, modes=30, static_modes=false, second_order=false, angles=24, interpolation="spectral"} &
     simulation={duration=0.05, step=1e-3} ->
     cannot be met, the basis stands in the way | these are all flexible modes that the meshes have
 reduction={tolerance=1e-3, modes=7, static_modes=true, NO_MORE, second_order=false, angles=16, interpolation="spline"} &

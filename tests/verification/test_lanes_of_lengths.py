@@ -47,10 +47,11 @@ BESIDE = {
     "measured in lanes, friction": (
         SERVO % ("slider_position", 0.99, ""), HELD,
         'effects.rub={type="joint_friction", joint="elbow", coefficient=0.2, radius=0.02, speed=0.5}',
+        "simulation.duration=0.01",
     ),
     "a deformation, friction": (
         SERVO % ("slider_deformation", 0.0, ""), HELD,
-        'effects.rub={type="joint_friction", joint="slider", coefficient=0.2, speed=0.05}',
+        'effects.rub={type="joint_friction", joint="slider", coefficient=0.2, speed=0.05}', "simulation.duration=0.01",
     ),
     "clearance, a formula that jumps": (
         "joints.elbow.clearance={radius=1e-4, stiffness=1e6, restitution=0.5}",

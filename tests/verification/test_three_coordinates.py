@@ -53,6 +53,7 @@ def test_outputs_are_prepared_where_drives_begin() -> None:
     assert "force" in OutputSet.of(scene, kinematics).units
 
 
+@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize(("name", "angles", "share"), [("scara", 5, 5e-3), ("delta_robot", 4, 1e-3)])
 def test_a_robot_moves_as_its_mesh(name: str, angles: int, share: float) -> None:
     """Two arms that turn and a quill that slides, on a spring: 0.41 %, of few angles (0.06 % with 7; without terms of
