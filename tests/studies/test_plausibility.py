@@ -314,7 +314,7 @@ def test_strange_materials_in_no_units_are_named_as_before() -> None:
 
 
 def test_a_frequency_that_is_said_is_that_of_the_mechanism(tmp_path: Path) -> None:
-    """A blade that is held at one end bends 2.8 times as slowly as between hinges; with a mass at its tip, far slower."""
+    """A blade held at one end bends 2.8 times as slowly as between hinges; with a mass at its tip, far slower."""
     radius, length, step = 5e-3, 0.5, 0.05
     rod = (
         f'bodies={{rod={{line={{length={length}, elements=8}}, element="beam2d", material="steel", '
