@@ -141,13 +141,12 @@ def _draw(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path, inputs: 
         check_output(file, "picture", inputs)
     with letters_lacking() as lacking:
         lines = [f"  picture       {save(assembly(assembly_of(scene, meshes)), picture)}"]
-    lines += [f"  note: {line}" for line in lacking]
-    with doing("drawing parts"):
-        for name, file in files.items():
-            nodes, metre = scene.system.named(parts[name].nodes, "m")
-            part = meshed_part(replace(parts[name], nodes=nodes), name, metre)
-            lines.append(f"  faces         {save(part, file)}")
-    return lines
+        with doing("drawing parts"):
+            for name, file in files.items():
+                nodes, metre = scene.system.named(parts[name].nodes, "m")
+                part = meshed_part(replace(parts[name], nodes=nodes), name, metre)
+                lines.append(f"  faces         {save(part, file)}")
+    return [*lines, *(f"  note: {line}" for line in lacking)]
 
 
 def _tried(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) -> Trial | None:

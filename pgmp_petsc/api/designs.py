@@ -101,9 +101,8 @@ def fit(
 
 
 def _status_of_design(found: Design) -> int:
-    if not found.converged:
-        why = next((remark.text for remark in found.record.remarks if remark.kind == "warning"), "see the remarks")
-        raise RunError(why)
+    if not found.converged:  # the first warning says why
+        raise RunError(next(remark.text for remark in found.record.remarks if remark.kind == "warning"))
     return 0
 
 

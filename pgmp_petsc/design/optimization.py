@@ -80,8 +80,8 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     with timings.phase("errors"), agreed(comm, "errors of the design"):
         own = _of_own_error(model, question, values, ended) if comm.rank == 0 else ()
     remarks = (
-        *comm.bcast(own), *served_remarks(model, question.names),
-        *_of_end(done, question, last, missed), *figures.turned_back.remarks,
+        *_of_end(done, question, last, missed), *comm.bcast(own), *served_remarks(model, question.names),
+        *figures.turned_back.remarks,
         *_of_limits(question, figures, best), *_of_idle(question, first, last),
         *_of_robust(question, figures, ends, confidence), *difference_remarks(model, figures.off),
         *step_remarks(model, ended), *contact_remarks(ended), *model.scene.remarks,

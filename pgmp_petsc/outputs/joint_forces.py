@@ -286,17 +286,8 @@ class OfConnection(ForceOutput):
         rows, held = first + np.array(chosen, dtype=int), tuple(connection.held[k] for k in chosen)
         sides = [*connection.sides, *(side for _, own in held for side in own)]
         nodes = frozenset(side.node for side in sides if not side.on_ground)
-        made = cls(
-            name,
-            rows,
-            nodes,
-            any(pull.action.reads_rate for pull in pulls),
-            entry,
-            mechanism.space,
-            connection,
-            held,
-            pulls,
-        )
+        reads_rates = any(pull.action.reads_rate for pull in pulls)
+        made = cls(name, rows, nodes, reads_rates, entry, mechanism.space, connection, held, pulls)
         along_ground = entry.frame == "ground" and entry.component not in ("axial", "radial")
         meet = all(isinstance(part, Statement) and part.kind == MEET for part, _ in held)
         if entry.turning or pulls or not along_ground or not meet:
