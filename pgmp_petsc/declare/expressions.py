@@ -27,6 +27,11 @@ _ARITHMETIC = (
     ast.Pow, ast.USub, ast.UAdd, ast.Not, ast.And, ast.Or, ast.Lt, ast.LtE, ast.Gt, ast.GtE,
 )  # fmt: skip
 HIGHEST_POWER = 4  # that is printed as a product
+#: What printed code means something else by, in C or in Python.
+WORDS_OF_C = frozenset(
+    "auto break case char const continue default do double else enum extern fabs float for goto if inline int long pow "
+    "register restrict return short signed sizeof static struct switch typedef union unsigned void volatile".split()
+)
 
 
 class Printed:
@@ -57,7 +62,7 @@ class Printed:
 
 def check_names(entry: str, names: Iterable[str], taken: Iterable[str], place: str) -> None:
     """Raise `InputError` if declared names are no names, come twice or are `taken`; `place` is a file and a line."""
-    used = {*taken, *FUNCTIONS}
+    used = {*taken, *FUNCTIONS, *WORDS_OF_C}
     for name in names:
         if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
             raise InputError(f"{place}: {entry}: '{name}' is no name; take letters, digits and _, a letter first")
@@ -116,7 +121,10 @@ def symbolic(text: str, names: Mapping[str, Any]) -> Any:
 
 
 def printed(expressions: Sequence[Any], in_c: bool = False) -> tuple[list[str], list[str]]:
-    """Return the statements that make what expressions share, and the expressions, in Python or in C."""
+    """Return the statements that make what expressions share, and the expressions, in Python or in C.
+
+    What they share has names that nothing declared may have (`check_names`).
+    """
     import sympy as sp
     from sympy.codegen.rewriting import create_expand_pow_optimization
     from sympy.logic.boolalg import Boolean
@@ -132,7 +140,7 @@ def printed(expressions: Sequence[Any], in_c: bool = False) -> tuple[list[str], 
 
     python = Quotients({"fully_qualified_modules": False})
     products = create_expand_pow_optimization(HIGHEST_POWER, base_req=lambda base: True)
-    shared, left = sp.cse([sp.sympify(one) for one in expressions])
+    shared, left = sp.cse([sp.sympify(one) for one in expressions], sp.numbered_symbols("_"))
 
     def text(one: Any) -> str:
         one = products(one)

@@ -41,6 +41,10 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
             if n_loaded != entry.by_load:
                 words = f"{n_loaded} of its actions have a law that is loaded; by_load says whether one has"
                 raise refuse(type(entry), words)
+            try:
+                [one.at(scene.values) for action in named[-1].actions() for one in action.parameters]
+            except KeyError as error:
+                raise refuse(type(entry), f"its law is given the parameter {error}, which the scene has not") from None
     named += [entry.forces(name, mechanism) for name, entry in scene.controllers.items()]
     named += springs_of_joints(scene, mechanism)
     held = scene.initial.equilibrium and scene.initial.coordinates == "held"

@@ -95,6 +95,8 @@ class Action:
         else:
             return
         maker = sys._getframe(2)
+        while maker.f_back is not None and maker.f_globals.get("__name__") == "pgmp_petsc.effects.effect":
+            maker = maker.f_back  # of who has them made of laws
         raise ActionMismatch(f"{maker.f_code.co_filename}:{maker.f_lineno}: effects.{self.effect}: {why}")
 
     @property

@@ -178,16 +178,28 @@ class Law(Printed):
         return first, second, np.array(others)
 
     def _check_finite(self, code: ModuleType) -> None:
-        for s, rate in itertools.product(TRIED, TRIED):
-            p, slopes = [1.0] * len(self.parameters), [0.0] * (len(self.parameters) + 1)
+        """Raise `InputError` where it is not finite with all parameters 1, nor with 1, 2, 3 and so on, as what divides
+        by the way between two places has it; there what they are is tried too."""
+        apart = [1.0 + k for k in range(len(self.parameters))]
+        first = self._not_finite(code, [1.0] * len(apart), TRIED)
+        if first is not None and self._not_finite(code, apart, [*TRIED, *apart, *(-x for x in apart)]) is not None:
+            s, rate = first
+            raise InputError(
+                f"{self.place}: law {self.name}: force or a derivative of it is not finite at s = {s:g}, rate = "
+                f"{rate:g} with all parameters 1, and not everywhere with 1, 2, 3 and so on; a law has to be finite at "
+                "rest and in motion: write cases ('a if b else c') around such places"
+            )
+
+    def _not_finite(self, code: ModuleType, p: Sequence[float], at: Sequence[float]) -> tuple[float, float] | None:
+        """Return a measure, of some, and a rate at which it is not finite with parameters p, None where it always
+        is."""
+        for s, rate in itertools.product(at, TRIED):
+            slopes = [0.0] * (len(p) + 1)
             found = _called(code.evaluate, p, 1.0, s, rate, math.nan, [0.0] * len(self.edges))[:-1]
             _called(code.slopes, p, 1.0, s, rate, slopes)
             if not np.isfinite([*found, *slopes]).all():
-                raise InputError(
-                    f"{self.place}: law {self.name}: force or a derivative of it is not finite at s = {s:g}, "
-                    f"rate = {rate:g} with all parameters 1; a law has to be finite at rest and in motion: write cases "
-                    "('a if b else c') around such places"
-                )
+                return s, rate
+        return None
 
     def _printed(self) -> str:
         import sympy as sp

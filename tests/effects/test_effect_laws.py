@@ -200,6 +200,7 @@ BAD = {
     "a speed with the measure": ({"about_zero": "s"}, "'s', which is not declared"),
     "a name that is taken": ({"parameters": ("k", "s")}, "'s' is taken"),
     "a name twice": ({"parameters": ("k", "k")}, "'k' is taken"),
+    "a word of C": ({"parameters": ("k", "short")}, "'short' is taken"),
     "no name": ({"parameters": ("k", "2c")}, "'2c' is no name"),
     "no name of a law": ({"name": "odd: law"}, "'odd: law' is no name"),
 }
@@ -212,10 +213,33 @@ def test_a_declaration_that_fails_is_named_with_its_file_and_line(name: str) -> 
         Law(**{"name": "odd", "parameters": ("k",), "force": "-k * s", **parts})
 
 
-@pytest.mark.parametrize("force", ["-k / s", "-k * log(rate)", "-k * exp(1000 * s)", "-k * sqrt(abs(s))"])
+@pytest.mark.parametrize(
+    "force", ["-k / s", "-k * log(rate)", "-k * exp(1000 * s)", "-k * sqrt(abs(s))", "-k * sqrt(abs(s - r))"]
+)
 def test_a_law_has_to_be_finite_with_its_derivatives(force: str) -> None:
     with pytest.raises(InputError, match=r"test_effect_laws\.py:\d+: law odd: .* not finite at s = .*write cases"):
-        Law("odd", ("k",), force).code  # noqa: B018
+        Law("odd", ("k", "r"), force).code  # noqa: B018
+
+
+def test_places_that_are_divided_by_what_is_between_them_are_tried_apart() -> None:
+    law = Law("between", ("a", "b"), "(s - a) / (b - a)")
+    assert law.evaluate([0.5, 2.5], 1.5).force == 0.5
+
+
+def test_names_of_parameters_do_not_matter() -> None:
+    """Those of sympy's for what expressions share among them."""
+
+    def found(*names: str) -> np.ndarray:
+        k, rest, cubic = names
+        away = f"(s - {rest})"
+        potential = f"{k} * {away}**2 / 2 + {cubic} * {away}**4 / 4 if s > {rest} else 0"
+        edges = (f"{cubic} * {away}**2 - {away}",)
+        law = Law(f"tie_{k}", names, "elastic * (1 + cos(s)) / 2", potential, edges)
+        p, slopes = np.array([3.0, 0.5, 7.0]), np.zeros(4)
+        compiled_slopes(law.address_of_slopes, p, 0.0, 1.2, 0.1, slopes)
+        return np.hstack([law.evaluate(p, 1.2, 0.1), slopes, law.depths(p, 1.2), *law.edge_slopes(0, p, 1.2)])
+
+    np.testing.assert_allclose(found("x0", "x1", "x2"), found("k", "rest", "cubic"), rtol=1e-14)
 
 
 def test_a_case_that_is_not_taken_may_divide_by_zero() -> None:

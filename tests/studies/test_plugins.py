@@ -476,6 +476,20 @@ LATER = {
         ("return ActionEffect", "ActionEffect"),
         r".*: forces returns an Effect, .* not a NoneType$",
     ),
+    "a parameter that is none": (
+        LISTING,
+        ("Quantity(0.0))", 'Quantity.of("far"))'),
+        r".*: class LineSpring: its law is given the parameter 'far', which the scene has not$",
+    ),
+    "a direction in space of a law": (
+        LISTING,
+        (
+            "return ActionEffect(name",
+            "at = {'statement': along(np.eye(3)[0]), 'a': ground, 'b': point}\n"
+            "        return ActionEffect.of_laws(name, mechanism, at, SPRING_DAMPER, (1.0, 0.0, 0.0))\n        (name",
+        ),
+        r".*mine\.py:3\d: .* directions have 2",
+    ),
     "a direction in space": (LISTING, ("np.array(self.direction)", "np.eye(3)[0]"), r".*py:3\d: .* directions have 2"),
     "no reading": (
         OUTPUT,
