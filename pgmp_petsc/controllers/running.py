@@ -316,6 +316,16 @@ class Controls:
         """Take note of the forces of a state in which samples are after steps of a system's own."""
         self.now[:] = self._forces(state)[:, None]
 
+    def take_steps(self, ends: np.ndarray, beside: np.ndarray) -> None:
+        """Take note of forces that joints carried in steps of a system's own that end at times (n_t,), (n_t, n_samples,
+        n_carried), where nothing else is beside."""
+        self.now[:] = beside[-1][:, None]
+        first = bisect_left(self._times, ends[0])
+        at = np.searchsorted(ends, self._times[first:], side="right") - 1
+        for seen, number in zip(self._seen[first:], at.tolist()):
+            seen[:] = beside[number][:, None]
+        self.put_nothing()
+
     @property
     def n_carried(self) -> int:
         """Number of the forces that joints carry."""
@@ -367,31 +377,70 @@ N_FOLLOWED = 4  # rows before the inverse Jacobian in what `follow_carried` keep
 def follow_carried(number, found, kept, carried):
     """Take forces that joints carry (n,) on to those of which the mechanics gives the same, by Broyden's method (1965),
     from what is `found` with them in correction `number` of an iteration; rows `kept` (4 + n, n) go from one to the
-    next: forces before and what they were off, two of work, and the inverse Jacobian, at first that of taking what is
-    found."""
+    next: forces before and what they were off, two of work, and the inverse Jacobian: at first, and behind a change that
+    contradicts it, that of taking what is found."""
     n, inverse = carried.size, kept[N_FOLLOWED:]
     before, off, ahead, across = kept[0], kept[1], kept[2], kept[3]
     whole = size = along = 0.0
     for i in range(n):
         ahead[i], across[i] = 0.0, 0.0
         for j in range(n):
-            if number < FIRST_SECANT:
-                inverse[i, j] = 1.0 if i == j else 0.0
             ahead[i] += inverse[i, j] * (off[j] - (found[j] - carried[j]))
             across[i] += inverse[j, i] * (carried[j] - before[j])
         whole += carried[i] ** 2
         size += (carried[i] - before[i]) ** 2
         along += (carried[i] - before[i]) * ahead[i]
     known = number >= FIRST_SECANT and size > SMALLEST_SECANT**2 * whole
-    if known and WEAKEST * size < along < STRONGEST * size:
-        for i in range(n):
-            for j in range(n):
+    believed = WEAKEST * size < along < STRONGEST * size
+    for i in range(n):
+        for j in range(n):
+            if known and believed:
                 inverse[i, j] += (carried[i] - before[i] - ahead[i]) * across[j] / along
+            elif known or number < FIRST_SECANT:
+                inverse[i, j] = 1.0 if i == j else 0.0
     for i in range(n):
         before[i], off[i] = carried[i], found[i] - carried[i]
     for i in range(n):
         for j in range(n):
             carried[i] += inverse[i, j] * off[j]
+
+
+@njit(error_model="numpy", counted=False)
+def begin_carried(actions, room, parameters, beside, samples, lanes):
+    """Let the actions that rub act in some lanes by the forces at the beginning of their steps, `beside`, (n, n_lanes);
+    `samples` are those in the lanes, (n_lanes,), of which the parameters are."""
+    for k in range(actions.size):
+        for lane in range(samples.size):
+            if lanes & (1 << lane):
+                room.given[lane, k] = beside[k, lane]
+                parameters[actions[k], samples[lane], 0] = beside[k, lane]
+
+
+@njit(error_model="numpy", counted=False)
+def take_carried(actions, room, parameters, number, samples, lanes):
+    """Let them act in some lanes by forces from those, (n, n_lanes), that were found in correction `number`; return the
+    lanes in which they are not settled."""
+    unsettled = 0
+    for lane in range(samples.size):
+        if not lanes & (1 << lane):
+            continue
+        given, found = room.given[lane], room.found[lane]
+        for k in range(actions.size):
+            found[k] = room.forces[k, lane]
+        follow_carried(number, found, room.followed[lane], given)
+        for k in range(actions.size):
+            unsettled |= np.int64(abs(room.followed[lane, 1, k]) > SETTLED_IN_STEP * abs(given[k])) << lane
+            parameters[actions[k], samples[lane], 0] = given[k]
+    return unsettled
+
+
+@njit(error_model="numpy", counted=False)
+def keep_carried(room, beside, lanes):
+    """Keep the forces that were found last as those at the ends of steps of some lanes."""
+    for k in range(room.forces.shape[0]):
+        for lane in range(beside.shape[1]):
+            if lanes & (1 << lane):
+                beside[k, lane] = room.forces[k, lane]
 
 
 def rows_of(scene: Scene) -> list[int]:

@@ -10,17 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.full.batched_ldl import Pattern
+from pgmp_petsc.full.carried import Carried
 from pgmp_petsc.full.joint_kernel import Joints, carry_in_joints, count_turns_in_joints, unknowns_of
 from pgmp_petsc.full.joint_map import N_TURNED, Room
 from pgmp_petsc.full.joint_matrix import N_SPARE, column_size
-from pgmp_petsc.full.joint_tree import BALL, FREE, coordinates_of, held_by, motions_of, tree_of
+from pgmp_petsc.full.joint_tree import BALL, FREE, Held, coordinates_of, held_by, motions_of, tree_of
 from pgmp_petsc.full.kernel import Factors
 from pgmp_petsc.full.node_constraints import ConstraintParts
 from pgmp_petsc.full.part_reference import Reference
@@ -32,18 +33,10 @@ from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
+from pgmp_petsc.outputs.joint_forces import OfConnection
 from pgmp_petsc.stepping.second_order_system import Energies, State
 
 ROUND_OFF = 1e-9  # of the slopes of constraints, over the largest of a row
-
-
-class Held(NamedTuple):
-    """What the tree's joints hold of frames, and what drives them."""
-
-    rows: StatementRows  # n statements
-    places: np.ndarray  # of their multipliers among those of joints and driven angles, shape (n,)
-    bodies: np.ndarray  # number in the tree of the body that each joint moves, shape (n,)
-    felt: np.ndarray  # which slopes of the rows are in the unknowns of the frame that it holds, shape (n, 2 n_pose)
 
 
 class JointEquations:
@@ -94,9 +87,10 @@ class JointEquations:
         places, bodies, parts = zip(*found) if found else ((), (), ())
         rows = StatementRows(parts, unknowns.frame, unknowns.dimension)
         bodies = np.array(bodies, dtype=int)
-        frames = np.array([unknowns.frame(node) for node in self._tree.nodes[bodies, 1]], dtype=int)
+        nodes = self._tree.nodes[bodies, 1]
+        frames = np.array([unknowns.frame(node) for node in nodes], dtype=int)
         felt = (rows.dofs[:, :, None] == frames.reshape(bodies.size, 1, unknowns.frame(0).size)).any(axis=2)
-        return Held(rows, np.array(places, dtype=int), bodies, felt)
+        return Held(rows, np.array(places, dtype=int), bodies, nodes, felt)
 
     def multipliers_of_joints(self, q: np.ndarray, left: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Return the multipliers of joints and driven angles, shape (n, n_samples).
@@ -276,6 +270,12 @@ class JointBatch(FullBatch):
         self._factors = Factors(
             aligned_zeros((blocks.n_blocks, n * (n + 1) // 2, blocks.n_lanes)), aligned_zeros((1, blocks.n_lanes))
         )
+
+    def _carried_of(self, forces: Sequence[OfConnection]) -> Carried:
+        own = self.own
+        numbers = np.zeros(own.set.n_constraints, dtype=int)
+        numbers[own.chosen] = 1 + np.arange(own.n_statements)
+        return Carried.of(forces, self._equations, own.set.of_joints(numbers) - 1, own.held)
 
     def under(self, effects: Sequence[Effect], motions: Mapping[int, Motion]) -> Self:
         """Return the batch under effects and motions that differ from its own over time alone; both share memory."""

@@ -146,11 +146,16 @@ class FullModel(Model):
 
             def carry(time: float, state: State, before: np.ndarray) -> np.ndarray:
                 state = whole(time, state)
+                if in_lanes:
+                    return system.carried(time, state)
                 multipliers = system.multipliers_of_joints([time], state.alone)
                 return np.linalg.norm(measures.pulls(frames(state), multipliers, values), axis=1)
 
+            in_lanes = isinstance(system, FullBatch)  # it has all actions
             carried = carry if measures.carried else None
-            chosen = moved if measures.known and isinstance(system, FullBatch) else measure  # it has all actions
+            if measures.carried and in_lanes:
+                system.carry(measures.carried)
+            chosen = moved if measures.known and in_lanes else measure
             system.control(Controls(self.scene, values, 1, chosen, system.put_forces, carried))
         return system
 
