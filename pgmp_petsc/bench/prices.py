@@ -48,8 +48,8 @@ from pgmp_petsc.scene.uses import count_builds, length_names
 LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
 # s, of a step of a sample of a component model: a pair of a body's amplitudes, a body in space, and of the matrix
 PAIR, BODY, CUBE = 1.1e-8, 1.2e-6, 3.3e-11
-# s, of a step of a full-order or component sample: a controller, or friction by the force that a joint carries with one,
-# which are found beside it; and where lengths are drawn, which part samples: how often what it takes in a batch
+# s, of a step of a full-order or component sample: a controller, or friction by the force carried with one, which are
+# found beside it; and where lengths are drawn, which part samples: how often what it takes in a batch
 BESIDE, APART = OF_BESIDE / 1e6, 4.0
 # s, of a step of a sample whose outputs are forces in joints, by the dimension of space: of the mesh and of components,
 # and in the lanes of a reduced model

@@ -377,8 +377,8 @@ N_FOLLOWED = 4  # rows before the inverse Jacobian in what `follow_carried` keep
 def follow_carried(number, found, kept, carried):
     """Take forces that joints carry (n,) on to those of which the mechanics gives the same, by Broyden's method (1965),
     from what is `found` with them in correction `number` of an iteration; rows `kept` (4 + n, n) go from one to the
-    next: forces before and what they were off, two of work, and the inverse Jacobian: at first, and behind a change that
-    contradicts it, that of taking what is found."""
+    next: forces before and what they were off, two of work, and the inverse Jacobian, that of taking what is found at
+    first and behind a change that contradicts it."""
     n, inverse = carried.size, kept[N_FOLLOWED:]
     before, off, ahead, across = kept[0], kept[1], kept[2], kept[3]
     whole = size = along = 0.0

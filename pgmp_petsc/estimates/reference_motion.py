@@ -44,8 +44,8 @@ from pgmp_petsc.scene.numerics import Simulation
 
 # us of one core: an unknown of a beam with its neighbours, a pair of unknowns of a condensed body
 OF_BEAM, OF_PAIR = 0.8, 0.02
-OF_BESIDE = 500.0  # a controller, or friction by the force carried with one, found beside steps; of runs as of estimates
-CARRYING = 2.0  # how often as much a step takes that finds the forces carried by itself: it has 7 corrections in place of 3
+OF_BESIDE = 500.0  # a controller, or friction by the force carried with one, found beside steps; of runs too
+CARRYING = 2.0  # how often as much a step takes that finds the forces carried: it has 7 corrections in place of 3
 DEAR = 4e6  # us that the evaluations of a sample may take
 FINER = 4  # steps of the run that is followed in one of the run itself
 MOST, LEAST = 8000, 100  # evaluations

@@ -62,11 +62,9 @@ class Carried(NamedTuple):
     actions: np.ndarray  # that rub, one for each joint, (n,)
     statements: NodeStatements  # terms of what the joints hold
     dofs: np.ndarray  # unknowns of both nodes of each term, -1 on the ground, (n_terms, 2 m)
-    #: of each term `JOINT`, ..., (n_terms, 4); of terms of actions in these joints `JOINT` and `TERM`, (n_pulls, 2); and
-    #: `FIRST`, ... of those in the tree, (n_in_tree, 4)
-    terms: np.ndarray
-    pulls: np.ndarray
-    in_tree: np.ndarray
+    terms: np.ndarray  # `JOINT`, ... of each, (n_terms, 4)
+    pulls: np.ndarray  # `JOINT` and `TERM` of terms of actions in these joints, (n_pulls, 2)
+    in_tree: np.ndarray  # `FIRST`, ... of those in the tree, (n_in_tree, 4)
     room: Room
 
     @classmethod
@@ -173,10 +171,10 @@ def _pull_in_tree(d, joints, carried, width, number):
     """Add what a joint in the tree holds: with the ways W_i that its terms push the frame which it holds, and turn it,
     ``sum_j W_i W_j lambda_j = -W_i f`` for the force f that is asked of the frame."""
     first, n = carried.in_tree[number, FIRST], carried.in_tree[number, BEHIND] - carried.in_tree[number, FIRST]
-    node, room = carried.in_tree[number, NODE], carried.room
+    node, body, room = carried.in_tree[number, NODE], carried.in_tree[number, BODY], carried.room
     slopes, ways, vectors = items(room.slopes, width), items(room.ways, width), items(room.vectors, width)
     matrix, right = items(room.matrix, width), items(room.right, width)
-    z, f, arm = items(joints.room.z, width), items(joints.room.f, width), joints.tree.after[carried.in_tree[number, BODY]]
+    z, f, arm = items(joints.room.z, width), items(joints.room.f, width), joints.tree.after[body]
     at, size = d * (d + 1) * node, ways.shape[1]
     for c in range(d):
         ways[n, c] = f[at + c]

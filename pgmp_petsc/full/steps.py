@@ -63,15 +63,16 @@ def take_steps(
 ):  # fmt: skip
     """Take equal steps (s) of the samples of all blocks, up to one in which an iteration fails; return their number.
 
-    `joints` is the mechanism in joint coordinates or None, `carried` the joints whose forces friction hangs on or None,
-    which are found between corrections and taken along until they are settled too, and `factors` the matrices of the iteration, `strengths` what
-    acts at the ends of the steps, one a row, and `probed` which of these are corrected as if nothing were known of the
-    contraction, (n_steps,). The scheme is ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)``, and typical masses are
-    as for `correct`. States are about a `reference`: positions, velocities and accelerations of a motion at the ends of
-    the steps, (n_steps, n_blocks, n_dofs, n_lanes); of no steps where they are the motion itself. `behind` are
-    accelerations one step before the beginning, (n_blocks, n_dofs, n_lanes), and `before` ``(q, v, a, multipliers,
-    turns, auxiliary)`` there, (n_blocks, n_dofs, n_constraints or n_turns, n_lanes), the contraction to be expected,
-    (n_blocks, n_lanes), and the forces carried, (n_blocks, n_carried, n_lanes). Only `samples` advance, (n_blocks, n_lanes).
+    `joints` is the mechanism in joint coordinates or None, `carried` the joints whose forces friction hangs on or None:
+    these are found before each correction, until they are settled too (`controllers.running`). `factors` are the
+    matrices of the iteration, `strengths` what acts at the ends of the steps, one a row, and `probed` which of these
+    are corrected as if nothing were known of the contraction, (n_steps,). The scheme is ``(alpha_m, alpha_f, beta,
+    gamma, gain_v, gain_a)``, and typical masses are as for `correct`. States are about a `reference`: positions,
+    velocities and accelerations of a motion at the ends of the steps, (n_steps, n_blocks, n_dofs, n_lanes); of no steps
+    where they are the motion itself. `behind` are accelerations one step before the beginning, (n_blocks, n_dofs,
+    n_lanes), and `before` ``(q, v, a, multipliers, turns, auxiliary)`` there, (n_blocks, n_dofs, n_constraints or
+    n_turns, n_lanes), the contraction to be expected, (n_blocks, n_lanes), and forces that joints carry, (n_blocks, n,
+    n_lanes). Only `samples` advance, (n_blocks, n_lanes).
 
     Filled are `after`, as `before` with a leading axis of steps, the samples whose iteration failed in the last step,
     `lost`, (n_blocks, n_lanes), and the Newton corrections of each step, all samples together, (n_steps,).
@@ -92,9 +93,9 @@ def take_steps(
     )  # fmt: skip
     for block in range(n_blocks):
         n_taken = _take_steps_of_block(
-            problem, joints, carried, factors, block, n_taken, strengths, probed, scheme, typical_mass[block], step, reference,
-            borrowed(behind[block]), of_before, borrowed(samples[block]), of_after, borrowed(work), borrowed(flags),
-            borrowed(when[block]), n_corrections,
+            problem, joints, carried, factors, block, n_taken, strengths, probed, scheme, typical_mass[block], step,
+            reference, borrowed(behind[block]), of_before, borrowed(samples[block]), of_after, borrowed(work),
+            borrowed(flags), borrowed(when[block]), n_corrections,
         )  # fmt: skip
     keep(work)
     keep(flags)
@@ -150,9 +151,7 @@ def _take_steps_of_block(
                 n_corrections[k] += (going >> lane) & 1
             fresh, unsettled = iteration % REFRESH_EVERY == 0, 0
             if carried is not None:
-                find_carried(
-                    problem, joints, matrix, carried, block, amplitudes, angles, state, typical_mass
-                )
+                find_carried(problem, joints, matrix, carried, block, amplitudes, angles, state, typical_mass)
                 unsettled = take_carried(carried.actions, carried.room, parameters, iteration, all_lanes, going)
             _correct_block(
                 problem, joints, factors, block, amplitudes, angles, itself, state, gains, typical_mass, going, fresh,
