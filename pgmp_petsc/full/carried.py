@@ -235,4 +235,6 @@ def find_all_carried(problem, joints, factors, carried, amplitudes, angles, stat
             problem, joints, borrowed(factors.matrix)[block], carried, block, amplitudes, angles, own,
             typical_mass[block],
         )  # fmt: skip
-        found[block] = carried.room.forces
+        for k in range(found.shape[1]):
+            for lane in range(found.shape[2]):
+                found[block, k, lane] = carried.room.forces[k, lane]
