@@ -143,6 +143,7 @@ class Controls:
             one = Running.of(scene, entry, every, n_samples, self.n_beside, n_motions)
             self.each.append(one)
             self.n_beside, n_motions = one.columns.stop, one.motions.stop
+        self._columns = [*range(n_carried), *(one.columns.stop - 1 for one in self.each)]  # of forces beside
         self._continuous = [one for one in self.each if not one.entry.sample_time]
         rows = rows_of(scene)
         self.firsts = np.cumsum([0, *rows])[:-1].tolist()
@@ -318,15 +319,33 @@ class Controls:
         """Take note of the forces of a state in which samples are after steps of a system's own."""
         self.now[:] = self._forces(state)[:, None]
 
+    def over(self, ends: np.ndarray) -> np.ndarray:
+        """Return the time, and references with their rates, of the only sample at the ends of steps (n_t,), (n_t, 1 + 2
+        n)."""
+        found = np.zeros((ends.size, 1 + 2 * len(self.each)))
+        times = found[:, 0] = [self.clock(end) for end in ends.tolist()]
+        for k, one in enumerate(self.each):
+            fixed = isinstance(one.reference, np.ndarray)
+            found[:, 1 + 2 * k] = one.reference if fixed else 0.0
+            if not fixed:
+                found[:, 1 + 2 * k : 3 + 2 * k] = one.reference.with_rates(np.array(times))[:2].T
+        return found
+
     def take_steps(self, ends: np.ndarray, beside: np.ndarray) -> None:
-        """Take note of forces that joints carried in steps of a system's own that end at times (n_t,), (n_t, n_samples,
-        n_carried), where nothing else is beside."""
-        self.now[:] = beside[-1][:, None]
+        """Take note of the forces in steps of a system's own that end at times (n_t,), with numbers beside (n_t,
+        n_samples, n_beside)."""
+        forces = beside[:, :, None, self._columns]
+        self.now[:] = forces[-1]
         first = bisect_left(self._times, ends[0])
         at = np.searchsorted(ends, self._times[first:], side="right") - 1
         for seen, number in zip(self._seen[first:], at.tolist()):
-            seen[:] = beside[number][:, None]
+            seen[:] = forces[number]
         self.put_nothing()
+
+    @property
+    def is_continuous(self) -> bool:
+        """Whether nothing of it is sampled."""
+        return len(self._continuous) == len(self.each)
 
     @property
     def n_carried(self) -> int:
@@ -368,8 +387,7 @@ class Controls:
                     self._seen[at][samples, BEFORE] = forces
 
     def _forces(self, state) -> np.ndarray:
-        carried = state.beside[:, : len(self._carried)].T
-        return np.stack([*carried, *(one.parts(state.beside)[3][:, 0] for one in self.each)], axis=1)
+        return state.beside[:, self._columns]
 
 
 class Laws(NamedTuple):

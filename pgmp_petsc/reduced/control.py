@@ -34,7 +34,6 @@ from pgmp_petsc.stepping.alpha_step import FIRST_CONTRACTION, LENGTHS, WEIGHTS
 from pgmp_petsc.stepping.edge_search import REST, WHOLE
 
 
-
 class Control(NamedTuple):
     """The controllers of a batch in some steps, and room for what they find of a block."""
 
