@@ -5,7 +5,8 @@ that joints carry, of friction that hangs on these.
 Between the corrections motions are read of the iterate itself, so that the iteration ends where mechanics and states
 hold together. A controller that is sampled holds its force, and finds the next one, with states by Euler's implicit
 rule over its sample time, between two steps (`sample`). Systems that take controllers along in steps of their own
-(`reduced.control`) do the same, and come here with steps that are too much for them.
+(`reduced.control`, `full.steps`) do the same, lane by lane (`States`), and come here with steps that are too much for
+them.
 
 The force that a joint carries is that of the iterate too. It goes with accelerations, and friction changes these: in
 turn they contract by about the coefficient times a lever over a length, and faster by Broyden's method

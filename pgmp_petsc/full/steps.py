@@ -83,15 +83,16 @@ def take_steps(
     """Take equal steps (s) of the samples of all blocks, up to one in which an iteration fails; return their number.
 
     `joints` is the mechanism in joint coordinates or None, `carried` the joints whose forces friction hangs on or None:
-    these are found before each correction, until they are settled too (`controllers.running`); `control` is `Control`
-    or None. `factors` are the matrices of the iteration, `strengths` what acts at the ends of the steps, one a row, and `probed` which of these
-    are corrected as if nothing were known of the contraction, (n_steps,). The scheme is ``(alpha_m, alpha_f, beta,
-    gamma, gain_v, gain_a)``, and typical masses are as for `correct`. States are about a `reference`: positions,
-    velocities and accelerations of a motion at the ends of the steps, (n_steps, n_blocks, n_dofs, n_lanes); of no steps
-    where they are the motion itself. `behind` are accelerations one step before the beginning, (n_blocks, n_dofs,
-    n_lanes), and `before` ``(q, v, a, multipliers, turns, auxiliary)`` there, (n_blocks, n_dofs, n_constraints or
-    n_turns, n_lanes), the contraction to be expected, (n_blocks, n_lanes), and numbers beside, (n_blocks, n_beside,
-    n_lanes). Only `samples` advance, (n_blocks, n_lanes).
+    these are found before each correction, until they are settled too (`controllers.running`), and `control` the
+    controllers, a `Control` or None. `factors` are the matrices of the iteration, `strengths` what acts at the ends of
+    the steps, one a row, and `probed` which of these are corrected as if nothing were known of the contraction,
+    (n_steps,). The scheme is ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)``, and typical masses are as for
+    `correct`. States are about a `reference`: positions, velocities and accelerations of a motion at the ends of the
+    steps, (n_steps, n_blocks, n_dofs, n_lanes); of no steps where they are the motion itself. `behind` are
+    accelerations one step before the beginning, (n_blocks, n_dofs, n_lanes), and `before` ``(q, v, a, multipliers,
+    turns, auxiliary)`` there, (n_blocks, n_dofs, n_constraints or n_turns, n_lanes), the contraction to be expected,
+    (n_blocks, n_lanes), and the numbers beside, (n_blocks, n_beside, n_lanes). Only `samples` advance, (n_blocks,
+    n_lanes).
 
     Filled are `after`, as `before` with a leading axis of steps, the samples whose iteration failed in the last step,
     `lost`, (n_blocks, n_lanes), and the Newton corrections of each step, all samples together, (n_steps,).
