@@ -33,8 +33,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.controllers.acting import measured_by
-from pgmp_petsc.estimates.reference_motion import OF_BESIDE, found_beside
+from pgmp_petsc.controllers.acting import are_stated
+from pgmp_petsc.estimates.reference_motion import OF_BESIDE, carrying, found_beside
 from pgmp_petsc.full.joint_tree import count_of
 from pgmp_petsc.mechanism.capabilities import SECONDS, SECONDS_PER_UNKNOWN, Purpose, why_refused
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -48,8 +48,8 @@ from pgmp_petsc.scene.uses import count_builds, length_names
 LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
 # s, of a step of a sample of a component model: a pair of a body's amplitudes, a body in space, and of the matrix
 PAIR, BODY, CUBE = 1.1e-8, 1.2e-6, 3.3e-11
-# s, of a step of a full-order or component sample: a controller, or friction by the force that a joint carries, which
-# are found beside it; and where lengths are drawn, which part samples: how often what it takes in a batch
+# s, of a step of a full-order or component sample: a controller, or friction by the force carried, which are found
+# beside it; and where lengths are drawn, which part samples: how often what it takes in a batch
 BESIDE, APART = OF_BESIDE / 1e6, 4.0
 # s, of a step of a sample whose outputs are forces in joints, by the dimension of space: of the mesh and of components,
 # and in the lanes of a reduced model
@@ -59,9 +59,9 @@ BY_ITSELF = {2: 1.5e-4, 3: 4.5e-4}  # s, more, of a run of one sample: 70 to 250
 SETTING_UP = {2: 0.04, 3: 0.4}  # s, of a sample of lengths of its own, by the dimension of space
 # s, of a step of a sample of a reduced model: by itself, an entry of its matrices over one coordinate, a local effect
 REDUCED_SAMPLE, REDUCED_ENTRY, REDUCED_EFFECT = 1.0e-7, 2.0e-9, 3.0e-7
-# s, of a step of a sample in a batch: friction by the force that a joint carries, of components and reduced; a
-# controller, of reduced models; both where a controller measures deformations, for each model of a length
-CARRIED_BESIDE, CARRIED_IN_LANES, CONTROLLED_IN_LANES, READ_APART = 2e-4, 4.5e-6, 1e-6, (1e-4, 1e-5)
+# s, of a step of a sample of a reduced model in a batch: friction by the force that a joint carries; a controller; both
+# where a controller measures deformations, for each model of a length
+CARRIED_IN_LANES, CONTROLLED_IN_LANES, READ_APART = 4.5e-6, 1e-6, (1e-4, 1e-5)
 MODEL = 0.6  # s, of a build besides its configurations
 CONDENSING, CONDENSING_POWER = 9e-6, 1.3  # s, of a body of cells by its unknowns; measured from 5,850 to 298,134
 STRAIN = 1.6e-8  # s, of a strain at a point of a body of cells, from some 80 coordinates of the body condensed
@@ -87,12 +87,11 @@ class Price:
 def step_seconds(mechanism: Mechanism, by_itself: bool = False) -> float:
     """Return the predicted processor time of a step of one sample of a full-order or component model, s: in a batch, or
     of a run by itself."""
-    beside = BESIDE * found_beside(mechanism.scene) + _forces(mechanism.scene, FORCES)
-    beside += BY_ITSELF[mechanism.space.dimension] if by_itself else 0.0
+    beside, more = _beside(mechanism.scene, by_itself), carrying(mechanism.scene)
     floating = {body.name: body.n_internal for body in mechanism.bodies if body.blocks("floating")}
     if floating:
-        return beside + component_step(mechanism, floating)
-    return beside + _local(mechanism) + sum(body.step_seconds for body in mechanism.bodies)
+        return beside + more * component_step(mechanism, floating)
+    return beside + more * (_local(mechanism) + sum(body.step_seconds for body in mechanism.bodies))
 
 
 def step_of_samples(scene: Scene, step: float) -> float:
@@ -111,6 +110,13 @@ def component_step(mechanism: Mechanism, fields: Mapping[str, int]) -> float:
     pairs, n = sum(m**2 for m in fields.values()), sum(count_of(mechanism)) + sum(fields.values())
     in_space = len(mechanism.bodies) * (mechanism.space.dimension == 3)
     return _local(mechanism) + PAIR * pairs + BODY * in_space + CUBE * n**3
+
+
+def _beside(scene: Scene, by_itself: bool = False) -> float:
+    """Return what a step of a full-order or component sample takes besides its equations; with anything that is found
+    beside it samples go one by one."""
+    alone = BY_ITSELF[scene.dimension] if by_itself or scene.beside else 0.0
+    return alone + BESIDE * found_beside(scene) + _forces(scene, FORCES)
 
 
 def _forces(scene: Scene, price: Mapping[int, float]) -> float:
@@ -160,10 +166,8 @@ def prospects(
     n_rigid, fields = len(scene.coordinates), amplitudes(scene, mechanism, scene.reduction.modes)
     answered = scene.reduction.static_modes or not n_loads or scene.reduction.tolerance is not None
     besides, n_carried = STRAIN * n_strains(scene, mechanism), len(scene.carried)
-    of_components = component_step(mechanism, fields) + CARRIED_BESIDE * n_carried + besides
-    of_components += BESIDE * (found_beside(scene) - n_carried) + _forces(scene, FORCES)
-    measured = (name for one in scene.controllers.values() for name in measured_by(scene, one).motions)
-    of_lanes = all(scene.outputs[name].is_stated for name in measured)
+    of_components = carrying(scene) * component_step(mechanism, fields) + besides + _beside(scene)
+    of_lanes = are_stated(scene)
     beside = np.array((CARRIED_IN_LANES, CONTROLLED_IN_LANES) if of_lanes else READ_APART)
     beside *= 1 if of_lanes else count_builds(scene)
     in_lanes = float(beside @ (n_carried, len(scene.controllers))) + besides

@@ -169,6 +169,10 @@ class ErrorSystem(SecondOrderSystem):
     def held(self) -> bool:
         return self.full.held
 
+    @property
+    def carries(self) -> bool:
+        return self.full.carries
+
     def whole(self, time: float, state: State) -> State:
         """Return the state of the full-order equations at a time, s, from that of the error."""
         q, v, a = self._reference(time)

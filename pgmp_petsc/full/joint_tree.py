@@ -21,6 +21,7 @@ import numpy as np
 
 from pgmp_petsc.mechanism.joints import Attachment, Connection
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
+from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ALONG, MEET, PERPENDICULAR, Statement, U, W
 
 #: coordinates of directors and frames, in the plane and in space
@@ -63,6 +64,16 @@ class Tree(NamedTuple):
     floating: np.ndarray  # number among the floating bodies, -1 of rigid ones, shape (n,)
     carries: np.ndarray  # whether a node has a mass of its own or a joint to a body further out, shape (n_nodes,)
     tensors: bool  # whether any directors are coordinates
+
+
+class Held(NamedTuple):
+    """What the tree's joints hold of frames, and what drives them, body after body."""
+
+    rows: StatementRows  # n statements
+    places: np.ndarray  # of their multipliers among those of joints and driven angles, shape (n,)
+    #: bodies, nodes: number in the tree of the body that each joint moves, and the node that it holds, shape (n,)
+    bodies: np.ndarray
+    nodes: np.ndarray
 
 
 class Motion(NamedTuple):

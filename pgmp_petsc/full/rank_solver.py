@@ -114,7 +114,7 @@ class RankSolver:
     """
 
     def __init__(self, layout: RankLayout, own: np.ndarray, rows: np.ndarray, comm: Comm) -> None:
-        needs_petsc("full-order runs of large meshes, of solids in space, from equilibrium or on several ranks")
+        needs_petsc("full-order runs of large meshes, from equilibrium or on several ranks")
         from petsc4py import PETSc
 
         self._comm = comm

@@ -26,7 +26,6 @@ from pgmp_petsc.lanes.lane_items import SampleBlocks
 from pgmp_petsc.mechanism.closure import LARGEST_GAP
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
-from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import Measures, Model, require_lengths, search_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
 
 SomeSystem = TypeVar("SomeSystem", FullBatch, FullDistributed)
 CLOSED = 1e-12  # of what is off, that least squares may leave
-MOST_IN_LANES = 3500  # unknowns; beyond, the fill-in of a mesh in space outgrows the caches, and PETSc's solvers win
+MOST_IN_LANES = 3500  # unknowns; beyond, the fill-in of a bulky mesh in space outgrows the caches, and PETSc's solvers win
 
 
 class FullModel(Model):
@@ -146,12 +145,17 @@ class FullModel(Model):
 
             def carry(time: float, state: State, before: np.ndarray) -> np.ndarray:
                 state = whole(time, state)
+                if in_lanes:
+                    return system.carried(time, state)
                 multipliers = system.multipliers_of_joints([time], state.alone)
                 return np.linalg.norm(measures.pulls(frames(state), multipliers, values), axis=1)
 
+            in_lanes = isinstance(system, FullBatch)  # it has all actions
             carried = carry if measures.carried else None
-            chosen = moved if measures.known and isinstance(system, FullBatch) else measure  # it has all actions
-            system.control(Controls(self.scene, values, 1, chosen, system.put_forces, carried))
+            chosen = moved if measures.known and in_lanes else measure
+            controls = Controls(self.scene, values, 1, chosen, system.put_forces, carried)
+            own = (measures.carried, measures.origins if measures.known else None) if in_lanes else ()
+            system.control(controls, *own)
         return system
 
     def built_in(
@@ -182,13 +186,9 @@ class FullModel(Model):
     def single(self, values: Mapping[str, float], comm: Comm) -> FullBatch | FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`.
 
-        On one rank small mechanisms are a batch of one, but for meshes in space, and unless options of PETSc's linear
-        solver are given.
+        On one rank small mechanisms are a batch of one, unless options of PETSc's linear solver are given.
         """
-        mechanism = self.kinematics.mechanism
-        # alone, PETSc's solvers are better with the fill-in of a mesh in space
-        filled = mechanism.space is SPATIAL and any(len(body.points) for body in mechanism.bodies)
-        if comm.size > 1 or not self._in_lanes or filled:
+        if comm.size > 1 or not self._in_lanes:
             return self.distributed(values, comm)
         return self.batch({name: np.array([value]) for name, value in values.items()}, 1)
 

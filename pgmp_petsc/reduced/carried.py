@@ -7,7 +7,7 @@ a joint's constraints pull in, which turn together, and what its springs and con
     sum_c n_c (-lambda_c)  +  sum_t n_t f_t'(s_t) F_t.
 
 Between two corrections forces are found at the iterate, under friction by those that were found before, and taken on by
-`controllers.running.follow_carried`.
+`controllers.running.take_carried`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from pgmp_petsc.controllers.running import N_FOLLOWED, SETTLED_IN_STEP, follow_carried
+from pgmp_petsc.controllers.running import N_FOLLOWED
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import aligned, square_root
 from pgmp_petsc.lanes.vectors import LANES, differing, equal, first_lane, load, load_rows, polynomial, spread, store
@@ -241,41 +241,3 @@ def _sum_up(equations, kept, room, samples, lanes):
                 component += direction * slope * load(work.measured, 0)
             total += component * component
         store(own.forces, joint, square_root(total))
-
-
-@njit(error_model="numpy", counted=False)
-def begin_carried(equations, room, beside, samples, lanes):
-    """Let friction in some lanes act by the forces at the beginning of their steps, vectors `beside`."""
-    carried, parameters = equations.carried, equations.local.actions.parameters
-    for k in range(carried.actions.size):
-        for lane in range(LANES):
-            if lanes & (1 << lane):
-                room.carried.given[lane, k] = beside[k, lane]
-                parameters[carried.actions[k], samples[lane], 0] = beside[k, lane]
-
-
-@njit(error_model="numpy", counted=False)
-def take_carried(equations, room, number, samples, lanes):
-    """Let friction in some lanes act by forces from those that were found in correction `number`; return the lanes in
-    which they are not settled."""
-    carried, own, parameters, unsettled = equations.carried, room.carried, equations.local.actions.parameters, 0
-    for lane in range(LANES):
-        if not lanes & (1 << lane):
-            continue
-        given, found = own.given[lane], own.found[lane]
-        for k in range(carried.actions.size):
-            found[k] = own.forces[k, lane]
-        follow_carried(number, found, own.followed[lane], given)
-        for k in range(carried.actions.size):
-            unsettled |= np.int64(abs(own.followed[lane, 1, k]) > SETTLED_IN_STEP * abs(given[k])) << lane
-            parameters[carried.actions[k], samples[lane], 0] = given[k]
-    return unsettled
-
-
-@njit(error_model="numpy", counted=False)
-def keep_carried(equations, room, beside, lanes):
-    """Keep the forces that were found last as those at the ends of steps of some lanes."""
-    for k in range(equations.carried.actions.size):
-        for lane in range(LANES):
-            if lanes & (1 << lane):
-                beside[k, lane] = room.carried.forces[k, lane]

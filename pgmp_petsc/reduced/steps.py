@@ -14,15 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pgmp_petsc.controllers.running import begin_carried, follow_states, keep_carried, take_carried
 from pgmp_petsc.effects.law import any_bend
 from pgmp_petsc.effects.time_function import evaluate
+from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import EVERY_LANE, LANES, blend, count_lanes, exceeding, first_lane, load, spread, store
 from pgmp_petsc.reduced.action_kernel import act, bent_lanes, forget_rates, limited_lanes
 from pgmp_petsc.reduced.arrays import Strengths, acting_of, places_of
-from pgmp_petsc.reduced.carried import begin_carried, find_carried, keep_carried, take_carried
-from pgmp_petsc.reduced.control import act_of_states, begin_steps, follow_states, jump_lanes, sample_states, show_forces
+from pgmp_petsc.reduced.carried import find_carried
+from pgmp_petsc.reduced.control import act_of_states, begin_steps, jump_lanes, sample_states, show_forces
 from pgmp_petsc.reduced.kernel import correct_block, follow_correction, gather, scatter
 from pgmp_petsc.stepping.alpha_step import (
     FIRST_CONTRACTION,
@@ -239,12 +241,12 @@ def _advance_block(
                 control, equations.local, equations.grid, clocks.strengths.actions, work.q, work.rate, samples,
                 done | onward, local, places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
             )  # fmt: skip
-            follow_states(control, scheme, state[6], samples, done | onward)
+            follow_states(control.states, loaded(control.states.law), scheme, state[6], done | onward)
             if equations.carried.actions.size > 0:
                 find_carried(
                     equations, memory, room, block, places_of(memory, block), clocks.strengths, samples, done | onward
                 )  # fmt: skip
-                keep_carried(equations, room, state[6], done | onward)
+                keep_carried(room.carried, state[6], done | onward)
         _follow(scheme, state, done | onward, n, work)
         if searching != 0:
             _stand(state, onward, n)
@@ -383,9 +385,10 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
     tolerance = blend(careful, spread(TOLERANCE_OF_TRIALS), spread(usual))
     forget_rates(memory.known, memory.samples[block], lanes)
     # it goes on until forces that joints carry are settled; with those as they are found a sample is not lost
-    carries, going = equations.carried.actions.size > 0, lanes
+    rubbing, parameters = equations.carried.actions, equations.local.actions.parameters
+    carries, going = rubbing.size > 0, lanes
     if carries:
-        begin_carried(equations, room, state[6], memory.samples[block], lanes)
+        begin_carried(rubbing, room.carried, parameters, state[6], memory.samples[block], lanes)
     first, bending = load(expected, 0), any_bend(equations.local.actions.laws)
     for iteration in range(MAX_ITERATIONS):
         fresh, unsettled = attempt > 0 or iteration % REFRESH_EVERY == 0, 0
@@ -398,7 +401,7 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
             find_carried(
                 equations, memory, room, block, places_of(memory, block), strengths, memory.samples[block], going
             )  # fmt: skip
-            unsettled = take_carried(equations, room, iteration, memory.samples[block], going)
+            unsettled = take_carried(rubbing, room.carried, parameters, iteration, memory.samples[block], going)
         if memory.acting.balance.size > 0:
             act(
                 equations.local, equations.local.all, equations.grid, strengths.actions, work.q, work.rate,

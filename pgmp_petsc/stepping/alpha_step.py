@@ -119,7 +119,8 @@ class AlphaStep:
         ends, scheme = ends[:1] if self._projects else ends, self.scheme(step)
         probed = (np.rint(ends / step) % PROBED_EVERY == 0) | self._system.bends
         asked = StepsAsked(moment, ends, step, probed, scheme, samples)
-        taken = None if self._system.changing is not None else self._system.take_steps(asked)
+        alone = self._system.changing is not None and not self._system.carries
+        taken = None if alone else self._system.take_steps(asked)
         if taken is None:
             taken = _taken_by_corrections(self._system, asked)
         self.count(taken.n_corrections, -(-taken.n_corrections // REFRESH_EVERY), taken.n_calls)
@@ -394,6 +395,7 @@ def first_accelerations(
         beside = system.changing
         if (samples & ~failed).any() and (beside is None or not beside.n_carried):
             if beside is not None:
+                beside.begin(length, begun.state, stepper.scheme(length))
                 beside.act(length, after.state)
             system.correct(length, after.state, stepper.scheme(length), samples & ~failed, True)
             stepper.count(samples & ~failed, 0, 1)

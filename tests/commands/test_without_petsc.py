@@ -54,7 +54,7 @@ def test_what_needs_petsc_says_so(commands: Path, tmp_path: Path) -> None:
     refused = {
         bodies: ["build", SOLIDS, "-o", out],
         f"{bodies} ": ["check", SOLIDS, "--trial"],
-        "full-order runs of large meshes, of solids in space, from equilibrium or on several ranks": [
+        "full-order runs of large meshes, from equilibrium or on several ranks": [
             "simulate", str(ROOT / "scenes" / "slider_crank_solid3d.toml"), "--full", "-o", out,
         ],
         "options after '--' (-pgmp_ts_ts_monitor)": ["simulate", rom, "-o", out, "--", "-pgmp_ts_ts_monitor"],

@@ -72,8 +72,6 @@ static int follow_carried(int number, const double found[N_CARRIED], double kept
                           double carried[N_CARRIED]) {
     double whole = 0.0, size = 0.0, along = 0.0, (*inverse)[N_CARRIED] = kept + INVERSE;
     int unsettled = 0;
-    for (int i = 0; number < FIRST_SECANT && i < N_CARRIED; i++)
-        for (int j = 0; j < N_CARRIED; j++) inverse[i][j] = i == j;
     for (int i = 0; number >= FIRST_SECANT && i < N_CARRIED; i++) {
         kept[AHEAD][i] = kept[ACROSS][i] = 0.0;
         for (int j = 0; j < N_CARRIED; j++) {
@@ -85,10 +83,13 @@ static int follow_carried(int number, const double found[N_CARRIED], double kept
         along += (carried[i] - kept[BEFORE][i]) * kept[AHEAD][i];
     }
     const int known = size > SMALLEST_SECANT * SMALLEST_SECANT * whole; /* more than round-off */
-    if (known && along > WEAKEST * size && along < STRONGEST * size)
-        for (int i = 0; i < N_CARRIED; i++)
-            for (int j = 0; j < N_CARRIED; j++)
+    const int believed = along > WEAKEST * size && along < STRONGEST * size;
+    for (int i = 0; i < N_CARRIED; i++)
+        for (int j = 0; j < N_CARRIED; j++)
+            if (known && believed)
                 inverse[i][j] += (carried[i] - kept[BEFORE][i] - kept[AHEAD][i]) * kept[ACROSS][j] / along;
+            else if (known || number < FIRST_SECANT)
+                inverse[i][j] = i == j;
     for (int i = 0; i < N_CARRIED; i++) kept[BEFORE][i] = carried[i], kept[OFF][i] = found[i] - carried[i];
     for (int i = 0; i < N_CARRIED; i++) {
         for (int j = 0; j < N_CARRIED; j++) carried[i] += inverse[i][j] * kept[OFF][j];
