@@ -33,7 +33,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.controllers.acting import measured_by
+from pgmp_petsc.controllers.acting import are_stated
 from pgmp_petsc.estimates.reference_motion import OF_BESIDE, carrying, found_beside
 from pgmp_petsc.full.joint_tree import count_of
 from pgmp_petsc.mechanism.capabilities import SECONDS, SECONDS_PER_UNKNOWN, Purpose, why_refused
@@ -48,8 +48,8 @@ from pgmp_petsc.scene.uses import count_builds, length_names
 LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
 # s, of a step of a sample of a component model: a pair of a body's amplitudes, a body in space, and of the matrix
 PAIR, BODY, CUBE = 1.1e-8, 1.2e-6, 3.3e-11
-# s, of a step of a full-order or component sample: a controller, or friction by the force carried with one, which are
-# found beside it; and where lengths are drawn, which part samples: how often what it takes in a batch
+# s, of a step of a full-order or component sample: a controller, or friction by the force carried, which are found
+# beside it; and where lengths are drawn, which part samples: how often what it takes in a batch
 BESIDE, APART = OF_BESIDE / 1e6, 4.0
 # s, of a step of a sample whose outputs are forces in joints, by the dimension of space: of the mesh and of components,
 # and in the lanes of a reduced model
@@ -167,8 +167,7 @@ def prospects(
     answered = scene.reduction.static_modes or not n_loads or scene.reduction.tolerance is not None
     besides, n_carried = STRAIN * n_strains(scene, mechanism), len(scene.carried)
     of_components = carrying(scene) * component_step(mechanism, fields) + besides + _beside(scene)
-    measured = (name for one in scene.controllers.values() for name in measured_by(scene, one).motions)
-    of_lanes = all(scene.outputs[name].is_stated for name in measured)
+    of_lanes = are_stated(scene)
     beside = np.array((CARRIED_IN_LANES, CONTROLLED_IN_LANES) if of_lanes else READ_APART)
     beside *= 1 if of_lanes else count_builds(scene)
     in_lanes = float(beside @ (n_carried, len(scene.controllers))) + besides

@@ -114,6 +114,12 @@ def measured_by(scene: Scene, entry: ControllerEntry) -> Measured:
     return Measured.of(scene, entry.measured)
 
 
+def are_stated(scene: Scene) -> bool:
+    """Return whether actions of the mechanics measure all that a scene's controllers do (`OutputEntry.stated`)."""
+    each = (measured_by(scene, one).motions for one in scene.controllers.values())
+    return all(scene.outputs[name].is_stated for motions in each for name in motions)
+
+
 class Control(NamedTuple):
     """A controller in SI units."""
 

@@ -324,7 +324,7 @@ def respond(address, n, n_slopes, p, x, c, kappa, z, rates, force, room):
     the result; with kappa 0 they are c. Fill the rates g, (n,), and the force with its slopes by motions and their
     rates, (1 + n_slopes,), not a number where no states are found. Parameters p have shape (n_parameters,), and x, what
     is `GIVEN` with the motions and their rates, (3 + n_slopes,)."""
-    found, matrix, right = room
+    found, matrix, right = room.found, room.matrix, room.right
     width, converged = 1 + n_slopes + n, False
     for _ in range(MOST_ITERATIONS):
         _evaluate(address, p, x, z, found)

@@ -5,7 +5,8 @@ that joints carry, of friction that hangs on these.
 Between the corrections motions are read of the iterate itself, so that the iteration ends where mechanics and states
 hold together. A controller that is sampled holds its force, and finds the next one, with states by Euler's implicit
 rule over its sample time, between two steps (`sample`). Systems that take controllers along in steps of their own
-(`reduced.control`) do the same, and come here with steps that are too much for them.
+(`reduced.control`, `full.steps`) do the same, lane by lane (`States`), and come here with steps that are too much for
+them.
 
 The force that a joint carries is that of the iterate too. It goes with accelerations, and friction changes these: in
 turn they contract by about the coefficient times a lever over a length, and faster by Broyden's method
@@ -23,13 +24,13 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.controllers.acting import control_of, measured_by
-from pgmp_petsc.controllers.law import GIVEN, ControlLaw, Room, begin_all, respond_all
+from pgmp_petsc.controllers.law import GIVEN, ControlLaw, Room, begin_all, respond, respond_all
 from pgmp_petsc.effects.time_function import TimeFunction, amplitude_of
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.scene import Scene
@@ -45,6 +46,8 @@ Carried = Callable[[float, Any, np.ndarray], np.ndarray]
 #: Motions (n_motions, n_samples), of all controllers, and their rates at a time (s), for a state of a system.
 Measure = Callable[[float, Any], tuple[np.ndarray, np.ndarray]]
 BEFORE, AFTER = range(2)  # of a force that jumps
+N_GIVEN = len(GIVEN)
+FORCE, STIFFNESS, DAMPING, MOTION, RATE = range(5)  # parameters of the actions (`controllers.acting`)
 
 
 @dataclass(eq=False)
@@ -141,6 +144,7 @@ class Controls:
             one = Running.of(scene, entry, every, n_samples, self.n_beside, n_motions)
             self.each.append(one)
             self.n_beside, n_motions = one.columns.stop, one.motions.stop
+        self._columns = [*range(n_carried), *(one.columns.stop - 1 for one in self.each)]  # of forces beside
         self._continuous = [one for one in self.each if not one.entry.sample_time]
         rows = rows_of(scene)
         self.firsts = np.cumsum([0, *rows])[:-1].tolist()
@@ -316,15 +320,33 @@ class Controls:
         """Take note of the forces of a state in which samples are after steps of a system's own."""
         self.now[:] = self._forces(state)[:, None]
 
+    def over(self, ends: np.ndarray) -> np.ndarray:
+        """Return the time, and references with their rates, of the only sample at the ends of steps (n_t,), (n_t, 1 + 2
+        n)."""
+        found = np.zeros((ends.size, 1 + 2 * len(self.each)))
+        times = found[:, 0] = [self.clock(end) for end in ends.tolist()]
+        for k, one in enumerate(self.each):
+            fixed = isinstance(one.reference, np.ndarray)
+            found[:, 1 + 2 * k] = one.reference if fixed else 0.0
+            if not fixed:
+                found[:, 1 + 2 * k : 3 + 2 * k] = one.reference.with_rates(np.array(times))[:2].T
+        return found
+
     def take_steps(self, ends: np.ndarray, beside: np.ndarray) -> None:
-        """Take note of forces that joints carried in steps of a system's own that end at times (n_t,), (n_t, n_samples,
-        n_carried), where nothing else is beside."""
-        self.now[:] = beside[-1][:, None]
+        """Take note of the forces in steps of a system's own that end at times (n_t,), with numbers beside (n_t,
+        n_samples, n_beside)."""
+        forces = beside[:, :, None, self._columns]
+        self.now[:] = forces[-1]
         first = bisect_left(self._times, ends[0])
         at = np.searchsorted(ends, self._times[first:], side="right") - 1
         for seen, number in zip(self._seen[first:], at.tolist()):
-            seen[:] = beside[number][:, None]
+            seen[:] = forces[number]
         self.put_nothing()
+
+    @property
+    def is_continuous(self) -> bool:
+        """Whether nothing of it is sampled."""
+        return len(self._continuous) == len(self.each)
 
     @property
     def n_carried(self) -> int:
@@ -366,8 +388,157 @@ class Controls:
                     self._seen[at][samples, BEFORE] = forces
 
     def _forces(self, state) -> np.ndarray:
-        carried = state.beside[:, : len(self._carried)].T
-        return np.stack([*carried, *(one.parts(state.beside)[3][:, 0] for one in self.each)], axis=1)
+        return state.beside[:, self._columns]
+
+
+class Laws(NamedTuple):
+    """Controllers as compiled functions take them, an entry or a row each."""
+
+    addresses: np.ndarray  # of their laws, (n,)
+    #: n_states, columns: how many states; first of its numbers beside, (n,)
+    n_states: np.ndarray
+    columns: np.ndarray
+    #: n_motions, rows: how many motions it measures; first part of its force, (n,)
+    n_motions: np.ndarray
+    rows: np.ndarray
+    is_sampled: np.ndarray  # (n,)
+    parameters: np.ndarray  # (n, n_samples, n_parameters), as many as the law that has most
+    sample_times: np.ndarray  # s, (n,)
+    is_fixed: np.ndarray  # whether the reference is a number of each sample, (n,)
+    fixed: np.ndarray  # these numbers, (n, n_samples)
+
+    @classmethod
+    def of(cls, each: Sequence[Running], rows: Sequence[int], n_samples: int) -> Self:
+        """Return those of controllers, each with the first part of its force."""
+
+        def numbers(values: list, kind: type = np.int64) -> np.ndarray:
+            return np.array(values, dtype=kind)
+
+        n, are_fixed = len(each), [isinstance(one.reference, np.ndarray) for one in each]
+        parameters = np.zeros((n, n_samples, max((one.p.shape[1] for one in each), default=0)))
+        fixed = np.zeros((n, n_samples))
+        for one, is_fixed, into, value in zip(each, are_fixed, parameters, fixed):
+            into[:, : one.p.shape[1]] = one.p
+            value[:] = one.reference if is_fixed else 0.0
+        return cls(
+            numbers([one.law.address for one in each]), numbers([one.z.shape[1] for one in each]),
+            numbers([one.columns.start for one in each]), numbers([one.law.n_motions for one in each]),
+            numbers(rows), numbers([bool(one.entry.sample_time) for one in each], bool), parameters,
+            numbers([one.entry.sample_time for one in each], float), numbers(are_fixed, bool), fixed,
+        )  # fmt: skip
+
+
+class States(NamedTuple):
+    """Controllers of samples in steps of a system's own, and room for what they find in the lanes of a block."""
+
+    law: Laws
+    actions: np.ndarray  # that each part of a force acts by, (n_rows,)
+    origins: np.ndarray  # what counts as zero of the motion, (n_rows, n_samples)
+    #: of a lane: time and references at the end of its step (n_lanes, 1 + 2 n), kappa (n_lanes,), what laws are given
+    #: (n_lanes, most), c, states and rates (n_lanes, n_beside), force with slopes (n_lanes, n, most)
+    now: np.ndarray
+    kappa: np.ndarray
+    x: np.ndarray
+    c: np.ndarray
+    z: np.ndarray
+    rates: np.ndarray
+    found: np.ndarray
+    before: np.ndarray  # forces before they jump, (n_lanes, n)
+    n_carried: int  # numbers beside that forces in joints take, the first ones
+    room: Room
+
+    @classmethod
+    def of(
+        cls, controls: Controls | None, actions: Sequence[int], origins: np.ndarray, n_samples: int, n_lanes: int
+    ) -> Self:
+        """Return those of controllers, none where there are none, whose forces act by `actions`, part by part."""
+        each = [] if controls is None else controls.each
+        n, most = len(each), max((1 + 2 * one.law.n_motions for one in each), default=1)
+        n_beside, n_carried = (0, 0) if controls is None else (controls.n_beside, controls.n_carried)
+        rows = [] if controls is None else controls.firsts[n_carried:]
+        shapes = (1 + 2 * n,), (), (N_GIVEN + most - 1,), *((n_beside,),) * 3, (n, most), (n,)
+        return cls(
+            Laws.of(each, rows, n_samples), np.array(actions, dtype=np.int64), origins,
+            *(np.zeros((n_lanes, *shape)) for shape in shapes), n_carried, Room.of([one.law for one in each]),
+        )  # fmt: skip
+
+
+@njit(error_model="numpy", counted=False)
+def put_force(states, law, k, force, sample, parameters):
+    """Let a controller's actions have a force without slopes."""
+    for row in range(law.rows[k], states.actions.size if k + 1 == law.rows.size else law.rows[k + 1]):
+        p = parameters[states.actions[row], sample]
+        p[FORCE], p[STIFFNESS], p[DAMPING] = force, 0.0, 0.0
+        force = 0.0
+
+
+@njit(error_model="numpy", counted=False)
+def respond_in_lane(states, law, k, lane, sample, kappa, parameters):
+    """Let the states of a controller respond in a lane to what its actions have measured."""
+    x, first, n, n_motions = states.x[lane], law.columns[k], law.n_states[k], law.n_motions[k]
+    x[0], x[1], x[2] = states.now[lane, 0], states.now[lane, 1 + 2 * k], states.now[lane, 2 + 2 * k]
+    for row in range(n_motions):
+        p = parameters[states.actions[law.rows[k] + row], sample]
+        x[N_GIVEN + 2 * row] = p[MOTION] - states.origins[law.rows[k] + row, sample]
+        x[N_GIVEN + 1 + 2 * row] = p[RATE]
+    respond(
+        law.addresses[k], n, 2 * n_motions, law.parameters[k, sample], x, states.c[lane, first:], kappa,
+        states.z[lane, first:], states.rates[lane, first:], states.found[lane, k], states.room,
+    )  # fmt: skip
+
+
+@njit(error_model="numpy", counted=False)
+def begin_state(states, law, k, lane, scheme, step, beside, sample, parameters):
+    """Begin a controller's step in a lane: find what the iteration of its states starts from; one that is sampled keeps
+    its force. Numbers `beside`, (n_beside, n_lanes), are those at the beginning, `scheme` is ``(alpha_m, alpha_f, beta,
+    gamma)``."""
+    alpha_m, alpha_f, _, gamma = scheme
+    first, n, share = law.columns[k], law.n_states[k], step * gamma / (1.0 - alpha_m)
+    if law.is_sampled[k]:
+        put_force(states, law, k, beside[first + 3 * n, lane], sample, parameters)
+        return
+    for i in range(n):
+        change, auxiliary = beside[first + n + i, lane], beside[first + 2 * n + i, lane]
+        start = beside[first + i, lane] + step * (1.0 - gamma) * auxiliary
+        start += share * (alpha_f * change - alpha_m * auxiliary)
+        states.c[lane, first + i] = start
+        states.z[lane, first + i] = start + states.kappa[lane] * change
+
+
+@njit(error_model="numpy", counted=False)
+def give_forces(states, law, parameters, samples, lanes):
+    """Give the actions in some lanes the forces of continuous controllers, of what they have measured."""
+    for lane in range(samples.size):
+        if not lanes & (1 << lane):
+            continue
+        for k in range(law.addresses.size):
+            if law.is_sampled[k]:
+                continue
+            respond_in_lane(states, law, k, lane, samples[lane], states.kappa[lane], parameters)
+            found = states.found[lane, k]
+            put_force(states, law, k, found[0], samples[lane], parameters)
+            for row in range(law.n_motions[k]):
+                p = parameters[states.actions[law.rows[k] + row], samples[lane]]
+                p[STIFFNESS], p[DAMPING] = -found[1 + 2 * row], -found[2 + 2 * row]
+
+
+@njit(error_model="numpy", counted=False)
+def follow_states(states, law, scheme, beside, lanes):
+    """Let what is beside some lanes go to the ends of their steps, with the last of `give_forces`."""
+    alpha_m, alpha_f = scheme[0], scheme[1]
+    for lane in range(beside.shape[1]):
+        if not lanes & (1 << lane):
+            continue
+        for k in range(law.addresses.size):
+            first, n = law.columns[k], law.n_states[k]
+            if not law.is_sampled[k]:
+                for i in range(first, first + n):
+                    rate = states.rates[lane, i]
+                    end = (1.0 - alpha_f) * rate + alpha_f * beside[n + i, lane] - alpha_m * beside[2 * n + i, lane]
+                    beside[2 * n + i, lane] = end / (1.0 - alpha_m)
+                    beside[i, lane], beside[n + i, lane] = states.z[lane, i], rate
+                beside[first + 3 * n, lane] = states.found[lane, k, 0]
+            states.before[lane, k] = beside[first + 3 * n, lane]
 
 
 N_FOLLOWED = 4  # rows before the inverse Jacobian in what `follow_carried` keeps

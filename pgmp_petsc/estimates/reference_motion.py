@@ -37,6 +37,7 @@ from math import gcd
 
 import numpy as np
 
+from pgmp_petsc.controllers.acting import are_stated
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
@@ -44,7 +45,7 @@ from pgmp_petsc.scene.numerics import Simulation
 
 # us of one core: an unknown of a beam with its neighbours, a pair of unknowns of a condensed body
 OF_BEAM, OF_PAIR = 0.8, 0.02
-OF_BESIDE = 500.0  # a controller, or friction by the force carried with one, found beside steps; of runs too
+OF_BESIDE = 500.0  # a controller, or friction by the force carried, found beside steps; of runs too
 CARRYING = 2.0  # how often as much a step takes that finds the forces carried: it has 7 corrections in place of 3
 DEAR = 4e6  # us that the evaluations of a sample may take
 FINER = 4  # steps of the run that is followed in one of the run itself
@@ -129,15 +130,17 @@ def price_of_evaluation(mechanism: Mechanism) -> float:
 
 
 def found_beside(scene: Scene) -> float:
-    """Return how many forces are found beside a step of a sample on the mesh: where they hold, between two steps."""
+    """Return how many forces are found beside a step of a sample on the mesh, by no compiled code: where they hold,
+    between two steps."""
     if scene.held:
         return sum(scene.simulation.step / one.sample_time for one in scene.controllers.values())
-    return len(scene.beside) if scene.controllers else 0
+    sampled = any(one.sample_time for one in scene.controllers.values())
+    return len(scene.beside) if sampled or not are_stated(scene) else 0
 
 
 def carrying(scene: Scene) -> float:
-    """Return how often as much a step takes as one without what is found in it."""
-    return CARRYING if scene.carried and not scene.controllers else 1.0
+    """Return how often as much a step takes as one without the forces carried that are found in it."""
+    return CARRYING if scene.carried and not found_beside(scene) else 1.0
 
 
 def schedules_of(mechanism: Mechanism, simulation: Simulation) -> list[Schedule]:

@@ -9,7 +9,7 @@ value.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -19,11 +19,16 @@ from pgmp_petsc.full.floating import add_floating
 from pgmp_petsc.full.forces import act, add_loads
 from pgmp_petsc.full.joint_map import Room, gather_forces, place
 from pgmp_petsc.full.joint_matrix import factorise_dense, fill_matrix, first_of, substitute_dense
-from pgmp_petsc.full.joint_tree import Tree
+from pgmp_petsc.full.joint_tree import Held, Tree
 from pgmp_petsc.full.kernel import add_lumps, count_turns, take_correction
-from pgmp_petsc.full.node_constraints import add_constraints
+from pgmp_petsc.full.node_constraints import add_constraints, gather
+from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import borrowed, fill, items, keep, nearest_whole
+from pgmp_petsc.lanes.lane_items import borrowed, eliminate, empty_lanes, fill, items, keep, nearest_whole
+from pgmp_petsc.lanes.vectors import aligned_zeros
+from pgmp_petsc.mechanism.mechanism import Unknowns
+from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of
+from pgmp_petsc.mechanism.node_statements import state as statement
 
 
 class Joints(NamedTuple):
@@ -43,6 +48,36 @@ class Joints(NamedTuple):
     #: of each statement whose turns are counted the coordinate that it is, and 1 or -1 as it grows with it; -1 where an
     #: angle is none, -2 where it is no angle, shape (n_turns, 2)
     counted: np.ndarray
+
+
+class TreeHolds(NamedTuple):
+    """What the tree's joints hold (`joint_tree.Held`), with room for a block."""
+
+    #: statements, dofs, felt: what is held, unknowns of both nodes, -1 on the ground, (n, 2 m), and which of them are
+    #: the first of the frame that the joint holds, (n,)
+    statements: NodeStatements
+    dofs: np.ndarray
+    felt: np.ndarray
+    joints: np.ndarray  # first and number of what each joint holds, the node, and the body in the tree, (n_joints, 4)
+    #: slopes, multipliers: first derivatives (n, 2 m, n_lanes), and the multipliers, (n, n_lanes)
+    slopes: np.ndarray
+    multipliers: np.ndarray
+    #: ways, matrix, right: of what one joint holds the forces and moments on the frame, and its equations
+    ways: np.ndarray
+    matrix: np.ndarray
+    right: np.ndarray
+
+    @classmethod
+    def of(cls, held: Held, unknowns: Unknowns, n_lanes: int) -> Self:
+        """Prepare it for blocks of so many lanes."""
+        d, dofs = unknowns.dimension, held.rows.dofs
+        m, firsts = dofs.shape[1] // 2, np.array([unknowns.frame(node)[0] for node in held.nodes], dtype=np.int64)
+        _, begins, numbers = np.unique(held.bodies, return_index=True, return_counts=True)
+        joints = np.stack([begins, numbers, held.nodes[begins], held.bodies[begins]], axis=1).astype(np.int64)
+        most = int(numbers.max(initial=0))
+        shapes = dofs.shape, (len(dofs),), (most + 1, d * (d + 1) // 2), (most, most), (most, 1)
+        room = (aligned_zeros((*shape, n_lanes)) for shape in shapes)
+        return cls(held.rows.statements, dofs, np.where(dofs[:, m] == firsts, m, 0), joints, *room)
 
 
 @njit(cache=True, apart=True, error_model="numpy")
@@ -199,18 +234,75 @@ def unknowns_of(problem, joints, y, y1, y2, q, v, a):
         q[block], v[block], a[block] = joints.room.q, joints.room.v, joints.room.a
 
 
+@njit(error_model="numpy")
+def fill_slopes(statements, dofs, slopes, width, q):
+    """Fill the derivatives (n, 2 m, n_lanes) of statements in the unknowns of their nodes, `dofs`, (n, 2 m)."""
+    statements, m, n_lanes = loaded(statements), dofs.shape[1], len(width)
+    scratch, y, near = scratch_of(statements, m // 2, width), empty_lanes(m, n_lanes), np.zeros(n_lanes)
+    h = empty_lanes(1, n_lanes).reshape((1, 1, n_lanes))
+    for k in range(dofs.shape[0]):
+        gather(dofs[k], width, q, y)
+        statement(statements, k, y, near, np.bool_(False), scratch, width, slopes[k], h)
+    keep(y)
+
+
+@njit(cache=True, apart=True, error_model="numpy")
+def hold_in_tree(problem, joints, matrix, holds, block, amplitudes, angles, state, typical_mass):
+    """Fill the multipliers of what the tree's joints hold at the accelerations of a state of a block: with the ways W_i
+    in which statements push the frame that a joint holds, and turn it, ``sum_j W_i W_j lambda_j = -W_i f`` for what the
+    bodies behind it ask of the frame, a force f with a moment."""
+    width, d, itself = problem.width, problem.dimension, np.empty((0, len(problem.width)))
+    evaluate_in_joints(
+        problem, joints, block, amplitudes, angles, itself, state, (0.0, 1.0, 0.0), typical_mass, False, matrix
+    )
+    fill_slopes(holds.statements, holds.dofs, holds.slopes, width, joints.room.q)
+    slopes, ways, multipliers = items(holds.slopes, width), items(holds.ways, width), items(holds.multipliers, width)
+    system, right = items(holds.matrix, width), items(holds.right, width)
+    z, f = items(joints.room.z, width), items(joints.room.f, width)
+    for joint in range(holds.joints.shape[0]):
+        of_joint = holds.joints[joint]
+        first, n, at, arm = of_joint[0], of_joint[1], d * (d + 1) * of_joint[2], joints.tree.after[of_joint[3], 0]
+        for c in range(d):
+            ways[n, c] = f[at + c]
+        for turn in range(ways.shape[1] - d):
+            one, other = (0, 1) if d == 2 else ((turn + 1) % 3, (turn + 2) % 3)
+            ways[n, d + turn] = 0.0 * f[at]
+            for k in range(d):
+                director = at + d + d * k
+                ways[n, d + turn] += z[director + one] * (f[director + other] + arm[k] * f[at + other])
+                ways[n, d + turn] -= z[director + other] * (f[director + one] + arm[k] * f[at + one])
+        for i in range(n):
+            own, of = slopes[first + i], holds.felt[first + i]
+            for c in range(3):
+                ways[i, c] = own[of + c]
+            for turn in range(3 if d == 3 else 0):
+                one, other = (turn + 1) % 3, (turn + 2) % 3
+                ways[i, d + turn] = 0.0 * f[at]
+                for k in range(d):
+                    director, slope = at + d + d * k, of + d + d * k
+                    ways[i, d + turn] += z[director + one] * own[slope + other] - z[director + other] * own[slope + one]
+        for i in range(n):
+            for j in range(n + 1):
+                total = 0.0 * f[at]
+                for c in range(ways.shape[1]):
+                    total += ways[i, c] * ways[j, c]
+                if j < n:
+                    system[i, j] = total
+                else:
+                    right[i, 0] = -total
+        eliminate(n, 1, system, right)
+        for i in range(n):
+            multipliers[first + i] = right[i, 0]
+
+
 @njit(cache=True, entry=True, error_model="numpy")
-def carry_in_joints(problem, joints, factors, amplitudes, angles, state, typical_mass, loads):
-    """Fill what bodies ask of the frames that the tree's joints hold, a force on each frame with its directors about
-    the joint's point, shape (n_blocks, n_bodies d (d + 1), n_lanes), at the accelerations of a state."""
-    n_lanes, tree, d = state[0].shape[2], joints.tree, problem.dimension
-    itself, n = np.empty((0, n_lanes)), d * (d + 1)
-    for block in range(loads.shape[0]):
+def hold_all_in_tree(problem, joints, factors, holds, amplitudes, angles, state, typical_mass, found):
+    """Fill the multipliers of what the tree's joints hold in all blocks, (n_blocks, n, n_lanes); see `hold_in_tree`."""
+    for block in range(found.shape[0]):
         own = state[0][block], state[1][block], state[2][block], state[3][block], state[4][block]
-        evaluate_in_joints(
-            problem, joints, block, amplitudes, angles, itself, own, (0.0, 1.0, 0.0), typical_mass[block], False,
-            borrowed(factors.matrix)[block],
-        )  # fmt: skip
-        for k in range(tree.kinds.size):
-            at = n * tree.nodes[k, 1]
-            loads[block, n * k : n * (k + 1)] = joints.room.f[at : at + n]
+        hold_in_tree(
+            problem, joints, borrowed(factors.matrix)[block], holds, block, amplitudes, angles, own, typical_mass[block]
+        )
+        for k in range(found.shape[1]):
+            for lane in range(found.shape[2]):
+                found[block, k, lane] = holds.multipliers[k, lane]

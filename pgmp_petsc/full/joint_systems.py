@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.full.batched_ldl import Pattern
 from pgmp_petsc.full.carried import Carried
-from pgmp_petsc.full.joint_kernel import Joints, carry_in_joints, count_turns_in_joints, unknowns_of
+from pgmp_petsc.full.joint_kernel import Joints, TreeHolds, count_turns_in_joints, hold_all_in_tree, unknowns_of
 from pgmp_petsc.full.joint_map import N_TURNED, Room
 from pgmp_petsc.full.joint_matrix import N_SPARE, column_size
 from pgmp_petsc.full.joint_tree import BALL, FREE, Held, coordinates_of, held_by, motions_of, tree_of
@@ -84,38 +84,22 @@ class JointEquations:
         prescribed = [(one.statement, one.sides) for one in mechanism.coordinates if one.prescribed]
         bodies = np.searchsorted(self._tree.firsts[:, 5], self.driven[:, 0], side="right") - 1
         found += [(len(parts) + k, body, prescribed[k]) for body, k in zip(bodies, self.driven[:, 1])]
-        places, bodies, parts = zip(*found) if found else ((), (), ())
-        rows = StatementRows(parts, unknowns.frame, unknowns.dimension)
-        bodies = np.array(bodies, dtype=int)
-        nodes = self._tree.nodes[bodies, 1]
-        frames = np.array([unknowns.frame(node) for node in nodes], dtype=int)
-        felt = (rows.dofs[:, :, None] == frames.reshape(bodies.size, 1, unknowns.frame(0).size)).any(axis=2)
-        return Held(rows, np.array(places, dtype=int), bodies, nodes, felt)
+        places, bodies, parts = zip(*sorted(found, key=lambda one: one[1])) if found else ((), (), ())
+        rows, bodies = StatementRows(parts, unknowns.frame, unknowns.dimension), np.array(bodies, dtype=int)
+        return Held(rows, np.array(places, dtype=int), bodies, self._tree.nodes[bodies, 1])
 
-    def multipliers_of_joints(self, q: np.ndarray, left: np.ndarray, loads: np.ndarray) -> np.ndarray:
-        """Return the multipliers of joints and driven angles, shape (n, n_samples).
+    @cached_property
+    def holds(self) -> TreeHolds:
+        """The same, as compiled functions take it."""
+        return TreeHolds.of(self.held, self._unknowns, self._blocks.n_lanes)
 
-        Arguments are the unknowns, shape (n_dofs, n_samples), multipliers of the constraints that are left, shape
-        (n_left, n_samples), and loads as in `carry_in_joints`, shape (n_bodies, d (d + 1), n_samples).
-        """
-        every, d, held = np.zeros((self.set.n_constraints, q.shape[1])), self._unknowns.dimension, self.held
+    def multipliers_of_joints(self, left: np.ndarray, in_tree: np.ndarray) -> np.ndarray:
+        """Return the multipliers of joints and driven angles, shape (n, n_samples), from those of the constraints that
+        are left, (n_left, n_samples), and of what the tree's joints hold, (n_held, n_samples)."""
+        every = np.zeros((self.set.n_constraints, left.shape[1]))
         every[self.chosen] = left[: self.n_statements]
         found = self.set.of_joints(every)
-        if not held.places.size:
-            return found
-        frames = self._unknowns.frames(q)[self._tree.nodes[:, 1]]
-        natural = np.array([self._unknowns.mechanism.space.natural(frame) for frame in frames])
-        directors = natural[:, d:].reshape(len(frames), d, d, -1)
-        parts = loads[:, d:].reshape(len(loads), d, d, -1)
-        parts = parts + self._tree.after[:, 0, :, None, None] * loads[:, None, :d]  # about the node
-        asked = np.concatenate([loads[:, :d], _moments(directors, parts)], axis=1)[held.bodies]
-        slopes = held.rows.gradients(q)[held.felt].reshape(held.places.size, -1, q.shape[1])
-        if d == 3:
-            turning = _moments(directors[held.bodies], slopes[:, d:].reshape(-1, d, d, q.shape[1]))
-            slopes = np.concatenate([slopes[:, :d], turning], axis=1)
-        products = np.einsum("ikn,jkn->nij", slopes, slopes) * (held.bodies[:, None] == held.bodies)
-        wanted = np.einsum("ikn,ikn->ni", slopes, asked)
-        found[held.places] = -np.linalg.solve(products, wanted[..., None])[..., 0].T
+        found[self.held.places] = in_tree
         return found
 
     def _directors(self) -> np.ndarray:
@@ -272,10 +256,9 @@ class JointBatch(FullBatch):
         )
 
     def _carried_of(self, forces: Sequence[OfConnection]) -> Carried:
-        own = self.own
-        numbers = np.zeros(own.set.n_constraints, dtype=int)
-        numbers[own.chosen] = 1 + np.arange(own.n_statements)
-        return Carried.of(forces, self._equations, own.set.of_joints(numbers) - 1, own.held)
+        own, nothing = self.own, np.zeros((self.own.held.places.size, 1))
+        numbers = own.multipliers_of_joints(1.0 + np.arange(own.n_left)[:, None], nothing)[:, 0] - 1.0
+        return Carried.of(forces, self._equations, numbers.astype(int), own.held, own.holds)
 
     def under(self, effects: Sequence[Effect], motions: Mapping[int, Motion]) -> Self:
         """Return the batch under effects and motions that differ from its own over time alone; both share memory."""
@@ -312,15 +295,15 @@ class JointBatch(FullBatch):
 
     def multipliers_of_joints(self, times: Sequence[float], states: State) -> np.ndarray:
         """Return the multipliers of joints and driven angles at the accelerations of states; see `FullSystem`."""
-        strengths, n, d = self._sources.at(np.array(times)), len(self.own.joints.tree.kinds), self.own.problem.dimension
-        loads = aligned((len(times), self._blocks.n_blocks, n * d * (d + 1), self._blocks.n_lanes))
-        for k, own in enumerate(loads):
-            carry_in_joints(
-                self._reference, self._joints, self._factors, (strengths.loads[k], strengths.actions[k]),
+        strengths, blocks = self._sources.at(np.array(times)), self._blocks
+        holds = Reference(self.own.holds)
+        found = aligned((len(times), blocks.n_blocks, self.own.held.places.size, blocks.n_lanes))
+        for k, own in enumerate(found):
+            hold_all_in_tree(
+                self._reference, self._joints, self._factors, holds, (strengths.loads[k], strengths.actions[k]),
                 strengths.angles[k], states.at(k).parts(), self._typical_mass, own,
             )  # fmt: skip
-        loads = self._columns(loads).reshape(n, d * (d + 1), len(times) * self.n_samples)
-        return self.own.multipliers_of_joints(self.unknowns_over(states)[0], self._columns(states.multipliers), loads)
+        return self.own.multipliers_of_joints(self._columns(states.multipliers), self._columns(found))
 
     def count_turns(self, state: State) -> None:
         """Take note of the angles at an instant that is kept."""
@@ -354,10 +337,3 @@ class JointBatch(FullBatch):
             every = self._in_unknowns(states.merged())
             self._shown = states, State(*(part.reshape(*shape, *part.shape[1:]) for part in every.parts()))
         return self._shown[1]
-
-
-def _moments(directors: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """Return moments of forces on directors, (m, d, d, n) each, shape (m, 1, n), in space (m, 3, n)."""
-    products, planes = np.einsum("mkan,mkbn->abmn", directors, forces), ((1, 2), (2, 0), (0, 1))
-    chosen = planes[2:] if len(products) == 2 else planes
-    return np.stack([products[a, b] - products[b, a] for a, b in chosen], axis=1)

@@ -67,14 +67,13 @@ class Tree(NamedTuple):
 
 
 class Held(NamedTuple):
-    """What the tree's joints hold of frames, and what drives them."""
+    """What the tree's joints hold of frames, and what drives them, body after body."""
 
     rows: StatementRows  # n statements
     places: np.ndarray  # of their multipliers among those of joints and driven angles, shape (n,)
     #: bodies, nodes: number in the tree of the body that each joint moves, and the node that it holds, shape (n,)
     bodies: np.ndarray
     nodes: np.ndarray
-    felt: np.ndarray  # which slopes of the rows are in the unknowns of the frame that it holds, shape (n, 2 n_pose)
 
 
 class Motion(NamedTuple):

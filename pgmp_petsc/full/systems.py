@@ -18,7 +18,7 @@ import numpy as np
 
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.controllers.acting import NOTED
-from pgmp_petsc.controllers.running import BEFORE, MOST_STARTS, Controls
+from pgmp_petsc.controllers.running import BEFORE, MOST_STARTS, Controls, States
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.full.carried import Carried, find_all_carried
 from pgmp_petsc.full.energy import EnergyNames, energies_of
@@ -27,7 +27,7 @@ from pgmp_petsc.full.kernel import Factors, count_turns
 from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.full.parts import mass_on_diagonal
 from pgmp_petsc.full.problem import FullEquations, Sources
-from pgmp_petsc.full.steps import correct, take_steps
+from pgmp_petsc.full.steps import Control, correct, take_steps
 from pgmp_petsc.lanes.lane_items import SampleBlocks, aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -262,6 +262,7 @@ class FullBatch(FullSystem):
 
     _joints: Reference | None = None  # in joint coordinates what these are
     _carried: Reference | None = None  # joints whose forces friction hangs on; None where there are none
+    _states: States | None = None  # controllers that compiled steps take along; None where there are none
 
     def __init__(
         self,
@@ -317,14 +318,18 @@ class FullBatch(FullSystem):
         vars(other).pop("_begun", None)  # under other loads it begins with other accelerations
         return other
 
-    def carry(self, forces: Sequence[OfConnection]) -> None:
-        """Find the forces that joints carry in compiled steps (`carries`), or by `carried`."""
-        self._carried = Reference(self._carried_of(forces))
-
-    def control(self, controls: Controls) -> None:
-        """Let controllers act on the only sample; see `FullSystem`."""
+    def control(
+        self, controls: Controls, forces: Sequence[OfConnection] = (), origins: np.ndarray | None = None
+    ) -> None:
+        """Let controllers act on the only sample, and friction by `forces` that joints carry; `origins` are what counts
+        as zero of each motion that is measured, (n_rows,), where actions measure all of them, and None elsewhere."""
         super().control(controls)
-        self.carries = self._carried is not None and not controls.each
+        self.carries = origins is not None and controls.is_continuous
+        self._carried = Reference(self._carried_of(forces)) if forces else None
+        if self.carries and controls.each:
+            columns, numbers = self._sources.controlled
+            actions = np.array(columns)[np.argsort(numbers)]
+            self._states = States.of(controls, actions, origins[:, None], 1, self._blocks.n_lanes)
 
     def _carried_of(self, forces: Sequence[OfConnection]) -> Carried:
         constraints = self._equations.constraints
@@ -392,22 +397,24 @@ class FullBatch(FullSystem):
         if reference is None:
             reference = np.empty((3, 0, self.n_dofs, self.n_samples))
         about = self._blocks.pack(reference, 2)
-        loads = state.beside.T if self.carries else np.empty((0, self.n_samples))
-        before = (*state.parts(), auxiliary, self._blocks.pack(contraction), self._blocks.pack(loads))
+        numbers, control = state.beside.T if self.carries else np.empty((0, self.n_samples)), None
+        before = (*state.parts(), auxiliary, self._blocks.pack(contraction), self._blocks.pack(numbers))
         if self.carries:
             self.beside.iterates = True
+        if self._states is not None:
+            control = Reference(Control(self._states, self.beside.over(asked.ends)))
         after = tuple(aligned((n, *part.shape)) for part in before)
         lost, n_corrections = np.empty(self._size.shape, dtype=bool), np.empty(n, dtype=np.int64)
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
         n_taken = take_steps(
-            self._reference, self._joints, self._carried, self._factors, self._sources.at(asked.ends), asked.probed,
-            coefficients, self._typical_mass, asked.step, tuple(about), behind, before,
+            self._reference, self._joints, self._carried, control, self._factors, self._sources.at(asked.ends),
+            asked.probed, coefficients, self._typical_mass, asked.step, tuple(about), behind, before,
             self._blocks.mask(asked.samples), after, lost, n_corrections,
         )  # fmt: skip
-        *states, auxiliary, contraction, loads, n_corrections = (part[:n_taken] for part in (*after, n_corrections))
+        *states, auxiliary, contraction, numbers, n_corrections = (part[:n_taken] for part in (*after, n_corrections))
         contraction, states = contraction.reshape(n_taken, self._size.size)[:, : self.n_samples], State(*states)
         if self.carries:
-            states.beside = np.moveaxis(self._blocks.unpack(np.moveaxis(loads, 1, 0)), 1, 2)
+            states.beside = np.moveaxis(self._blocks.unpack(np.moveaxis(numbers, 1, 0)), 1, 2)
             self.beside.take_steps(asked.ends[:n_taken], states.beside)
         return StepsTaken(states, auxiliary, contraction, lost.ravel()[: self.n_samples], n_corrections)
 

@@ -152,10 +152,10 @@ class FullModel(Model):
 
             in_lanes = isinstance(system, FullBatch)  # it has all actions
             carried = carry if measures.carried else None
-            if measures.carried and in_lanes:
-                system.carry(measures.carried)
             chosen = moved if measures.known and in_lanes else measure
-            system.control(Controls(self.scene, values, 1, chosen, system.put_forces, carried))
+            controls = Controls(self.scene, values, 1, chosen, system.put_forces, carried)
+            own = (measures.carried, measures.origins if measures.known else None) if in_lanes else ()
+            system.control(controls, *own)
         return system
 
     def built_in(

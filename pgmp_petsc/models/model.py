@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.controllers.acting import measured_by
+from pgmp_petsc.controllers.acting import are_stated, measured_by
 from pgmp_petsc.controllers.running import rows_of
 from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.mechanism.closure import size_of
@@ -180,7 +180,7 @@ class Measures:
         self.nodes = tuple(sorted({*of_these.nodes, *(node for one in self.carried for node in one.nodes)}))
         self.order = int(bool(scene.controllers) or any(one.reads_rates for one in self.carried))
         self._own = [self.nodes.index(node) for node in of_these.nodes]
-        self.known = all(scene.outputs[name].is_stated for name in motions)
+        self.known = are_stated(scene)
         self.origins = np.zeros(sum(rows))
         self.origins[self.rows] = [one.origin if isinstance(one, Reading) else 0.0 for one, _ in self._read]
 

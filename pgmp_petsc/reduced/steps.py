@@ -14,16 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.controllers.running import begin_carried, keep_carried, take_carried
+from pgmp_petsc.controllers.running import begin_carried, follow_states, keep_carried, take_carried
 from pgmp_petsc.effects.law import any_bend
 from pgmp_petsc.effects.time_function import evaluate
+from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import EVERY_LANE, LANES, blend, count_lanes, exceeding, first_lane, load, spread, store
 from pgmp_petsc.reduced.action_kernel import act, bent_lanes, forget_rates, limited_lanes
 from pgmp_petsc.reduced.arrays import Strengths, acting_of, places_of
 from pgmp_petsc.reduced.carried import find_carried
-from pgmp_petsc.reduced.control import act_of_states, begin_steps, follow_states, jump_lanes, sample_states, show_forces
+from pgmp_petsc.reduced.control import act_of_states, begin_steps, jump_lanes, sample_states, show_forces
 from pgmp_petsc.reduced.kernel import correct_block, follow_correction, gather, scatter
 from pgmp_petsc.stepping.alpha_step import (
     FIRST_CONTRACTION,
@@ -240,7 +241,7 @@ def _advance_block(
                 control, equations.local, equations.grid, clocks.strengths.actions, work.q, work.rate, samples,
                 done | onward, local, places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
             )  # fmt: skip
-            follow_states(control, scheme, state[6], samples, done | onward)
+            follow_states(control.states, loaded(control.states.law), scheme, state[6], done | onward)
             if equations.carried.actions.size > 0:
                 find_carried(
                     equations, memory, room, block, places_of(memory, block), clocks.strengths, samples, done | onward

@@ -395,6 +395,7 @@ def first_accelerations(
         beside = system.changing
         if (samples & ~failed).any() and (beside is None or not beside.n_carried):
             if beside is not None:
+                beside.begin(length, begun.state, stepper.scheme(length))
                 beside.act(length, after.state)
             system.correct(length, after.state, stepper.scheme(length), samples & ~failed, True)
             stepper.count(samples & ~failed, 0, 1)

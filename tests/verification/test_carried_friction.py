@@ -234,6 +234,7 @@ IN_LANES = {
     "damped": lambda: slider(
         "effects.w={type='gravity'}", "effects.d={type='structural_damping',stiffness=1e-5,mass=0.3}",
     ),
+    "twice in a joint": lambda: slider(rubbing("pin")),
     "of first order": lambda: slider("reduction.second_order=false"),
     "elastic": lambda: slider("joints.pin.elastic={reference=[[1.0,0.0]],stiffness=[1e7,inf],damping=[3.0,0.0]}"),
     "clearance": lambda: slider(WORN),

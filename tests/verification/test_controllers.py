@@ -18,7 +18,6 @@ from mpi4py import MPI
 from refusals import cases, check_said, refusal
 from runs import (
     assert_close,
-    components_model,
     full_model,
     history,
     in_turn,
@@ -263,20 +262,21 @@ STOPPED = 'effects.stop={type="end_stop",joint="rail",upper=0.02,stiffness=5e4,d
     "entries", [(*ARM, STOPPED), (*ARM, *SAMPLED, STOPPED), SEEN, SEEN_SAMPLED],
     ids=["continuous", "sampled", "several measures", "several measures sampled"],
 )  # fmt: skip
-@pytest.mark.parametrize("kind", ["components", "reduced"])
+@pytest.mark.parametrize("kind", ["full", "components", "reduced"])
 def test_compiled_steps_are_those_by_corrections(kind: str, entries: tuple[str, ...]) -> None:
-    """Controllers in compiled lanes, and steps of components between two samplings, over contacts too, against those in
+    """Controllers in compiled lanes and steps, and steps between two samplings, over contacts too, against those in
     Python, which read outputs: iterations leave 1e-12 in a step, and outputs close mechanisms where lanes interpolate
     (1e-9 over two coordinates)."""
     short = "parameters.lead={nominal=30.0}", "simulation.duration=0.15", "reduction.angles=7"
-    model, found = (reduced_model if kind == "reduced" else components_model)(cart(*entries, *short)), []
+    model, found = MODELS[kind](cart(*entries, *short)), []
     for known in (True, False):
         model.measures.known = known
         system = model.batch(samples(model.scene, 1), 1)
         if kind == "reduced":
             system.precise = True
         else:
-            assert system.held == (entries not in ((*ARM, STOPPED), SEEN))
+            continuous = entries in ((*ARM, STOPPED), SEEN)
+            assert system.held is not continuous and system.carries is (continuous and known)
             system.held &= known
         found.append(history(model, samples(model.scene, 1), 1, system=system)[1])
     for name, values in found[1].items():
