@@ -1,8 +1,11 @@
 """The lane-vectorised factorisation against dense linear algebra."""
 
+import functools
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from scipy.sparse.linalg import spsolve
 
 from pgmp_petsc.full import batched_ldl
 from pgmp_petsc.full.batched_ldl import Symbolic, analyse, factorise, substitute
@@ -99,6 +102,26 @@ def test_multipliers_come_after_the_unknowns_they_act_on(seed: int) -> None:
     for multiplier in multipliers:
         coupled = np.flatnonzero(matrices[0, multiplier])
         assert place[multiplier] > place[coupled].max()
+
+
+def test_bulky_bodies_are_eliminated_by_minimum_degree_and_slender_ones_from_end_to_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for shape, is_bulky in (((12, 12, 12), True), ((5, 5, 120), False)):
+        parts = [sp.diags([-1.0, 2.1, -1.0], [-1, 0, 1], shape=(n, n)) for n in shape]
+        grid = functools.reduce(sp.kronsum, parts)
+        matrix = sp.bmat([[grid, sp.eye(grid.shape[0], 3)], [sp.eye(3, grid.shape[0]), None]], format="csr")
+        levels = np.repeat([0, 1], [grid.shape[0], 3])
+        found = analyse(matrix, levels)
+        monkeypatch.setattr(batched_ldl, "MANY", np.inf)
+        from_end_to_end = analyse(matrix, levels)
+        monkeypatch.undo()
+        share = found.n_products.sum() / from_end_to_end.n_products.sum()
+        assert share < 0.7 if is_bulky else share == 1.0
+        assert from_end_to_end.n_products.sum() > batched_ldl.MANY
+        right = np.random.default_rng(0).normal(size=(1, matrix.shape[0]))
+        solution = solve(found, matrix.toarray()[None], right)[0]
+        np.testing.assert_allclose(solution, spsolve(matrix.tocsc(), right[0]), rtol=0, atol=1e-12)
 
 
 def test_positions_are_symmetric_and_different() -> None:
