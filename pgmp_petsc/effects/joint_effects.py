@@ -42,7 +42,7 @@ from pgmp_petsc.scene.fields import (
     refusal,
 )
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.uses import slides
+from pgmp_petsc.scene.uses import MEASURED, slides
 
 # A stop never pulls, and its force begins at zero, so that it is continuous at contact; side is 1 for an upper stop, -1
 # for a lower one.
@@ -66,8 +66,10 @@ CARRIED_FRICTION = Law(
 
 
 def joint_measure(mechanism: Mechanism, entry: Any) -> dict[str, Any]:
-    """Return statement and attachments of an effect's joint, as `Action` takes them."""
-    return mechanism.connection(entry.joint).motion("sliding" if slides(mechanism.scene, entry) else "turning")
+    """Return statement and attachments of an effect's joint, as `Action` takes them; it may act at a point as well."""
+    scene, asked = mechanism.scene, getattr(entry, "motion", None)
+    found = scene.joints[entry.joint].motion_of(asked, getattr(entry, "joints", MEASURED), scene.dimension)
+    return mechanism.connection(entry.joint).motion("sliding" if found == "sliding" else "turning")
 
 
 def place_of(mechanism: Mechanism, name: str, entry: Any) -> dict[str, Any]:

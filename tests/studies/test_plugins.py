@@ -122,6 +122,54 @@ def test_the_controller_of_the_page_acts_as_the_formula_that_it_is(tmp_path: Pat
     assert np.abs(found["own"]["angle"] - found["none"]["angle"]).max() > 1e-6
 
 
+BY_ANGLE = """
+from typing import Literal
+import numpy as np
+from pgmp_petsc.effects.action import NOTHING, Action
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.effects.effect import ActionEffect
+from pgmp_petsc.effects.joint_effects import joint_measure
+from pgmp_petsc.effects.law import Law
+from pgmp_petsc.mechanism.statements import following
+from pgmp_petsc.scene.effects import EffectEntry
+from pgmp_petsc.scene.fields import Direction, Point
+
+LAW = Law("by_angle", ("k",), force="k * s")
+
+class ByAngle(EffectEntry):
+    \'\'\'A force that turns with a body, and grows with the angle of a joint.\'\'\'
+
+    type: Literal["by_angle"]
+    acts, local, joints = "forces", True, ("turning",)
+    joint: str
+    point: Point
+    direction: Direction
+
+    def forces(self, name, mechanism):
+        sides = (mechanism.attachment(one, name) for one in ("ground:origin", self.point))
+        lead = Action(name, law=NOTHING, parameters=(), **joint_measure(mechanism, self))
+        push = Action(name, following(np.array(self.direction)), *sides, LAW, (Quantity(3.0),), led=True)
+        return ActionEffect(name, [lead, push], mechanism)
+"""
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_force_at_a_point_by_the_angle_of_a_joint_is_one_over_that(tmp_path: Path, model: str) -> None:
+    (path := tmp_path / "by_angle.py").write_text(BY_ANGLE)
+    pgmp.use(path)
+    text, place = scene_to_toml(scene_of("beams", "nothing")), 'point="crank:tip", direction=[0.0, 1.0]'
+    entries = {
+        "plugin": f'effects.x={{type="by_angle", joint="crank_hinge", {place}}}',
+        "own": f'effects.x={{type="force", over="crank_hinge", table=[[-9, -27], [9, 27]], follows=true, {place}}}',
+        "none": "simulation.step=1e-3",
+    }
+    start = "simulation.initial.theta={position=0.4, velocity=0.0}"
+    found = {name: MODELS[model](scene_from_toml(text, ".", [entry, start])).outputs for name, entry in entries.items()}
+    for name, values in found["own"].items():
+        np.testing.assert_allclose(found["plugin"][name], values, rtol=0, atol=1e-9 * np.abs(values).max())
+    assert np.abs(found["own"]["angle"] - found["none"]["angle"]).max() > 1e-5
+
+
 #: What `Along` and others add to say more of themselves than what they read; an output of another one's multipliers; an
 #: output that is twice another one, in its own words.
 STATED = """
