@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 SomeSystem = TypeVar("SomeSystem", FullBatch, FullDistributed)
 CLOSED = 1e-12  # of what is off, that least squares may leave
-MOST_IN_LANES = 3500  # unknowns; beyond, the fill-in of a bulky mesh in space outgrows the caches, and PETSc's solvers win
+MOST_IN_LANES = 3500  # unknowns; beyond, the fill-in of bulky meshes outgrows the caches, and PETSc's solvers win
 
 
 class FullModel(Model):
