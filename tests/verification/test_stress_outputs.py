@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import meshio
 import numpy as np
@@ -550,10 +551,11 @@ def test_derivatives_are_those_of_full_order_runs_and_say_where_they_are_not() -
     assert "d rod_force / d r1 at the end" in said and "reduction.tolerance" in said
 
 
-def test_statistics_say_where_they_are_the_models_error() -> None:
+def test_statistics_say_where_they_are_the_models_error(tmp_path: Path) -> None:
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
         model = reduced_model(load_scene(SCENE, (*FORCES, "ensemble.checked_share=0.02"), ()))  # 20 of these
-        found, worse = (run_ensemble(one, Plan(60, 1), group) for one in (model, without_answers(model)))
+        plans = (Plan(60, 1, tmp_path / name) for name in ("found.h5", "worse.h5"))
+        found, worse = map(run_ensemble, (model, without_answers(model)), plans, (group, group))
     said = [[r.text for r in one.record.remarks if "own error is a good part" in r.text] for one in (found, worse)]
     assert "deviation, quantiles of rod_force: " in said[1][0] and "checked samples have a deviation of" in said[1][0]
     assert not any("rod_force" in text for text in said[0])
