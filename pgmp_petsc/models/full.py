@@ -131,7 +131,7 @@ class FullModel(Model):
         (s)."""
         if self.measures is not None:
             measures, unknowns = self.measures, Unknowns(self.kinematics.mechanism)
-            nodes = list(measures.nodes)
+            nodes, in_lanes = list(measures.nodes), isinstance(system, FullBatch)  # which has all actions
 
             def frames(state: State) -> list[np.ndarray]:
                 states = state.alone
@@ -150,7 +150,6 @@ class FullModel(Model):
                 multipliers = system.multipliers_of_joints([time], state.alone)
                 return np.linalg.norm(measures.pulls(frames(state), multipliers, values), axis=1)
 
-            in_lanes = isinstance(system, FullBatch)  # it has all actions
             carried = carry if measures.carried else None
             chosen = moved if measures.known and in_lanes else measure
             controls = Controls(self.scene, values, 1, chosen, system.put_forces, carried)
