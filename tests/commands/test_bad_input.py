@@ -225,11 +225,6 @@ def test_one_clear_message_on_three_ranks(folder: Path) -> None:
         assert all(words in message for words in said.split(" | ")), asked
 
 
-def test_the_exit_status_comes_through_mpirun(mpirun: Callable, folder: Path) -> None:
-    done = mpirun(3, *PGMP, "simulate", folder / "cut.h5", "-o", folder / "out.h5", check_status=2)
-    assert done.stderr.count("pgmp: error: ") == 1
-
-
 def test_several_wrong_entries_are_told_at_once() -> None:
     wrong = overridden("simulation.dration=1.0", "materials.steel.E=0", "reduction.modes=0")
     err = pgmp("check", PAPER_SCENE, *wrong, status=2).stderr
