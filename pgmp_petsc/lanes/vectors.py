@@ -24,7 +24,6 @@ from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
-
 LANES = 8
 EVERY_LANE = (1 << LANES) - 1
 CACHE_LINE = 64  # bytes
