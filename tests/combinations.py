@@ -44,7 +44,6 @@ COEFFICIENTS = '{shape="coefficients",axial=2e7,shear=6e6,bending=160.0,line_den
 
 
 def without_effects(text: str) -> str:
-    """Return a scene without effects and settings."""
     start = text.find("[effects.")
     return text if start < 0 else text[:start] + text[text.index("[reduction]") :]
 

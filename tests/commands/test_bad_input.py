@@ -178,7 +178,6 @@ tradeoff SCENE -n 0 -o OUT -> -n | 0
 
 
 def asked_of(case: str, folder: Path) -> list[str]:
-    """Return the arguments of a case."""
     for word, meaning in {**WORDS, "FOLDER": str(folder)}.items():
         case = re.sub(rf"\b{word}(?=\b|[\"{{])", lambda _: meaning, case)  # noqa: B023
     words, *overrides = case.removeprefix("* ").split(" & ")

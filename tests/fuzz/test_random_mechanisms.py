@@ -52,7 +52,6 @@ class Verdict:
 
 
 def verdict_on(scene: Scene) -> Verdict:
-    """Build, and run both models."""
     meshes = {name: straight_beam(b.line.length, b.line.elements, b.line.start) for name, b in scene.bodies.items()}
     with without_progress(), RankGroup.split(MPI.COMM_SELF, 1) as group:
         rom = build_rom(scene, meshes, group)
