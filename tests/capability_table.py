@@ -69,7 +69,6 @@ def of_command(kind: str, purpose: Purpose, *overrides: str) -> tuple[str, tuple
 
 
 def table() -> str:
-    """Return the page."""
     reasons: list[str] = []
     rows = {feature: [cell(kind, feature) for kind in KINDS] for feature in FEATURES if feature != "nothing"}
     rows |= {name: [of_command(kind, *asked) for kind in KINDS] for name, asked in COMMANDS.items()}

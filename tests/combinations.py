@@ -44,7 +44,6 @@ COEFFICIENTS = '{shape="coefficients",axial=2e7,shear=6e6,bending=160.0,line_den
 
 
 def without_effects(text: str) -> str:
-    """Return a scene without effects and settings."""
     start = text.find("[effects.")
     return text if start < 0 else text[:start] + text[text.index("[reduction]") :]
 
@@ -258,9 +257,10 @@ def scene_of(kind: str, feature: str) -> Scene:
     asked = tuple(entry.format(**words) for entry in FEATURES[feature])
     extra = []
     if feature != "free equilibrium":  # which may be anywhere; a short range saves nine tenths of the time
+        extra.append("reduction.angles=5")
         for name in bare.coordinates:
             extra += [f"coordinates.{name}.range=[-0.3, 0.6]", f"coordinates.{name}.periodic=false"]
-    if len(bare.coordinates) > 2:
+    elif len(bare.coordinates) > 2:
         extra.append("reduction.angles=5")
     if any("strength" in entry for entry in asked):
         extra.append('parameters.strength={nominal=1.0,distribution={name="uniform",loc=0.9,scale=0.2}}')
@@ -288,9 +288,11 @@ def _reduced(scene: Scene, meshes: Mapping, cache: dict, ensemble: bool = False)
     return settle_step(ReducedModel(scene, rom), MPI.COMM_SELF, ensemble)[0]
 
 
-def _full(scene: Scene, meshes: Mapping, ensemble: bool = False) -> FullModel:
+def _full(scene: Scene, meshes: Mapping, cache: dict, ensemble: bool = False) -> FullModel:
     check_capabilities(scene, Purpose.FULL, meshes)
-    return settle_step(FullModel(scene, meshes), MPI.COMM_SELF, ensemble)[0]
+    if "full" not in cache:
+        cache["full"] = FullModel(scene, meshes)
+    return settle_step(cache["full"], MPI.COMM_SELF, ensemble)[0]
 
 
 def _sizes(scene: Scene, meshes: Mapping, cache: dict) -> object:
@@ -308,9 +310,11 @@ def _run(trajectory: Trajectory) -> None:
     _says_of_errors(trajectory.model, trajectory.errors is not None, trajectory.record)
 
 
-def _components(scene: Scene, meshes: Mapping, ensemble: bool = False) -> ComponentModel:
+def _components(scene: Scene, meshes: Mapping, cache: dict, ensemble: bool = False) -> ComponentModel:
     check_capabilities(scene, Purpose.COMPONENTS, meshes)
-    return settle_step(component_model(scene, meshes, MPI.COMM_SELF), MPI.COMM_SELF, ensemble)[0]
+    if "components" not in cache:
+        cache["components"] = component_model(scene, meshes, MPI.COMM_SELF)
+    return settle_step(cache["components"], MPI.COMM_SELF, ensemble)[0]
 
 
 def _ensemble(model: FullModel | ReducedModel) -> None:
@@ -334,11 +338,13 @@ COMMANDS: dict[str, Callable] = {
     "build": _build,
     "modes": _modes,
     "simulate": lambda scene, meshes, cache: _run(simulate(_reduced(scene, meshes, cache), MPI.COMM_SELF)),
-    "simulate --full": lambda scene, meshes, cache: _run(simulate(_full(scene, meshes), MPI.COMM_SELF)),
-    "simulate --components": lambda scene, meshes, cache: _run(simulate(_components(scene, meshes), MPI.COMM_SELF)),
+    "simulate --full": lambda scene, meshes, cache: _run(simulate(_full(scene, meshes, cache), MPI.COMM_SELF)),
+    "simulate --components": lambda scene, meshes, cache: _run(
+        simulate(_components(scene, meshes, cache), MPI.COMM_SELF)
+    ),
     "montecarlo": lambda scene, meshes, cache: _ensemble(_reduced(scene, meshes, cache, True)),
-    "montecarlo --full": lambda scene, meshes, cache: _ensemble(_full(scene, meshes, True)),
-    "montecarlo --components": lambda scene, meshes, cache: _ensemble(_components(scene, meshes, True)),
+    "montecarlo --full": lambda scene, meshes, cache: _ensemble(_full(scene, meshes, cache, True)),
+    "montecarlo --components": lambda scene, meshes, cache: _ensemble(_components(scene, meshes, cache, True)),
 }
 
 

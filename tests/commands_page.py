@@ -22,7 +22,6 @@ arguments ([python.md](python.md)); `help(pgmp.simulate)` shows them.
 
 
 def commands_page() -> str:
-    """Return the page."""
     commands = [found_command(one) for one in found() if one.name]
     functions = [", ".join(f"`pgmp.{of.__name__}`" for of in (one.function, *one.others)) for one in commands]
     rows = [f"| [{one.name}](#pgmp-{one.name}) | {one.help} | {of} |" for one, of in zip(commands, functions)]

@@ -93,13 +93,11 @@ def scene_of(base: str, text: str = "", *overrides: str) -> Scene:
 
 
 def line_meshes(scene: Scene) -> dict[str, LineMesh]:
-    """Return the meshes of bodies that are lines."""
     lines = {name: body.line for name, body in scene.bodies.items()}
     return {name: straight_beam(line.length, line.elements, line.start) for name, line in lines.items()}
 
 
 def mechanism_with_lines(scene: Scene) -> Mechanism:
-    """Return the mechanism of such a scene."""
     return Mechanism.from_scene(scene, line_meshes(scene))
 
 

@@ -111,7 +111,6 @@ def rare_with_design_points() -> Any:
 
 
 def modes_over_two_coordinates() -> Any:
-    """Return a table of modes over a grid of two coordinates."""
     units = {"theta": "rad", "reach": "m"}
     return replace(synthetic.modes_table(n_theta=12), theta=np.arange(24.0).reshape(2, 12), coordinate_units=units)
 

@@ -47,7 +47,6 @@ def hexahedra() -> tuple[list[int], list[int]]:
 
 
 def write(kind: str, path: str, save_all: bool, binary: bool) -> None:
-    """Write the mesh."""
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
     gmsh.option.setNumber("Mesh.SaveAll", save_all)

@@ -42,7 +42,6 @@ GUIDE = (
 
 
 def long_crank(*overrides: str, settings: tuple[str, ...] = ()) -> Scene:
-    """Return the slider-crank."""
     return scene_from_toml(SLIDER_CRANK, ".", overrides, settings)
 
 

@@ -6,7 +6,6 @@ from matplotlib.colors import to_hex
 
 
 def written(folder: Path, *results: object) -> list[Path]:
-    """Return the files of some results in a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{number}.h5" for number in range(len(results))]
     for path, result in zip(paths, results):

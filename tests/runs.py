@@ -95,7 +95,6 @@ def paper_scene(*overrides: str, settings: tuple[str, ...] = ()) -> Scene:
 
 
 def full_model(scene: Scene, meshes: Meshes | None = None) -> FullModel:
-    """Return the full-order model of a scene, on its own meshes or others."""
     return FullModel(scene, meshes_of(scene) if meshes is None else meshes)
 
 
@@ -129,7 +128,6 @@ def built_rom(scene: Scene, *scramble: Callable[[ModeSet], ModeSet], meshes: Mes
 
 
 def reduced_model(scene: Scene, meshes: Meshes | None = None) -> ReducedModel:
-    """Build and return the reduced model of a scene."""
     return ReducedModel(scene, rom_of(scene, meshes=meshes))
 
 

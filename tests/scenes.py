@@ -115,7 +115,6 @@ def straight(first: float, last: float, n_cells: int) -> LineMesh:
 
 
 def meshes_of(scene: Scene) -> dict[str, BodyShape]:
-    """Return the meshes of a scene, from its entries and from files."""
     return {name: shape_in_scene(scene, name) or _mesh(scene, name) for name in scene.bodies}
 
 
@@ -132,10 +131,8 @@ def _mesh(scene: Scene, name: str) -> BodyShape:
 
 
 def mechanism_of(scene: Scene) -> Mechanism:
-    """Return the mechanism of a scene."""
     return Mechanism.from_scene(scene, meshes_of(scene))
 
 
 def kinematics_of(scene: Scene) -> RigidKinematics:
-    """Return the rigid kinematics of a scene."""
     return RigidKinematics(mechanism_of(scene))

@@ -55,7 +55,6 @@ def mesh_of(kind: str, counts: Sequence[int], lengths: Sequence[float]) -> Solid
 
 
 def body_of(mesh: SolidMesh, modulus: float = 1.0, density: float = 1.0, nu: float = 0.3) -> Solid:
-    """Return a body of one material."""
     cells = np.arange(mesh.n_cells)
     return Solid("body", mesh, (Region(cells, Quantity.of(modulus), Quantity.of(density), nu),))
 

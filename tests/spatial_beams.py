@@ -15,7 +15,6 @@ CIRCLE = 'section = { shape = "circle", radius = 5.6e-3 }'
 
 
 def beam(name: str, mesh: str, section: str = RECTANGLE, more: str = "") -> str:
-    """Return the table of a beam of steel."""
     return f'[bodies.{name}]\nmesh = "{mesh}"\nelement = "beam3d"\nmaterial = "steel"\n{section}\n{more}\n'
 
 

@@ -61,7 +61,6 @@ class Ending:
 
     @property
     def faults(self) -> list[str]:
-        """Return what is wrong with it, in words."""
         found = [f"'{word}' on stderr" for word in TRACE if word in self.err]
         if len(set(self.status)) > 1:
             found.append(f"ranks end with {self.status}")

@@ -21,7 +21,6 @@ CRANK, ROD = 0.3, 0.7
 
 
 def record(r1: float = 5.6e-3, seed: int | None = None) -> RunRecord:
-    """Return the record of a made-up run."""
     return RunRecord(SCENE, {"r1": r1}, seed, 2, {"eigenproblems": 1.25, "tables": 0.5})
 
 
@@ -175,7 +174,6 @@ ANGLE, BEND = 5.0 * INSTANTS**2, 1e-4 * np.sin(5.0 * INSTANTS)
 
 
 def derivatives() -> results.Derivatives:
-    """Return the derivatives of a run with two parameters."""
     found = {
         "crank_angle": {"r1": -300.0 * INSTANTS, "c": 2.0 * INSTANTS},
         "slider_deformation": {"r1": BEND, "c": 0.0 * INSTANTS},

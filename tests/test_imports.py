@@ -153,7 +153,6 @@ def test_no_circles(level: str) -> None:
 
 
 def _place(module: str, level: str) -> str:
-    """Return a module, or the room that it is in."""
     is_room = level == "modules" or ROOT.joinpath(*module.split(".")).is_dir()
     return module if is_room else module.rpartition(".")[0]
 

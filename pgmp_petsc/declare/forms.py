@@ -12,8 +12,8 @@ P and what comes of it are polynomials of a few factors, so that all derivatives
 what the loop around it multiplies by what they have in common (`Loops`): each entry is taken up once, and few
 operations are done for it.
 
-What is printed calls `load`, `store`, `add_to_rows`, `add_product`, `dot`, `zeros` and `load_rows` of `vectors`,
-with their meaning, and is translated to C, where these are macros.
+What is printed calls `load`, `store`, `add`, `add_to_row`, `add_to_rows`, `add_product`, `dot`, `zeros` and
+`load_rows` of `vectors`, with their meaning, and is translated to C, where these are macros.
 """
 
 from __future__ import annotations
@@ -194,7 +194,7 @@ class Loops:
     Outputs are what each entry adds: target, source, factor, and in which condition, of `Term.only`. Entries are texts
     by table that take up the value of an entry and its derivatives, of its place `{}`: two, or one that gives both at
     once. The first loops fill `first`, in place of adding to it; `read` takes up a coordinate, of its array and place,
-    and `add` adds a number.
+    and `add`, if given, adds a number where there are no vectors.
     """
 
     outputs: Outputs
@@ -202,7 +202,7 @@ class Loops:
     conditions: dict[str, str]
     first: str = ""
     read: str = "load({}, {})"
-    add: str = "store({0}, {1}, load({0}, {1}) + {2})"
+    add: str = ""
 
     def lines(self, terms: Sequence[Term]) -> Iterator[str]:
         """Yield the loops; ``let`` begins what C declares as a number, ``all`` as one for every theta."""
@@ -312,12 +312,19 @@ class Loops:
                     for (source, _), p in by_source.items()
                 ]
                 continue
-            text = " + ".join(
-                _product(f"dot({source}, velocity)" if drifting else source, p, letter)
-                for (source, drifting), p in by_source.items()
-            )
-            add = "store({}, {}, {})" if target.array == self.first else self.add
-            into.append(add.format(target.array, target.place, text))
+            products = [
+                (f"dot({source}, velocity)" if drifting else source, p) for (source, drifting), p in by_source.items()
+            ]
+            if target.array == self.first or self.add:
+                text = " + ".join(_product(source, p, letter) for source, p in products)
+                into.append((self.add or "store({}, {}, {})").format(target.array, target.place, text))
+                continue
+            for source, p in products:
+                factor = _text(p, letter)
+                into.append(
+                    f"add({target.array}, {target.place}, {source})" if factor == "1.0"
+                    else f"add_to_row({target.array}, {target.place}, {source}, {factor})"
+                )  # fmt: skip
         return [line for fresh, own in sorted(lines.items()) for line in _under(fresh, own)]
 
 

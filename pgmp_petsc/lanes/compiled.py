@@ -41,13 +41,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
+from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
 import numba
 import numpy as np
 from llvmlite import binding, ir
-from numba.core import cgutils, codegen, environment, event, extending, imputils, sigutils, types, typing
+from numba.core import cgutils, codegen, environment, errors, event, extending, imputils, sigutils, types, typing
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 from numba.core.runtime import _nrt_python
@@ -598,6 +598,10 @@ class _Compiling(event.Listener):
 
 
 event.register("numba:compile", _Compiling())
+# errors that numba makes and catches, thousands of them, would open a terminal each to be coloured
+errors._termcolor_inst = SimpleNamespace(
+    **dict.fromkeys(("code", "errmsg", "filename", "highlight", "indicate", "reset"), str)
+)
 codegen.JITCPUCodegen._library_class = Library
 
 

@@ -21,10 +21,8 @@ from numba import types
 from numba.core import cgutils
 from numba.core.imputils import lower_cast
 from numba.core.typeconv import Conversion
-from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
-
-from pgmp_petsc.lanes.compiled import njit
 
 LANES = 8
 EVERY_LANE = (1 << LANES) - 1
@@ -87,6 +85,18 @@ def _widen(
     return spread_number(builder, number)
 
 
+class _Operation(AbstractTemplate):
+    """What operations with vectors return."""
+
+    metadata = {"target": "cpu"}  # numba asks what it has for any target behind this: some thirty kinds of things
+
+    def generic(self, args: tuple, kws: dict) -> Any:
+        """Return the signature of an operation, or None where no vector is part of it."""
+        if vector not in args or not all(one is vector or isinstance(one, types.Number) for one in args):
+            return None
+        return signature(vector, *(one if one is vector else types.float64 for one in args))
+
+
 def _arithmetic(operators: tuple[Callable, ...], instruction: str) -> None:
     """Give vectors an operation with vectors and with numbers."""
 
@@ -98,11 +108,9 @@ def _arithmetic(operators: tuple[Callable, ...], instruction: str) -> None:
 
         return build
 
-    pairs = [(vector, vector), (types.float64, vector), (vector, types.float64)]
     for name in operators:
-        template = type("_Operation", (ConcreteTemplate,), {"cases": [signature(vector, *pair) for pair in pairs]})
-        infer_global(name)(template)
-        for pair in pairs:
+        infer_global(name)(_Operation)
+        for pair in ((vector, vector), (types.float64, vector), (vector, types.float64)):
             lower_builtin(name, *pair)(lowered(pair[0] is vector, pair[1] is vector))
 
 
@@ -112,9 +120,7 @@ _arithmetic((operator.mul, operator.imul), "fmul")
 _arithmetic((operator.truediv, operator.itruediv), "fdiv")
 
 
-@infer_global(operator.neg)
-class _Negation(ConcreteTemplate):
-    cases = [signature(vector, vector)]
+infer_global(operator.neg)(_Operation)
 
 
 @lower_builtin(operator.neg, vector)
@@ -160,12 +166,6 @@ def store(typing, array, row, x):
         return context.get_dummy_value()
 
     return types.void(array, types.intp, x if x is vector else types.float64), build
-
-
-@njit(inline="always")
-def add(array, row, x):
-    """Add a vector to a row."""
-    store(array, row, load(array, row) + x)
 
 
 @intrinsic
@@ -272,6 +272,31 @@ def _fused(builder: ir.IRBuilder, x: ir.Value, y: ir.Value, z: ir.Value) -> ir.V
     own beside those of products: to ask for two operations of both took 7 % more of a step with terms of second order.
     """
     return builder.fadd(builder.fmul(x, y), z)
+
+
+@intrinsic
+def add(typing, array, row, x):
+    """Add a vector to a row."""
+
+    def build(context, builder, sig, args):
+        address = row_of(context, builder, sig.args[0], *args[:2])
+        builder.store(builder.fadd(builder.load(address, align=CACHE_LINE), args[2]), address, align=CACHE_LINE)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, vector), build
+
+
+@intrinsic
+def add_to_row(typing, array, row, x, y):
+    """Add ``x y`` to a row; y may be a number."""
+
+    def build(context, builder, sig, args):
+        address = row_of(context, builder, sig.args[0], *args[:2])
+        y = args[3] if sig.args[3] is vector else spread_number(builder, args[3])
+        builder.store(_fused(builder, args[2], y, builder.load(address, align=CACHE_LINE)), address, align=CACHE_LINE)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, vector, y if y is vector else types.float64), build
 
 
 @intrinsic

@@ -77,7 +77,7 @@ Output = tuple[Target, str, Polynomial, str]
 
 def packed(letter: str) -> str:
     """Return how many entries are before a row of a packed symmetric matrix."""
-    return f"{letter} * ({letter} + 1) // 2"
+    return f"({letter} * ({letter} + 1) >> 1)"
 
 
 _CUBIC = f"layout.cubic + i * (i + 1) * (i + 2) // 6 + {packed('j')} + h"
@@ -94,11 +94,11 @@ TERMS = (
     Term("Q[k] q_k", "k", "load", "force", "loads"),
     Term("Q[i] q_i", "r + i", "load", "load", "loads"),
     Term("1/6 V[ijh] q_i q_j q_h", _CUBIC, "terms", "potential", _SECOND),
-    Term("-1/2 c[kl,ij] v_k v_l q_i q_j", f"layout.swing + {_PAIR} * (m * (m + 1) // 2) + {_MATRIX}", "terms",
+    Term("-1/2 c[kl,ij] v_k v_l q_i q_j", f"layout.swing + {_PAIR} * {packed('m')} + {_MATRIX}", "terms",
          "kinetic", _SECOND),
-    Term("A[k,i^j] v_k q_i v_j", "layout.gyroscopic + k * (m * (m - 1) // 2) + i * (i - 1) // 2 + j", "terms",
+    Term("A[k,i^j] v_k q_i v_j", "layout.gyroscopic + k * (m * (m - 1) >> 1) + (i * (i - 1) >> 1) + j", "terms",
          "kinetic", _SECOND),
-    Term("P[k,ij] v_k q_i v_j", f"layout.driven + k * (m * (m + 1) // 2) + {_MATRIX}", "terms", "kinetic", _DRIVEN),
+    Term("P[k,ij] v_k q_i v_j", f"layout.driven + k * {packed('m')} + {_MATRIX}", "terms", "kinetic", _DRIVEN),
     Term("1/2 B[ij] q_i q_j", f"n + {_MATRIX}", "load", "load", "loads of second order"),
     Term("1/2 D[kl] u_k u_l", f"layout.damping + {_PAIR}", "terms", "dissipation", _DAMPED),
     Term("D[i,k] u_i u_k", f"layout.damping + {packed('(r + i)')} + k", "terms", "dissipation", _DAMPED),
@@ -115,7 +115,7 @@ PYTHON = '''"""The Lagrangian of the reduced model, printed from its terms."""
 
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.vectors import (
-    add_product, add_to_rows, dot, load, load_rows, polynomial, spread, store, zeros
+    add, add_product, add_to_row, add_to_rows, dot, load, load_rows, polynomial, spread, store, zeros
 )
 from pgmp_petsc.reduced.arrays import layout_n_rigid
 
@@ -213,6 +213,8 @@ COMPLETE = True
 C = """struct slopes {{ double of[R]; }};
 #define load(array, at) ((array)[at])
 #define store(array, at, x) ((array)[at] = (x))
+#define add(array, at, x) ((array)[at] += (x))
+#define add_to_row(array, at, x, y) ((array)[at] += (x) * (y))
 #define spread(x) (x)
 #define loaded (N_LOADS > 0)
 #define zeros(place) ((struct slopes){{{{0}}}})

@@ -32,7 +32,6 @@ LIMITED = 'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}'
 
 @lru_cache(maxsize=1)
 def small() -> Tradeoff:
-    """Return the study of the small scene."""
     return study(small_scene(LIMITED))
 
 

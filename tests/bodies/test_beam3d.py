@@ -207,7 +207,6 @@ SHEAR = 2e11 / 2.6
 def in_space(
     section: SectionEntry, material: Material | None, nominal: dict[str, float] = {}, spans: dict = {}
 ) -> BeamSection:
-    """Return the coefficients of a beam in space."""
     return section.coefficients(3, material, nominal, lambda: spans)
 
 

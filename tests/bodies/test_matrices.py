@@ -234,7 +234,6 @@ BENT = LineMesh(
 
 
 def mass_matrix(body: Body) -> np.ndarray:
-    """Return the mass matrix of a body alone."""
     return weighted_sum(assemble([body], range(3 * body.n_nodes)).mass, {}).toarray()
 
 

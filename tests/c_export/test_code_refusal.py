@@ -48,7 +48,6 @@ def test_a_stress_is_left_out_with_a_note(model) -> None:
 
 
 def with_field() -> Scene:
-    """Return a scene with a random field."""
     field = '[fields.stiff]\nbody = "rocker"\nquantity = "E"\nvariation = 0.1\nlength = 0.3\nterms = 2\n'
     return scene_from_toml(QUICK_RETURN + field, ".")
 

@@ -178,7 +178,6 @@ tradeoff SCENE -n 0 -o OUT -> -n | 0
 
 
 def asked_of(case: str, folder: Path) -> list[str]:
-    """Return the arguments of a case."""
     for word, meaning in {**WORDS, "FOLDER": str(folder)}.items():
         case = re.sub(rf"\b{word}(?=\b|[\"{{])", lambda _: meaning, case)  # noqa: B023
     words, *overrides = case.removeprefix("* ").split(" & ")
@@ -224,11 +223,6 @@ def test_one_clear_message_on_three_ranks(folder: Path) -> None:
     messages = refused(3, [asked_of(asked, folder) for asked, _ in chosen])
     for (asked, said), message in zip(chosen, messages):
         assert all(words in message for words in said.split(" | ")), asked
-
-
-def test_the_exit_status_comes_through_mpirun(mpirun: Callable, folder: Path) -> None:
-    done = mpirun(3, *PGMP, "simulate", folder / "cut.h5", "-o", folder / "out.h5", check_status=2)
-    assert done.stderr.count("pgmp: error: ") == 1
 
 
 def test_several_wrong_entries_are_told_at_once() -> None:

@@ -21,6 +21,7 @@ CHOSEN = [
 CHOSEN = list(dict.fromkeys(CHOSEN + [(f"{count} coordinates", "sampling tolerance") for count in ("two", "three")]))
 
 
+@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize(("kind", "feature"), CHOSEN, ids=[", ".join(pair) for pair in CHOSEN])
 def test_it_works_or_is_refused_by_name(kind: str, feature: str) -> None:
     found = outcome(kind, feature)

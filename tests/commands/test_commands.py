@@ -55,7 +55,6 @@ def table(folder: Path, rom: Path) -> Path:
 
 
 def assert_attributes(path: Path, kind: str, ranks: int = 1, seed: int | None = None) -> None:
-    """Check what every file carries."""
     with h5py.File(path) as file:
         assert set(ATTRIBUTES) <= set(file.attrs)
         assert file.attrs["format_version"] == version_of(kind)

@@ -17,7 +17,6 @@ from pgmp_petsc.cli.main import COMMANDS
 
 
 def diff(*words: object) -> tuple[int, str]:
-    """Run the command in this process."""
     done = CliRunner().invoke(COMMANDS["diff"].load(), [str(word) for word in words], obj=Session(MPI.COMM_SELF))
     return done.exit_code, f"{done.output}{'' if done.exception is None else done.exception}"
 

@@ -56,7 +56,6 @@ def rom(folder: Path, scene: Scene) -> Path:
 
 
 def better(model: ReducedModel, *texts: str, n: int | None = N) -> list[Better]:
-    """Return the models that the command would make."""
     return better_models(wanted(texts, "reduced", n), model, Origin("rom.h5", "reduced", (), (), True), MPI.COMM_SELF)
 
 

@@ -159,7 +159,6 @@ def test_a_second_job_is_refused_on_three_ranks(mpirun: Callable, folder: Path) 
 
 
 def child(*words: object, **options: object) -> subprocess.CompletedProcess:
-    """Run Python in a process of its own."""
     command = [*warm_start.python(), *map(str, words)]
     return subprocess.run(command, text=True, env=os.environ | MPI_ENVIRONMENT, **options)
 

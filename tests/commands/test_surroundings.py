@@ -16,7 +16,6 @@ TABLE = f"{sys.executable} {' '.join(PGMP)} new slider_crank"
 
 
 def shell(words: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
-    """Run words in a shell."""
     return subprocess.run(
         ["env", *(f"{name}={value}" for name, value in variables.items()), "sh", "-c", words], cwd=folder,
         capture_output=True, text=True, timeout=TIMEOUT_SECONDS,

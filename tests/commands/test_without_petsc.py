@@ -22,7 +22,6 @@ SOLIDS = str(ROOT / "scenes" / "slider_crank_solid2d.toml")
 
 
 def pages(results: Path, folder: Path) -> list[list[str]]:
-    """Return the commands that show results, in a folder."""
     files = [str(results / f"{kind}.h5") for kind in ("rom", "run", "ensemble")]
     return [["plot", *files[1:], "-o", str(folder)], ["report", *files, "-o", str(folder / "report.html")]]
 

@@ -311,7 +311,6 @@ class LocalForces:
         self._actions = Reference(actions)
 
     def evaluate(self, q: np.ndarray, v: np.ndarray, gain_v: float) -> Acted:
-        """Evaluate it."""
         return act(self._actions, (0.0,), 0, np.array([1.5]), q, v, self.turns, gain_v, True)
 
     def add_forces(self, now: Acted, total: np.ndarray) -> None:

@@ -13,7 +13,6 @@ ROWS = [[0.2, 1.0], [0.9, -3.0], [0.95, 4.0], [1.4, 4.5]]
 
 
 def torque(**entry: object) -> TimeFunction:
-    """Return the amplitude of a torque."""
     return amplitude_of(Torque(type="torque", joint="hinge", **entry))
 
 

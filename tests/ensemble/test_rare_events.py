@@ -36,22 +36,39 @@ def circle(u: np.ndarray) -> np.ndarray:
     return np.sqrt(chi2.isf(1e-4, 2)) - np.hypot(u[:, 0], u[:, 1])
 
 
+def far(d: int, chance: float = 1e-6) -> rare_events.LimitState:
+    return plane(d, float(norm.isf(chance)))
+
+
+#: Parameters, limit state, probability, how many seeds, and how far off the estimates may be: measured half as much.
 CASES = {
-    "plane, 12 parameters": (12, plane(12, ONE_IN_TEN_THOUSAND), 1e-4),
-    "bowl": (6, *bowl(6, 0.2)),
-    "all around": (2, circle, 1e-4),
+    "plane, 12 parameters": (12, far(12, 1e-4), 1e-4, 3, 0.2),
+    "bowl": (6, *bowl(6, 0.2), 3, 0.2),
+    "all around": (2, circle, 1e-4, 3, 0.2),
+    # constant nearly everywhere: levels found no threshold below the constant, and gave up after 620 of 5,000 runs
+    "indicator": (10, lambda u: np.where(far(10)(u) <= 0.0, -0.5, 0.5), 1e-6, 4, 0.25),
+    "plateau": (2, lambda u: np.minimum(far(2)(u), 1.0), 1e-6, 4, 0.25),
+    "stairs": (10, lambda u: np.ceil(far(10)(u) / 1.5), 1e-6, 4, 0.25),
+    # levels of 620 samples each came to an end at 1e-6, whatever their number in all
+    "plane at 1e-9": (2, far(2, 1e-9), 1e-9, 2, 0.3),
+    "plane at 1e-9, 50 parameters": (50, far(50, 1e-9), 1e-9, 2, 0.3),
+    # bends towards the origin, wider than a standard normal density: with kernels of that width 42 of 50 intervals held
+    "paraboloid": (*next(one[1:] for one in limit_states(1e-9) if one[0] == "paraboloid, bend -0.1"), 1e-9, 5, 0.45),
 }
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_probability_of_1e_4_is_known_within_20_percent_from_5000_samples(case: str) -> None:
-    d, limit_state, exact = CASES[case]
-    found = [rare_events.find(limit_state, d, 5000, seed) for seed in range(3)]
-    estimates = np.array([one.probability for one in found]) / exact
+def test_a_probability_is_known_from_5000_samples(case: str) -> None:
+    d, limit_state, exact, n, share = CASES[case]
+    found = [rare_events.find(limit_state, d, 5000, seed) for seed in range(n)]
     assert all(one.limit_state.size <= 5000 for one in found)
-    assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.2
+    # of the stairs 94 of 100; others are bounded
+    found = [one for one in found if one.reached]
+    assert len(found) >= (n if n < 4 else n - 1)
+    estimates = np.array([one.probability for one in found]) / exact
+    assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < share
     held = sum(one.interval(0.95)[0] <= exact <= one.interval(0.95)[1] for one in found)
-    assert held >= binom(3, 0.95).ppf(1e-4)
+    assert held >= binom(len(found), 0.95).ppf(1e-3 if n > 3 else 1e-4)
 
 
 def both_sides(u: np.ndarray) -> np.ndarray:
@@ -109,27 +126,6 @@ def test_an_impossible_event_is_bounded_with_all_runs() -> None:
     assert "not reached by 0 levels of subset simulation: it is rarer" in said
 
 
-@pytest.mark.parametrize(("kind", "d"), [("indicator", 10), ("plateau", 2), ("stairs", 10)])
-def test_events_beyond_outputs_that_are_constant_nearly_everywhere_are_found(kind: str, d: int) -> None:
-    """Levels found no threshold below the constant, and gave up after 620 of 5,000 runs."""
-    exact, beyond = 1e-6, plane(d, float(norm.isf(1e-6)))
-    limit_state = {
-        "indicator": lambda u: np.where(beyond(u) <= 0.0, -0.5, 0.5),
-        "plateau": lambda u: np.minimum(beyond(u), 1.0),
-        "stairs": lambda u: np.ceil(beyond(u) / 1.5),
-    }[kind]
-    found = [rare_events.find(limit_state, d, 5000, seed) for seed in range(4)]
-    assert all(one.limit_state.size <= 5000 for one in found)
-    # of the stairs in 10 variables 94 of 100; others are bounded
-    found = [one for one in found if one.reached]
-    assert len(found) >= 3
-    estimates = np.array([one.probability for one in found]) / exact
-    # measured 5 to 12 %
-    assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.25
-    held = sum(one.interval(0.95)[0] <= exact <= one.interval(0.95)[1] for one in found)
-    assert held >= binom(len(found), 0.95).ppf(1e-3)
-
-
 def test_an_event_that_nothing_leads_to_is_counted_by_plain_samples() -> None:
     """Of a thin slab near the origin samples from farther out find less than plain ones."""
     exact = float(np.diff(norm.cdf([0.5, 0.508]))[0])
@@ -143,16 +139,6 @@ def test_an_event_that_nothing_leads_to_is_counted_by_plain_samples() -> None:
     for one in [one for one in found if one.is_plain and one.reached]:
         assert one.probability == np.mean(one.contributions)
         assert "plain random samples are in it" in rare_remarks(one, np.zeros(3000), True)[0].text
-
-
-def test_one_in_a_thousand_million_is_known_from_5000_samples() -> None:
-    """Levels of 620 samples each came to an end at 1e-6, whatever their number in all."""
-    exact = 1e-9
-    for d, limit_state in ((2, plane(2, float(norm.isf(exact)))), (50, plane(50, float(norm.isf(exact))))):
-        found = [rare_events.find(limit_state, d, 5000, seed) for seed in range(2)]
-        estimates = np.array([one.probability for one in found]) / exact
-        # measured 8 and 12 %
-        assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.3 and all(one.limit_state.size <= 5000 for one in found)
 
 
 def test_an_event_that_is_worth_nothing_is_bounded() -> None:
@@ -305,17 +291,6 @@ def test_kernels_with_covariances_have_their_density_and_draw_by_it() -> None:
     # of the share beyond a line four standard errors
     share = 0.6 * norm.sf(2.0 / np.sqrt((root @ root)[0, 0]))
     assert len(own) / 40_000 == pytest.approx(share, abs=4.0 * np.sqrt(share / 40_000))
-
-
-def test_a_border_that_bends_towards_the_origin_is_known_at_1e_9() -> None:
-    """Its event spreads wider than a standard normal density; with kernels of that width 42 of 50 intervals held."""
-    name, d, limit_state = next(one for one in limit_states(1e-9) if one[0] == "paraboloid, bend -0.1")
-    found = [one for one in (rare_events.find(limit_state, d, 5000, seed) for seed in range(5)) if one.reached]
-    estimates = np.array([one.probability for one in found]) / 1e-9
-    # measured 17 to 23 %
-    assert len(found) >= 4 and np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.45
-    held = sum(one.interval(0.95)[0] <= 1e-9 <= one.interval(0.95)[1] for one in found)
-    assert held >= binom(len(found), 0.95).ppf(1e-3)
 
 
 def test_all_design_points_of_a_series_in_10_variables_are_found_at_1e_9() -> None:
@@ -500,16 +475,6 @@ def test_a_small_cluster_counts_as_much_as_others() -> None:
     assert weights.sum() == pytest.approx(importance.CLUSTERS[-1])  # of each cluster 1
     assert weights[:8].sum() >= 1.0 - 1e-9
     np.testing.assert_array_equal(importance.levelled(points[:9], np.full(9, 2.0), random), np.full(9, 1.0 / 9.0))
-
-
-def test_densities_have_mass_one_and_draw_what_they_say() -> None:
-    density = importance.KernelDensity(np.array([[-2.0], [3.0]]), np.array([0.3, 0.7]), np.array([0.8, 1.0]))
-    x = np.linspace(-12.0, 12.0, 4001)
-    values = np.exp(density.log(x[:, None]))
-    assert trapezoid(values, x) == pytest.approx(1.0, abs=1e-9)
-    drawn = density.draw(20_000, np.random.default_rng(1))[:, 0]
-    # four standard errors of the mean
-    assert drawn.mean() == pytest.approx(trapezoid(values * x, x), abs=4 * drawn.std() / np.sqrt(20_000))
 
 
 def test_parts_that_lie_apart_are_told_from_one_that_does_not() -> None:

@@ -162,7 +162,6 @@ simulation: duration = 1.0; step = 1e-3
 
 
 def rods_of(scene: Scene) -> dict:
-    """Return the meshes of rods."""
     return {name: straight_beam(body.line.length, body.line.elements, 0.0, 2) for name, body in scene.bodies.items()}
 
 

@@ -137,7 +137,6 @@ class Hang(BaseException):
 
 
 def prepare(folder: Path) -> Path:
-    """Make the files that scenes name in a folder, and return the path of the scene."""
     (folder / "meshes").symlink_to(ROOT / "meshes")
     (folder / "scenes").mkdir()
     scenes = folder / "scenes"
@@ -242,7 +241,6 @@ def failure_of(case: Case, path: Path) -> tuple[str, str]:
 
 
 def _message(text: str) -> str:
-    """Return what is wrong with a message."""
     if not text.strip():
         return "an empty message"
     if "Traceback" in text or "\0" in text:

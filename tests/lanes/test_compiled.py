@@ -159,7 +159,6 @@ def printed(module: Path, **environment: str) -> str:
 
 
 def files(module: Path, ending: str) -> list[Path]:
-    """Return the files of the cache."""
     return sorted((module / "cache").rglob(f"*.{ending}"))
 
 

@@ -156,7 +156,6 @@ def test_some_of_them_are_the_same_statements(mechanism: Mechanism) -> None:
 
 
 def check(constraints: np.ndarray) -> NullSpace:
-    """Check every property of a null space and return it."""
     result = null_space(sp.csr_matrix(constraints))
     n_rows, n_dofs = constraints.shape
     rank = np.linalg.matrix_rank(constraints) if n_rows else 0

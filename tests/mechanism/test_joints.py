@@ -14,7 +14,6 @@ from pgmp_petsc.mechanism.statements import Statement
 
 
 def joint(kind: str, in_a: np.ndarray, in_b: np.ndarray) -> tuple[Statement, ...]:
-    """Return what a joint of some kind holds."""
     JOINTS.found()
     return tuple(JOINTS.classes[kind].model_construct().statements(in_a, in_b))
 

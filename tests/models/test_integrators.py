@@ -86,7 +86,6 @@ def test_modes_are_those_of_the_tables(model: ReducedModel) -> None:
 
 @pytest.fixture(scope="module")
 def exact(model: ReducedModel) -> dict[str, np.ndarray]:
-    """Return the outputs by the reference."""
     return integrators.reference(model, VALUES, N, 25, 1e-10)
 
 

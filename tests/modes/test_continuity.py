@@ -156,7 +156,6 @@ class Family:
 
 
 def numbers(groups: list[np.ndarray]) -> list[list[int]]:
-    """Return groups as lists."""
     return [group.tolist() for group in groups]
 
 

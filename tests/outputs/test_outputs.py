@@ -36,7 +36,6 @@ def prepared(*overrides: str) -> tuple[Scene, RigidKinematics, OutputSet]:
 
 
 def rigid_frames(kinematics: RigidKinematics, outputs: OutputSet, theta: np.ndarray) -> np.ndarray:
-    """Return the frames of the outputs' nodes of the rigid mechanism."""
     q = Unknowns(kinematics.mechanism).place(kinematics.poses(theta))
     return q.reshape(-1, 3, theta.size)[list(outputs.nodes)]
 

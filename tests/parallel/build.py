@@ -65,7 +65,6 @@ def fail_in_the_middle(modes: ModeSet) -> ModeSet:
 
 
 def run(directory: Path, case: str, cases: Mapping = CASES, meshes: Callable = meshes_of) -> None:
-    """Build one case of several, with the meshes of its scene."""
     name, ranks_per_group, seed = case.split(":")
     world = MPI.COMM_WORLD
     scene = cases[name]()

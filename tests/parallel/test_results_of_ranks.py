@@ -69,7 +69,7 @@ STARTS = {
         "run": ("simulate", GEARED, "--full", *MESH, *overridden("simulation.duration=0.02")),
     },
     "run in space": {
-        "full": ("simulate", SPACE, "--full", *overridden("simulation.duration=0.01", "simulation.step=1e-3")),
+        "full": ("simulate", SPACE, "--full", *overridden("simulation.duration=0.004", "simulation.step=1e-3")),
     },
     "model in space": {"rom": ("build", SPACE, *overridden("reduction.angles=8"), "--ranks-per-angle", RANKS)},
     "solids": {"full": ("simulate", SPATIAL_SOLIDS, "--full", *SUDDEN)},

@@ -40,7 +40,6 @@ class World:
 
 
 def groups(size: int, ranks_per_group: int) -> list[RankGroup]:
-    """Return the group of every rank."""
     return [RankGroup.split(World(rank, size), ranks_per_group) for rank in range(size)]
 
 

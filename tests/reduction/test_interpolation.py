@@ -54,18 +54,15 @@ def step_of(samples: Samples) -> float:
 
 
 def random_table(n: int, *shape: int) -> np.ndarray:
-    """Return random samples."""
     return np.random.default_rng(0).normal(size=(n, *shape))
 
 
 def errors(samples: Samples, scheme: str, exact=smooth, slope=smooth_slope, theta: np.ndarray = THETA) -> np.ndarray:
-    """Return the largest errors of value and slope."""
     found = interpolant(samples, exact(samples.theta), scheme)
     return np.array([np.abs(found(theta) - exact(theta)).max(), np.abs(found.slope(theta) - slope(theta)).max()])
 
 
 def values_and_slopes(interpolated: Interpolant, theta: np.ndarray) -> np.ndarray:
-    """Return values and slopes one after the other."""
     return np.stack([interpolated(theta), interpolated.slope(theta)])
 
 

@@ -51,7 +51,6 @@ def assert_same_samples(found: SampleGrid, expected: SampleGrid) -> None:
 
 @pytest.fixture
 def path(rom: ReducedOrderModel, tmp_path: Path) -> Path:
-    """Return the path of a good file."""
     rom.write(tmp_path / "rom.h5")
     return tmp_path / "rom.h5"
 
@@ -295,7 +294,6 @@ def forms(tables: SecondOrderTables, delta: np.ndarray) -> list[np.ndarray]:
 
 
 def arrays(tables: SecondOrderTables) -> tuple[np.ndarray, ...]:
-    """Return all tables."""
     return tables.cubic, tables.curved_load, tables.curved_inertia, tables.curved_mass
 
 

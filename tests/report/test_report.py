@@ -50,7 +50,6 @@ def parsed(text: str) -> Element:
 
 
 def page_of(*files: Path) -> Element:
-    """Return the tree of the page of some files."""
     write_report(files, files[0].with_name("page.html"))
     return parsed(files[0].with_name("page.html").read_text(encoding="utf-8"))
 
@@ -122,7 +121,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def page(folder: Path) -> str:
-    """Return the page of all results of the scene."""
     files = [folder / name for name in ("run.h5", "full.h5", "many.h5", "study.h5")]
     lines = write_report(files, folder / "report.html")
     assert lines[0].startswith(f"{folder / 'report.html'}: 4 files, ") and lines[0].endswith(" MB")

@@ -265,7 +265,6 @@ def test_what_is_said_of_many_bodies_is_said_once() -> None:
 
 
 def warnings_of(path: Path, changes: list[str]) -> list[str]:
-    """Return what is warned of a scene."""
     scene, meshes = read_scene(path, changes, [], MPI.COMM_SELF, Purpose.CHECK)
     return [remark.text for remark in plausibility(scene, meshes)]
 

@@ -78,8 +78,8 @@ def line_spring(tmp_path: Path) -> Path:
 
 
 MODELS: dict[str, Callable[[Scene], Trajectory]] = {
-    "full": lambda scene: simulate(_full(scene, meshes_for(scene)), MPI.COMM_SELF),
-    "components": lambda scene: simulate(_components(scene, meshes_for(scene)), MPI.COMM_SELF),
+    "full": lambda scene: simulate(_full(scene, meshes_for(scene), {}), MPI.COMM_SELF),
+    "components": lambda scene: simulate(_components(scene, meshes_for(scene), {}), MPI.COMM_SELF),
     "reduced": lambda scene: simulate(ReducedModel(scene, _build(scene, meshes_for(scene), {})), MPI.COMM_SELF),
 }
 

@@ -111,9 +111,8 @@ def test_what_is_no_tree_of_bodies_is_refused_in_one_message_on_any_number_of_ra
     for name, (text, _) in SWAPPED.items():
         (tmp_path / f"{name}.urdf").write_text(text)
         commands.append(("new", tmp_path / f"{name}_scene", "--from", tmp_path / f"{name}.urdf"))
-    for n, asked in ((1, commands), (3, commands[:2])):
-        for message, (name, (_, words)) in zip(refused(n, asked), SWAPPED.items()):
-            assert message.startswith("--from ") and f"{name}.urdf: " in message and words in message, message
+    for message, (name, (_, words)) in zip(refused(1, commands), SWAPPED.items()):
+        assert message.startswith("--from ") and f"{name}.urdf: " in message and words in message, message
     assert not list(tmp_path.glob("*.toml"))
     (tmp_path / "absent").mkdir()
     (tmp_path / "absent" / "yourdfpy.py").write_text("raise ImportError('no such library')")
@@ -121,7 +120,7 @@ def test_what_is_no_tree_of_bodies_is_refused_in_one_message_on_any_number_of_ra
     monkeypatch.setenv("PYTHONPATH", str(tmp_path / "absent"))
     (tmp_path / "arm.xml").write_text(MJCF)
     commands = [("new", tmp_path / "x", "--from", tmp_path / name) for name in ("loop.urdf", "arm.xml")]
-    for message, library in zip(refused(2, commands), ("yourdfpy", "mujoco")):
+    for message, library in zip(refused(3, commands), ("yourdfpy", "mujoco")):
         assert f"pip install {library}" in message
     assert "no such file" in one_message("new", tmp_path / "x", "--from", tmp_path / "none.urdf")
 

@@ -71,7 +71,6 @@ def test_the_total_counts_the_build() -> None:
 
 
 def pieces(study: Tradeoff, target: str) -> list[str]:
-    """Return the advice for one target."""
     pieces = [piece for piece in advise(study) if piece.startswith("For ")]
     return [piece for piece in pieces if target in piece.partition(" take ")[0].partition(" no ")[0]]
 

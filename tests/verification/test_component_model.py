@@ -70,7 +70,6 @@ every_kind = pytest.mark.parametrize("make", [beams, solids, space])
 
 
 def outputs_of(make: Callable, *overrides: str) -> list[dict[str, np.ndarray]]:
-    """Return the outputs of runs of both models."""
     return [history(model, samples(model.scene, 1), 1)[1] for model in models(make, *overrides)]
 
 

@@ -294,7 +294,6 @@ def geared(*overrides: str) -> Scene:
 
 
 def numbered(*overrides: str) -> Scene:
-    """Return it with the other ratio as a number."""
     return geared(f"joints.mesh.ratio={OTHER}", "parameters={}", *overrides)
 
 

@@ -364,12 +364,10 @@ Made = tuple[Scene, dict]
 
 
 def in_plane(*overrides: str) -> Made:
-    """Return plane-stress bodies."""
     return solid_slider_crank(*BASIS, *overrides), solid_meshes(n_per_metre=20)
 
 
 def in_space(*overrides: str) -> Made:
-    """Return bodies of cells in space."""
     scene = slider_crank_in_space(*BASIS, RISING, OUTPUTS, *overrides)
     return scene, meshes_of(scene)
 
@@ -382,7 +380,6 @@ def beams_in_space(*overrides: str) -> Made:
 
 
 def two_beams(*overrides: str) -> Made:
-    """Return beams with two coordinates."""
     scene = double_pendulum(*BASIS, *SWUNG, *overrides)
     return scene, meshes_of(scene)
 
@@ -394,7 +391,6 @@ def every_effect(*overrides: str) -> Made:
 
 
 def kept_rom(made: Made, directory: Path) -> ReducedOrderModel:
-    """Build a reduced model, and return what a file keeps of it."""
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
         build_rom(*made, group).write(directory / "rom.h5")
     return ReducedOrderModel.read(directory / "rom.h5")
@@ -465,7 +461,6 @@ FEWER = "reduction.angles=96"  # than by default, which do not change what is es
 
 
 def model_of(path: Path, *overrides: str) -> ReducedModel:
-    """Build a reduced model of a scene."""
     scene, meshes = read_scene(path, (FEWER, *overrides), (), MPI.COMM_SELF, Purpose.BUILD)
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
         return ReducedModel(scene, build_rom(scene, meshes, group))

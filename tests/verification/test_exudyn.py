@@ -188,7 +188,6 @@ STEP = 1e-4
 
 
 def on_springs(machine: str, *more: str) -> Scene:
-    """Return one of the machines."""
     k, height, torque = GIVEN[machine][0]
     return scene_from_toml(ON_SPRINGS, ".", [
         f"parameters={{k={{nominal={k}}},k2={{nominal={2 * k}}},k3={{nominal={3 * k}}},height={{nominal={height}}}}}",

@@ -24,7 +24,6 @@ MASSLESS = {
 
 
 def line(name: str, length: float, rest: str, elements: int = 1) -> str:
-    """Return the table of a body along a line."""
     return f"[bodies.{name}]\nline = {{ length = {length}, elements = {elements} }}\n{rest}\n"
 
 
@@ -77,7 +76,6 @@ simulation.initial: yaw = { velocity = 5.0 }; pitch = { velocity = 0.6 }; roll =
 
 
 def model_of(scene: Scene) -> ComponentModel:
-    """Return the component model of a scene."""
     lines = {name: body.line for name, body in scene.bodies.items()}
     meshes = {name: straight_beam(line.length, line.elements, 0.0, scene.dimension) for name, line in lines.items()}
     return components_model(scene, meshes)

@@ -207,7 +207,6 @@ class Case:
 
     @property
     def steps(self) -> dict[str, str]:
-        """What it takes."""
         return {step: words for step, words in STEPS.items() if step not in self.without}
 
 
@@ -245,7 +244,6 @@ class Twin:
     drawn: dict[str, list[str]]
 
     def file(self, step: str) -> Path:
-        """Return what a step wrote."""
         return self.folder / re.search(r"-o F/(\S+)", STEPS[step])[1]
 
 
@@ -378,7 +376,6 @@ def _si(unit: str) -> float:
 
 
 def _words(page: Path) -> str:
-    """Return the words of a page."""
     text = page.read_text(encoding="utf-8").replace(str(page.parent), "F")
     text = " ".join(re.sub(r"(?s)<(script|style|svg).*?</\1>|<[^>]+>", " ", text).split())
     return re.sub(r" Cost file phase .* Where it comes from ", " ", text)  # times that runs took

@@ -186,7 +186,6 @@ def test_a_design_that_takes_smaller_steps_is_kept_at_those_of_the_scene(cantile
 
 
 def failing_at(number: int, monkeypatch: pytest.MonkeyPatch, reason: str = "the run stopped at 1 ms") -> None:
-    """Let the run of one number fail."""
     runs = []
 
     def once(*given: object) -> DifferentiatedRun:

@@ -24,14 +24,12 @@ SMALLER = {
 
 
 def read(name: str, *overrides: str) -> tuple[Scene, dict[str, LineMesh]]:
-    """Return a scene of the repository and its meshes."""
     smaller = SMALLER.get(name, ())
     return read_scene(ROOT / "scenes" / f"{name}.toml", (*smaller, *overrides), (), MPI.COMM_SELF, Purpose.CHECK)
 
 
 @lru_cache(maxsize=None)
 def built(name: str) -> ReducedModel:
-    """Return the reduced model of a scene, built once."""
     scene, meshes = read(name)
     return reduced_model(scene, meshes)
 

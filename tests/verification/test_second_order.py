@@ -70,7 +70,6 @@ class Curved:
         return self.psi @ delta + self.chi @ pair_products(delta[None])[0]
 
     def norm(self, vector: np.ndarray) -> float:
-        """Return the M-norm."""
         return float(np.sqrt(vector @ self.nonlinear.mass @ vector))
 
 

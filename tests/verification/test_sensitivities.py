@@ -1,23 +1,38 @@
-"""Derivatives of runs against central differences: bodies, coordinates, effects and starts of every kind."""
+"""Derivatives of runs against central differences: effects and starts of every kind, and contacts."""
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from combinations import meshes_for, scene_of
-from differences import compare
+from differences import carefully, compare
+from length_scenes import GUIDE, SMALL, long_crank
 from mpi4py import MPI
-from runs import reduced_model
+from runs import reduced_model, rom_of
 from solid_scenes import solid_meshes, solid_slider_crank
 from two_coordinates import double_pendulum, five_bar
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.gradients.differentiated import ObservedChanges, differentiate
+from pgmp_petsc.design.design_figures import Question
+from pgmp_petsc.design.fitting import fit
+from pgmp_petsc.design.goals import read_constraint, read_goal
+from pgmp_petsc.design.measured_history import MeasuredHistory
+from pgmp_petsc.design.optimization import optimize
+from pgmp_petsc.design.sensitivities import sensitivities
+from pgmp_petsc.gradients import differentiated
+from pgmp_petsc.gradients.differentiated import DifferentiatedRun, ObservedChanges, differentiate
+from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.mechanism.closure import LoopClosure
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.reduction import tables
 from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.results import Derivatives, Design, Fit
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
+from pgmp_petsc.stepping.edge_search import EventLocation
+from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.second_order_system import State
 from scenes import PENDULUM, slider_crank
 
@@ -189,3 +204,279 @@ def test_one_run_and_all_parameters_take_steps_together() -> None:
     for output, found in alone.items():
         # sums over parameters are of another order
         np.testing.assert_allclose(found["k"], together[output]["k"], rtol=0, atol=1e-9 * np.abs(found["k"]).max())
+
+
+SEEN = (
+    "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
+    'reduction.interpolation="spline"',
+    'outputs.x={type="position",point="rod:tip",axis="x"}',
+    'outputs.bend={type="deformation",point="rod:tip",axis="x"}',
+)  # fmt: skip
+SHORT = ("simulation.step=1e-3", "simulation.duration=0.025")
+TURNING = ("simulation.initial.theta={position=0.4,velocity=3.0}", *SHORT)
+K = ("parameters.k={nominal=400.0}",)
+STOP = 'effects.stop={type="end_stop",joint="crank_hinge",upper=0.45,stiffness="k",damping=0.05}'
+# to and fro between two ends, under loads that change with time and follow the body, and friction
+BOUNCING = (
+    "parameters.push={nominal=1.0}", "simulation.initial.theta={position=0.4,velocity=6.0}", "simulation.step=1e-3",
+    "simulation.duration=0.05",
+    'effects.stop={type="end_stop",joint="crank_hinge",lower=0.35,upper=0.45,stiffness=2000.0,damping=0.05}',
+    'effects.jet={type="force",point="rod:1",direction=[0.0,1.0],follows=true,scale="push",harmonic={amplitude=4.0,frequency_hz=30.0}}',
+    'effects.push={type="force",point="rod:tip",direction=[1.0,0.0],harmonic={amplitude=9.0,frequency_hz=11.0}}',
+    'effects.rub={type="joint_friction",joint="slider",limit=1.0,speed=0.05}',
+    "effects.motor.table=[[0.0,0.0],[0.0512,1.5],[0.1024,-1.5],[1.0,-1.5]]",
+)  # fmt: skip
+WAVE = "{amplitude=0.12,frequency_hz=10.0,mean=0.5}"
+DRIVEN_INTO = (
+    f'effects.drive={{type="prescribed_motion",coordinate="theta",harmonic={WAVE}}}', "simulation.initial={}", *SHORT,
+)  # fmt: skip
+NO_MOTOR = 'effects={weight={type="gravity"}}'
+SLIDER = 'effects.stop={type="end_stop",joint="slider",lower=0.94,upper=0.97,stiffness="k",damping=0.2}'
+ELBOW_STOP = 'effects.stop={type="end_stop",joint="elbow",lower=-0.33,stiffness="k",damping=0.1}'
+CONTACTS = {
+    "a contact": slider_crank(*SEEN, *TURNING, *K, STOP),
+    "a drive": slider_crank(*SEEN, NO_MOTOR, *DRIVEN_INTO, "parameters.k={nominal=3e3}", SLIDER),
+    "two coordinates": double_pendulum(
+        *SHORT, "reduction.modes=2", "reduction.angles=4", "parameters.k={nominal=40.0}", ELBOW_STOP,
+        'coordinates.theta1={joint="shoulder",range=[0.2,0.8]}', 'coordinates.theta2={joint="elbow",range=[-0.6,0.0]}',
+        'parameters.r={nominal=5e-3}', 'bodies.upper.section.radius="r"',
+        "simulation.initial={theta1={position=0.4,velocity=2.0},theta2={position=-0.3,velocity=-2.0}}",
+        'outputs.elbow={type="angle",joint="elbow"}',),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module", params=list(CONTACTS))
+def model(request) -> ReducedModel:
+    with pytest.MonkeyPatch.context() as patch:  # runs and their derivatives are of one table, over 0.6 rad
+        patch.setattr(tables, "N_FINE_OF_MORE", 24)
+        return reduced_model(CONTACTS[request.param])
+
+
+def test_derivatives_over_contacts_are_central_differences(model: ReducedModel) -> None:
+    assert differentiate(model, model.scene.values, ()).contacts
+    compare(model, (1e-4,))
+
+
+def test_edges_are_differentiated(model: ReducedModel) -> None:
+    """Against differences of how far they are crossed, at the end of the run and along its motion."""
+    trail = StateRecord(lambda n_steps: None)
+    values = {name: np.array([value]) for name, value in model.scene.values.items()}
+    integrate(model.batch(values, 1), model.scene.simulation, observer=trail)
+    before, q = np.split(trail.states()[1].q[-2:], 2)
+    linearisation, step = Linearisation(model, model.scene.values, ["r1"][: "r1" in model.scene.values]), 1e-3
+    v, a = (q - before) / step, 30.0 * np.ones(q.shape)
+
+    def depths(at: np.ndarray) -> np.ndarray:
+        return linearisation.depths(np.zeros(len(at)), State(at, np.zeros_like(at), np.zeros_like(at), np.zeros(0)))
+
+    h = np.diag(1e-4 / model.terms.scale)
+    slopes = (depths(q + h) - depths(q - h)) / (2.0 * np.diag(h)[:, None])
+    t = 1e-4
+    path = np.concatenate([q + s * v + 0.5 * s * s * a for s in (-t, 0.0, t)])
+    behind, here, ahead = depths(path)
+    for event in range(depths(q).shape[1]):
+        edge = linearisation.edge(event, 0.0, State(q, v, a, np.zeros(0)))
+        assert edge.effect == "stop" and not edge.by_parameters.any()
+        # truncation of the differences leaves 1e-8 of an angle's arc, rounding 1e-12 of them
+        np.testing.assert_allclose(edge.gradient, slopes[:, event], rtol=0, atol=1e-7 * np.abs(slopes).max())
+        assert edge.rate == pytest.approx((ahead - behind)[event] / (2.0 * t), rel=1e-5)
+        curved = (ahead - 2.0 * here + behind)[event] / t**2
+        assert edge.acceleration == pytest.approx(curved, rel=1e-4, abs=1e-12 / t**2)
+
+
+def test_derivatives_through_many_contacts_are_central_differences(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What iterations leave, 1e-11 a step, grows from contact to contact: both sides are carried to round-off."""
+    model = reduced_model(slider_crank(*SEEN, *BOUNCING))
+    as_it_is = differentiate(model, model.scene.values, ["push"])
+    assert len(as_it_is.contacts) == 3
+    monkeypatch.setattr(differentiated, "integrate", carefully)
+    for output, found in differentiate(model, model.scene.values, ["push"]).derivatives.items():
+        off = np.abs(as_it_is.derivatives[output]["push"] - found["push"]).max() / np.abs(found["push"]).max()
+        assert off < 1e-6
+    compare(model, (2e-5,), "push")
+
+
+# thrown against the slider's stop, with all that acts on joints and points
+THROWN = (
+    "simulation.duration=0.03",
+    'effects.stop={type="end_stop",joint="slider",upper=0.9895,stiffness=2e3,damping=0.2}',
+    'effects.brake={type="joint_friction",joint="elbow",limit=0.05,speed=20.0}',
+    'effects.bearing={type="joint_damping",joint="crank_hinge",coefficient=0.02}',
+    'effects.spring={type="spring_damper",points=["ground:guide","rod:tip"],stiffness=50.0,damping=0.5,rest=0.9}',
+    'effects.jet={type="force",point="rod:tip",direction=[0.0,1.0],follows=true,'
+    "harmonic={amplitude=4.0,frequency_hz=30.0}}",
+    'effects.push={type="force",point="crank:tip",direction=[1.0,0.0],harmonic={amplitude=9.0,frequency_hz=11.0}}',
+)
+LENGTHS = {
+    "rod_length": ((), "simulation.initial.theta={position=-0.25,velocity=20.0}", "parameters.rod_length.value=0.698",
+        'effects.pull={type="force",point="rod:tip",towards="ground:guide",table=[[0.0,0.0],[0.02,3.0]]}',),
+    "height": (("reduction.angles=24", *GUIDE), "simulation.initial.theta={position=0.4,velocity=-20.0}",
+        "parameters.height.value=0.015",),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", list(LENGTHS))
+def test_derivatives_with_a_length_or_place_through_contacts_are_central_differences(name: str, monkeypatch) -> None:
+    """Where a stop is met its force has a corner, at which the length and the coordinates take the same side."""
+
+    where, *acting = LENGTHS[name]
+    scene = long_crank(*SMALL, *where, *THROWN, *acting)
+    # the modes of a scene without them: accuracy has no part in it
+    lanes = of_samples(ReducedModel(scene, rom_of(long_crank(*SMALL, *where))), [name])
+    assert [contact.met for contact in differentiate(lanes, scene.values, [name]).contacts] == [True, False]
+    monkeypatch.setattr(differentiated, "integrate", carefully)
+    compare(lanes, (1e-3, 1e-5), name)
+
+
+# a bar that is too stiff to bend meets a soft stop: a free motion, half a period of the stop's spring, and back
+SPEED, PLACE = 2.0, 0.0507
+FALLING_BAR = (
+    PENDULUM.replace("radius = 2e-4", 'radius = "r"').replace("modes = 2\nangles = 6", "modes = 1\nangles = 8")
+    + '[parameters.r]\nnominal = 5e-3\n[parameters.k]\nnominal = 2000.0\nbounds = [200.0, 20000.0]\n'
+    + f'[effects.stop]\ntype = "end_stop"\njoint = "hinge"\nupper = {PLACE}\nstiffness = "k"\n'
+    + '[outputs.angle]\ntype = "angle"\njoint = "hinge"\n'
+    + f"[simulation]\nduration = 0.12\nstep = 1e-3\n[simulation.initial.phi]\nvelocity = {SPEED}\n"
+)  # fmt: skip
+STIFF = "materials.steel.E=2.1e17"
+
+
+def bar(step: float = 1e-3) -> ReducedModel:
+    return reduced_model(scene_from_toml(FALLING_BAR, ".", (STIFF, f"simulation.step={step}")))
+
+
+@pytest.fixture(scope="module")
+def bouncing() -> ReducedModel:
+    return bar()
+
+
+def inertia(model: ReducedModel) -> float:
+    """Return that of the bar about its hinge, kg m2."""
+    rho, r = model.scene.materials["steel"].rho, model.scene.values["r"]
+    return rho * np.pi * r**2 * (1.0 / 3.0 + r**2 / 4.0)
+
+
+def closed_form(model: ReducedModel, time: np.ndarray, k: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the angle of a bar that does not bend, and its derivative with the stiffness k of the stop."""
+    rate, t = np.sqrt(k / inertia(model)), time - PLACE / SPEED
+    phase = rate * t
+    within, after = (t > 0.0) & (phase < np.pi), phase >= np.pi
+    angle = PLACE + np.where(within, SPEED / rate * np.sin(phase), SPEED * t)
+    slope = np.where(within, SPEED / (2.0 * rate * k) * (phase * np.cos(phase) - np.sin(phase)), 0.0)
+    angle[after], slope[after] = PLACE - SPEED * (t[after] - np.pi / rate), -np.pi * SPEED / (2.0 * rate * k)
+    return angle, slope
+
+
+def test_a_bouncing_bar_has_the_derivatives_of_its_closed_form() -> None:
+    off, steps = [], (1e-3, 5e-4, 2.5e-4)
+    for step in steps:
+        model = bar(step)
+        run, k = differentiate(model, model.scene.values, ["k"]), model.scene.values["k"]
+        omega, slope = np.sqrt(k / inertia(model)), closed_form(model, run.time, k)[1]
+        assert [contact.met for contact in run.contacts] == [True, False]
+        met, left = (contact.derivatives[0] for contact in run.contacts)
+        error, within = np.abs(run.derivatives["angle"]["k"] / slope.min() - slope / slope.min()), run.time < 0.057
+        # it is met whenever it is met; half a period later it is left
+        assert abs(met) < 1e-12 * abs(left)
+        off.append([error[within].max(), abs(left / (-np.pi / (2.0 * omega * k)) - 1.0)])
+        # the speed with which it is left has an error that depends on where in a step that is
+        assert error.max() < 3.0 * (omega * step) ** 2
+    # the scheme's phase is late by (omega h)^2 / 12 of itself, and with it what follows from it
+    assert max(off[-1]) < (omega * steps[-1]) ** 2
+    np.testing.assert_allclose(np.log2(np.array(off[:-1]) / off[1:]), 2.0, atol=0.3)
+
+
+def test_a_stop_that_moves_has_the_derivatives_of_its_closed_form() -> None:
+    """A stop that is farther away is met later by 1 / v for every radian."""
+    moving = f"parameters.place={{nominal={PLACE}}}", 'effects.stop.upper="place"'
+    model = reduced_model(scene_from_toml(FALLING_BAR, ".", (STIFF, *moving)))
+    run = differentiate(model, model.scene.values, ["place"])
+    met, left = run.contacts
+    assert met.derivatives[0] == pytest.approx(1.0 / SPEED, rel=1e-9)
+    # half a period is as long wherever it is, and the way to the stop and back is longer; (omega h)^2 for the scheme
+    error = model.scene.values["k"] / inertia(model) * 1e-6
+    assert left.derivatives[0] == pytest.approx(1.0 / SPEED, rel=error)
+    np.testing.assert_allclose(run.derivatives["angle"]["place"][run.time > left.time], 2.0, rtol=error)
+    compare(model, (1e-4,), "place")
+
+
+def test_a_path_that_grazes_a_stop_is_refused_with_its_name_and_instant(bouncing: ReducedModel) -> None:
+    """The bar is thrown against a constant torque, so fast that it is farthest at the end of a step; or it starts at
+    rest on the stop, which the torque presses it on."""
+
+    def of(velocity: float, place: float, load: float = -4.0) -> ReducedModel:
+        torque = f'effects.motor={{type="torque",joint="hinge",table=[[0.0,{load}],[1.0,{load}]]}}'
+        more = f"effects.stop.upper={place!r}", f"simulation.initial.phi.velocity={velocity!r}"
+        return reduced_model(scene_from_toml(FALLING_BAR, ".", (STIFF, torque, "simulation.duration=0.06", *more)))
+
+    def run_of(model: ReducedModel) -> DifferentiatedRun:
+        return differentiate(model, model.scene.values, ["r", "k"])
+
+    slowing = 4.0 / inertia(bouncing)
+    velocity = 0.05 * slowing
+    for _ in range(2):  # until it is
+        angle = run_of(of(velocity, 10.0)).outputs["angle"]
+        velocity -= (angle[51] - angle[49]) / 2e-3
+    farthest = float(angle[50])
+    with pytest.raises(InputError, match=r"effects\.stop: at 0\.0499997 s the run grazes this stop"):
+        run_of(of(velocity, farthest - 1e-12))
+    with pytest.raises(InputError, match="or as deep in it as what rests on it"):
+        run_of(of(0.0, 1e-14, 4.0))
+    beyond = 1e-6
+    run = run_of(of(velocity, farthest - beyond))
+    assert [contact.met for contact in run.contacts] == [True, False]
+    # the stop takes 1 % of the acceleration
+    assert run.contacts[0].turning == pytest.approx(np.sqrt(2.0 * beyond / slowing), rel=2e-2)
+
+
+def test_a_step_that_cannot_be_retraced_is_said(bouncing: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    parts = EventLocation.parts
+
+    def elsewhere(*arguments: Any) -> list:
+        found = parts(*arguments)
+        found[-1].state.q[:, 0] += 1e-6
+        return found
+
+    for instead, off in ((elsewhere, "1e-06"), (lambda *arguments: None, "inf")):
+        monkeypatch.setattr(EventLocation, "parts", instead)
+        with pytest.raises(RunError, match=f"contact that ends at 0.026 s could not be retraced: it ends {off}"):
+            differentiate(bouncing, bouncing.scene.values, ["k"])
+
+
+def test_contacts_are_in_file_and_remarks(bouncing: ReducedModel, tmp_path: Path) -> None:
+    found = sensitivities(bouncing, ["k", "r"], MPI.COMM_SELF)
+    found.write(tmp_path / "s.h5")
+    again = Derivatives.read(tmp_path / "s.h5").contacts
+    assert again.effects == ("stop", "stop") and again.met.tolist() == [True, False]
+    np.testing.assert_array_equal(again.derivatives, found.contacts.derivatives)
+    assert np.all(np.diff(again.time) > 0.0) and np.all(again.turning > 0.0)
+    said = [remark.text for remark in found.record.remarks]
+    assert any("effects.stop is met or left 2 times, first at 0.02" in text for text in said)
+
+
+def test_a_fit_finds_the_stiffness_of_a_stop(bouncing: ReducedModel) -> None:
+    """Of the closed form of a bar that does not bend, with noise; the model's own error is far below it."""
+    true, noise, random = 2600.0, 1e-4, np.random.default_rng(3)
+    time = np.linspace(0.01, 0.115, 36)
+    exact = closed_form(bouncing, time, true)[0]
+    history = MeasuredHistory(time, {"angle": exact + noise * random.normal(size=time.size)})
+    found = fit(bouncing, history, ["k"], {"angle": noise}, MPI.COMM_SELF)
+    assert isinstance(found, Fit)
+    (stiffness,) = found.parameters
+    # the scheme is late by (omega h)^2 / 12 of half a period, which is as much of a stiffness
+    late = 2.0 * (np.sqrt(true / inertia(bouncing)) * 1e-3) ** 2 / 12.0
+    assert abs(stiffness.estimate - true) < 4.0 * stiffness.error + late * true
+    assert any("effects.stop is met or left 2 times" in remark.text for remark in found.record.remarks)
+
+
+def test_the_softest_stop_that_is_entered_no_deeper(bouncing: ReducedModel) -> None:
+    """``k d^2 = J v^2`` for the depth d."""
+    known = bouncing.outputs.functions, bouncing.scene.parameters
+    deepest = 0.015
+    limit = read_constraint(f"max(angle) <= {PLACE + deepest}", *known)
+    found = optimize(bouncing, Question(read_goal("minimise k", *known), (limit,), ("k",)), MPI.COMM_SELF)
+    assert isinstance(found, Design)
+    expected = inertia(bouncing) * SPEED**2 / deepest**2
+    # the largest angle is taken at instants, of which one is within half a step of it
+    share = (np.sqrt(expected / inertia(bouncing)) * 1e-3) ** 2
+    assert found.converged and found.parameters[0].value == pytest.approx(expected, rel=share)
+    assert any("effects.stop is met or left" in remark.text for remark in found.record.remarks)

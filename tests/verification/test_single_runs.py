@@ -58,7 +58,6 @@ def both(name: str, *overrides: str, n_steps: int = 20) -> tuple[Trajectory, Tra
 
 
 def compare(lanes: Trajectory, matrices: Trajectory) -> None:
-    """Compare all that a run leaves."""
     np.testing.assert_array_equal(lanes.time, matrices.time)
     assert (lanes.status, lanes.steps_divided) == (matrices.status, matrices.steps_divided)
     assert [remark.text for remark in lanes.record.remarks] == [remark.text for remark in matrices.record.remarks]

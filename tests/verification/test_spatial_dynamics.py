@@ -155,7 +155,6 @@ def stiff_scene(*overrides: str) -> Scene:
 
 @lru_cache(maxsize=1)
 def stiff_model() -> tuple[ReducedOrderModel, RigidKinematics]:
-    """Return its reduced-order model, which serves all its runs, and its kinematics."""
     scene = stiff_scene()
     return (rom := rom_of(scene)), RigidKinematics(Mechanism.from_scene(scene, rom.meshes))
 
@@ -292,7 +291,6 @@ def stiff_arm() -> tuple[ReducedOrderModel, RigidKinematics]:
 
 
 def run_arm(*overrides: str) -> Trajectory:
-    """Run the arm."""
     return motion(ReducedModel(spatial.arm(*ARM_STIFF, *overrides), *stiff_arm()))
 
 

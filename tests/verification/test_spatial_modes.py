@@ -40,7 +40,6 @@ def group() -> RankGroup:
 
 
 def condensed_kinematics(scene: Scene, meshes: dict[str, BodyShape] | None = None) -> RigidKinematics:
-    """Return the kinematics of a scene with condensed bodies."""
     shapes = condensed(scene, meshes_of(scene) if meshes is None else meshes, group())
     return RigidKinematics(Mechanism.from_scene(scene, shapes))
 

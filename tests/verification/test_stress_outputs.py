@@ -79,7 +79,6 @@ def asked(name: str, quantity: str, place: str = "", body: str = "bar") -> str:
 
 
 def runs(scene: Scene, meshes: Mapping, how: Callable[..., Trajectory] = motion) -> dict[str, Trajectory]:
-    """Return a run of every model."""
     return {name: how(name, scene, meshes) for name in MODELS}
 
 
