@@ -26,6 +26,11 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text())
 
 
+@cache
+def nodes_of(tree: ast.AST) -> list[ast.AST]:
+    return list(ast.walk(tree))
+
+
 def repeated(names: list[str]) -> list[str]:
     return [name for name, count in Counter(names).items() if count > 1]
 
@@ -39,7 +44,7 @@ def words_of(node: ast.AST) -> str:
 
 def lost_cases(tree: ast.AST) -> Iterator[str]:
     """Yield keys, tests and names of cases of which only the last one counts."""
-    for node in ast.walk(tree):
+    for node in nodes_of(tree):
         if isinstance(node, ast.Dict):
             yield from (f"key {name}" for name in repeated([words_of(key) for key in node.keys if key]))
         if isinstance(node, (ast.Module, ast.ClassDef)):
@@ -51,9 +56,9 @@ def unseeded(tree: ast.AST) -> Iterator[str]:
     """Yield where random numbers come from, unless it is a generator with a seed."""
     generators = {"np.random": "default_rng", "numpy.random": "default_rng"}
     # elsewhere the name is that of a generator
-    if any(isinstance(node, ast.Import) and node.names[0].name == "random" for node in ast.walk(tree)):
+    if any(isinstance(node, ast.Import) and node.names[0].name == "random" for node in nodes_of(tree)):
         generators["random"] = "Random"
-    for node in ast.walk(tree):
+    for node in nodes_of(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             name, given = node.func.attr, [*node.args, *node.keywords]
             source = words_of(node.func.value) if isinstance(node.func.value, (ast.Name, ast.Attribute)) else ""
@@ -64,7 +69,7 @@ def unseeded(tree: ast.AST) -> Iterator[str]:
 
 def short_limits(tree: ast.AST) -> Iterator[str]:
     """Yield limits of time that are numbers of their own; those against hangs are conftest's `TIMEOUT_SECONDS`."""
-    for node in ast.walk(tree):
+    for node in nodes_of(tree):
         if isinstance(node, ast.Call):
             limits = [word.value for word in node.keywords if word.arg in SECONDS]
             if isinstance(node.func, ast.Attribute) and node.func.attr in WAITS:

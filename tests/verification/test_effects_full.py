@@ -44,27 +44,27 @@ TURNED: dict[str, Row] = {
     "harmonic torque": (
         'effects.e: type = "torque"; joint = "hinge"; scale = 1.5; '
         "harmonic = { amplitude = 0.7, frequency_hz = 2.0, phase = 0.4, mean = 0.2 }",
-        lambda t, a, w: 1.5 * (0.7 * np.sin(4.0 * np.pi * t + 0.4) + 0.2), 0.0, 0.5, {"velocity": 0.3}, 1e-5,
+        lambda t, a, w: 1.5 * (0.7 * np.sin(4.0 * np.pi * t + 0.4) + 0.2), 0.0, 0.3, {"velocity": 0.3}, 1e-5,
     ),
     # on the centre of mass it is a load, elsewhere an action; in the hinge it does nothing
     **{
         f"force on bar:{point}": (
             f'{PUSH}"bar:{point}"',
-            lambda t, a, w, arm=arm: 4.0 * t * arm * (0.8 * np.cos(a) - 0.6 * np.sin(a)), 0.0, 0.5, {"velocity": 0.3}, 1e-5,
+            lambda t, a, w, arm=arm: 4.0 * t * arm * (0.8 * np.cos(a) - 0.6 * np.sin(a)), 0.0, 0.3, {"velocity": 0.3}, 1e-5,
         )
         for point, arm in {"tip": 1.0, "middle": 0.5, "hinge": 0.0}.items()
     },
     "following force": ('effects.e: type = "force"; point = "bar:tip"; direction = [1.0, 1.0]; follows = true; '
         "harmonic = { amplitude = 0.0, frequency_hz = 1.0, mean = 2.0 }",
-        lambda t, a, w: np.sqrt(0.5) * 2.0, 0.0, 0.5, {"position": 0.4}, 2e-6,),
+        lambda t, a, w: np.sqrt(0.5) * 2.0, 0.0, 0.3, {"position": 0.4}, 2e-6,),
     "pulling force": (f'{ANCHOR}\neffects.e: type = "force"; point = "bar:tip"; towards = "ground:anchor"; '
-        "table = [[0.0, 0.5], [0.5, 1.5]]", lambda t, a, w: pull(a, 0.5 + 2.0 * t), 0.0, 0.5, {}, 1e-5,),
+        "table = [[0.0, 0.5], [0.5, 1.5]]", lambda t, a, w: pull(a, 0.5 + 2.0 * t), 0.0, 0.3, {}, 1e-5,),
     "point mass": ("parameters.m: nominal = 0.5; value = 0.8\n"
         'effects.weight: type = "gravity"; direction = [0.0, -3.0]; acceleration = 9.0\n'
         'effects.bob: type = "point_mass"; point = "bar:tip"; mass = "m"; inertia = 0.05',
-        lambda t, a, w: -(0.5 + 0.8) * 9.0 * np.cos(a), 0.85, 0.6, {}, 4e-5,),
+        lambda t, a, w: -(0.5 + 0.8) * 9.0 * np.cos(a), 0.85, 0.4, {}, 4e-5,),
     "joint damping": ('effects.e: type = "joint_damping"; joint = "hinge"; coefficient = 0.5',
-        lambda t, a, w: -0.5 * w, 0.0, 1.0, {"velocity": 2.0}, 4e-6,),
+        lambda t, a, w: -0.5 * w, 0.0, 0.5, {"velocity": 2.0}, 4e-6,),
     # it stops after J w / limit = 0.667 s
     "joint friction": ('effects.e: type = "joint_friction"; joint = "hinge"; limit = 0.5; speed = 0.1',
         lambda t, a, w: -0.5 * np.tanh(w / 0.1), 0.0, 0.8, {"velocity": 1.0}, 2e-6,),
@@ -72,9 +72,9 @@ TURNED: dict[str, Row] = {
         'effects.e: type = "spring_damper"; joint = "hinge"; stiffness = 40.0; damping = 0.6; rest = 0.2',
         lambda t, a, w: -40.0 * (a - 0.2) - 0.6 * w, 0.0, 0.5, {}, 1e-4,),
     "spring from a point": (
-        f'{ANCHOR}\n{STRUT}["ground:anchor", "bar:tip"]', lambda t, a, w: strut(a, w), 0.0, 0.6, {}, 1e-4),
+        f'{ANCHOR}\n{STRUT}["ground:anchor", "bar:tip"]', lambda t, a, w: strut(a, w), 0.0, 0.4, {}, 1e-4),
     "spring to a point": (
-        f'{ANCHOR}\n{STRUT}["bar:tip", "ground:anchor"]', lambda t, a, w: strut(a, w), 0.0, 0.6, {}, 1e-4
+        f'{ANCHOR}\n{STRUT}["bar:tip", "ground:anchor"]', lambda t, a, w: strut(a, w), 0.0, 0.4, {}, 1e-4
     ),
     # within the stop omega h = 0.15, of half a period's 0.04 s at 5 rad/s; four times as much of the damping
     "stop": (f"{WEIGHT}\n{STOP}0.0", lambda t, a, w: stop(a, w, 0.0), 0.0, 0.64, {}, 4e-4),
