@@ -75,7 +75,6 @@ THOROUGH = (
     "parallel/test_build.py::test_tables_are_the_same_but_for_one_constant_rotation[5-",
     "parallel/test_build.py::test_even_the_constant_rotation_is_the_identity_without_a_reflection[5-",
     "parallel/test_build.py::test_the_condensed_bodies_do_not_depend_on_ranks[3-",
-    "commands/test_commands.py::test_three_ranks_give_the_same_numbers",
     "commands/test_component_command.py::test_the_scenes_run_as_they_are[six_joint_arm]",
     "commands/test_component_command.py::test_the_scenes_run_as_they_are[palletizer]",
     "gradients/test_linearisation.py::test_the_residual_is_that_of_the_engine[two coordinates]",

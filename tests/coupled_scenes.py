@@ -52,6 +52,36 @@ simulation: duration = 2.0; step = 2e-3
 outputs.x: type = "sliding"; joint = "shaft"
 outputs.phi: type = "angle"; joint = "shaft"
 """)
+# a bridge on a spindle of 10 mm lead, which turns 50 times for 0.5 m, and a cart across it on another one
+_ONE_SPINDLE = HEADER + tables("""
+bodies.bridge: rigid = { mass = 3.0, inertia = [0.05, 0.06, 0.02, 0.0, 0.0, 0.0], points = { a = [0.0, 0.0, 0.0] } };
+    placement = { origin = [0.007, 0.0, 0.0] }
+bodies.long: rigid = { mass = 1.0, inertia = [1e-4, 0.02, 0.02, 0.0, 0.0, 0.0], points = { b = [1.0, 0.0, 0.0] } };
+    placement = { origin = [-1.0, 0.0, 0.0] }
+joints.x: type = "prismatic"; connect = ["ground:origin", "bridge:a"]; axis = [1.0, 0.0, 0.0]
+joints.bearing: type = "revolute"; connect = ["ground:origin", "long:b"]; axis = [1.0, 0.0, 0.0]
+joints.nut: type = "cylindrical"; connect = ["long:b", "bridge:a"]; axis = [1.0, 0.0, 0.0]
+joints.thread: type = "screw"; joint = "nut"; lead = -0.01
+coordinates.x: joint = "x"; range = [-0.5, 0.5]
+effects.one: type = "torque"; joint = "bearing"; table = [[0.0, 0.5], [1.0, 0.5]]
+simulation: duration = 0.1; step = 5e-4
+outputs.x: type = "sliding"; joint = "x"
+""")
+SPINDLES = (
+    _ONE_SPINDLE,
+    _ONE_SPINDLE
+    + tables("""
+bodies.cart: rigid = { mass = 1.0, inertia = [0.05, 0.06, 0.02, 0.0, 0.0, 0.0], points = { a = [0.0, 0.0, 0.0] } }
+bodies.across: rigid = { mass = 1.0, inertia = [0.02, 1e-4, 0.02, 0.0, 0.0, 0.0], points = { a = [0.0, 0.0, 0.0] } }
+joints.y: type = "prismatic"; connect = ["bridge:a", "cart:a"]; axis = [0.0, 1.0, 0.0]
+joints.bearing2: type = "revolute"; connect = ["bridge:a", "across:a"]; axis = [0.0, 1.0, 0.0]
+joints.nut2: type = "cylindrical"; connect = ["across:a", "cart:a"]; axis = [0.0, 1.0, 0.0]
+joints.thread2: type = "screw"; joint = "nut2"; lead = -0.01
+coordinates.y: joint = "y"; range = [-0.5, 0.5]
+effects.two: type = "torque"; joint = "bearing2"; table = [[0.0, -0.3], [1.0, -0.3]]
+outputs.y: type = "sliding"; joint = "y"
+"""),
+)
 CAM = HEADER + tables("""
 bodies.cam: rigid = { mass = 1.0, inertia = 0.02, points = { hub = [0.0, 0.0] } }
 bodies.follower: rigid = { mass = 2.0, inertia = 0.1, points = { foot = [0.0, 0.0], top = [0.0, 0.1] } }

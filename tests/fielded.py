@@ -1,7 +1,10 @@
 """Made-up runs with fields: a plane bar that moves, and blocks in space, with a stress that is known everywhere."""
 
 from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
 
+import meshio
 import numpy as np
 import synthetic
 from solids import box_mesh, rectangle_mesh
@@ -49,3 +52,27 @@ def block_run() -> Trajectory:
     moved = block.positions - block.deformation + [1.5, 0.0, 0.0]
     base = BodyField(mesh.kind, mesh.nodes, mesh.cells, moved, 0.0 * moved, rigid=True)
     return run_of(block=block, base=base)
+
+
+def rod_run(pressed: float, **more: float) -> Trajectory:
+    """Return a beam at rest whose fibres are pulled by 1 to 2 MPa along it, and pressed by a stress (Pa)."""
+    nodes = np.column_stack([np.linspace(0.0, 1.0, 6), np.zeros(6)])
+    cells = np.column_stack([np.arange(5), np.arange(1, 6)])
+    places = np.repeat(nodes[None], 4, axis=0)
+    extremes = {"stress_max": np.tile(np.linspace(1e6, 2e6, 6), (4, 1)), "stress_min": np.full((4, 6), -pressed)}
+    inner = {name: values[:, :5] for name, values in extremes.items()}
+    units = dict.fromkeys(extremes, "Pa")
+    return run_of(rod=BodyField("line", nodes, cells, places, 0.0 * places, extremes, inner, units, **more))
+
+
+def last_grid(xdmf: Path, body: str) -> meshio.Mesh:
+    """Return the last frame of a body, as another program reads it."""
+    tree = ElementTree.parse(xdmf)
+    domain = tree.getroot().find("Domain")
+    last = next(grid for grid in domain.findall("Grid") if grid.get("Name") == body).findall("Grid")[-1]
+    last.remove(last.find("Time"))
+    for grid in list(domain):
+        domain.remove(grid)
+    domain.append(last)
+    tree.write(xdmf.with_name("last.xdmf"))
+    return meshio.read(xdmf.with_name("last.xdmf"))

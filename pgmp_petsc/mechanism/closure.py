@@ -35,6 +35,7 @@ from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupli
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statement_rows import StatementRows
+from pgmp_petsc.mechanism.statements import Combination, Statement
 
 MAX_ITERATIONS = 25
 NEAR = 1e-9  # scaled residual, left by a step of 3e-5, of which the same J leaves 3e-14
@@ -78,7 +79,7 @@ class LoopClosure:
         counted = len(mechanism.bodies), mechanism.n_constraints, len(mechanism.couplings)
         self.equations = self._rows.parts, wanted, periodic, counted, self.size
         self._units = np.tile(mechanism.space.units(self.size), len(mechanism.bodies))
-        self._scale = np.where([part.is_length for part, _ in parts], self.size, 1.0)
+        self._scale = _scales(parts, self.size)
         # those that make poses rigid are no joints
         self._tied = slice(mechanism.n_constraints, self.n_constraints)
         n_tied, n_bodies = mechanism.space.n_tied * len(mechanism.bodies), len(mechanism.bodies)
@@ -321,7 +322,7 @@ class LoopClosure:
         _, values, right = np.linalg.svd(self.scaled(self.jacobian(poses))[0])
         free = right[np.sum(values > SINGULAR_TOLERANCE * values[0]) :]
         slopes = (_jacobian_of(rows, self._units.size)(poses)[0] * self._units) @ free.T
-        scale = np.where([part.is_length for part, _ in parts], self.size, 1.0)
+        scale = _scales(parts, self.size)
         return np.abs(slopes).max(axis=1, initial=0.0) > SINGULAR_TOLERANCE * scale
 
     def newton_step(self, poses: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -461,6 +462,18 @@ def size_of(mechanism: Mechanism) -> float:
     return max(body.extent for body in mechanism.bodies)
 
 
+def _scales(parts: Sequence[Attached], size: float) -> np.ndarray:
+    """Return what statements are measured in, (n,): the size, m, or 1 rad, and of sums the largest of their terms."""
+
+    def own(part: Statement | Combination) -> float:
+        return size if part.is_length else 1.0
+
+    def largest(part: Statement | Combination) -> float:
+        return max([own(part), *(abs(f.factor) * own(one) for one, f in part.terms if not f.breaks.size)])
+
+    return np.array([largest(part) for part, _ in parts])
+
+
 def _unknowns(poses: np.ndarray) -> np.ndarray:
     """Return the poses (n_bodies, n_pose, n) of all bodies one after the other, shape (n_bodies n_pose, n)."""
     return poses.reshape(poses.shape[0] * poses.shape[1], poses.shape[2])
@@ -493,7 +506,7 @@ class ReleasedClosure:
         self._carries = np.array([False] * self._n_held + carries, dtype=bool)
         self._rows = StatementRows.on_poses(parts, mechanism.space)
         self._jacobian_at = _jacobian_of(self._rows, closure.n_pose * len(mechanism.bodies))
-        self._scale = np.where([part.is_length for part, _ in parts], closure.size, 1.0)
+        self._scale = _scales(parts, closure.size)
         self._chosen: np.ndarray | None = None  # numbers of the rows, all that are held and the chosen released ones
 
     def rates(self, poses: np.ndarray) -> np.ndarray:

@@ -40,10 +40,11 @@ from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE, SINGULAR_TOLERANCE, LoopClosure
 from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.mechanism import Coordinate
-from pgmp_petsc.mechanism.space import cross_matrix
+from pgmp_petsc.mechanism.space import PLANE, SPATIAL, cross_matrix
 
 POSES = "m of positions, rad of angles, 1 of directors"
 MOST_HALVINGS = 3
+MOST_PLACES = 40_000  # of a table over one coordinate
 PROBES = (0.25, 0.5, 0.75)  # of a cell; polynomials are furthest from the solution in the middle
 SHARE = 0.5  # of the closure's tolerance that is left between them
 ROUND_OFF = 1e-14  # of the range, by which angles that are taken to the first turn may be outside it
@@ -99,7 +100,9 @@ class PoseBranch(Record):
         if len(axes) > 1:
             return found
         n_halved = 0
-        while not (closes := found._closes(closure)) and n_halved < MOST_HALVINGS:
+        while (
+            not (closes := found._closes(closure)) and n_halved < MOST_HALVINGS and 2 * len(found.poses) < MOST_PLACES
+        ):
             n_halved += 1
             theta = np.linspace(axes[0][0], axes[0][-1], 2 * found.axes[0].size - 1)
             poses = closure.close(found.guess(theta[:, None]), theta[:, None])
@@ -164,9 +167,10 @@ class PoseBranch(Record):
         ]
         away = theta - np.stack([axis[place] for axis, place in zip(self.axes, places)], axis=1)
         rows = np.ravel_multi_index(places, [axis.size for axis in self.axes])
-        first = np.einsum("nbpk,nk->nbp", self.rates[rows], away)
-        second = np.einsum("nbpkl,nk,nl->nbp", self.curvatures[rows], away, away)
-        return (self.poses[rows] + first + 0.5 * second).reshape(len(theta), -1)
+        first = np.einsum("nbpk,nk->bpn", self.rates[rows], away)
+        second = np.einsum("nbpkl,nk,nl->bpn", self.curvatures[rows], away, away)
+        space = SPATIAL if self.poses.shape[2] == SPATIAL.n_pose else PLANE
+        return space.moved(np.moveaxis(self.poses[rows], 0, -1), first + 0.5 * second).reshape(-1, len(theta)).T
 
 
 def near_enough(apart: np.ndarray, gap: np.ndarray) -> np.ndarray:
@@ -278,7 +282,8 @@ class Continuation:
         for axis in range(len(self.shape) - 1):
             before = np.take(numbers, range(self.shape[axis] - 1), axis).ravel()
             after = np.take(numbers, range(1, self.shape[axis]), axis).ravel()
-            guess = self.poses[..., before] + rates[:, :, axis, before] * self._steps[axis]
+            change = rates[:, :, axis, before] * self._steps[axis]
+            guess = closure.mechanism.space.moved(self.poses[..., before], change)
             found = closure.close(guess, self.theta[after])
             gap = np.abs(found - self.poses[..., after]) / closure.mechanism.space.units(closure.size)[:, None]
             worst = int(np.argmax(gap.max(axis=(0, 1))))
@@ -325,7 +330,7 @@ class _Front:
             guessed, gap = closure.newton(self._guess(step * np.arange(1, len(values)), axis), theta[n:-n])
             poses = np.concatenate([poses, guessed[..., : n * _leading(gap, n)]], axis=-1)
             jacobian = closure.jacobian(poses)
-        guess = poses + closure.rates(poses, jacobian)[:, :, axis] * step
+        guess = closure.mechanism.space.moved(poses, closure.rates(poses, jacobian)[:, :, axis] * step)
         theta = theta[: n + len(jacobian)]
         following, gap = closure.newton(guess, theta[n:])
         closure.require_closed(guess[..., :n], theta[n : 2 * n], gap[:n])
@@ -344,7 +349,8 @@ class _Front:
         """Return poses (n_bodies, n_pose, m n) at distances (m,) along an axis, to second order."""
         rates = self.closure.rates(self.poses, self.jacobian)
         curvatures = self.closure.curvatures(self.poses, rates)[:, :, axis, axis]
-        return np.concatenate([self.poses + rates[:, :, axis] * x + curvatures * (0.5 * x * x) for x in away], axis=-1)
+        changes = [rates[:, :, axis] * x + curvatures * (0.5 * x * x) for x in away]
+        return np.concatenate([self.closure.mechanism.space.moved(self.poses, one) for one in changes], axis=-1)
 
     def _check(self, n: int) -> None:
         """Refuse singular configurations among all but the first n, and between each and the one n before it."""

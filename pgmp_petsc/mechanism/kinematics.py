@@ -30,7 +30,7 @@ import scipy
 from pgmp_petsc.base.errors import InputError, Remark, note
 from pgmp_petsc.mechanism.closure import SINGULAR_TOLERANCE, LoopClosure, ReleasedClosure, size_of
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.continuation import Continuation, PoseBranch, Walk
+from pgmp_petsc.mechanism.continuation import MOST_PLACES, Continuation, PoseBranch, Walk
 from pgmp_petsc.mechanism.joints import Connection, triad
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, Unknowns, words_of
 from pgmp_petsc.mechanism.pose_patches import PosePatches
@@ -41,6 +41,7 @@ from pgmp_petsc.scene.joints import MEASURED
 FINE_STEP = 0.02
 STEPS = (FINE_STEP, 0.1, 0.2)  # by the number of coordinates: of a tensor grid in wider ones
 LEAST_STEPS, MOST_STEPS = 8, 5000
+FURTHEST_TURN = 0.3  # rad of a body in space, from one place of the table to the next
 MOST_COORDINATES = len(STEPS)  # whose range can be covered by a grid
 MOST_FOLLOWED = 2  # coordinates that are followed over their range whatever the model
 FURTHEST = 1e6  # rad that a coordinate turns; beyond, round-off shows in where it stands, and runs have run away
@@ -149,6 +150,7 @@ class RigidKinematics:
         if key not in _KEPT:
             start, assembled = self._assemble(axes)
             n_redundant = self._check_count(assembled)
+            start, axes = self._finer(start, axes, assembled)
             continued = Continuation(self._closure, axes, start, assembled)
             _KEPT[key] = PoseBranch.of(self._closure, continued, axes, n_redundant)
             if len(_KEPT) > MOST_KEPT:
@@ -314,6 +316,17 @@ class RigidKinematics:
         n = n if coordinate.turns else min(n, MOST_STEPS)
         return np.linspace(coordinate.lower, coordinate.upper, n + 1)
 
+    def _finer(
+        self, start: list[int], axes: list[np.ndarray], assembled: np.ndarray
+    ) -> tuple[list[int], list[np.ndarray]]:
+        """Return numbers of the first configuration and axes on which no body in space turns far from one value of one
+        coordinate to the next, as a spindle does: in between the table has polynomials of directors."""
+        if len(axes) > 1 or not self.mechanism.space.n_tied:
+            return start, axes
+        turn = self.mechanism.space.turns(self.rates(assembled)[:, :, 0]).max() * (axes[0][1] - axes[0][0])
+        parts = int(np.clip(np.ceil(turn / FURTHEST_TURN), 1, max(MOST_PLACES // axes[0].size, 1)))
+        return [start[0] * parts], [np.linspace(axes[0][0], axes[0][-1], (axes[0].size - 1) * parts + 1)]
+
     def _assemble(self, axes: Sequence[np.ndarray]) -> tuple[list[int], np.ndarray]:
         """Return the numbers of the first configuration along the axes, and the poses there."""
         guess, failure = self.mechanism.first_guess[:, :, None], None
@@ -323,9 +336,28 @@ class RigidKinematics:
                 return place, self._closure.close(guess, theta, placed=True)
             except InputError as error:
                 failure = failure or error
+            led = self._led(guess, theta) if self.mechanism.couplings else None
+            if led is not None:
+                return place, led
         # two coordinates of a mechanism with one degree of freedom close nowhere: the count says why
         self._check_count(self._closure.closed_freely(guess))
         raise failure
+
+    def _led(self, guess: np.ndarray, theta: np.ndarray) -> np.ndarray | None:
+        """Return poses at theta (1, n_theta), to which a mechanism goes in small turns from where it closes next to a
+        guess: on the way to it a spindle may turn often. None where it does not close there."""
+        poses = self._closure.closed_freely(guess)
+        way = theta - self._closure.measured(poses).T
+        try:
+            change = np.einsum("bpkn,nk->bpn", self.rates(self._closure.close(poses, theta - way)), way)
+            n = int(np.clip(np.ceil(self.mechanism.space.turns(change).max() / FURTHEST_TURN), 1, MOST_PLACES))
+            for k in range(n):
+                change = np.einsum("bpkn,nk->bpn", self.rates(poses), way / n)
+                guess = self.mechanism.space.moved(poses, change)
+                poses = self._closure.close(guess, theta - way * (1.0 - (k + 1) / n))
+        except InputError:
+            return None
+        return poses
 
     def _places(self, axes: Sequence[np.ndarray]) -> list[list[int]]:
         """Return the configurations at which to try the assembly, by their numbers along the axes."""

@@ -47,6 +47,11 @@ class Plane:
         in the plane, and in space nearest to `turned`."""
         return b[2] - a[2] if statement.kind == ANGLE else statement.value(self.natural(a), self.natural(b))
 
+    def moved(self, poses: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Return poses (n_bodies, n_pose, n) after a change of them of first order, or of first and second: in space
+        bodies turn by the vector that belongs to it, however far."""
+        return poses + change
+
     def winding(self, change: np.ndarray) -> np.ndarray:
         """Return the whole turns in a change of poses (n_bodies, n_pose), shape (n_bodies,), that poses count."""
         return np.rint(change[:, 2] / (2 * np.pi))
@@ -115,6 +120,17 @@ class Spatial:
         self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0
     ) -> np.ndarray:
         return statement.value(self.natural(a), self.natural(b), turned)
+
+    def moved(self, poses: np.ndarray, change: np.ndarray) -> np.ndarray:
+        found = poses + change
+        axes = poses[:, 3:].reshape(len(poses), 3, 3, -1)
+        vector = 0.5 * np.cross(axes, change[:, 3:].reshape(axes.shape), axis=2).sum(axis=1)[:, None]
+        angle = np.linalg.norm(vector, axis=2, keepdims=True)
+        once, twice = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+        across = np.cross(vector, axes, axis=2)
+        turned = axes + once * across + twice * np.cross(vector, across, axis=2)
+        found[:, 3:] = turned.reshape(found[:, 3:].shape)
+        return found
 
     def winding(self, change: np.ndarray) -> np.ndarray:
         return np.zeros(len(change))

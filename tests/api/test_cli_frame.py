@@ -47,7 +47,8 @@ ENDINGS = {
     "inof": (2, "no command 'inof'; did you mean 'info'? (see 'pgmp --help')"),
     "xyzzy": (2, "no command 'xyzzy'; known: agreeing, alone, "),
     "--quiet info f.h5": (
-        2, "no option '--quiet'; known: --help, --version; options of a command go behind its name (see 'pgmp --help')"
+        2,
+        "no option '--quiet'; known: --help, --version; options of a command go behind its name (see 'pgmp --help')",
     ),
     "info --scen f.h5": (2, "no option '--scen'; did you mean '--scene'? (see 'pgmp info --help')"),
     "info": (2, "Missing argument 'FILE' (see 'pgmp info --help')"),

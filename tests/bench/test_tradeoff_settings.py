@@ -49,10 +49,7 @@ def varied(settings: list[Setting], around: Setting) -> dict[str, set]:
 def test_meshes_that_are_not_cut_and_terms_that_are_not_there_are_not_asked_for() -> None:
     of_cells = Limits(28, 1, 3, second_order=False, refinable=False)
     own = own_setting(paper_scene())
-    settings = [
-        *first_settings(paper_scene(), FULL, of_cells),
-        *settings_around([own], paper_scene(), FULL, of_cells),
-    ]
+    settings = [*first_settings(paper_scene(), FULL, of_cells), *settings_around([own], paper_scene(), FULL, of_cells)]
     assert {setting.refinement for setting in settings} == {1}
     assert not any(setting.reduction.second_order for setting in settings if setting.reduction)
 

@@ -1,13 +1,12 @@
 """Every command as a user runs it: what it writes, prints and ends with, on one rank and on three."""
 
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from runs import PAPER_SCENE, PGMP, SMALL, besides_progress, full_model, history, overridden, paper_scene, pgmp, samples
+from runs import PAPER_SCENE, SMALL, besides_progress, full_model, history, overridden, paper_scene, pgmp, samples
 
 from pgmp_petsc import __version__
 from pgmp_petsc.files.hdf5 import version_of
@@ -281,25 +280,3 @@ def test_one_sample_and_an_output_named_like_a_parameter(folder: Path, rom: Path
     assert done.stdout.count("note: one sample has no deviation") == 1
     words = ("montecarlo", rom, "-n", 4, "-o", folder / "named.h5", *overridden(short, named))
     assert "outputs.r1" in pgmp(*words, status=2).stderr
-
-
-def test_three_ranks_give_the_same_numbers(
-    mpirun: Callable, folder: Path, rom: Path, reduced: Path, full: Path, table: Path
-) -> None:
-    for name, expected, arguments in (
-        ("reduced", reduced, ("simulate", rom)),
-        ("full", full, ("simulate", PAPER_SCENE, "--full", *SCENE_OPTIONS)),
-    ):
-        path = folder / f"{name}_3.h5"
-        mpirun(3, *PGMP, *arguments, "-o", path)
-        one, other = Trajectory.read(expected), Trajectory.read(path)
-        assert other.record.ranks == 3
-        np.testing.assert_array_equal(one.time, other.time)
-        for output, values in one.outputs.items():
-            np.testing.assert_allclose(other.outputs[output], values, rtol=0, atol=1e-9)
-    path = folder / "modes_3.h5"
-    mpirun(3, *PGMP, "modes", PAPER_SCENE, "--rom", rom, "-o", path, "--ranks-per-angle", 2, *SCENE_OPTIONS)
-    one, other = ModesTable.read(table), ModesTable.read(path)
-    np.testing.assert_array_equal(one.theta, other.theta)
-    np.testing.assert_allclose(other.full_hz, one.full_hz, rtol=1e-9)
-    np.testing.assert_allclose(other.reduced_hz, one.reduced_hz, rtol=1e-9)

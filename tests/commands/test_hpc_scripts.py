@@ -214,9 +214,9 @@ def test_where_slurm_queues_nothing_again_a_new_job_has_the_same_options(checkou
 
 @pytest.mark.parametrize("script", PBS)
 def test_a_job_stopped_by_its_own_clock_is_followed_by_one_with_its_options(checkout: Path, script: str) -> None:
-    given = worker(checkout) | {"SUBMIT": "-m e", "LEAD": 56, "WALLTIME": "1:00"}
+    given = worker(checkout) | {"SUBMIT": "-m e", "LEAD": 57, "WALLTIME": "1:00"}
     out, _ = run(checkout, script, STOPPED, WORK="slow", **given)
-    assert "60 s left; the command is stopped after 4 s" in out and "stopped before the end of the wall time" in out
+    assert "60 s left; the command is stopped after 3 s" in out and "stopped before the end of the wall time" in out
     assert calls(checkout)[1:] == [f"{PBS_AGAIN}-W depend=afterany:17 -m e scripts/hpc/{script}"]
     run(checkout, script, **given | {"WALLTIME": 600})
     assert calls(checkout)[2].endswith("--resume") and len(calls(checkout)) == 3
@@ -242,7 +242,7 @@ def test_what_cannot_be_queued_is_said(checkout: Path, script: str) -> None:
 
 
 def test_a_command_that_does_not_heed_the_signal_is_killed(checkout: Path) -> None:
-    given = worker(checkout) | {"LEAD": 4}
+    given = worker(checkout) | {"LEAD": 3}
     job = start(checkout, "build.slurm", WORK="deaf", **given)
     stop(job, checkout / "rom.h5.partial" / "2.npz")
     ended(job, STOPPED)
@@ -289,7 +289,7 @@ def test_a_job_that_is_cancelled_says_so(checkout: Path) -> None:
 
 
 def test_a_signal_before_the_command_is_said(checkout: Path) -> None:
-    slow = "() { echo >>loading; for i in {1..20}; do sleep 0.1; done; }"
+    slow = "() { echo >>loading; for i in {1..12}; do sleep 0.1; done; }"
     for number, status in ((signal.SIGUSR1, STOPPED), (signal.SIGTERM, 143)):
         (checkout / "loading").unlink(missing_ok=True)
         job = start(checkout, "build.slurm", MODULES="petsc", **worker(checkout), **{"BASH_FUNC_module%%": slow})

@@ -54,10 +54,7 @@ def test_expressions_have_their_values_and_derivatives(text: str, value: float) 
         assert found.slope[k] == pytest.approx((ahead - behind) / (2.0 * h), rel=1e-8, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["r1 / (c-2 - 3)", "(r1 - 2) ^ 0.5", "(r1 - 3) ^ 0.5", "r1 ^ 1e9"],
-)
+@pytest.mark.parametrize("text", ["r1 / (c-2 - 3)", "(r1 - 2) ^ 0.5", "(r1 - 3) ^ 0.5", "r1 ^ 1e9"])
 def test_what_has_no_value_or_no_derivative_is_not_finite(text: str) -> None:
     """Python's own numbers would raise, or become complex."""
     found = read_goal(f"minimise {text}", OUTPUTS, PARAMETERS).expression(outcome())

@@ -12,15 +12,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble import sampling
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, Plan
 from pgmp_petsc.ensemble.sample_file import read_samples
-from pgmp_petsc.ensemble.sampling import (
-    Sampler,
-    draw,
-    draw_remarks,
-    first_numbers,
-    physical,
-    sampler_remarks,
-    stream,
-)
+from pgmp_petsc.ensemble.sampling import Sampler, draw, draw_remarks, first_numbers, physical, sampler_remarks, stream
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import Distribution, Parameter
 from scenes import slider_crank

@@ -91,11 +91,9 @@ def test_little_is_drawn_within_the_picture(name):
 
 TWENTY = synthetic.ensemble("full", 20)
 ZERO = replace(TWENTY, parameters={}, outputs={"x": np.zeros(20)}, statistics={"x": synthetic.statistics(np.zeros(20))})
-LOST = {name: synthetic.statistics(np.full(20, np.nan)) for name in TWENTY.outputs}
 REFUSED = {
     "no output in common": lambda: trajectories(paired([ALONE, replace(ALONE, outputs={"other": ALONE.time})])),
     "ensembles have nothing in common": lambda: densities([TWENTY, ZERO]),
-    "no sample of the full ensemble": lambda: densities([replace(TWENTY, status=np.full(20, 2), statistics=LOST)]),
     "no frames to draw": lambda: mechanism(ALONE),
 }
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import synthetic
 from click.testing import CliRunner, Result
-from fielded import block_run, flat_run, run_of
+from fielded import block_run, flat_run, rod_run
 from mpi4py import MPI
 from PIL import Image
 from runs import rom_of
@@ -24,7 +24,6 @@ from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.motion import motion_of, scale_of
 from pgmp_petsc.figures.solids import Pace, Stage, drawing, solids, view_of
 from pgmp_petsc.files.claims import check_output
-from pgmp_petsc.results.trajectory import BodyField
 from scenes import slider_crank
 
 WIDE, HIGH = 240, 160
@@ -125,14 +124,7 @@ def test_a_solid_is_lit_and_a_rigid_one_grey() -> None:
 
 
 def test_beams_are_tubes_of_their_section() -> None:
-    nodes = np.column_stack([np.linspace(0.0, 1.0, 6), np.zeros(6)])
-    cells = np.column_stack([np.arange(5), np.arange(1, 6)])
-    places = np.repeat(nodes[None], 4, axis=0)
-    extremes = {"stress_max": np.tile(np.linspace(1e6, 2e6, 6), (4, 1)), "stress_min": np.full((4, 6), -2e6)}
-    inner = {name: values[:, :5] for name, values in extremes.items()}
-    units = dict.fromkeys(extremes, "Pa")
-    rod = BodyField("line", nodes, cells, places, 0.0 * places, extremes, inner, units, radius=0.05)
-    motion = motion_of(run_of(rod=rod))
+    motion = motion_of(rod_run(2e6, radius=0.05))
     assert motion.largest == pytest.approx(2.0) and "outermost fibres" in motion.notes[-1]
     with Stage(motion, WIDE, HIGH) as stage:
         shown = coloured(stage.picture(0))

@@ -38,7 +38,7 @@ PLANE = overridden(
 )
 IN_SPACE = overridden(
     'effects.mount={type="bushing",points=["crank:tip","rocker:tip"],reference=[[1.0,0.0,0.0],[0.0,1.0,0.0]],'
-    "stiffness=[1e3,2e3,3e3],turning_stiffness=[2.0,3.0,4.0]}",
+    "stiffness=[1e3,2e3,3e3],turning_stiffness=[2.0,3.0,4.0]}"
 )
 MESH = overridden("joints.mesh.elastic={stiffness=3e3,damping=1.0}")
 STRESS = 'outputs.worst={type="stress", body="%s", quantity="von_mises"}'
@@ -69,7 +69,7 @@ STARTS = {
         "run": ("simulate", GEARED, "--full", *MESH, *overridden("simulation.duration=0.02")),
     },
     "run in space": {
-        "full": ("simulate", SPACE, "--full", *overridden("simulation.duration=0.004", "simulation.step=1e-3")),
+        "full": ("simulate", SPACE, "--full", *overridden("simulation.duration=0.004", "simulation.step=1e-3"))
     },
     "model in space": {"rom": ("build", SPACE, *overridden("reduction.angles=8"), "--ranks-per-angle", RANKS)},
     "solids": {"full": ("simulate", SPATIAL_SOLIDS, "--full", *SUDDEN)},

@@ -299,12 +299,17 @@ def test_energies_are_those_of_the_full_tensors(second: bool) -> None:
         assert strain[k] == pytest.approx(stored, rel=1e-12)
 
 
-def test_energy_is_conserved_over_a_long_run() -> None:
-    """Without loads on the rigid coordinates; both turn, and the second one stays in its range."""
+def unloaded_terms() -> ReducedTerms:
+    """Return terms without loads on the rigid coordinates."""
     terms = terms_of()
     load = terms.tables.load.copy()
     load[:, :, :2] = 0.0
-    terms = ReducedTerms(**{**terms.__dict__, "load": interpolant(GRID, load, "spline")})
+    return ReducedTerms(**{**terms.__dict__, "load": interpolant(GRID, load, "spline")})
+
+
+def test_energy_is_conserved_over_a_long_run() -> None:
+    """Without loads on the rigid coordinates; both turn, and the second one stays in its range."""
+    terms = unloaded_terms()
     drifts = []
     for step in (2e-3, 1e-3):
         run, states, _ = simulate(system_of(terms, speed=(2.0, 0.03)), 4.0, step)
@@ -365,10 +370,7 @@ class Turning:
 
 
 def test_a_prescribed_coordinate_moves_as_it_is_told_and_its_drive_does_the_work() -> None:
-    terms = terms_of()
-    load = terms.tables.load.copy()
-    load[:, :, :2] = 0.0
-    terms = ReducedTerms(**{**terms.__dict__, "load": interpolant(GRID, load, "spline")})
+    terms = unloaded_terms()
     system = system_of(terms, speed=(1.0, 0.0), motions={1: Turning()})
     run, states, times = simulate(system, 1.5, 5e-4)
     assert run.status[0] == 0

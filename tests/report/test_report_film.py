@@ -13,7 +13,7 @@ import matplotlib
 import numpy as np
 import pytest
 import synthetic
-from fielded import block_run, field_of, flat_run, run_of
+from fielded import block_run, field_of, flat_run, rod_run, run_of
 from PIL import Image
 from solids import box_mesh
 
@@ -213,13 +213,7 @@ def test_unknown_deformations_and_stresses_are_drawn_as_they_are() -> None:
 
 
 def test_beams_are_coloured_by_their_fibre_stress() -> None:
-    nodes = np.column_stack([np.linspace(0.0, 1.0, 6), np.zeros(6)])
-    cells = np.column_stack([np.arange(5), np.arange(1, 6)])
-    places = np.repeat(nodes[None], 4, axis=0)
-    extremes = {"stress_max": np.tile(np.linspace(1e6, 2e6, 6), (4, 1)), "stress_min": np.full((4, 6), -1.5e6)}
-    inner = {name: values[:, :5] for name, values in extremes.items()}
-    rod = BodyField("line", nodes, cells, places, 0.0 * places, extremes, inner, dict.fromkeys(extremes, "Pa"))
-    film = film_of(run_of(rod=rod), "run.h5")
+    film = film_of(rod_run(1.5e6), "run.h5")
     assert film.legend.largest.value == 2e6 and film.legend.largest.path == "" and film.still == ""
     assert any("outermost fibres" in note for note in film.notes)
     (casing, *pieces) = film.lines[0]["paths"]

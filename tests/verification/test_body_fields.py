@@ -4,12 +4,11 @@ from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
-from xml.etree import ElementTree
 
-import meshio
 import numpy as np
 import pytest
 import pyvista
+from fielded import last_grid
 from runs import MODELS, built_rom, full_model, reduced_model, trajectory
 from solids import rectangle_mesh
 from spatial import slider_crank_in_space
@@ -57,19 +56,6 @@ def bent(element: str, *overrides: str) -> tuple[Scene, Mapping]:
     mesh = rectangle_mesh("quad8", (8, 2), (LENGTH, HEIGHT))
     bar = replace(mesh, nodes=mesh.nodes - [0.0, 0.5 * HEIGHT]) if solid else straight_beam(LENGTH, 8)
     return scene_from_toml(BENT.format(**words), ".", overrides), {"bar": bar, "arm": straight_beam(ARM, 2, -ARM / 2)}
-
-
-def last_grid(xdmf: Path, body: str) -> meshio.Mesh:
-    """Return the last frame of a body, as another program reads it."""
-    tree = ElementTree.parse(xdmf)
-    domain = tree.getroot().find("Domain")
-    last = next(grid for grid in domain.findall("Grid") if grid.get("Name") == body).findall("Grid")[-1]
-    last.remove(last.find("Time"))
-    for grid in list(domain):
-        domain.remove(grid)
-    domain.append(last)
-    tree.write(xdmf.with_name("last.xdmf"))
-    return meshio.read(xdmf.with_name("last.xdmf"))
 
 
 @pytest.mark.parametrize("name", MODELS)

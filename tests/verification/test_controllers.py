@@ -16,17 +16,7 @@ from exported import FMPY, Unit, assert_equal, compiled, needs_compiler, outputs
 from machine_scenes import MODELS, cart, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
-from runs import (
-    assert_close,
-    full_model,
-    history,
-    in_turn,
-    motion,
-    overridden,
-    reduced_model,
-    run_model,
-    samples,
-)
+from runs import assert_close, full_model, history, in_turn, motion, overridden, reduced_model, run_model, samples
 from scipy.integrate import solve_ivp, trapezoid
 from scipy.linalg import expm
 from scipy.signal import cont2discrete

@@ -7,7 +7,7 @@ import exported
 import numpy as np
 import pytest
 from alike import assert_alike
-from coupled_scenes import CAM, CAM_TABLE, GEARED, RACK, ROTORS, ROTORS_IN_SPACE, SCREW, SHAFTS
+from coupled_scenes import CAM, CAM_TABLE, GEARED, RACK, ROTORS, ROTORS_IN_SPACE, SCREW, SHAFTS, SPINDLES
 from differences import compare, differences
 from exported import assert_equal, assert_same_in_c, compiled, needs_compiler, outputs_of, simulated
 from machine_scenes import MODELS, run
@@ -114,6 +114,26 @@ def test_a_screw_moves_its_mass_and_its_inertia(model: str) -> None:
         return
     assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.3)
     assert errors[1] < 2e-4
+
+
+@pytest.mark.parametrize("text, masses", zip(SPINDLES, ([3.0], [5.0, 1.0])), ids=["one", "two"])
+def test_spindles_of_a_fine_lead_turn_often(text: str, masses: list[float]) -> None:
+    """T k = (m + I k^2) x'', k = 2 pi / lead: tens of turns from where bodies are placed to the ends of the range."""
+    times, found = run(scene_from_toml(text, ".", ["simulation.initial={x={position=0.007}}"]), "components")
+    turns = 2.0 * np.pi / 0.01
+    for name, torque, mass in zip("xy", (0.5, -0.3), masses):
+        exact = 0.5 * torque * turns / (mass + 1e-4 * turns**2) * times**2 + 0.007 * (name == "x")
+        # the scheme is exact for coordinates that turn and slide evenly
+        np.testing.assert_allclose(found[name], exact, rtol=0, atol=1e-7 * np.abs(exact).max())
+
+
+def test_a_motor_turns_a_thousand_times_as_far_as_the_coordinate() -> None:
+    """What of the coordinate's own row the gear leaves is one thousandth, and no singular position."""
+    scene = scene_from_toml(ROTORS_IN_SPACE, ".", ["joints.mesh.ratio=1000.0", "coordinates.phi.range=[-0.1, 0.3]"])
+    kinematics, phi = kinematics_of(scene), np.array([[-0.0703], [0.2501]])
+    turned = kinematics.poses(phi)[1, 3:].reshape(3, 3, 2)
+    np.testing.assert_allclose(turned[1, 1], np.cos(1000.0 * phi[:, 0]), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(turned[1, 2], np.sin(1000.0 * phi[:, 0]), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("model", ["full", "components"])

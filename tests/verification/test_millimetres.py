@@ -490,10 +490,7 @@ def test_what_is_missing_is_said_in_the_units_of_the_scene(tmp_path: Path) -> No
     path = tmp_path / "mm.toml"
     path.write_text(FOUR_BAR.replace('name = "four_bar"', 'name = "four_bar"\nunits = "mm"'), encoding="utf-8")
     for change, words in (
-        (
-            'outputs.s={type="stress", body="rocker"}',
-            r"s\.quantity: .*principal_min \(MPa\) .*moment \(N mm\), ",
-        ),
+        ('outputs.s={type="stress", body="rocker"}', r"s\.quantity: .*principal_min \(MPa\) .*moment \(N mm\), "),
         ("bodies.rocker.line={elements=4}", r"rocker\.line\.length: missing; needed: length \(mm\), a"),
     ):
         with pytest.raises(InputError, match=words):

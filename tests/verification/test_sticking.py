@@ -171,7 +171,7 @@ def test_several_joints_that_stick_stop_no_run(step: float) -> None:
 def test_round_off_decides_of_no_run() -> None:
     """Of densities that differ by 1e-9, 10 in 16 stopped: an iterate ran away, and no later matrix was factorised."""
     ends = []
-    for rho in 7800.0 * (1.0 + 1e-9 * np.arange(8)):
+    for rho in 7800.0 * (1.0 + 1e-9 * np.arange(5)):
         run = run_distributed(scene_from_toml(CRANK_DRIVE, ".", ("simulation.step=1e-3", f"materials.steel.rho={rho}")))
         assert run.status == 0, rho
         ends.append(run.frames[-1])
