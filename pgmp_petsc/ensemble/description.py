@@ -87,7 +87,8 @@ def describe_ensemble(
     remarks = (
         *kept.remarks,
         *failure_remarks(
-            status, *own, origin.model, scene.ensemble.failed_share, may_be_retried, length_names(scene)
+            status, *own, origin.model, scene.ensemble.failed_share, may_be_retried, length_names(scene),
+            tuple(scene.carried),
         ),
         *step_remarks(status, divisors, scene.simulation.step),
         *sampler_remarks(scene, plan),

@@ -43,13 +43,14 @@ def failure_remarks(
     hidden: float = 1.0,
     may_be_retried: bool = True,
     lengths: Sequence[str] = (),
+    rubbing: Sequence[str] = (),
 ) -> Iterator[Remark]:
     """Return what is to be said of failed samples of a model by status (N,) and drawn values (N,) with their units;
     nothing where all are fine.
 
     `hidden` is the largest share of failed samples that the others are described without; `may_be_retried` says whether
     a further try takes any of them with steps that were not tried; `lengths` are parameters with which a mechanism may
-    not close.
+    not close; `rubbing` are effects that joints may jam with.
     """
     failed = status != Status.FINE
     n, n_failed = failed.size, int(failed.sum())
@@ -63,7 +64,9 @@ def failure_remarks(
                 f"; or a mechanism of its {', '.join(lengths)} cannot be put together over its range, as pgmp check "
                 f"SCENE --set {lengths[0]}=VALUE says"
             )
-        yield warning(f"{count} of {n} samples failed (status {int(code)}): {meaning}; cure: {reason.cure(model)}")
+        yield warning(
+            f"{count} of {n} samples failed (status {int(code)}): {meaning}; cure: {reason.cure(model, rubbing)}"
+        )
     if n_failed == n:
         yield warning("no sample is fine, so the outputs have no statistics")
         return

@@ -140,7 +140,8 @@ def _fine(model: AnyModel, once: Callable[[Attempt], tuple[Run, Any]]) -> tuple[
     attempt, done, own = kept[0]
     status = Status(done.status[0])
     if status != Status.FINE:
-        raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {status.cure(model.name)}")
+        cure = status.cure(model.name, model.scene.carried)
+        raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {cure}")
     return attempt, own
 
 

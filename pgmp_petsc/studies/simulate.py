@@ -387,7 +387,7 @@ def why_stopped(model: FullModel | ReducedModel, run: Run, reason: str) -> list[
         return []
     when = f"{run.failure_time[0]:.6g} s of {model.scene.simulation.duration:g} s"
     what = f"{model.name} simulation stopped at {when}: {status.meaning}"
-    return [warning("; ".join(filter(None, (what, reason or status.cure(model.name)))))]
+    return [warning("; ".join(filter(None, (what, reason or status.cure(model.name, model.scene.carried)))))]
 
 
 def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], time: np.ndarray, eta: np.ndarray) -> str:

@@ -20,13 +20,16 @@ from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bench.history import run_history
 from pgmp_petsc.bench.prices import step_seconds
 from pgmp_petsc.controllers.running import N_FOLLOWED, follow_carried
+from pgmp_petsc.ensemble.failures import failure_remarks
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.models.lengths import of_samples
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.effect_sizes import estimate_effects
+from pgmp_petsc.studies.simulate import why_stopped
 from scenes import HEADER, mechanism_of, meshes_of, tables
 
 MASS, LEVER, INERTIA, G = 2.0, 0.3, 0.05, 9.80665
@@ -329,6 +332,18 @@ ON_BEAM = (
     "simulation.initial.x={position=0.1,velocity=5.0}", "simulation.duration=0.01", "reduction.angles=14",
     rubbing("rear", ""),
 )  # fmt: skip
+
+
+def test_where_joints_jam_no_step_is_said_to_help():
+    """Of what rubs by more than the force that it makes its joint carry, some forces have no solution."""
+    model = reduced_model(slider("parameters.mu={nominal=1.5}", "simulation.duration=0.01"))
+    run = integrate(model.batch(samples(model.scene, 1), 1), model.scene.simulation)
+    [stopped] = why_stopped(model, run, "")
+    [failed, _] = failure_remarks(
+        run.status, {"mu": np.array([1.5])}, {}, "reduced", rubbing=tuple(model.scene.carried)
+    )
+    for remark in (stopped, failed):
+        assert "where none helps less coefficient or radius of in_main, in_pin, in_guide" in remark.text
 
 
 def test_on_a_beam_that_bends_forces_are_found_in_python():
