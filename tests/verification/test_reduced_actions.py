@@ -12,7 +12,7 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction import tables as of_reduction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 from scenes import slider_crank
 
@@ -142,18 +142,12 @@ def test_the_motion_is_that_of_the_full_order_model(models, effect: str) -> None
 def test_energy_is_what_powers_bring(models, effect: str) -> None:
     model = model_of(models, effect)
     scene = model.scene
-    system = model.batch(samples(scene, 1), 1)
+    system, record = model.batch(samples(scene, 1), 1), StateRecord(lambda n_steps: None)
     simulation = scene.simulation.model_copy(update={"step": 1e-4, "spectral_radius": 1.0})
-    times, totals, powers = [], [], []
-
-    def record(_: int, time: float, state: State) -> None:
-        now = system.energies(time, state)
-        times.append(time)
-        totals.append(now.kinetic[0] + now.strain[0] + sum(part[0] for part in now.potential.values()))
-        powers.append(sum(part[0] for part in now.powers.values()))
-
     integrate(system, simulation, observer=record)
-    totals, powers = np.array(totals), np.array(powers)
+    times, states = record.of_batch()
+    now = system.energies_over(times, states, scene.values)
+    totals, powers = now.kinetic + now.strain + sum(now.potential.values()), sum(now.powers.values())
     # the work of loads on the deformation is not potential energy: it is in the powers, as the rate of what is
     # interpolated
     work = np.concatenate([[0.0], np.cumsum(0.5 * (powers[1:] + powers[:-1]) * np.diff(times))])
