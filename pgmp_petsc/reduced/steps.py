@@ -290,7 +290,7 @@ def _arrive(state, lanes, samples, steps, rows, n_steps, progress, control):
     return through & lanes
 
 
-@njit(inline="always")
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def _keep(state, lanes, kept):
     """Copy the state of some lanes."""
     if lanes != 0:
@@ -299,14 +299,14 @@ def _keep(state, lanes, kept):
                 store(into, i, blend(lanes, load(part, i), load(into, i)))
 
 
-@njit(inline="always")
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def _stand(state, lanes, n):
     """Let the next step of some lanes begin with constant accelerations."""
     for i in range(n):
         store(state[4], i, blend(lanes, load(state[2], i), load(state[4], i)))
 
 
-@njit(inline="always")
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def _note(lanes, what, outcome):
     """Note what happened to some lanes, and return them."""
     if lanes != 0:
@@ -435,7 +435,7 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
     return lost | active
 
 
-@njit(inline="always")
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def _outside(work, bounds):
     """Return the lanes that left the range of the tables."""
     lanes = 0
