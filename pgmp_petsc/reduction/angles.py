@@ -57,6 +57,7 @@ UNEVEN = 2.0
 STALLED = 0.5  # of the error of stress outputs: what two rounds must leave less than
 SMALL = 1e-3  # of the largest value in the body that has the same unit: of what is less, no share is asked for
 NOTHING = 1e-9  # of a load, beside the rigid motion's: round-off
+ROUND_OFF = 1e-12  # of values at displacements as large without any order: what a body has that moves without bending
 FEWEST = 8  # samples of an axis that can be predicted by half of them
 SWING = 0.1  # of the range of a coordinate: amplitude, so that the square of the speed is that times the acceleration
 REFERENCES = 8  # configurations at which the largest values in the body are looked for
@@ -211,6 +212,7 @@ def stress_errors(
     if not loads.size:
         return found
     halves = [_Halves.of(axis, scene.interpolation) for axis in tables.samples]
+    random = np.random.default_rng(0)
     predicted = []
     for number, half in enumerate(halves):
         if half is None:
@@ -223,11 +225,11 @@ def stress_errors(
         largest = np.maximum(_largest(output, body, moves, scene), SMALL * _reference(output, body, moves, scene))
         for k in range(tables.n_coordinates):
             largest[kin == k] = largest[kin == k].max(initial=0.0)
+        disorder = random.normal(size=(1, body.dofs.size, 1))
+        felt = largest > ROUND_OFF * _largest(output, body, disorder, scene) * np.abs(moves).max(axis=(0, 1))
         for number, (half, own) in enumerate(zip(halves, predicted)):
             off = half.predicted(tables, number, shapes) @ own - half.known(tables, number, moves)
-            errors = np.divide(
-                _largest(output, body, off, scene), largest, out=np.zeros(largest.size), where=largest > 0
-            )
+            errors = np.divide(_largest(output, body, off, scene), largest, out=np.zeros(largest.size), where=felt)
             found[output.name] = max(found[output.name], float(errors.max(initial=0.0)) / GAIN)
     return found
 

@@ -20,9 +20,9 @@ from pgmp_petsc.reduction.interpolation import interpolant, samples_for
 from pgmp_petsc.reduction.rom import ReducedOrderModel, Served, check_samples, check_served, outside_of
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.tables import indefinite_between
-from pgmp_petsc.scene import load_scene
+from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.texts.models import report
-from scenes import RADIUS, slider_crank
+from scenes import HEADER, RADIUS, slider_crank, tables
 
 
 def asked(name: str, quantity: str, place: str, body: str) -> str:
@@ -121,6 +121,30 @@ def test_an_inertia_force_that_hardly_stresses_a_body_asks_for_no_angles(monkeyp
         monkeypatch.setattr(angles, "_stiffness_and_loads", found)
         said = [remark.text for remark in built_rom(scene).record.remarks]
         assert any("stress outputs are off by interpolation" in text for text in said) == warned, said
+
+
+GEARED = HEADER + tables("""
+ground.points: end = [0.24, 0.0]
+bodies.pinion: rigid = { mass = 0.8, inertia = 4e-4, points = { hub = [0.0, 0.0] } }
+bodies.wheel: rigid = { mass = 4.0, inertia = 1.2e-2, points = { hub = [0.0, 0.0], rim = [0.05, 0.0] } };
+    placement = { origin = [0.24, 0.0] }
+bodies.arm: line = { length = 0.4, elements = 4 }; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 0.01 }; placement = { origin = [0.29, 0.0] }
+joints.shaft: type = "revolute"; connect = ["ground:origin", "pinion:hub"]
+joints.axle: type = "revolute"; connect = ["ground:end", "wheel:hub"]
+joints.weld: type = "fixed"; connect = ["wheel:rim", "arm:hinge"]
+joints.mesh: type = "gear"; joints = ["shaft", "axle"]; ratio = -0.5; elastic = { stiffness = 800.0, damping = 0.05 }
+coordinates.theta: joint = "shaft"; range = [-1.0, 5.0]
+effects.motor: type = "torque"; joint = "shaft"; table = [[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]
+simulation: duration = 0.2; step = 1e-3
+""")
+
+
+def test_a_load_that_moves_a_body_without_bending_it_asks_for_no_angles() -> None:
+    """Teeth that give way turn the wheel with all that is on it."""
+    root = asked("root", "bending_moment", "group='hinge'", "arm")
+    rom = rom_of(scene_from_toml(GEARED, ".", [root, "reduction.angles=48"]))
+    assert rom.tables.samples.n == 48 and not [one for one in rom.record.remarks if "stress outputs" in one.text]
 
 
 def test_a_force_that_is_not_there_asks_for_no_angles() -> None:
