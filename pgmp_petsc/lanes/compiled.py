@@ -284,7 +284,7 @@ class _LenientCache(FunctionCache):
             _register_allocation()
             with _bare_environments():
                 found = self._load_overload(sig, target_context)
-        except ModuleNotFoundError:  # of a class that an older version of the program had in another place
+        except (ModuleNotFoundError, AttributeError):  # of a class that an older version had in another place
             self._drop()
             return None
         except Exception as error:  # a damaged pickle raises anything, and so does one of classes of another version
