@@ -130,16 +130,19 @@ def test_no_number_depends_on_neighbours_or_on_the_steps_of_a_call(name: str, mo
         np.testing.assert_array_equal(alone[:, 0], together[:, sample])
 
 
-# nominal or nearly, stiffer than steps resolve, and so stiff that Newton's iteration fails for good, behind the edge:
-# round-off decides on which side of it
-STIFFER = {"loads": (2e4, 3e6, 1.7e4, 5e16), "drive": (3e3, 10**10.5, 2.5e3, 1e16)}
+# nominal or nearly, stiffer than steps resolve, and so stiff that Newton's iteration fails for good: round-off decides
+# on which side of the edge, and of five it is behind it for one at least
+STIFFER = {
+    "loads": (2e4, 3e6, 1.7e4, *np.geomspace(1.2e15, 2.2e15, 5)),
+    "drive": (3e3, 10**10.5, 2.5e3, *np.geomspace(1e16, 2e16, 5)),
+}
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_what_a_lane_cannot_do_by_itself_is_done_with_care(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where Newton's iteration fails within parts of a step it is tried again outside: nobody else's business."""
     model, stiffness, outcomes = model_of(name), np.array(STIFFER[name]), set()
-    n, fine = stiffness.size, stiffness < stiffness.max()
+    n, fine = stiffness.size, stiffness < 1e12
     advance = ReducedSystem.advance
 
     def recorded(system: ReducedSystem, *arguments: object) -> object:
@@ -151,7 +154,7 @@ def test_what_a_lane_cannot_do_by_itself_is_done_with_care(name: str, monkeypatc
         patched.setattr(ReducedSystem, "advance", recorded)
         together, _, run = motion_of(model, samples(model.scene, n, k=stiffness))
     np.testing.assert_array_equal(run.status == Status.FINE, fine)
-    assert (n - 1, Outcome.CROSSED) in outcomes
+    assert {(sample, Outcome.CROSSED) for sample in np.flatnonzero(~fine)} & outcomes
     for sample in np.flatnonzero(fine):
         alone, _, _ = motion_of(model, samples(model.scene, 1, k=stiffness[[sample]]))
         np.testing.assert_array_equal(alone[:, 0], together[:, sample])
