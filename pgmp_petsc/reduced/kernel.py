@@ -17,7 +17,9 @@ from pgmp_petsc.lanes.vectors import (
     LANES,
     N_POWERS,
     absolute,
+    add,
     add_product,
+    add_to_row,
     blend,
     differing,
     equal,
@@ -76,7 +78,7 @@ def interpolate(equations, memory, block, amplitudes, work):
             amplitude = load(amplitudes, effect)
             for entry in range(layout.load_end):
                 value, slopes = polynomial(loads, effect * layout.load_end + entry, place)
-                store(work.load, entry, load(work.load, entry) + value * amplitude)
+                add_to_row(work.load, entry, value, amplitude)
                 total = load_rows(work.load_slope, entry, layout.load_end, place)
                 total = add_product(total, slopes, amplitude)
                 for k in range(len(place)):
@@ -107,7 +109,7 @@ def evaluate_block(equations, memory, room, block, amplitudes, gains, fresh):
     if memory.acting.balance.size > 0:
         acting = acting_of(memory, block)
         for i in range(n):
-            store(work.balance, i, load(work.balance, i) + load(acting.balance, i))
+            add(work.balance, i, load(acting.balance, i))
         if fresh:
             add_tangents(acting.tangent, r, matrix)
 
