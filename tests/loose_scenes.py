@@ -54,8 +54,7 @@ FOLLOWER = HEADER + tables("""
 ground.points: pivot = [-0.15, 0.235]; spring = [0.15, 0.0]
 materials.aluminium: E = 70e9; nu = 0.33; rho = 2700.0
 bodies.shaft: rigid = { mass = 3.0, inertia = 4e-3, points = { axis = [0.0, 0.0] } }
-bodies.follower: rigid = { mass = 0.25, inertia = 2e-4, centre = [0, 0.05], points = { foot = [0, 0], pin = [0, 0.1] }
-    };
+bodies.follower: rigid = { mass = 0.25, inertia = 2e-4, points = { foot = [0.0, 0.0], pin = [0.0, 0.1] } };
     placement = { origin = [0.0, 0.05] }
 bodies.link: rigid = { mass = 0.06, inertia = 4e-5, centre = [0.0, 0.04], points = { low = [0, 0], top = [0, 0.08] } };
     placement = { origin = [0.0, 0.15] }
