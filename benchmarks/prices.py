@@ -6,6 +6,7 @@ python -m benchmarks.prices SCENE ... [-n 512]
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 from time import process_time
@@ -13,11 +14,15 @@ from time import process_time
 from mpi4py import MPI
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench.prices import step_seconds
+from pgmp_petsc.bench.prices import reduced_step, step_seconds
 from pgmp_petsc.bench.reference import component_model
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.models import FullModel
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import count_steps
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.inputs import read_scene
@@ -26,14 +31,27 @@ N_SAMPLES = 8  # as many as fill the lanes
 SECONDS = 3.0  # of a measurement
 
 
-def measured(model: FullModel, n_samples: int) -> float:
+def reduced(scene: Scene, meshes: Mapping[str, BodyShape]) -> ReducedModel:
+    return ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)))
+
+
+def predicted(model: FullModel | ReducedModel) -> float:
+    """Return what a step of a sample is predicted to take, s."""
+    if not isinstance(model, ReducedModel):
+        return step_seconds(model.kinematics.mechanism)
+    n_local = sum(effect.local for effect in model.scene.effects.values())
+    tables = model.rom.tables
+    return reduced_step(tables.n_modes, tables.n_coordinates, model.scene.second_order, n_local)
+
+
+def measured(model: FullModel | ReducedModel, n_samples: int) -> float:
     """Return the processor time of a step of a sample, in a batch of as many, s."""
     scene, n = model.scene, min(n_samples, model.largest_batch)
     values = draw(scene, 0, 0, n)
     step = scene.simulation.step
     # no longer than the scene's own run: beyond, it may go faster than its step can follow
     most = count_steps(scene.simulation.duration, step)
-    affordable = int(SECONDS / (n * step_seconds(model.kinematics.mechanism)))
+    affordable = int(SECONDS / (n * predicted(model)))
     for n_steps in (4, min(max(8, affordable), most)):
         simulation = scene.simulation.model_copy(update={"duration": n_steps * step})
         with closing(model.batch(values, n)) as system:
@@ -52,15 +70,16 @@ def main() -> None:
     print(f"{'scene':24s}{'model':12s}{'unknowns':>9s}{'predicted us':>14s}{'measured us':>14s}")
     for path in given.scenes:
         scene, meshes = read_scene(path, (), (), MPI.COMM_SELF, Purpose.FULL)
-        for make in (FullModel, lambda scene, meshes: component_model(scene, meshes, MPI.COMM_SELF)):
+        for make in (FullModel, lambda scene, meshes: component_model(scene, meshes, MPI.COMM_SELF), reduced):
             try:
                 model = make(scene, meshes)
             except InputError as error:
                 print(f"{scene.name:24s}{error}")
                 continue
-            mechanism = model.kinematics.mechanism
-            times = 1e6 * step_seconds(mechanism), 1e6 * measured(model, given.n)
-            print(f"{scene.name:24s}{model.name:12s}{mechanism.n_dofs:9d}{times[0]:14.3g}{times[1]:14.3g}", flush=True)
+            tables = model.rom.tables if isinstance(model, ReducedModel) else None
+            n = tables.n_modes + tables.n_coordinates if tables else model.kinematics.mechanism.n_dofs
+            times = 1e6 * predicted(model), 1e6 * measured(model, given.n)
+            print(f"{scene.name:24s}{model.name:12s}{n:9d}{times[0]:14.3g}{times[1]:14.3g}", flush=True)
 
 
 if __name__ == "__main__":

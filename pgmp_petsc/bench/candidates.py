@@ -23,7 +23,7 @@ from itertools import product
 from math import log
 from typing import Any
 
-from pgmp_petsc.bench.prices import LOCAL_EFFECT, duration_text
+from pgmp_petsc.bench.prices import LOCAL_EFFECT, coefficients, duration_text
 from pgmp_petsc.bench.reference import start_of_coordinates, takes_second_order
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, patterns_of
@@ -191,14 +191,9 @@ class Rung:
     cost: float  # multiplications a sample and Newton correction, roughly; see `operations`
 
 
-def operations(n_flexible: int, n_terms: int, second_order: bool) -> float:
-    """Return the multiplications of one correction of one sample, with so many flexible coordinates and affine terms:
-    cubic polynomials of the tables, and factorising."""
-    n = n_flexible
-    entries = (n + 1) * (n + 2) / 2 + n * (n + 1) / 2 + n
-    if second_order:
-        entries += n * (n + 1) * (n + 2) / 6 + n * n
-    return 3 * n_terms * entries + n**3 / 6
+def operations(n_flexible: int, n_rigid: int, second_order: bool) -> float:
+    """Return the multiplications of one correction of one sample: cubic polynomials of the tables, and factorising."""
+    return coefficients(n_flexible, n_rigid, second_order) + n_flexible**3 / 6
 
 
 def families_of(given: dict[str, Any], limits: Limits) -> list[list[Rung]]:
@@ -238,7 +233,7 @@ def _family(entries: dict[str, Any], given: dict[str, Any], limits: Limits) -> l
     if "modes" in given:
         modes = (given["modes"],)
     return [
-        Rung({"modes": n} | entries, n + beside, operations(n + beside, limits.n_terms, entries["second_order"]))
+        Rung({"modes": n} | entries, n + beside, operations(n + beside, limits.n_coordinates, entries["second_order"]))
         for n in modes
     ]
 

@@ -18,8 +18,8 @@ on the tree of joints       frames in space, and the cube of all coordinates and
 Local effects come on top. Of the scenes of this project predictions were within a factor of two or three, but for
 mechanisms of few unknowns that hit a stop, which cost five times as much.
 
-Over n coordinates a step of a reduced model makes ``4^n`` coefficients of each entry. Bodies in floating frames keep as
-many fields as modes are asked for, and the static answers of their joints.
+Over n coordinates a step of a reduced model evaluates ``4^n`` coefficients of each entry of its tables. Bodies in
+floating frames keep as many fields as modes are asked for, and the static answers of their joints.
 
 Errors are those that were measured of deformations in the scenes of this project (docs/components.md, docs/costs.md): a
 prediction is of their size, and `pgmp tradeoff` measures those of a scene.
@@ -36,6 +36,7 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.controllers.acting import are_stated
 from pgmp_petsc.estimates.reference_motion import OF_BESIDE, carrying, found_beside
 from pgmp_petsc.full.joint_tree import count_of
+from pgmp_petsc.lanes.vectors import LANES, N_POWERS
 from pgmp_petsc.mechanism.capabilities import SECONDS, SECONDS_PER_UNKNOWN, Purpose, why_refused
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.lengths import why_of_one_mesh
@@ -57,8 +58,9 @@ FORCES, FORCES_IN_LANES = {2: 2e-6, 3: 2.5e-5}, {2: 1e-7, 3: 1.5e-6}
 FORCES_APART = {2: 1.2e-4, 3: 1.2e-4}  # s, more, where samples are taken one by one: 70, 80 and 185 us were measured
 BY_ITSELF = {2: 1.5e-4, 3: 4.5e-4}  # s, more, of a run of one sample: 70 to 250 us were measured in the plane
 SETTING_UP = {2: 0.04, 3: 0.4}  # s, of a sample of lengths of its own, by the dimension of space
-# s, of a step of a sample of a reduced model: by itself, an entry of its matrices over one coordinate, a local effect
-REDUCED_SAMPLE, REDUCED_ENTRY, REDUCED_EFFECT = 1.0e-7, 2.0e-9, 3.0e-7
+# s, of a step of a sample of a reduced model: by itself, a local effect, and a coefficient of its tables, which come
+# from the processor's cache, or where those of LANES samples are more than it holds, from memory
+REDUCED_SAMPLE, REDUCED_EFFECT, CACHED, FROM_MEMORY, CACHE = 1.0e-7, 3.0e-7, 4.0e-10, 1.6e-9, 16e6
 # s, of a step of a sample of a reduced model in a batch: friction by the force that a joint carries; a controller; both
 # where a controller measures deformations, for each model of a length
 CARRIED_IN_LANES, CONTROLLED_IN_LANES, READ_APART = 4.5e-6, 1e-6, (1e-4, 1e-5)
@@ -67,6 +69,7 @@ CONDENSING, CONDENSING_POWER = 9e-6, 1.3  # s, of a body of cells by its unknown
 STRAIN = 1.6e-8  # s, of a strain at a point of a body of cells, from some 80 coordinates of the body condensed
 GOOD = 0.01  # share of a deformation up to which an error is small
 MANY = 10_000  # samples that a choice is said for
+MUCH_QUICKER = 3.0  # times; predictions are within as much
 
 
 @dataclass(frozen=True)
@@ -188,7 +191,8 @@ def prospects(
         ),
         Prospect(
             "reduced", why_refused(scene, Purpose.BUILD, meshes), n_flexible + n_rigid, build_seconds(scene, mechanism),
-            reduced_step(n_flexible + n_rigid, n_rigid, n_local) + in_lanes, 0.005 if answered else 0.03, share,
+            reduced_step(n_flexible, n_rigid, scene.second_order, n_local) + in_lanes, 0.005 if answered else 0.03,
+            share,
         ),
     ]  # fmt: skip
     return [Prospect(one.model, one.refused) if one.refused else one for one in found]
@@ -212,6 +216,20 @@ def choice(scene: Scene, meshes: Mapping[str, BodyShape], found: Sequence[Prospe
         f"{', '.join(said)}; {MANY} samples of {n_steps} steps are predicted to take {many} with {good[row].model}"
         + (f"; {', '.join(left)} is left out by its error, small with reduction.static_modes = true" if left else "")
         + ("; pgmp tradeoff measures times and errors" if compared else "")
+    )
+
+
+def quicker(found: Sequence[Prospect]) -> str:
+    """Return which model's steps are predicted to be much quicker than the reduced one's, in words; empty if none's."""
+    *others, reduced = (one for one in found if not one.refused)
+    best = min(others, key=lambda one: one.step, default=reduced)
+    if reduced.model != "reduced" or reduced.step < MUCH_QUICKER * best.step:
+        return ""
+    steps = [f"{float(f'{1e6 * one.step:.2g}'):g} us" for one in (reduced, best)]
+    of, option = {"mesh": ("the mesh", "--full"), "components": ("component modes", "--components")}[best.model]
+    return (
+        f"a step of a sample of this model is predicted to take {steps[0]}, of {of} {steps[1]}: runs and ensembles of "
+        f"the scene with {option} are quicker"
     )
 
 
@@ -255,10 +273,21 @@ def n_strains(scene: Scene, mechanism: Mechanism) -> int:
     return found
 
 
-def reduced_step(n: int, n_rigid: int, n_local: int = 0) -> float:
-    """Return the predicted processor time of a step of a sample of a reduced model with n coordinates in all, of which
-    some are rigid, and so many local effects."""
-    return REDUCED_SAMPLE + REDUCED_EFFECT * n_local + REDUCED_ENTRY * n**2 * 4.0 ** (n_rigid - 1)
+def coefficients(n_flexible: int, n_rigid: int, second_order: bool) -> int:
+    """Return how many coefficients of polynomials a step of a reduced model with so many coordinates evaluates for a
+    sample; see `reduced.arrays.Layout`."""
+    m, n, pairs = n_flexible, n_flexible + n_rigid, n_rigid * (n_rigid + 1) // 2
+    entries = n * (n + 1) + pairs * m + m * (m + 1) // 2
+    if second_order:
+        entries += m * (m + 1) * (m + 2) // 6 + pairs * m * (m + 1) // 2 + n_rigid * m * (m - 1) // 2
+    return entries * N_POWERS**n_rigid
+
+
+def reduced_step(n_flexible: int, n_rigid: int, second_order: bool, n_local: int) -> float:
+    """Return the predicted processor time of a step of a sample of a reduced model, s, with so many local effects."""
+    n = coefficients(n_flexible, n_rigid, second_order)
+    each = CACHED if 8 * LANES * n <= CACHE else FROM_MEMORY
+    return REDUCED_SAMPLE + REDUCED_EFFECT * n_local + each * n
 
 
 def condensing(mechanism: Mechanism) -> float:

@@ -37,12 +37,13 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.values import Lazy, check_known, check_shape, converted, n_dimensions, units_in
-from pgmp_petsc.files.hdf5 import RunRecord, open_file, put, shapes_of, take, write_file
+from pgmp_petsc.files.hdf5 import TEXT, RunRecord, open_file, put, shapes_of, take, take_each, write_file
 
 NEEDED = object()  # what an absent field is without which a file is damaged
 JSON = (json.dumps, json.loads)  # code of attributes that are no number, text or texts
 FLAGS = (lambda flags: flags, lambda numbers: numbers.astype(bool))  # code of truth values, which files have as numbers
 NO_FILE = ""  # place of what is in datasets of xarray alone
+INSTANT = "{instant}"  # of a dataset that is one of those along the time
 
 
 @dataclass(frozen=True)
@@ -436,30 +437,29 @@ def number_name(number: int) -> str:
 
 def _put_arrays(group: h5py.Group, leaf: Leaf) -> None:
     """Write an array, or a dataset for each entry along its first axis."""
-    context, each = leaf.context, leaf.one.entry.each
-    if each is None:
-        _put_array(group, leaf.place, leaf.one.entry, leaf.value, context)
-        return
-    parent = group.require_group(leaf.place) if len(leaf.value) else group
-    for number, own in enumerate(leaf.value):
-        instant = {"instant": f"{context.own.time[number]:g}"} if hasattr(context.own, "time") else {}
-        inner = context._replace(words={**context.words, **instant})
-        _put_array(parent, number_name(number), leaf.one.entry, own, inner)
-
-
-def _put_array(group: h5py.Group, place: str, entry: Entry, value: Any, context: Context) -> None:
-    value = encoded(entry, value)
-    if isinstance(value, tuple) or getattr(value, "dtype", None) == object:
-        value = np.array(list(value), dtype=h5py.string_dtype())
-    elif entry.padded is not None:
-        value = np.pad(value, [(0, 0)] * (value.ndim - 1) + [(0, entry.padded - value.shape[-1])])
-    if entry.stored is not None:
-        value = np.asarray(value).astype(entry.stored)
+    context, entry = leaf.context, leaf.one.entry
     columns = None if entry.columns is None else getattr(context.own, entry.columns)
     unit = context.unit(entry.unit) if columns is None else ", ".join(columns.values())
-    dataset = put(group, place, value, unit, context.text(entry.about))
-    if columns is not None:
-        dataset.attrs["names"] = json.dumps(list(columns))
+    names = {} if columns is None else {"names": json.dumps(list(columns))}
+    if entry.each is None:
+        put(group, leaf.place, _kept(entry, encoded(entry, leaf.value)), unit, context.text(entry.about), names)
+    elif len(leaf.value):
+        parent = group.require_group(leaf.place)
+        # what is alike of all is said once
+        about = context._replace(words=context.words | {"instant": INSTANT}).text(entry.about)
+        for number, own in enumerate(leaf.value):
+            said = about.replace(INSTANT, f"{context.own.time[number]:g}") if INSTANT in about else about
+            put(parent, number_name(number), _kept(entry, encoded(entry, own)), unit, said, names)
+
+
+def _kept(entry: Entry, value: Any) -> Any:
+    """Return an encoded array as the file has it."""
+    if isinstance(value, tuple) or getattr(value, "dtype", None) == object:
+        value = np.array(list(value), dtype=TEXT)
+    elif entry.padded is not None:
+        missing = np.zeros((*value.shape[:-1], entry.padded - value.shape[-1]), value.dtype)
+        value = np.concatenate([value, missing], axis=-1)
+    return value if entry.stored is None else np.asarray(value).astype(entry.stored)
 
 
 def _put_attribute(group: h5py.Group, leaf: Leaf) -> None:
@@ -488,7 +488,7 @@ def _put_rows(group: h5py.Group, leaf: Leaf) -> None:
             data = np.array(values, dtype=float).T.reshape(len(rows), len(holdings))
         else:
             data = np.array(values[0]).reshape(len(rows), *(sizes.get(size, size) for size in entry.sizes))
-        _put_array(group, path, replace(entry, code=None), data, leaf.context)
+        put(group, path, _kept(entry, data), leaf.context.unit(entry.unit), leaf.context.text(entry.about))
 
 
 def encoded(entry: Entry, value: Any) -> Any:
@@ -564,21 +564,22 @@ class _Reader(NamedTuple):
 
     def array(self, one: Holding, group: h5py.Group, place: str, name: str) -> Any:
         entry = one.entry
-        if entry.each is not None:
-            numbered = group_at(group, place)
-            return np.array([self._dataset(one, numbered, number, name, 1) for number in sorted(numbered)])
-        data = self._dataset(one, group, place, name)
+        data = self._numbers(one, group, place, name)
         if one.value in (float, int, bool) and data.ndim == 0:
             return one.value(data)
         if one.value is tuple:
             return tuple(text.decode() for text in data)
         return data if entry.code is None else entry.code[1](data)
 
-    def _dataset(self, one: Holding, group: h5py.Group, place: str, name: str, n_less: int = 0) -> np.ndarray:
+    def _numbers(self, one: Holding, group: h5py.Group, place: str, name: str) -> np.ndarray:
         entry, texts = one.entry, one.value is tuple
         if one.value is Any and place in group:  # numbers or texts
             texts = h5py.check_string_dtype(group[place].dtype) is not None
-        data = take(group, place, n_dimensions(entry.sizes, group, place, n_less), texts)
+        if entry.each is None:
+            data = take(group, place, n_dimensions(entry.sizes, group, place), texts)
+        else:
+            numbered = group_at(group, place)
+            data = take_each(numbered, n_dimensions(entry.sizes[1:], numbered, min(numbered, default="")))
         if not (entry.gaps(name) if callable(entry.gaps) else entry.gaps):
             check_known(group, place, data)
         if one.value is Any and texts:

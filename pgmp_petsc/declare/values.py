@@ -78,13 +78,13 @@ def check_shape(label: str, shape: tuple[int, ...], sizes: tuple[str | int, ...]
     known |= found
 
 
-def n_dimensions(sizes: tuple[str | int, ...], group: h5py.Group, place: str, n_less: int) -> int:
+def n_dimensions(sizes: tuple[str | int, ...], group: h5py.Group, place: str) -> int:
     """Return how many dimensions a dataset is to have; as many as it has where any will do."""
     least = sum(not str(size).endswith("?") for size in sizes)
     if sizes != ("...",) and least == len(sizes):
-        return least - n_less
+        return least
     n_found = getattr(group.get(place), "ndim", 0)
-    return n_found if sizes == ("...",) or least <= n_found + n_less <= len(sizes) else len(sizes) - n_less
+    return n_found if sizes == ("...",) or least <= n_found <= len(sizes) else len(sizes)
 
 
 def units_in(group: h5py.Group, *places: str) -> dict[str, str]:

@@ -46,6 +46,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TextIO
 
 import h5py
@@ -120,6 +121,8 @@ INSTEAD = {
 _REQUIRED = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 # that of HDF5 1.8 (2008): attributes beyond 64 kB, such as the probabilities of 10,000 quantiles
 _LIBRARIES = ("v108", "v110")
+TEXT = h5py.string_dtype()
+COMPACT = 4096  # bytes; what is no larger lies beside its name and unit, which is read and written at once
 # what readers raise where a file is whole and yet not what it should be
 _MISFITS = (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, OSError, RuntimeError, MemoryError)
 
@@ -266,31 +269,38 @@ def shapes_of(file: h5py.File | Path, cure: str = WRITE_AGAIN) -> Iterator[None]
         raise InputError(f"file '{name}' is damaged: {reason}; {cure}") from error
 
 
-def put(group: h5py.Group, name: str, data: Any, unit: str, description: str) -> h5py.Dataset:
-    """Write numbers, or an array of texts, with their ``unit`` ("1" if they have none) and ``description``; return the
-    dataset."""
-    # files have thousands of datasets: `create_dataset` and `attrs` take more than twice as long for the same bytes
+def put(
+    group: h5py.Group,
+    name: str,
+    data: Any,
+    unit: str,
+    description: str,
+    further: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """Write numbers, or an array of texts, with their ``unit`` ("1" if they have none), ``description`` and further
+    attributes."""
+    # files have thousands of small datasets: `create_dataset` and `attrs` take four times as long
     parent, _, own = name.rpartition("/")
     if parent:
         group = group.require_group(parent)  # which keeps the order of what is put there
-    how, links, text, scalar = _of_datasets(own.isascii())
     data = np.asarray(data, order="C")
+    how, links, text, scalar = _of_datasets(own.isascii(), data.nbytes <= COMPACT)
     kind = h5py.h5t.py_create(data.dtype, logical=True)
     space = h5py.h5s.create_simple(data.shape) if data.ndim else scalar
     dataset = h5py.h5d.create(group.id, own.encode(), kind, space, how, links)
     dataset.write(h5py.h5s.ALL, h5py.h5s.ALL, data)
-    for attribute, value in ((b"unit", unit), (b"description", description)):
-        h5py.h5a.create(dataset, attribute, text, scalar).write(np.array(value, dtype=h5py.string_dtype()))
-    return h5py.Dataset(dataset)
+    for attribute, value in (("unit", unit), ("description", description), *further.items()):
+        h5py.h5a.create(dataset, attribute.encode(), text, scalar).write(np.array(value, dtype=TEXT))
 
 
 @cache
-def _of_datasets(ascii_names: bool) -> tuple[Any, Any, Any, Any]:
+def _of_datasets(ascii_names: bool, compact: bool) -> tuple[Any, Any, Any, Any]:
     """Return how datasets and their links are made, the type of texts, and the space of one."""
     how, links = h5py.h5p.create(h5py.h5p.DATASET_CREATE), h5py.h5p.create(h5py.h5p.LINK_CREATE)
     how.set_obj_track_times(False)
+    how.set_layout(h5py.h5d.COMPACT if compact else h5py.h5d.CONTIGUOUS)
     links.set_char_encoding(h5py.h5t.CSET_ASCII if ascii_names else h5py.h5t.CSET_UTF8)
-    return how, links, h5py.h5t.py_create(h5py.string_dtype(), logical=True), h5py.h5s.create(h5py.h5s.SCALAR)
+    return how, links, h5py.h5t.py_create(TEXT, logical=True), h5py.h5s.create(h5py.h5s.SCALAR)
 
 
 def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -> np.ndarray:
@@ -313,6 +323,22 @@ def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -
     if why is not None:
         raise ValueError(f"dataset '{group.name.rstrip('/')}/{name}' {why}")
     return np.asarray(dataset[()])
+
+
+def take_each(group: h5py.Group, n_dimensions: int) -> np.ndarray:
+    """Read all datasets of a group, which are alike, in the order of their names and with a leading axis of these;
+    raises as `take`."""
+    names = sorted(group)
+    if not names:
+        raise ValueError(f"group '{group.name}' is empty")
+    first = take(group, names[0], n_dimensions)
+    found, kind = np.empty((len(names), *first.shape), first.dtype), h5py.h5t.py_create(first.dtype)
+    for number, name in enumerate(names):  # a sixth of the time of `take`
+        dataset = h5py.h5d.open(group.id, name.encode())
+        if dataset.shape != first.shape:
+            raise ValueError(f"dataset '{group.name}/{name}' has shape {dataset.shape}; needed: {first.shape}")
+        dataset.read(h5py.h5s.ALL, h5py.h5s.ALL, found[number, ...], kind)
+    return found
 
 
 def _check_sealed(path: Path, kinds: tuple[str, ...]) -> None:

@@ -168,10 +168,11 @@ def tried(table: type[Table]) -> Any:
     """Return a table with some value in each entry that it needs, as far as one is found: its methods can be tried."""
     values = {}
     for key, entry in table.model_fields.items():
-        kind = TypeAdapter(Annotated[entry.annotation, entry])
-        for value in TRIED if entry.is_required() else ():
-            with suppress(ValidationError):
-                values.setdefault(key, kind.validate_python(value))
+        if entry.is_required():
+            kind = TypeAdapter(Annotated[entry.annotation, entry])
+            for value in TRIED:
+                with suppress(ValidationError):
+                    values.setdefault(key, kind.validate_python(value))
     return table.model_construct(**values)
 
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, Self
 
-from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.errors import InputError, note
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.choice import choose_over_lengths, leaves_open
+from pgmp_petsc.bench.prices import prospects, quicker
 from pgmp_petsc.bench.reference import condensed_bodies
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
@@ -163,10 +164,12 @@ def _price(scene: Scene, resume: bool) -> str:
 
 
 def _with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Mapping[str, BodyShape]) -> ReducedOrderModel:
-    """Add to a reduced model's remarks which effects its scene leaves out although they matter; on one rank."""
+    """Add to a reduced model's remarks which effects its scene leaves out although they matter, and which model is much
+    quicker; on one rank."""
     timings = Timings()
     with timings.phase("effect sizes"):
         found = remarks_on_sizes(scene, meshes, rom.branch)
-    record = rom.record
-    remarks, seconds = (*record.remarks, *found), {**record.timings, **timings.as_dict()}
+    better = quicker(prospects(scene, meshes, Mechanism.from_scene(scene, meshes), rom.tables.n_modes, 0))
+    record, more = rom.record, (note(better),) if better else ()
+    remarks, seconds = (*record.remarks, *found, *more), {**record.timings, **timings.as_dict()}
     return replace(rom, record=replace(record, remarks=remarks, timings=seconds))

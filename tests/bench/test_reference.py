@@ -16,7 +16,18 @@ from pgmp_petsc.api.jobs import _Job
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench import reference
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history
-from pgmp_petsc.bench.prices import FORCES, FORCES_IN_LANES, STRAIN, duration_text, n_strains, prospects, step_seconds
+from pgmp_petsc.bench.prices import (
+    FORCES,
+    FORCES_IN_LANES,
+    STRAIN,
+    Prospect,
+    coefficients,
+    duration_text,
+    n_strains,
+    prospects,
+    quicker,
+    step_seconds,
+)
 from pgmp_petsc.bench.reference import (
     CHECK_SHARE,
     FEWEST_STEPS,
@@ -132,6 +143,27 @@ def test_a_scene_without_component_model_says_why(monkeypatch: pytest.MonkeyPatc
         chosen(dear)
     with pytest.raises(InputError, match='reference.model = "components": bodies.rod: no frame'):
         chosen(changed(dear, 'reference.model="components"'))
+
+
+DAMPED = 'effects.damped={type="structural_damping",stiffness=1e-5}'
+
+
+@pytest.mark.parametrize("feature", ["torque", "stiffening"])
+@pytest.mark.parametrize("kind", ["beams", "two coordinates", "beams in space"])
+def test_coefficients_are_counted_as_the_tables_have_them(kind: str, feature: str) -> None:
+    scene = changed(scene_of(kind, feature), DAMPED)
+    model = reduced_model(scene, meshes_for(scene))
+    tables, layout = model.rom.tables, model.terms.layout
+    n = coefficients(tables.n_modes, tables.n_coordinates, layout.second_order)
+    assert layout.second_order == (feature == "stiffening") and n == layout.end * 4**tables.n_coordinates
+
+
+def test_a_build_says_which_model_is_much_quicker() -> None:
+    mesh, reduced = Prospect("mesh", step=2e-6), Prospect("reduced", step=7e-6)
+    parts = Prospect("components", step=1e-6), Prospect("components", "it has none")
+    assert "to take 7 us, of component modes 1 us" in quicker([mesh, parts[0], reduced])
+    assert "of the mesh 2 us: runs and ensembles of the scene with --full are" in quicker([mesh, parts[1], reduced])
+    assert quicker([mesh, replace(reduced, step=5e-6)]) == quicker([mesh, replace(reduced, refused="so")]) == ""
 
 
 def points(scene: Scene, n: int) -> dict[str, np.ndarray]:
