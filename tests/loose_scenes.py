@@ -50,6 +50,43 @@ outputs.one: type = "angle"; joint = "input"
 outputs.two: type = "angle"; joint = "output"
 """)
 
+FOLLOWER = HEADER + tables("""
+ground.points: pivot = [-0.15, 0.235]; spring = [0.15, 0.0]
+materials.aluminium: E = 70e9; nu = 0.33; rho = 2700.0
+bodies.shaft: rigid = { mass = 3.0, inertia = 4e-3, points = { axis = [0.0, 0.0] } }
+bodies.follower: rigid = { mass = 0.25, inertia = 2e-4, points = { foot = [0.0, 0.0], pin = [0.0, 0.1] } };
+    placement = { origin = [0.0, 0.05] }
+bodies.link: rigid = { mass = 0.06, inertia = 4e-5, centre = [0.0, 0.04], points = { low = [0, 0], top = [0, 0.08] } };
+    placement = { origin = [0.0, 0.15] }
+bodies.arm: line = { length = 0.3, elements = 6 }; element = "beam2d"; material = "aluminium";
+    section = { shape = "rectangle", width = 0.02, height = 0.01306946 };
+    placement = { origin = [-0.15, 0.235], angle = -0.033 }
+joints.shaft: type = "revolute"; connect = ["ground:origin", "shaft:axis"]
+joints.guide: type = "prismatic"; connect = ["ground:origin", "follower:foot"]; axis = [0.0, 1.0]
+joints.cam: type = "cam"; joints = ["shaft", "guide"]; elastic = { stiffness = 2336402.1, damping = 150.0 };
+    table = [[0.0, 0.05], [2.0, 0.05], [3.0, 0.06], [4.28, 0.05], [6.283185307179586, 0.05]]
+joints.pin: type = "revolute"; connect = ["follower:pin", "link:low"];
+    clearance = { radius = 1.19e-4, stiffness = 2e9, exponent = 1.5, restitution = 0.5, restitution_speed = 0.05 }
+joints.eye: type = "revolute"; connect = ["link:top", "arm:middle"]
+joints.pivot: type = "revolute"; connect = ["ground:pivot", "arm:hinge"]
+coordinates.theta: joint = "shaft"; range = [0.0, 6.283185307179586]; periodic = true
+effects.still: type = "prescribed_motion"; coordinate = "theta"; table = [[0.0, 0.0], [1.0, 0.0]]
+effects.weight: type = "gravity"
+effects.head: type = "point_mass"; point = "arm:tip"; mass = 0.7481783
+effects.spring: type = "spring_damper"; points = ["ground:spring", "arm:tip"]; stiffness = 889.4175562434032;
+    damping = 2.0; rest = 0.16
+effects.structure: type = "structural_damping"; stiffness = 5e-5
+reduction: angles = 128
+simulation: duration = 0.006; step = 2e-4
+outputs.y: type = "position"; point = "arm:tip"; axis = "y"
+outputs.force: type = "joint_force"; joint = "pin"
+""")
+
+
+def follower() -> Scene:
+    """Return a cam's follower at rest, on which a sprung arm falls by the room of a pin."""
+    return scene_from_toml(FOLLOWER, ".")
+
 
 def gears(*overrides: str) -> Scene:
     """Return two rigid wheels in mesh with backlash, driven forth and back."""

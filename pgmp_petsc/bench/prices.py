@@ -134,9 +134,11 @@ def duration_text(seconds: float) -> str:
     """Return a time in words: ``40 s``, ``12 min``, ``3.1 h``."""
     for unit, size in (("s", 60.0), ("min", 60.0), ("h", 48.0)):
         if seconds < 2.0 * size:
-            return f"{seconds:.2g} {unit}"
+            break
         seconds /= size if unit != "h" else 24.0
-    return f"{seconds:.2g} days"
+    else:
+        unit = "days"
+    return f"{float(f'{seconds:.2g}'):g} {unit}"
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,7 @@ class Law(Printed):
 
     @property
     def bends(self) -> bool:
-        """Whether its damping changes with the rate, as that of friction and of what has a kink; steps end at edges."""
+        """Whether its damping changes with the rate, as that of friction, and of contacts that never pull."""
         return self.code.BENDS
 
     @property
@@ -240,7 +240,7 @@ class Law(Printed):
         return PYTHON.format(
             name=self.name,
             stiffness=repr(stiffness),
-            bends=bool(self.about_zero) or not edges and rate in found[2].free_symbols,
+            bends=bool(self.about_zero) or rate in found[2].free_symbols,
             parameters="\n".join(f"    {name} = p[{k}]" for k, name in enumerate(self.parameters)),
             limited=limited,
             evaluate=python([*found, *edges], evaluated),

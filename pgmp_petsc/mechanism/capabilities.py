@@ -95,7 +95,7 @@ def _elastic(scene: Scene) -> Iterator[str]:
 
 
 def _loose(scene: Scene) -> Iterator[str]:
-    return (f"joints.{name}.clearance" for name, joint in scene.joints.items() if joint.gives_way == "clearance")
+    return iter(scene.loose)
 
 
 def _off(scene: Scene) -> Iterator[str]:

@@ -29,6 +29,7 @@ follow, so that neighbouring lines stay neighbours.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -236,6 +237,7 @@ def _planes(holonomy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, i
 
 
 LARGEST_TURN = 1.0  # spectral norm of the difference of neighbouring bases within their group; 2 is half a turn
+POOR_COSINE = 0.5  # between spaces of modes of neighbouring angles or lengths; tables between them are then of neither
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,14 +286,14 @@ class GridBasis:
         near enough to tell; carried around it, each of them comes back with the opposite sign. Where neighbouring lines
         turn away from each other, the group is joined with the one that it mixes with most: their common space is
         continuous. Raises `RunError` if neighbouring lines do not stay together even so; told is whether the modes
-        alone would, or how many of the first ones.
+        alone would, or how many of the first ones, closely if any number is.
         """
         try:
             return cls._followed(samples, start)
         except RunError as error:
             n_modes = samples.eigenvalues.shape[1]
-            followed = (n for n in range(n_modes, 0, -1) if _can_be_followed(samples.of_first(n), start[:n, :n]))
-            n_followed = next(followed, 0)
+            followed = _followed_modes(samples, start)
+            n_followed = max(followed, default=0)
             if n_modes < len(start) and n_followed == n_modes:
                 raise RunError(
                     "the static answers in the basis cannot be followed over the configurations, though its "
@@ -299,7 +301,8 @@ class GridBasis:
                     "modes and of the other answers; leave some out, or all (reduction.static_modes, "
                     "reduction.inertia_modes, reduction.spring_modes = false), and keep more reduction.modes instead"
                 ) from None
-            told = f"; with reduction.modes = {n_followed} they can" if n_followed else ""
+            closely = max((n for n, cosine in followed.items() if cosine >= POOR_COSINE), default=n_followed)
+            told = f"; with reduction.modes = {closely} they can" if closely else ""
             raise RunError(f"{error}{told}") from None
 
     @classmethod
@@ -322,13 +325,13 @@ class GridBasis:
         return cls(groups, rotations.reshape(-1, m, m), flipped, cosines.min(axis=0).ravel())
 
 
-def _can_be_followed(samples: GridNeighbours, start: np.ndarray) -> bool:
-    """Return whether a continuous basis is found."""
-    try:
-        GridBasis._followed(samples, start)
-    except RunError:
-        return False
-    return True
+def _followed_modes(samples: GridNeighbours, start: np.ndarray) -> dict[int, float]:
+    """Return how many of the first modes can be followed, and the least cosine between neighbours of each number."""
+    found = {}
+    for n in range(samples.eigenvalues.shape[1], 0, -1):
+        with suppress(RunError):
+            found[n] = float(GridBasis._followed(samples.of_first(n), start[:n, :n]).cosines.min())
+    return found
 
 
 def _carry(samples: GridNeighbours, groups: Sequence[np.ndarray], start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

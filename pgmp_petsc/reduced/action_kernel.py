@@ -77,8 +77,8 @@ class LocalWork(NamedTuple):
     projected: np.ndarray
     leading: np.ndarray
     measured: np.ndarray  # see below, (7)
-    #: of each law that bends what its rate follows from, measure, rate, force, damping and the rate of the
-    #: action that leads, (n, n_eta + 5)
+    #: of each law that bends what its rate follows from, measure, rate, force, stiffness, damping and the rate of the
+    #: action that leads, (n, n_eta + 6)
     bending: np.ndarray
     felt: np.ndarray  # by the nodes' frames, (n_nodes, n_frame)
 
@@ -96,7 +96,7 @@ class LocalWork(NamedTuple):
         )  # fmt: skip
         own = (
             (n,), (n,), (n,), (n, n), (n, n_eta), (3,), (n_eta,), (n_eta,), (n_eta,), (LEADING + 1,),
-            (n_bending, n_eta + 5), (n_nodes, n_frame),
+            (n_bending, n_eta + 6), (n_nodes, n_frame),
         )  # fmt: skip
         frames = Frames(*(aligned((*shape, LANES)) for shape in of_frames))
         return cls(frames, *(aligned((*shape, LANES)) for shape in own))
@@ -180,37 +180,42 @@ def _find_force(local, action, r, amplitudes, q, v, samples, lanes, second, limi
 def _keep(along, measured, number, bending):
     """Keep what a law was evaluated at."""
     n = along.shape[0]
-    first = number * (n + 5)
+    first = number * (n + 6)
     for i in range(n):
         store(bending, first + i, load(along, i))
     store(bending, first + n, load(measured, MEASURE))
     store(bending, first + n + 1, load(measured, RATE))
     store(bending, first + n + 2, load(measured, STRENGTH))
-    store(bending, first + n + 3, load(measured, DAMPING))
-    store(bending, first + n + 4, load(measured, LEADING))
+    store(bending, first + n + 3, load(measured, STIFFNESS))
+    store(bending, first + n + 4, load(measured, DAMPING))
+    store(bending, first + n + 5, load(measured, LEADING))
 
 
 @njit(cache=True, apart=types.int64, error_model="numpy", counted=False)
-def bent_lanes(local, amplitudes, v, samples, lanes, work, depths):
-    """Return those of some lanes in which a law that bends is not linear from where it was evaluated last to
-    the rates v (n_eta, LANES): how the iteration contracted before says nothing there; see `act`."""
+def bent_lanes(local, amplitudes, v, gain_v, samples, lanes, work, depths):
+    """Return those of some lanes in which a law that bends is not linear from where it was evaluated last to the rates
+    v (n_eta, LANES), which change by gain_v with what it measures: how the iteration contracted before says nothing
+    there; see `act`."""
     laws, n, number, found = local.actions.laws, v.shape[0], 0, 0
     for action in range(laws.addresses.size):
         if not laws.bend[action]:
             continue
-        rate, kept = spread(0.0), work.bending[number]
+        rate, kept, first = spread(0.0), work.bending[number], number * (n + 6)
         for i in range(n):
-            rate += load(work.bending, number * (n + 5) + i) * load(v, i)
+            rate += load(work.bending, first + i) * load(v, i)
         store(work.measured, ALONG, rate)
+        store(work.measured, MEASURE, (rate - load(work.bending, first + n + 1)) / gain_v)
         number += 1
         for lane in range(LANES):
             if lanes & (1 << lane):
                 p, edges = local.actions.parameters[action, samples[lane]], depths[samples[lane], laws.edges[action] :]
-                s, before, force, damping = kept[n, lane], kept[n + 1, lane], kept[n + 2, lane], kept[n + 3, lane]
-                after = work.measured[ALONG, lane]
-                amplitude = kept[n + 4, lane] if local.actions.roles[action] == BY_LOAD else amplitudes[action, lane]
-                now = obey(laws.addresses[action], p, amplitude, s, after, np.nan, edges).force
-                off = abs(now - force + damping * (after - before))
+                s, before, force = kept[n, lane], kept[n + 1, lane], kept[n + 2, lane]
+                after, way = work.measured[ALONG, lane], work.measured[MEASURE, lane]
+                amplitude = amplitudes[action, lane]
+                if local.actions.roles[action] == BY_LOAD:  # its measure is that of the action that leads
+                    amplitude, way = kept[n + 5, lane], 0.0
+                now = obey(laws.addresses[action], p, amplitude, s + way, after, np.nan, edges).force
+                off = abs(now - force + kept[n + 3, lane] * way + kept[n + 4, lane] * (after - before))
                 found |= np.int64(not off <= UNBALANCED * (abs(now) + abs(force))) << lane
     return found
 

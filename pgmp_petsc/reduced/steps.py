@@ -416,8 +416,9 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
         progress.n_corrections[0] += count_lanes(going)
         if bending and iteration == 0:
             bent = bent_lanes(
-                equations.local, strengths.actions, work.rate, memory.samples[block], going, local, memory.depths
-            )
+                equations.local, strengths.actions, work.rate, gain_v, memory.samples[block], going, local,
+                memory.depths,
+            )  # fmt: skip
             first = blend(bent, spread(FIRST_CONTRACTION), first)
         contraction = contraction_of(iteration, size, last, first)
         if iteration == 1:

@@ -29,6 +29,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.built_in import BuiltIn, Closing
+from pgmp_petsc.modes.continuity import POOR_COSINE
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.outputs.outputs import OutputSet, carried_in
@@ -40,7 +41,7 @@ from pgmp_petsc.reduction.checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, JoinedSamples, SampleStore, compression_of
 from pgmp_petsc.reduction.interpolation import samples_for
 from pgmp_petsc.reduction.joint_gaps import JointGaps, gap_answers_at, rows_of
-from pgmp_petsc.reduction.length_family import POOR_COSINE, build_over_lengths
+from pgmp_petsc.reduction.length_family import build_over_lengths
 from pgmp_petsc.reduction.missed_answers import MissedAnswers, missed_answers_at
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import EACH, ParameterPoints, SampleGrid

@@ -28,6 +28,7 @@ from pgmp_petsc.bodies.matrices import mass_of_bodies, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.modes.continuity import POOR_COSINE
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.cell_products import pair_rotations
 from pgmp_petsc.reduction.rom import LengthCheck, LengthFamily, ReducedOrderModel
@@ -43,7 +44,6 @@ Build = Callable[[Scene, Mapping[str, BodyShape], SampleGrid | None, ParameterPo
 HIGH = 0.5  # |T_n| where the family is checked; at points of the grid, where it vanishes, nothing could be seen
 LARGE = 1e-4  # share by which frequencies between the points may be off without a warning
 FOLLOWED = 0.9  # between spaces of modes of neighbouring angles; below, more angles are the likelier cure
-POOR_COSINE = 0.5  # between spaces of modes of neighbouring angles or lengths; tables between them are then of neither
 MORE = "take more reduction.length_points, or a narrower range"
 
 

@@ -241,6 +241,11 @@ class Scene(Table):
         return {name: effect for name, effect in self.plain_effects.items() if effect.by_load}
 
     @property
+    def loose(self) -> tuple[str, ...]:
+        """The entries of joints with a clearance, of which statics do not find where their parts rest."""
+        return tuple(f"joints.{name}.clearance" for name, one in self.joints.items() if one.gives_way == "clearance")
+
+    @property
     def beside(self) -> tuple[str, ...]:
         """The entries whose forces are found between the corrections of a step."""
         return (*(f"controllers.{name}" for name in self.controllers), *(f"effects.{name}" for name in self.carried))

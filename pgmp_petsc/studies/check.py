@@ -285,9 +285,10 @@ def _start(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load], kinem
     if not acting:
         return []
     names = ", ".join(name for name, effect in scene.effects.items() if not acting.isdisjoint(parts_of(name, effect)))
+    cure = "where the mechanism is held or driven, initial.equilibrium = true starts with it"
     return [
         f"  start         undeformed, with {names} acting at once: bodies swing about their static deformation, up to "
-        "twice as far; where the mechanism is held or driven, initial.equilibrium = true starts with it"
+        f"twice as far; {'let loads grow from zero' if scene.loose else cure}"
     ]
 
 

@@ -277,7 +277,7 @@ def _reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
         remarks += [*not_estimated(errors, model.scene), *few_steps(part.time.size - 1), *left_out_of_estimates(model)]
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
-    if status[0] == Status.FINE and any(joint.gives_way == "clearance" for joint in model.scene.joints.values()):
+    if status[0] == Status.FINE and model.scene.loose:
         with timings.phase("a run from beside its start"):
             grown = growth_of(model, part.attempt.simulation, eta, part.outputs)
         remarks += spread_remarks(part.time, grown)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.modes import continuity
 from pgmp_petsc.modes.continuity import GridBasis, GridNeighbours
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 
@@ -142,8 +143,9 @@ def test_a_mode_that_meets_one_that_is_not_kept_cannot_be_followed() -> None:
             GridBasis.of(neighbours, np.eye(1))
 
 
-def test_modes_that_can_be_followed_are_told_from_the_answer_or_mode_that_cannot() -> None:
-    """A mode keeps apart; what is beside it changes its sign around a configuration, whatever the grid."""
+def test_modes_that_can_be_followed_are_told_from_the_answer_or_mode_that_cannot(monkeypatch) -> None:
+    """A mode keeps apart; what is beside it changes its sign around a configuration, whatever the grid. Of numbers of
+    modes that can be followed those are told that turn little between neighbours."""
 
     def answered(first: float, second: float) -> np.ndarray:
         across, along = np.cos(first + 0.1) + np.cos(second + 0.1), np.sin(first + 0.1)
@@ -161,6 +163,11 @@ def test_modes_that_can_be_followed_are_told_from_the_answer_or_mode_that_cannot
         beside = replace(neighbours, eigenvalues=neighbours.eigenvalues[:, :1])
         with pytest.raises(RunError, match=r"static answers .* though its 1 mode.s. alone can.*reduction.spring_modes"):
             GridBasis.of(beside, np.eye(2))
+        for cosines, told in (({4: 0.1, 3: 0.6, 1: 0.9}, 3), ({4: 0.1, 3: 0.4}, 4)):
+            monkeypatch.setattr(continuity, "_followed_modes", lambda *_: cosines)
+            with pytest.raises(RunError, match=f"with reduction.modes = {told} they can"):
+                GridBasis.of(neighbours, np.eye(2))
+        monkeypatch.undo()
 
 
 @pytest.mark.parametrize("axis", [0, 1])

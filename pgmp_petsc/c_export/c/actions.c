@@ -125,7 +125,7 @@ void add_actions(const struct pgmp_model *m, const double strengths[], const dou
             struct iterate *at = kept + number;
             memcpy(at->along, action->role == LED ? leading : projected, sizeof projected);
             at->s = place, at->rate = own, at->amplitude = amplitude;
-            at->force = found[LAW_FORCE], at->damping = found[LAW_DAMPING];
+            at->force = found[LAW_FORCE], at->stiffness = found[LAW_STIFFNESS], at->damping = found[LAW_DAMPING];
         }
         for (int e = 0; depths && e < action->n_edges; e++) depths[action->edge + e] = found[LAW_END + e];
         for (int i = 0; i < N; i++) r[i] -= found[LAW_FORCE] * projected[i];
@@ -142,15 +142,16 @@ void add_actions(const struct pgmp_model *m, const double strengths[], const dou
     if (fresh) add_tangent(tangent, matrix);
 }
 
-/* Whether a law is not linear from where it was evaluated last to the rates v. */
-int bends(const struct pgmp_model *m, const struct iterate kept[], const double v[N]) {
+/* Whether a law is not linear from where it was evaluated last to the rates v, which change by gain_v with places. */
+int bends(const struct pgmp_model *m, const struct iterate kept[], const double v[N], double gain_v) {
     for (int number = 0; number < N_ACTIONS; number++) {
         const struct iterate *at = kept + number;
         double rate = 0.0, found[LAW_END + MOST_EDGES];
         if (!actions[number].bends) continue;
         for (int i = 0; i < N; i++) rate += at->along[i] * v[i];
-        actions[number].law(m->laws[number], at->amplitude, at->s, rate, NAN, found);
-        double off = fabs(found[LAW_FORCE] - at->force + at->damping * (rate - at->rate));
+        double way = actions[number].role == BY_LOAD ? 0.0 : (rate - at->rate) / gain_v;
+        actions[number].law(m->laws[number], at->amplitude, at->s + way, rate, NAN, found);
+        double off = fabs(found[LAW_FORCE] - at->force + at->stiffness * way + at->damping * (rate - at->rate));
         if (!(off <= UNBALANCED * (fabs(found[LAW_FORCE]) + fabs(at->force)))) return 1;
     }
     return 0;

@@ -220,7 +220,7 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const struct
         }
         for (int i = N; going && i < N_ALL; i++) t->forces[i - N] -= share * r[i];
         /* how the iteration contracted before says nothing where a law bends */
-        if (number == 0 && (ALWAYS_PROBED || bends(m, kept, t->v))) contraction = FIRST_CONTRACTION;
+        if (number == 0 && (ALWAYS_PROBED || bends(m, kept, t->v, gain_v))) contraction = FIRST_CONTRACTION;
         if (number > 0) contraction = at_most(WORST_CONTRACTION, size / (last > 1e-300 ? last : 1e-300));
         if (number == 1 && active && !careful) {
             double known = at_most(WORST_CONTRACTION, CAUTION * contraction);

@@ -31,8 +31,8 @@ typedef void law_function(const double p[], double amplitude, double s, double r
 enum { ALONE, LEADS, LED, BY_LOAD };
 struct action { int first, last, strength, edge, n_edges, role, controlled, bends; law_function *law; };
 /* Where the law of an effect was evaluated last in an iteration: about as above, and of one that bends what its rate
-   follows from, its measure, rate and amplitude, and its force and damping there. */
-struct iterate { double about, along[N], s, rate, amplitude, force, damping; };
+   follows from, its measure, rate and amplitude, and its force, stiffness and damping there. */
+struct iterate { double about, along[N], s, rate, amplitude, force, stiffness, damping; };
 /* A law of a controller, of its parameters, of time, reference and its rate, motions and their rates, and of its states:
    the force, its slopes by motions, rates and states, and the same of the rate of each state; and its first states. */
 typedef void control_function(const double p[], const double x[], const double z[], double found[]);
@@ -107,7 +107,7 @@ struct acting { double strengths[AT_LEAST_ONE(N_STRENGTHS)], motions[R][3]; };
 void add_actions(const struct pgmp_model *m, const double strengths[], const double q[N], const double v[N],
                  double gain_v, int fresh, struct iterate kept[], double depths[], struct response *response,
                  double r[N], struct matrix *matrix, double forces[], double loads[][N_DOFS]);
-int bends(const struct pgmp_model *m, const struct iterate kept[], const double v[N]);
+int bends(const struct pgmp_model *m, const struct iterate kept[], const double v[N], double gain_v);
 void respond(const struct pgmp_model *m, double motions[][2], struct response *at, double given[][3]);
 void begin_response(const struct pgmp_model *m, const struct scheme *s, double h, double time, struct response *at);
 void begin_sampling(const struct pgmp_model *m, int who, double time, struct response *at);
