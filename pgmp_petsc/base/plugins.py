@@ -75,8 +75,9 @@ def _checksum_installed(name: str) -> str | None:
 
 
 def check_plugins(needed: Mapping[str, str], file: object) -> None:
-    """Refuse a file that was made with plugins that are not in use, or were others; raises `InputError`, naming the
-    plugin, with the cure."""
+    """Refuse a file that was made with plugins that are not in use, or were others; raises `InputError`, naming all of
+    them, with the cure."""
+    lines = []
     for name, checksum in needed.items():
         if any(plugin.sha256 == checksum for plugin in IN_USE.values()) or _checksum_installed(name) == checksum:
             continue
@@ -84,6 +85,10 @@ def check_plugins(needed: Mapping[str, str], file: object) -> None:
         other = next((plugin for plugin in IN_USE.values() if plugin.name == name), None)
         if other is not None:
             why = f"{made}, and {other.path} is another one (SHA-256 {other.sha256[:SHOWN]}...)"
-            raise InputError(f"{why}; give the plugin that it was made with, or make the file again")
-        cure = f'--plugin {name}, or pgmp.use("{name}") in Python' if name.endswith(".py") else "install its package"
-        raise InputError(f"{made}, which is not in use; {cure}")
+            lines.append(f"{why}; give the plugin that it was made with, or make the file again")
+            continue
+        of_file = f'--plugin {name}, or pgmp.use("{name}") in Python'
+        cure = of_file if name.endswith(".py") else "install its package, or give the plugin that imports it"
+        lines.append(f"{made}, which is not in use; {cure}")
+    if lines:
+        raise InputError("\n".join(lines))

@@ -99,9 +99,10 @@ class Family:
         other = self.classes.get(names[0])
         if other is not None:
             file, line = place_of(other)
-            raise refuse(
-                cls, f"there is the {self.what} '{names[0]}' already, {file}, line {line}; choose another name"
-            )
+            cure = "choose another name"
+            if cls.__module__ != other.__module__ and place_of(cls) == (file, line):
+                cure = "another plugin imports this file: do not give it as one too"
+            raise refuse(cls, f"there is the {self.what} '{names[0]}' already, {file}, line {line}; {cure}")
         self.classes[names[0]] = cls
         if not cls.__module__.startswith(PACKAGE):
             IN_USE[self.group, names[0]] = _plugin(cls)
@@ -198,7 +199,7 @@ def take(file: Path) -> None:
     except OSError as error:
         raise InputError(f"plugin '{shortened(str(file))}': {error.strerror}; a Python file is needed") from error
     path, sha256 = str(file.resolve()), hashlib.sha256(text).hexdigest()
-    if any(plugin.path == path and plugin.sha256 == sha256 for plugin in IN_USE.values()):
+    if any(plugin.sha256 == sha256 for plugin in IN_USE.values()):  # wherever else it is
         return
     linecache.checkcache(path)  # messages name lines of the file as it is now
     before = [dict(family.classes) for family in FAMILIES], dict(IN_USE)
@@ -268,4 +269,8 @@ def _run(text: bytes, file: Path, module: ModuleType) -> None:
     except InputError:
         raise
     except (Exception, SystemExit) as error:
-        raise to_blame(error, [path]) from error
+        blamed = to_blame(error, [path])
+        if isinstance(error, ModuleNotFoundError) and file.with_name(f"{error.name}.py").is_file():
+            beside = "files beside a plugin are no modules: write both into one, or set PYTHONPATH to their folder"
+            blamed = InputError(str(blamed).replace("repair the file", beside))
+        raise blamed from error

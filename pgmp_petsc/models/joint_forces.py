@@ -153,7 +153,9 @@ class ReducedMultipliers:
         """Return what steps in lanes take of the forces that joints carry; see `CarriedForces.of`."""
         actions = self._actions.actions
         rubbing = [k for k, action in enumerate(actions) if action.law.loaded]
-        return CarriedForces.of(self.gaps, self.rows.tolist(), self._terms.grid, self._carried, rubbing, actions)
+        return CarriedForces.of(
+            self.gaps, self.rows.tolist(), self._terms.terms, self._terms.grid, self._carried, rubbing, actions
+        )
 
     def _nothing(self, n: int) -> np.ndarray:
         return np.full((self._n_held + len(self._motions), n), np.nan)

@@ -40,14 +40,14 @@ class CarriedForces:
 
     @classmethod
     def of(
-        cls, gaps: GapForces, rows: Sequence[int], grid: Sequence[Grid], forces: Sequence[OfConnection],
-        rubbing: Sequence[int], actions: Sequence[Action],
+        cls, gaps: GapForces | None, rows: Sequence[int], tables: Interpolant, grid: Sequence[Grid],
+        forces: Sequence[OfConnection], rubbing: Sequence[int], actions: Sequence[Action],
     ) -> Self | None:  # fmt: skip
-        """Prepare the forces over cells of a grid; None where directions in which a joint pulls turn against each
-        other, as those of a joint on a bent line do.
+        """Prepare the forces over cells of a grid of tables; None where directions in which a joint pulls turn against
+        each other, as those of a joint on a bent line do.
 
-        Rows of the gaps are those of constraints with numbers `rows`; `rubbing` are the numbers of the actions that
-        rub, among all, one for each force.
+        Rows of the gaps are those of constraints with numbers `rows`, and there are none where joints hold no place, as
+        with a clearance; `rubbing` are the numbers of the actions that rub, among all, one for each force.
         """
         pulls: list[tuple[int, int, int, int]] = []
         directions: list[np.ndarray] = []
@@ -57,14 +57,23 @@ class CarriedForces:
                 return None
             pulls += own[0]
             directions.append(own[1])
-        terms, loads, weights, lengths = _split(gaps)
-        axes = gaps.table.axes
-        made = Carried(
+        acting = (
             np.array(rubbing, dtype=np.int64),
             np.array(pulls, dtype=np.int64).reshape(-1, 4),
             np.concatenate(directions),
+        )
+        nothing, r = Cells.none(len(grid)), len(grid)
+        if gaps is None:
+            empty = Interpolant(tables.axes, np.zeros((*tables.rows.shape[:r], 0, 0)))
+            sizes = (0, r, 0, False, 0), (r + r * (r + 1) // 2, 0, 0, 0, 0)
+            none = np.zeros(0, dtype=np.int64)
+            return cls(Carried(*acting, Cells.of(empty, grid), nothing, none, *sizes, 0.0, False), ())
+        terms, loads, weights, lengths = _split(gaps)
+        axes = gaps.table.axes
+        made = Carried(
+            *acting,
             Cells.of(Interpolant(axes, terms), grid),
-            Cells.of(Interpolant(axes, loads), grid) if loads.size else Cells.none(len(grid)),
+            Cells.of(Interpolant(axes, loads), grid) if loads.size else nothing,
             np.zeros(len(weights), dtype=np.int64),
             (gaps.table.shape[0], *gaps.sizes),
             lengths,

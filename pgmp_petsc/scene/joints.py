@@ -27,10 +27,12 @@ from pgmp_petsc.scene.fields import (
     NumberOrParameter,
     Place,
     PositiveOrParameter,
+    Quantified,
     StiffnessOrParameter,
     Table,
     Unit,
     directions_of,
+    notes_on,
     quantities_of,
     refusal,
     tried,
@@ -358,6 +360,10 @@ class JointEntry(JointTable):
             raise refuse(cls, f"motions that a joint leaves free are {', '.join(MOTIONS)}")
         if cls.statements is JointEntry.statements:
             raise refuse(cls, "a joint has the method statements(self, in_a, in_b), which returns what it holds")
+        named = [key for key, field in cls.model_fields.items() if notes_on(field, Quantified)]
+        if named:
+            why = "may name a parameter, and what a joint holds has numbers alone"
+            raise refuse(cls, f'{named[0]} {why}: write Annotated[float, Unit("m")]')
         for d in dimensions:
             try:
                 held = tried(cls).statements(np.eye(d), np.eye(d))

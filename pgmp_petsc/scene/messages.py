@@ -101,7 +101,9 @@ def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
         key, allowed = context["discriminator"].strip("'"), [_tag(member) for member in members]
         if kind == "union_tag_not_found":
             return problem(f"{entry}.{key}", f"missing (allowed: {', '.join(allowed)})")
-        return problem(f"{entry}.{key}", _choice(received[key], allowed), received[key])
+        choice = _choice(received[key], allowed)
+        plugin = "" if "did you mean" in choice else "; if a plugin has it, give --plugin FILE.py"
+        return problem(f"{entry}.{key}", choice + plugin, received[key])
     if kind == "literal_error":
         return problem(entry, _choice(received, re.findall(r"'([^']*)'", context["expected"])), received)
     if kind == "refusal":  # by one of the scene's own validators, perhaps on account of one key of a table

@@ -672,6 +672,10 @@ BROKEN = {
         r"line \d+: .* NameError: .*'in_c'",
     ),
     "a joint of other statements": (("*", JOINT.replace("along(in_a[:, 2])", "1")), r"line \d+: .*: statements: "),
+    "a joint of a parameter": (
+        ("*", JOINT.replace("slot: Axis", "slot: NumberOrParameter").replace("import Axis", "import *")),
+        r"line \d+: .* slot may name a parameter, and what a joint holds has numbers alone: write Annotated",
+    ),
     "a joint that is nowhere": (("*", JOINT.replace("(3,)", "(4,)")), r"a joint says where it can be: dimensions = "),
     "a joint of an unknown motion": (
         ("*", JOINT.replace('"turning"', '"rolling"')),
@@ -720,6 +724,34 @@ def test_a_file_that_has_changed_is_read_again(line_spring: Path) -> None:
         scene_from_toml(BASE, ".", [f"effects.e={TABLE}"])
 
 
+def test_a_copy_of_a_file_is_that_file(line_spring: Path, tmp_path: Path) -> None:
+    (copy := tmp_path / "copy.py").write_text(LISTING)
+    for path in (line_spring, copy):
+        pgmp.use(path)
+    (plugin,) = IN_USE.values()
+    assert plugin.path == str(line_spring) and ideas.place_of(ideas.EFFECTS.classes["line_spring"])[0] == line_spring
+
+
+def test_files_beside_a_plugin_are_no_modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """But where the path has their folder; then they are given by what imports them."""
+    own, other = (tmp_path / f"{name}_of_test.py" for name in ("own", "other"))
+    other.write_text(LISTING)
+    own.write_text("from other_of_test import LineSpring\n" + LISTING.replace('"line_spring"', '"own"'))
+    with pytest.raises(InputError, match=r"line 1: ModuleNotFoundError: .*; files beside a plugin are no modules: "):
+        pgmp.use(own)
+    monkeypatch.syspath_prepend(tmp_path)
+    pgmp.use(other)
+    with pytest.raises(InputError, match=r"'line_spring' already, .*other_of_test\.py, line 17; another plugin impor"):
+        pgmp.use(own)
+    IN_USE.clear()
+    for family in FAMILIES:
+        family.classes = {name: cls for name, cls in family.classes.items() if cls.__module__.startswith("pgmp_petsc.")}
+    for path in (own, other):
+        pgmp.use(path)
+    assert {plugin.name for plugin in IN_USE.values()} == {"own_of_test.py", "other_of_test"}
+    sys.modules.pop("other_of_test")
+
+
 def test_files_name_the_plugins_that_their_scene_needs(line_spring: Path, tmp_path: Path) -> None:
     pgmp.use(line_spring)
     bare, held = (scene_from_toml(BASE, ".", [f"effects.e={TABLE}"] * n) for n in (0, 1))
@@ -729,6 +761,8 @@ def test_files_name_the_plugins_that_their_scene_needs(line_spring: Path, tmp_pa
             RunRecord(scene_to_toml(scene), {}, None, 1).write(file)
             assert list(json.loads(file.attrs.get("plugins", "{}"))) == ["line_spring.py"] * (scene is held)
             RunRecord.read(file)
+    with pytest.raises(InputError, match=r"^'a' was made with the plugin one\.py .*\n'a' was made with the plugin two"):
+        check_plugins({"one.py": "0", "two.py": "1"}, "a")
     other = dict(IN_USE)
     IN_USE.clear()
     with h5py.File(paths[0]) as file:
@@ -772,7 +806,7 @@ def test_commands_take_plugins_and_end_with_one_message(line_spring: Path, tmp_p
     messages = [line for line in done.stderr.splitlines() if line.startswith("pgmp: error: ")]
     for name, message in zip(IN_COMMANDS, messages):
         assert re.search(BROKEN[name][1], message)
-    assert len(messages) == len(IN_COMMANDS) + 1
+    assert len(messages) == len(IN_COMMANDS) + 1 and messages[-1].endswith("if a plugin has it, give --plugin FILE.py")
 
 
 def test_a_run_is_not_resumed_with_another_plugin(line_spring: Path, tmp_path: Path) -> None:
@@ -813,7 +847,7 @@ def test_installed_packages_have_ideas_behind_entry_points(tmp_path: Path, monke
     sys.modules.pop("mine_of_test")
     (needed,) = ({plugin.name: plugin.sha256} for plugin in IN_USE.values())
     IN_USE.clear()
-    with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use; install its package$"):
+    with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use; install its package, or"):
         check_plugins(needed, "a.h5")
     (about := tmp_path / "mine_of_test-1.0.dist-info").mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mine_of_test\nVersion: 1.0\n")
