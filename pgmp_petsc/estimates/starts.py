@@ -121,8 +121,8 @@ def _acting(model: ReducedModel, system: ReducedSystem, state: State) -> list[st
 
 def _is_cured(model: ReducedModel, system: ReducedSystem, state: State, swing: np.ndarray, energy: float) -> bool:
     """Return whether a start from static deformation, with coordinates held, leaves little of the swing."""
-    if model.scene.loose or np.max(np.abs(model.start[1])) * model.scene.simulation.duration > AT_REST:
-        return False  # statics find it at rest alone, and no parts with room around them
+    if np.max(np.abs(model.start[1])) * model.scene.simulation.duration > AT_REST:
+        return False  # it starts at rest alone
     statics, search = ReducedStatics(system, model.joint_angles), search_of(model.scene, model.kinematics.mechanism)
     try:
         held = settle(statics, model.start[0][None], search)

@@ -21,7 +21,8 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.composition import loosened
 from pgmp_petsc.mechanism.joints import meeting
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import kinematics_of, tables
+from pgmp_petsc.studies.check import describe_scene
+from scenes import kinematics_of, meshes_of, tables
 
 
 def _outputs(scene: Scene, model: str, **values: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -262,6 +263,8 @@ def test_static_equilibrium_is_refused(purpose):
     """From the middle of the room, where nothing holds the pin, statics found places without balance."""
     with pytest.raises(InputError, match="initial.equilibrium = true with joints.pin.clearance.*nothing holds a pin"):
         check_capabilities(worn("initial.equilibrium=true", "simulation.initial.theta.velocity=0.0"), purpose)
+    said = describe_scene(follower(), meshes_of(follower()))
+    assert "up to twice as far; let loads grow from zero" in said and "initial.equilibrium" not in said
 
 
 def test_torques_of_wheels_with_backlash():
