@@ -225,6 +225,12 @@ class Twice(OutputEntry):
     def combined(self, name, parts, scene):
         return Doubled(parts[self.of])
 """
+EXPRESSED = """
+    def expression(self, scene, seen):
+        from pgmp_petsc.outputs.of_outputs import FormulaOf
+
+        return FormulaOf("2 * a", (("a", seen(self.of)),), ())
+"""
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -234,8 +240,9 @@ class Twice(OutputEntry):
         ((OUTPUT + STATED,), 'type="along", point="rod:tip", direction=[2.0, 0.0]', "y", 1e-12),
         ((OUTPUT,), 'type="along", point="rod:tip", direction=[2.0, 0.0]', "y", 1e-6),
         ((TWICE,), 'type="twice", of="place"', "2 * y", 1e-6),
+        ((TWICE + EXPRESSED,), 'type="twice", of="place"', "2 * y", 1e-12),
     ],
-    ids=("of a statement", "of a reading", "of another output"),
+    ids=("of a statement", "of a reading", "of another output", "of an expression"),
 )
 def test_what_controllers_measure_is_what_the_output_says(
     tmp_path: Path, model: str, texts: tuple[str, ...], entry: str, same: str, share: float
@@ -853,6 +860,7 @@ def test_installed_packages_have_ideas_behind_entry_points(tmp_path: Path, monke
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mine_of_test\nVersion: 1.0\n")
     (about / "entry_points.txt").write_text("[pgmp.effects]\nspring = mine_of_test\n")
     check_plugins(needed, "a.h5")  # before any scene is read
+    check_plugins({"line_spring.py": next(iter(needed.values()))}, "a.h5")  # of a file that was the same
     (tmp_path / "mine_of_test.py").write_text(LISTING + "\n")
     with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use"):
         check_plugins(needed, "a.h5")
