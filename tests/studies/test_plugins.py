@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
+from functools import reduce
 from hashlib import sha256
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
@@ -723,8 +724,11 @@ def test_a_file_that_has_changed_is_read_again(line_spring: Path) -> None:
         pgmp.use(line_spring.with_name("none.py"))
     for _ in range(2):
         pgmp.use(line_spring)
-    line_spring.write_text(LISTING.replace('"line_spring"', '"other_spring"').replace('"N s/m"', '"N s2/m3"'))
+    changes = {'"line_spring"': '"other_spring"', '"N s/m"': '"N s2/m3"', "[PositiveOrParameter": "[float"}
+    line_spring.write_text(reduce(lambda text, one: text.replace(*one), changes.items(), LISTING))
     pgmp.use(line_spring)
+    with pytest.raises(InputError, match=r'^effects\.e\.stiffness = "soft": a number is needed$'):
+        scene_from_toml(BASE, ".", [f"effects.e={TABLE.replace('line_', 'other_').replace('20.0', repr('soft'))}"])
     (effect,) = scene_from_toml(BASE, ".", [f"effects.e={TABLE.replace('line_', 'other_')}"]).effects.values()
     assert effect.damping == 0.0 and UNITS["N s2/m3"] == (1, -2, 0), "a unit that no entry of the program has"
     with pytest.raises(InputError, match=r'^effects\.e\.type = "line_spring": unknown'):
