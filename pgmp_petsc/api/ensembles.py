@@ -38,13 +38,7 @@ from pgmp_petsc.ensemble.checkpoint import Shards, remove_checkpoint
 from pgmp_petsc.ensemble.description import describe_shards
 from pgmp_petsc.ensemble.failures import read_earlier
 from pgmp_petsc.ensemble.integration import run_ensemble
-from pgmp_petsc.ensemble.plan import (
-    LARGEST_SEED,
-    MOST_SAMPLES,
-    SAMPLERS,
-    Plan,
-    Shard,
-)
+from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, Shard
 from pgmp_petsc.ensemble.sample_file import Columns, SampleFile, called, read_samples
 from pgmp_petsc.ensemble.sampling import refuse_drawn
 from pgmp_petsc.ensemble.stopping import Stop, read_rule

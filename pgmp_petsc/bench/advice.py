@@ -51,7 +51,7 @@ def advise(
     for choices, names in alike.items():
         for choice in choices:
             aim = f"{_joined([f'{100 * threshold:g} %' for threshold in choice.thresholds])} in {_joined(names)}"
-            advice.append(_piece(study, choice, aim, targets[names[0]], said))
+            advice.append(_piece(study, choice, aim, (targets[names[0]], bounds[names[0]]), said))
     first, errors = next(iter(bounds.items()))
     return (
         *advice,
@@ -122,12 +122,14 @@ def _choices(study: Tradeoff, errors: np.ndarray) -> tuple[Choice, ...]:
     )
 
 
-def _piece(study: Tradeoff, choice: Choice, aim: str, errors: np.ndarray, said: dict[int, str]) -> str:
-    """Return the piece of advice for a choice; `said` has the settings whose options were given before, with what for,
-    and is extended."""
+def _piece(
+    study: Tradeoff, choice: Choice, aim: str, errors: tuple[np.ndarray, np.ndarray], said: dict[int, str]
+) -> str:
+    """Return the piece of advice for a choice, by errors without and with margins; `said` has the settings whose
+    options were given before, with what for, and is extended."""
     row = choice.row
     if row is None:
-        lines = [f"For {aim} no setting is good enough{_nearest(study, errors)}."]
+        lines = [f"For {aim} no setting is good enough{_nearest(study, *errors, choice.thresholds)}."]
     else:
         lines = [f"For {aim} take {_name(study, row)}: {_price(study, row)}"]
         if row in said:
@@ -148,12 +150,13 @@ def _name(study: Tradeoff, row: int) -> str:
     return f"the scene as it is ({study.name(row)})" if not study.flags[row] else study.name(row)
 
 
-def _nearest(study: Tradeoff, errors: np.ndarray) -> str:
+def _nearest(study: Tradeoff, errors: np.ndarray, bounds: np.ndarray, thresholds: tuple[float, ...]) -> str:
     known = study.simulated & study.own_mesh & np.isfinite(errors)
     if not known.any():
         return ": none could be measured"
     row = int(np.argmin(np.where(known, errors, np.inf)))
-    return f"; the best is {study.name(row)}, with {share_text(errors[row])}"
+    more = f", {share_text(bounds[row])} with the margin below" if errors[row] <= max(thresholds) else ""
+    return f"; the best is {study.name(row)}, with {share_text(errors[row])}{more}"
 
 
 def _price(study: Tradeoff, row: int) -> str:

@@ -44,6 +44,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.profile import Profiles
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, load, spread, store
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
@@ -94,29 +95,36 @@ class Recovery:
 
 
 def products(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the products of matrices (n, m, k) and (n, k, n_columns), shape (n, m, n_columns)."""
-    result = np.zeros((*left.shape[:2], right.shape[2]))
-    _add_products(np.ascontiguousarray(left), np.ascontiguousarray(right), result)
-    return result
+    """Return the products of matrices (n, m, k) and (n, k, n_columns), shape (n, m, n_columns): of each column the same
+    bits, whichever are beside it."""
+    (n, m, k), n_columns = left.shape, right.shape[2]
+    n_vectors = -(-n_columns // LANES)
+    columns, result = aligned_zeros((n * k, n_vectors * LANES)), aligned_zeros((n * m, n_vectors * LANES))
+    columns[:, :n_columns] = right.reshape(n * k, n_columns)
+    of_vectors = (each.reshape(-1, LANES) for each in (columns, result))
+    _fill_products(np.ascontiguousarray(left), *of_vectors, n_vectors)
+    return np.ascontiguousarray(result[:, :n_columns]).reshape(n, m, n_columns)
 
 
-@njit(cache=True, error_model="numpy")
-def _add_products(left, right, result):
-    """Add all products; terms are added in the order of the rows of the right matrices."""
-    n, m, n_terms = left.shape
-    whole = n_terms - n_terms % 4  # sums stay in registers for four terms
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, counted=False)
+def _fill_products(left, columns, result, n_vectors):
+    """Fill rows of all products, of LANES columns a vector; sums of four of them stay in registers."""
+    n, m, k = left.shape
     for e in range(n):
-        for i in range(m):
-            of_row, found = left[e, i], result[e, i]
-            for term in range(0, whole, 4):
-                for column in range(right.shape[2]):
-                    total = found[column] + of_row[term] * right[e, term, column]
-                    total += of_row[term + 1] * right[e, term + 1, column]
-                    total += of_row[term + 2] * right[e, term + 2, column]
-                    found[column] = total + of_row[term + 3] * right[e, term + 3, column]
-            for term in range(whole, n_terms):
-                for column in range(right.shape[2]):
-                    found[column] += of_row[term] * right[e, term, column]
+        for v in range(n_vectors):
+            for i in range(0, m, 4):
+                a, b, c, d = i, min(i + 1, m - 1), min(i + 2, m - 1), min(i + 3, m - 1)
+                of_a, of_b, of_c, of_d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+                for term in range(k):
+                    x = load(columns, (e * k + term) * n_vectors + v)
+                    of_a = of_a + x * left[e, a, term]
+                    of_b = of_b + x * left[e, b, term]
+                    of_c = of_c + x * left[e, c, term]
+                    of_d = of_d + x * left[e, d, term]
+                store(result, (e * m + a) * n_vectors + v, of_a)
+                store(result, (e * m + b) * n_vectors + v, of_b)
+                store(result, (e * m + c) * n_vectors + v, of_c)
+                store(result, (e * m + d) * n_vectors + v, of_d)
 
 
 NOISE = 1e-10  # share of both fields' own moments or stiffness that round-off leaves of fields that are apart

@@ -34,13 +34,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import distance
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import OnJoint
-from pgmp_petsc.scene.fields import (
-    NotNegativeOrParameter,
-    NumberOrParameter,
-    PositiveOrParameter,
-    Unit,
-    refusal,
-)
+from pgmp_petsc.scene.fields import NotNegativeOrParameter, NumberOrParameter, PositiveOrParameter, Unit, refusal
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.uses import MEASURED, slides
 

@@ -35,15 +35,7 @@ from pgmp_petsc.effects.time_function import Piece, TimeFunction, amplitude_of, 
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Driving, OverTime
-from pgmp_petsc.scene.fields import (
-    ConstantSpeed,
-    Direction,
-    Harmonic,
-    LoadTable,
-    SpinUp,
-    TimeTable,
-    refusal,
-)
+from pgmp_petsc.scene.fields import ConstantSpeed, Direction, Harmonic, LoadTable, SpinUp, TimeTable, refusal
 from pgmp_petsc.scene.messages import Finding, doubt, problem
 from pgmp_petsc.scene.references import harmonic_problems, load_problems, unknown
 from pgmp_petsc.scene.uses import Use, slides

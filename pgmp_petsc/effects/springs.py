@@ -37,14 +37,7 @@ from pgmp_petsc.mechanism.space import directors
 from pgmp_petsc.mechanism.statements import Statement, along, angle
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import EffectEntry, OnJoint
-from pgmp_petsc.scene.fields import (
-    Connection,
-    Direction,
-    NotNegativeOrParameter,
-    NumberOrParameter,
-    Unit,
-    refusal,
-)
+from pgmp_petsc.scene.fields import Connection, Direction, NotNegativeOrParameter, NumberOrParameter, Unit, refusal
 from pgmp_petsc.scene.joints import DAMPED_BY, frame_problems
 from pgmp_petsc.scene.messages import Finding, doubt, named
 from pgmp_petsc.scene.messages import refusal as impossible

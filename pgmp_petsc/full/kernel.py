@@ -28,17 +28,7 @@ from pgmp_petsc.full.layout import FloatingBodies
 from pgmp_petsc.full.node_constraints import NodeConstraints, add_constraints, gather
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import (
-    absolute,
-    beyond,
-    borrowed,
-    empty_lanes,
-    fill,
-    items,
-    keep,
-    select,
-    sine_cosine,
-)
+from pgmp_petsc.lanes.lane_items import absolute, beyond, borrowed, empty_lanes, fill, items, keep, select, sine_cosine
 from pgmp_petsc.mechanism.node_statements import scratch_of
 from pgmp_petsc.mechanism.node_statements import state as statement
 from pgmp_petsc.mechanism.statement_rows import Rows

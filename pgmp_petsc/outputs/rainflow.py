@@ -20,15 +20,7 @@ from pgmp_petsc.base.units import UnknownUnit, measure
 from pgmp_petsc.lanes.rainflow import count
 from pgmp_petsc.outputs.readings import AnyReading, OfReading
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.fields import (
-    Pair,
-    PositiveNumber,
-    PositiveOrParameter,
-    Table,
-    Unit,
-    named_numbers,
-    refusal,
-)
+from pgmp_petsc.scene.fields import Pair, PositiveNumber, PositiveOrParameter, Table, Unit, named_numbers, refusal
 from pgmp_petsc.scene.messages import Finding, doubt
 from pgmp_petsc.scene.outputs import OutputEntry, unit_of
 from pgmp_petsc.scene.uses import Use

@@ -9,14 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.effects.action import (
-    NOTHING,
-    Action,
-    amplitudes_over,
-    compile_actions,
-    counted_from,
-    first_terms,
-)
+from pgmp_petsc.effects.action import NOTHING, Action, amplitudes_over, compile_actions, counted_from, first_terms
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.effects.time_function import TimeFunction, joined

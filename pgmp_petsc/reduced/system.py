@@ -27,14 +27,7 @@ from pgmp_petsc.reduced.lagrangian import damping_power, load_powers, reduced_en
 from pgmp_petsc.reduced.sample_lanes import ReducedLanes
 from pgmp_petsc.reduced.steps import Clocks, Progress, advance
 from pgmp_petsc.reduced.terms import ReducedTerms
-from pgmp_petsc.stepping.second_order_system import (
-    Energies,
-    Scheme,
-    SecondOrderSystem,
-    Settled,
-    State,
-    Stretch,
-)
+from pgmp_petsc.stepping.second_order_system import Energies, Scheme, SecondOrderSystem, Settled, State, Stretch
 from pgmp_petsc.stepping.status import Status
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix

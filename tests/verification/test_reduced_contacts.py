@@ -132,10 +132,7 @@ def test_no_number_depends_on_neighbours_or_on_the_steps_of_a_call(name: str, mo
 
 # nominal or nearly, stiffer than steps resolve, and so stiff that Newton's iteration fails for good: round-off decides
 # on which side of the edge, and of several it is behind it for one at least
-STIFFER = {
-    "loads": (2e4, 3e6, 1.7e4, *np.geomspace(1.2e15, 2.2e15, 5)),
-    "drive": (3e3, 10**10.5, 2.5e3, 1e16, 2e16),
-}
+STIFFER = {"loads": (2e4, 3e6, 1.7e4, *np.geomspace(1.2e15, 2.2e15, 5)), "drive": (3e3, 10**10.5, 2.5e3, 1e16, 2e16)}
 
 
 @pytest.mark.parametrize("name", SCENES)
