@@ -9,6 +9,7 @@ from __future__ import annotations
 import tomllib
 import traceback
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.metadata import entry_points
@@ -64,14 +65,18 @@ def plugins_of(scene_toml: str) -> dict[str, str]:
     return {plugin.name: plugin.sha256 for plugin in needed if plugin is not None}
 
 
-def _checksum_installed(name: str) -> str | None:
-    """Return the SHA-256 of a module of an installed package that has ideas: it is imported with the first scene."""
+def _is_installed(name: str, checksum: str) -> bool:
+    """Whether a module of an installed package that has ideas, by its name or an entry point's, has a SHA-256: it is
+    imported with the first scene."""
     points = entry_points()
     found = (points.select(group=group) for group in points.groups if group.startswith("pgmp."))
-    owners = {point.module.partition(".")[0] for point in chain.from_iterable(found)}
-    spec = find_spec(name) if name.partition(".")[0] in owners else None
-    origin = Path(spec.origin) if spec is not None and spec.origin else None
-    return sha256(origin.read_bytes()).hexdigest() if origin is not None and origin.is_file() else None
+    modules = {point.module for point in chain.from_iterable(found)}
+    if name.partition(".")[0] in {module.partition(".")[0] for module in modules}:
+        modules.add(name)
+    with suppress(ModuleNotFoundError):  # of an entry point that is broken: said where it is loaded
+        paths = [Path(spec.origin) for spec in map(find_spec, sorted(modules)) if spec is not None and spec.origin]
+        return any(path.is_file() and sha256(path.read_bytes()).hexdigest() == checksum for path in paths)
+    return False
 
 
 def check_plugins(needed: Mapping[str, str], file: object) -> None:
@@ -79,7 +84,7 @@ def check_plugins(needed: Mapping[str, str], file: object) -> None:
     them, with the cure."""
     lines = []
     for name, checksum in needed.items():
-        if any(plugin.sha256 == checksum for plugin in IN_USE.values()) or _checksum_installed(name) == checksum:
+        if any(plugin.sha256 == checksum for plugin in IN_USE.values()) or _is_installed(name, checksum):
             continue
         made = f"'{file}' was made with the plugin {name} (SHA-256 {checksum[:SHOWN]}...)"
         other = next((plugin for plugin in IN_USE.values() if plugin.name == name), None)

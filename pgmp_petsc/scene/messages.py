@@ -23,6 +23,7 @@ DEEPEST = 16  # tables and lists within each other; a scene needs six
 #: What is allowed, by the type of pydantic's error, with the fields of its context.
 ALLOWED = {
     "float_type": "a number is needed",
+    "float_parsing": "a number is needed",
     "finite_number": "a finite number is needed",
     "int_type": "an integer is needed",
     "bool_type": "true or false is needed",

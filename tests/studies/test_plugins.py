@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
+from functools import reduce
 from hashlib import sha256
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
@@ -225,6 +226,12 @@ class Twice(OutputEntry):
     def combined(self, name, parts, scene):
         return Doubled(parts[self.of])
 """
+EXPRESSED = """
+    def expression(self, scene, seen):
+        from pgmp_petsc.outputs.of_outputs import FormulaOf
+
+        return FormulaOf("2 * a", (("a", seen(self.of)),), ())
+"""
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -234,8 +241,9 @@ class Twice(OutputEntry):
         ((OUTPUT + STATED,), 'type="along", point="rod:tip", direction=[2.0, 0.0]', "y", 1e-12),
         ((OUTPUT,), 'type="along", point="rod:tip", direction=[2.0, 0.0]', "y", 1e-6),
         ((TWICE,), 'type="twice", of="place"', "2 * y", 1e-6),
+        ((TWICE + EXPRESSED,), 'type="twice", of="place"', "2 * y", 1e-12),
     ],
-    ids=("of a statement", "of a reading", "of another output"),
+    ids=("of a statement", "of a reading", "of another output", "of an expression"),
 )
 def test_what_controllers_measure_is_what_the_output_says(
     tmp_path: Path, model: str, texts: tuple[str, ...], entry: str, same: str, share: float
@@ -716,8 +724,11 @@ def test_a_file_that_has_changed_is_read_again(line_spring: Path) -> None:
         pgmp.use(line_spring.with_name("none.py"))
     for _ in range(2):
         pgmp.use(line_spring)
-    line_spring.write_text(LISTING.replace('"line_spring"', '"other_spring"').replace('"N s/m"', '"N s2/m3"'))
+    changes = {'"line_spring"': '"other_spring"', '"N s/m"': '"N s2/m3"', "[PositiveOrParameter": "[float"}
+    line_spring.write_text(reduce(lambda text, one: text.replace(*one), changes.items(), LISTING))
     pgmp.use(line_spring)
+    with pytest.raises(InputError, match=r'^effects\.e\.stiffness = "soft": a number is needed$'):
+        scene_from_toml(BASE, ".", [f"effects.e={TABLE.replace('line_', 'other_').replace('20.0', repr('soft'))}"])
     (effect,) = scene_from_toml(BASE, ".", [f"effects.e={TABLE.replace('line_', 'other_')}"]).effects.values()
     assert effect.damping == 0.0 and UNITS["N s2/m3"] == (1, -2, 0), "a unit that no entry of the program has"
     with pytest.raises(InputError, match=r'^effects\.e\.type = "line_spring": unknown'):
@@ -853,6 +864,7 @@ def test_installed_packages_have_ideas_behind_entry_points(tmp_path: Path, monke
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mine_of_test\nVersion: 1.0\n")
     (about / "entry_points.txt").write_text("[pgmp.effects]\nspring = mine_of_test\n")
     check_plugins(needed, "a.h5")  # before any scene is read
+    check_plugins({"line_spring.py": next(iter(needed.values()))}, "a.h5")  # of a file that was the same
     (tmp_path / "mine_of_test.py").write_text(LISTING + "\n")
     with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use"):
         check_plugins(needed, "a.h5")
