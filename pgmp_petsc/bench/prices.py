@@ -41,6 +41,7 @@ from pgmp_petsc.mechanism.capabilities import SECONDS, SECONDS_PER_UNKNOWN, Purp
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.lengths import why_of_one_mesh
 from pgmp_petsc.outputs.stress import points_of
+from pgmp_petsc.results.numbers import plain
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.references import points_used, stressed_bodies
@@ -138,7 +139,7 @@ def duration_text(seconds: float) -> str:
         seconds /= size if unit != "h" else 24.0
     else:
         unit = "days"
-    return f"{float(f'{seconds:.2g}'):g} {unit}"
+    return f"{plain(seconds)} {unit}"
 
 
 @dataclass(frozen=True)
@@ -158,8 +159,9 @@ class Prospect:
         if self.refused:
             return f"{self.model}: refused, {self.refused}"
         before = f", {duration_text(self.build)} before the first sample" if self.build else ""
-        step = f"{float(f'{1e6 * self.step:.2g}'):g} us a step and sample"
-        return f"{self.model}: {self.unknowns} unknowns, {step}{before}; {self.why}"
+        return (
+            f"{self.model}: {self.unknowns} unknowns, {plain(1e6 * self.step)} us a step and sample{before}; {self.why}"
+        )
 
 
 def prospects(
@@ -227,7 +229,7 @@ def quicker(found: Sequence[Prospect]) -> str:
     best = min(others, key=lambda one: one.step, default=reduced)
     if reduced.model != "reduced" or reduced.step < MUCH_QUICKER * best.step:
         return ""
-    steps = [f"{float(f'{1e6 * one.step:.2g}'):g} us" for one in (reduced, best)]
+    steps = [f"{plain(1e6 * one.step)} us" for one in (reduced, best)]
     of, option = {"mesh": ("the mesh", "--full"), "components": ("component modes", "--components")}[best.model]
     return (
         f"a step of a sample of this model is predicted to take {steps[0]}, of {of} {steps[1]}: runs and ensembles of "

@@ -102,13 +102,8 @@ def test_the_mesh_where_it_is_within_the_budget() -> None:
     assert replace(found, from_mesh={"x": 1.0}).about["from_mesh"] == {"x": 1.0}
     scene = cells()  # it has no distance from itself
     assert distance_from_mesh(found, meshes_for(scene), points(scene, 1), 1, 20, SELF) is found
-    assert [duration_text(s) for s in (0.5, 600.0, 7000.0, 7200.0 * 3, 86400.0 * 10)] == [
-        "0.5 s",
-        "10 min",
-        "120 min",
-        "6 h",
-        "10 days",
-    ]
+    texts = {0.5: "0.5 s", 600.0: "10 min", 7000.0: "120 min", 7200.0 * 3: "6 h", 86400.0 * 10: "10 days"}
+    assert {seconds: duration_text(seconds) for seconds in texts} == texts
 
 
 def test_the_component_model_where_the_mesh_is_too_dear() -> None:
