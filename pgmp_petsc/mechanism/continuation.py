@@ -539,7 +539,7 @@ class Chain:
         ...)."""
         d, pose = self._space.dimension, self._space.identity if body < 0 else poses[body]
         natural = self._space.natural(pose)
-        natural = natural.reshape(-1, *(1,) * (poses.ndim - natural.ndim - 1), *natural.shape[1:])
+        natural = natural.reshape(len(natural), *(1,) * (poses.ndim - natural.ndim - 1), *natural.shape[1:])
         return natural[:d], natural[d:].reshape(d, d, *natural.shape[1:])
 
     def poses(self, theta: np.ndarray) -> np.ndarray:

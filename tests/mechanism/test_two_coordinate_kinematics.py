@@ -47,6 +47,13 @@ def test_an_open_chain_follows_its_closed_form() -> None:
     np.testing.assert_allclose(kinematics.poses(THETA), double_pendulum_poses(THETA), rtol=0, atol=1e-11)
 
 
+@pytest.mark.parametrize("scene", [double_pendulum(), five_bar()], ids=["chain", "loop"])
+def test_no_configuration_has_no_poses(scene) -> None:
+    """As where a run leaves the range before its first step."""
+    kinematics = kinematics_of(scene)
+    assert kinematics.poses(np.empty((0, 2))).shape == (len(kinematics.mechanism.bodies), 3, 0)
+
+
 def test_a_five_bar_follows_its_closed_form(linkage: RigidKinematics) -> None:
     poses = linkage.poses(THETA)
     for name in ("first:tip", "second:tip"):
