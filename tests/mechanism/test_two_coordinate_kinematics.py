@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from frames import check_derivatives
 from refusals import refusal
 from two_coordinates import BASE, COUPLER, LEFT, RIGHT, UPPER, double_pendulum, five_bar
@@ -9,6 +10,7 @@ from two_coordinates import BASE, COUPLER, LEFT, RIGHT, UPPER, double_pendulum, 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.block_solves import solved, triangular_blocks
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.scene import load_scene
 from scenes import kinematics_of, slider_crank
 
 # several revolutions of both coordinates, and the corners of the range
@@ -47,11 +49,13 @@ def test_an_open_chain_follows_its_closed_form() -> None:
     np.testing.assert_allclose(kinematics.poses(THETA), double_pendulum_poses(THETA), rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("scene", [double_pendulum(), five_bar()], ids=["chain", "loop"])
-def test_no_configuration_has_no_poses(scene) -> None:
-    """As where a run leaves the range before its first step."""
-    kinematics = kinematics_of(scene)
-    assert kinematics.poses(np.empty((0, 2))).shape == (len(kinematics.mechanism.bodies), 3, 0)
+@pytest.mark.parametrize("name", ["double_pendulum", "five_bar", "scara", "delta_robot"])
+def test_no_configuration_has_no_poses(name: str) -> None:
+    """As where a run is out of the range from its first step on."""
+    kinematics = kinematics_of(load_scene(ROOT / "scenes" / f"{name}.toml"))
+    mechanism = kinematics.mechanism
+    none = np.empty((0, kinematics.n_coordinates))
+    assert kinematics.poses(none).shape == (len(mechanism.bodies), mechanism.space.n_pose, 0)
 
 
 def test_a_five_bar_follows_its_closed_form(linkage: RigidKinematics) -> None:
