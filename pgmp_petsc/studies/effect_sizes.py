@@ -381,10 +381,14 @@ def _fastest_spin(kinematics: RigidKinematics, theta: np.ndarray, speed: np.ndar
 
 
 def _instants(run: RigidRun, kinematics: RigidKinematics) -> list[int]:
-    """Return steps evenly over the run and those of extreme speeds, where the coordinates are within their range."""
+    """Return steps evenly over the run and those of extreme speeds, where the coordinates are within their range.
+
+    Raises `RunError` if there is none.
+    """
     inside = np.flatnonzero(kinematics.within_reach(run.theta))
     if not inside.size:
-        return []
+        names = ", ".join(f"coordinates.{coordinate.name}.range" for coordinate in kinematics.coordinates)
+        raise RunError(f"the rigid mechanism is nowhere within {names} while it moves; widen the range")
     even = inside[np.linspace(0, inside.size - 1, min(N_INSTANTS, inside.size)).astype(int)]
     columns = [column for part in (run.speed, run.acceleration) for column in part.T]
     fastest = [inside[np.argmax(np.abs(column[inside]))] for column in columns]
