@@ -266,7 +266,7 @@ class FullModel(Model):
         theta, held = self._start[0], self.kinematics.held()
         if not self.scene.initial.equilibrium:
             require_balance(self.scene, self.kinematics, theta, self.scene.values)
-        q = self._equations(held, self.scene.values, (theta, np.zeros_like(theta)), alone()).start[0][:, None]
+        q = Unknowns(held.mechanism).place(held.poses(theta)[..., 0])[:, None]
         constraints = held.constraints
         residual = constraints.residual(q, theta)[:, 0]
         values, at = constraints.jacobian_values(q)[:, 0], constraints.jacobian_pattern
