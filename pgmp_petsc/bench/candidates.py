@@ -10,7 +10,7 @@ where the deformation is small beside them, dynamic stretching goes further.
 Their times are predicted from their sizes alone, and those that are too costly are not tried. To build a basis of m
 flexible coordinates takes an eigenproblem at every configuration, others for modes at other parameter values, and with
 terms of second order a static answer for each of the ``m (m + 1) / 2`` pairs; their tables have m^3 entries for every
-affine term. To run it takes the multiplications of its corrections (`operations`). Constants were measured on a common
+affine term. To run it takes steps of a sample (`bench.prices.reduced_step`). Constants were measured on a common
 processor, of beams and cells in the plane and in space with 36 to 321 unknowns; predictions are within a factor of two
 or three, now and then four, and the same on any number of ranks.
 """
@@ -23,7 +23,7 @@ from itertools import product
 from math import log
 from typing import Any
 
-from pgmp_petsc.bench.prices import LOCAL_EFFECT, coefficients, duration_text
+from pgmp_petsc.bench.prices import coefficients, duration_text, reduced_step
 from pgmp_petsc.bench.reference import start_of_coordinates, takes_second_order
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, patterns_of
@@ -36,9 +36,8 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import uncertain_names
 
 # s, of a configuration and an unknown: the eigenproblem, as much again for modes at other parameter values and for
-# terms of second order, and each of their pairs; of a step of a sample besides its tables, of a multiplication of its
-# corrections
-UNKNOWN, PAIR_OF_UNKNOWN, STEP, MULTIPLICATION = 8.0e-5, 1.0e-6, 5.0e-6, 1.0e-9
+# terms of second order, and each of their pairs
+UNKNOWN, PAIR_OF_UNKNOWN = 8.0e-5, 1.0e-6
 SHARE = 0.2  # of the budget, that one candidate may take
 MOST_BYTES = 2**30  # that its tables may have
 
@@ -50,16 +49,15 @@ class CandidatePrices:
     n_unknowns: int  # of the mechanism, bodies of cells condensed
     n_terms: int  # n_terms, n_coordinates: affine terms, and rigid coordinates
     n_coordinates: int
-    step: float  # of a sample, besides its tables, s
+    n_local: int  # local effects
     n_steps: int  # steps of all samples and loads together
     angles: int  # most along each coordinate that the first candidates are built at
 
     @classmethod
     def of(cls, mechanism: Mechanism, limits: Limits, n_steps: int, angles: int) -> CandidatePrices:
         """Take the sizes of a mechanism."""
-        local = sum(effect.local for effect in mechanism.scene.effects.values())
-        step = STEP + LOCAL_EFFECT * local
-        return cls(mechanism.n_dofs, limits.n_terms, limits.n_coordinates, step, n_steps, angles)
+        n_local = sum(effect.local for effect in mechanism.scene.effects.values())
+        return cls(mechanism.n_dofs, limits.n_terms, limits.n_coordinates, n_local, n_steps, angles)
 
     def seconds(self, rung: Rung, angles: int | None = None) -> float:
         """Return the processor time to build a candidate and to run it under all loads, s; at the most angles, or at
@@ -68,7 +66,7 @@ class CandidatePrices:
         second, others = (bool(rung.entries[key]) for key in ("second_order", "parameter_modes"))
         pairs = m * (m + 1) / 2 if second else 0
         build = n * self.n_unknowns * (UNKNOWN * (1 + second + others) + PAIR_OF_UNKNOWN * pairs)
-        return build + self.n_steps * (self.step + MULTIPLICATION * rung.cost)
+        return build + self.n_steps * reduced_step(m, self.n_coordinates, second, self.n_local)
 
     def bytes(self, rung: Rung) -> float:
         """Return the size of its tables; over two turns of a coordinate they are twice as many."""

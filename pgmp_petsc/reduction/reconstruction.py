@@ -96,7 +96,10 @@ class Reconstruction:
     def _fill_frames(self, theta: np.ndarray, poses: np.ndarray, local: np.ndarray, frames: np.ndarray) -> None:
         """Fill frames (n_nodes, n_pose, n), in space with the rigid coordinates behind where there is room."""
         if self._space is SPATIAL:
-            self._fill_in_space(theta, poses, local[:, : self._n_nodal], frames)
+            moved = local[:, : self._n_nodal].reshape(len(theta), self._nodes.size, self._space.n_dofs)
+            turns = scipy.spatial.transform.Rotation.from_rotvec(moved[..., 3:].reshape(-1, 3)).as_matrix()
+            _place_in_space(self._bodies, self._points, poses, moved, turns.reshape(*moved.shape[:2], 3, 3), frames)
+            frames[:, self._space.n_pose :] = theta.T[: frames.shape[1] - self._space.n_pose]
         else:
             _place(self._bodies, self._points, poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), local, frames)
 
@@ -211,17 +214,6 @@ class Reconstruction:
         n_theta = self._kinematics.n_coordinates
         return self.displacements.product(eta[:, :n_theta], eta[:, n_theta:])
 
-    def _fill_in_space(self, theta: np.ndarray, poses: np.ndarray, local: np.ndarray, frames: np.ndarray) -> None:
-        """Fill frames from displacements and rotations (n, 6 n_nodes) in body frames at poses (n_bodies, 12, n)."""
-        n = len(theta)
-        moved = local.reshape(n, self._nodes.size, SPATIAL.n_dofs)
-        for node, (body, point) in enumerate(zip(self._bodies, self._points)):
-            axes = poses[body, 3:].reshape(3, 3, n)
-            frames[node, :3] = poses[body, :3] + np.einsum("nk,kcn->cn", point + moved[:, node, :3], axes)
-            turn = scipy.spatial.transform.Rotation.from_rotvec(moved[:, node, 3:]).as_matrix()
-            frames[node, 3:12] = np.einsum("njk,jcn->kcn", turn, axes).reshape(9, n)
-        frames[:, 12:] = theta.T[: frames.shape[1] - 12]
-
 
 N_SERIES = 16  # terms of rotations' series: up to pi the first one left out is below 1e-16
 
@@ -309,3 +301,22 @@ def _place(bodies, points, poses, cos, sin, local, frames):
                 frames[node, 0, k] = poses[body, 0, k] + cos[body, k] * x - sin[body, k] * y
                 frames[node, 1, k] = poses[body, 1, k] + sin[body, k] * x + cos[body, k] * y
                 frames[node, 2, k] = poses[body, 2, k] + local[k, at + 2]
+
+
+@njit(cache=True, error_model="numpy")
+def _place_in_space(bodies, points, poses, moved, turns, frames):
+    """Fill the first 12 entries of frames (n_nodes, at least 12, n): points moved by (n, n_nodes, 6) and directors
+    turned by (n, n_nodes, 3, 3) in body frames, put at poses (n_bodies, 12, n)."""
+    n = moved.shape[0]
+    for first in range(0, n, BLOCK):
+        for node in range(bodies.size):
+            body = bodies[node]
+            for k in range(first, min(first + BLOCK, n)):
+                x, y, z = (points[node, 0] + moved[k, node, 0], points[node, 1] + moved[k, node, 1],
+                           points[node, 2] + moved[k, node, 2])  # fmt: skip
+                for c in range(3):
+                    d, e, f = poses[body, 3 + c, k], poses[body, 6 + c, k], poses[body, 9 + c, k]
+                    frames[node, c, k] = poses[body, c, k] + (x * d + y * e + z * f)
+                    for j in range(3):
+                        turn = turns[k, node, 0, j] * d + turns[k, node, 1, j] * e + turns[k, node, 2, j] * f
+                        frames[node, 3 + 3 * j + c, k] = turn
