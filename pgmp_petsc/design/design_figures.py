@@ -14,6 +14,7 @@ from pgmp_petsc.design.goals import Constraint, Dual, Goal, Outcome, TurnedBack
 from pgmp_petsc.ensemble.intervals import of_mean_and_deviations
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
+from pgmp_petsc.gradients.differences import Off
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
@@ -41,9 +42,8 @@ class DesignFigures:
     `narrowed` is, by parameters whose limits it narrows, the spread of the samples, what it leaves, and where the
     search begins if not where it was to, in words. Designs that were asked for and could be run are `tried`, with the
     `goals` there, which are minimised; others are `turned_back`. `count` is called with a number of runs after they
-    were made. `off` is, of runs on this rank whose derivatives are differences, the largest share that those of second
-    order are off; `of_samples` are goal and constraints of every sample of the last design that could be run,
-    (n_samples, n_figures).
+    were made. `off` is how far the derivatives of runs on this rank may be off where they are differences; `of_samples`
+    are goal and constraints of every sample of the last design that could be run, (n_samples, n_figures).
     """
 
     def __init__(self, model: ReducedModel, question: Question, comm: Comm) -> None:
@@ -65,7 +65,7 @@ class DesignFigures:
         self.turned_back = TurnedBack()
         self._known: dict[bytes, list[Dual]] = {}
         self.count: Callable[[int], object] = lambda n: None
-        self.off = 0.0
+        self.off = Off()
         self.of_samples = np.zeros((0, 1 + len(question.constraints)))
 
     def _drawn(self) -> dict[str, np.ndarray] | None:

@@ -13,7 +13,7 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures, polynomials_of_lengths
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.contacts import Contact
-from pgmp_petsc.gradients.differences import AnyModel, announce_runs, why_differences
+from pgmp_petsc.gradients.differences import NEAR, AnyModel, Off, announce_runs, why_differences
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
@@ -25,6 +25,7 @@ from pgmp_petsc.scene.parameters import correlation_matrix
 
 SHARE = 0.01  # of the value of a parameter without a distribution
 LEAST = 0.05  # of an output's largest effect: smaller ones are nothing beside it
+LARGE = 0.01  # of the largest derivative: what differences may be off by from there on is warned of
 ROUND_OFF = 1e-9  # of an output's largest value
 
 
@@ -144,15 +145,17 @@ def step_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> l
 
 
 @gathered
-def difference_remarks(model: AnyModel, off: float) -> Iterator[Remark]:
-    """Return that derivatives are differences of runs, where they are, and by what share of the largest those of second
-    order are off."""
+def difference_remarks(model: AnyModel, off: Off) -> Iterator[Remark]:
+    """Return that derivatives are differences of runs, where they are, and how far these may be off."""
     why = why_differences(model)
     if why:
-        off = f"; those of second order differ by {share_text(off)} of the largest" if off else ""
-        yield note(
-            f"derivatives are differences of runs, four or five beside each one a parameter, because of {why}{off}"
-        )
+        apart = f"derivatives are differences of runs, {NEAR:g} of a parameter's size apart, because of {why}"
+        if not off.share:
+            yield note(apart)
+            return
+        where = f"d {off.output} / d {off.parameter}"
+        said = f"{apart}; they are estimated to be off by up to {share_text(off.share)} of the largest ({where})"
+        yield note(said) if off.share < LARGE else warning(f"{said}: compare runs (--set)")
         return
     jumping = [f"effects.{name}.force" for name, one in model.scene.effects.items() if one.jumps_with - {"t"}]
     if jumping:

@@ -48,9 +48,9 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.gradients.contacts import Contact, Contacts
-from pgmp_petsc.gradients.differences import AnyModel, Differences, why_differences
+from pgmp_petsc.gradients.differences import ENOUGH, FAR, NEAR, AnyModel, Differences, Off, why_differences
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import eliminate
@@ -76,7 +76,7 @@ class DifferentiatedRun:
     #: of every output with every parameter, by the names of both: ``derivatives[output][parameter]``, (n_t,)
     derivatives: dict[str, dict[str, np.ndarray]]
     steps_divided: int = 1  # by what the scene's step was divided
-    off: float = 0.0  # how far differences are from those of second order, a share; see `differences`
+    off: Off = Off()  # how far derivatives that are differences may be off; see `differences`
     contacts: tuple[Contact, ...] = ()  # instants at which end stops are met and left, with their own derivatives
 
     def at_steps_of_scene(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -106,6 +106,7 @@ def differentiate(
 
     def once(attempt: Attempt) -> tuple[Run, tuple[StateRecord, SecondOrderSystem]]:
         system = model.batch({name: np.array([value]) for name, value in values.items()}, 1)
+        system.precise = True
         if system.settled is not None:
             system.settled.require()
         trail = StateRecord(pulse)
@@ -149,7 +150,30 @@ def _by_differences(
     model: AnyModel, values: Mapping[str, float], names: Sequence[str], pulse: Callable[[int], object]
 ) -> DifferentiatedRun:
     """Return a run with differences of the runs beside it as derivatives; see `differentiate`."""
-    beside = Differences.of(model, values, names)
+    near = Differences.of(model, values, names, NEAR)
+    attempt, times, each = _runs_beside(model, near, pulse)
+    with np.errstate(all="ignore"):
+        found = {output: near.slopes(each[output]) for output in each}
+        offs = [off for output, slopes in found.items() for off in slopes.offs(output)]
+        doubted = [name for name in names if any(off.share > ENOUGH and off.parameter == name for off in offs)]
+        far = Differences.of(model, values, doubted, FAR)
+        try:
+            other, _, wide = _runs_beside(model, far) if doubted else (attempt, times, {})
+        except PgmpError:
+            other, wide = attempt, {}  # what is further away may have no run
+        for output in wide if other.divisor == attempt.divisor else ():
+            found[output].take(far.slopes(wide[output]))
+    sizes = dict(zip(names, near.sizes))
+    by_name = {name: {output: slopes.effects[name] / sizes[name] for output, slopes in found.items()} for name in names}
+    off = max((off for output, slopes in found.items() for off in slopes.offs(output)), default=Off())
+    outputs, derivatives = _counted(model, values, times, {name: runs[0] for name, runs in each.items()}, by_name)
+    return DifferentiatedRun(times, outputs, derivatives, attempt.divisor, off)
+
+
+def _runs_beside(
+    model: AnyModel, beside: Differences, pulse: Callable[[int], object] = lambda n_steps: None
+) -> tuple[Attempt, np.ndarray, dict[str, np.ndarray]]:
+    """Run a sample and those beside it; return the attempt, times (n_t,), and outputs, each (n_runs, n_t)."""
 
     def once(attempt: Attempt) -> tuple[Run, tuple[np.ndarray, list[dict[str, np.ndarray]]]]:
         times, runs = np.zeros(0), list[dict[str, np.ndarray]]()
@@ -172,15 +196,7 @@ def _by_differences(
         return done, (times, runs)
 
     attempt, (times, runs) = _fine(model, once)
-    each = {output: np.array([run[output] for run in runs]) for output in model.outputs.functions}
-    with np.errstate(all="ignore"):
-        by_name = {
-            name: {output: weights @ found for output, found in each.items()}
-            for name, weights in zip(names, beside.weights)
-        }
-        off = beside.off(each)
-    outputs, derivatives = _counted(model, values, times, {name: found[0] for name, found in each.items()}, by_name)
-    return DifferentiatedRun(times, outputs, derivatives, attempt.divisor, off)
+    return attempt, times, {output: np.array([run[output] for run in runs]) for output in model.outputs.functions}
 
 
 def _counted(

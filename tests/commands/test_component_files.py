@@ -237,7 +237,7 @@ def test_derivatives_are_differences_of_runs_with_their_error(tmp_path: Path, ca
         one, other = (run.derivatives[output]["r1"] for run in (found, exact))
         np.testing.assert_allclose(one, other, rtol=0, atol=near * np.max(np.abs(other)))
     (said,) = (one.text for one in found.remarks if "differences" in one.text)
-    assert "because of the component model; those of second order differ by 0." in said
+    assert "because of the component model; they are estimated to be off by up to 0.00" in said
     same = interface.sensitivities(scene, model="components", overrides=quick)
     np.testing.assert_array_equal(same.derivatives["crank_angle"]["r1"], found.derivatives["crank_angle"]["r1"])
 
@@ -247,7 +247,7 @@ def test_derivatives_with_controllers(capsys: pytest.CaptureFixture) -> None:
     model = interface.build(SCENES / "servo_arm.toml", components=True, overrides=("simulation.duration=0.1",))
     capsys.readouterr()
     found = interface.sensitivities(model, ["kp"])
-    assert "its derivatives takes 5 runs, one after the other: derivatives are diff" in capsys.readouterr().err
+    assert "its derivatives takes 5 to 10 runs, one after the other: derivatives are diff" in capsys.readouterr().err
     value, step = model.scene.parameters["kp"].nominal, 1e-3 * model.scene.parameters["kp"].nominal
     up, down = (interface.simulate(model, {"kp": value + sign * step}).outputs for sign in (1, -1))
     for output in ("tip_x", "hinge_angle"):

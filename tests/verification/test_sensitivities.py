@@ -285,14 +285,15 @@ def test_edges_are_differentiated(model: ReducedModel) -> None:
 
 
 def test_derivatives_through_many_contacts_are_central_differences(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What iterations leave, 1e-11 a step, grows from contact to contact: both sides are carried to round-off."""
+    """What iterations leave, 1e-12 a step, grows from contact to contact: both sides are carried to round-off. With the
+    1e-11 that `simulate` leaves derivatives would be 2.7e-7 off."""
     model = reduced_model(slider_crank(*SEEN, *BOUNCING))
     as_it_is = differentiate(model, model.scene.values, ["push"])
     assert len(as_it_is.contacts) == 3
     monkeypatch.setattr(differentiated, "integrate", carefully)
     for output, found in differentiate(model, model.scene.values, ["push"]).derivatives.items():
         off = np.abs(as_it_is.derivatives[output]["push"] - found["push"]).max() / np.abs(found["push"]).max()
-        assert off < 1e-6
+        assert off < 1.2e-7
     compare(model, (2e-5,), "push")
 
 
