@@ -83,9 +83,9 @@ outputs.force: type = "joint_force"; joint = "pin"
 """)
 
 
-def follower() -> Scene:
+def follower(*overrides: str) -> Scene:
     """Return a cam's follower at rest, on which a sprung arm falls by the room of a pin."""
-    return scene_from_toml(FOLLOWER, ".")
+    return scene_from_toml(FOLLOWER, ".", overrides)
 
 
 def gears(*overrides: str) -> Scene:

@@ -42,7 +42,7 @@ _waiting = [0.0, 0.0]  # s that work waited for such things so far, and since wh
 _bars: list[tqdm] = []  # those at a terminal
 _counts: list[object] = []  # counts that are open
 _beats: list[Beat] = []  # those that look
-_phases: list[str] = []  # what goes on, the innermost last
+_phases: list[str] = []  # what goes on, the innermost last; beside a count what was begun within it is shown
 
 
 class Progress(AbstractContextManager):
@@ -53,6 +53,7 @@ class Progress(AbstractContextManager):
 
     def __init__(self, total: float | None = None, initial: int = 0) -> None:
         self._total, self._done, self._part = total, initial, 0.0
+        self._outer = len(_phases)
 
     def update(self, n: int = 1) -> None:
         """Count ``n`` further units of work as done."""
@@ -66,6 +67,11 @@ class Progress(AbstractContextManager):
 
     def look(self) -> None:
         """Show how far the work is."""
+
+    @property
+    def beside(self) -> list[str]:
+        """What is to be said beside the count, one or none: what work waits for, or else what goes on within it."""
+        return _waits_for[-1:] or _phases[self._outer : self._outer + 1]
 
     @property
     def _so_far(self) -> float:
@@ -140,7 +146,7 @@ class Lines(Progress, _Watched):
             known = left > 0.0 and done - before > 0.0 and worked - since >= NOTED and not _waits_for
             known = known and done - self._initial >= TOLD * (self._total - self._initial)
             rest = f", about {_words((worked - since) * left / (done - before))} to go" if known else ""
-            self._say(", ".join([f"{_words(elapsed)}{rest}", *_waits_for[-1:]]))
+            self._say(", ".join([f"{_words(elapsed)}{rest}", *self.beside]))
 
     def __enter__(self) -> Lines:
         self._watch(_counts, lambda: min(max(self._next - self._clock(), 0.01), EVERY))
@@ -195,6 +201,12 @@ class _Bar(Progress):
         done = int(self._so_far)
         if done > self._bar.n:
             self._bar.update(done - self._bar.n)
+
+    def tell(self) -> None:
+        """Say beside the bar what goes on, if that has changed."""
+        text = "".join(self.beside)
+        if not self._bar.disable and text != (self._bar.postfix or ""):
+            self._bar.set_postfix_str(text)
 
     def __enter__(self) -> _Bar:
         _counts.append(self)
@@ -275,10 +287,18 @@ def clear_beat() -> None:
 def doing(what: str) -> Iterator[None]:
     """Name what goes on within the block, for whoever waits."""
     _phases.append(what)
+    _tell_bars()
     try:
         yield
     finally:
         _phases.pop()
+        _tell_bars()
+
+
+def _tell_bars() -> None:
+    for count in _counts:
+        if isinstance(count, _Bar):
+            count.tell()
 
 
 def waited(now: float) -> float:
@@ -296,9 +316,7 @@ def waits_for(what: str | None) -> None:
         if not _waits_for:
             _waiting[1] = _now()
         _waits_for.append(what)
-    for bar in _bars:
-        if not bar.disable:
-            bar.set_postfix_str((_waits_for or [""])[-1])
+    _tell_bars()
 
 
 def _now() -> float:

@@ -58,6 +58,18 @@ class Setting:
         steps = self.n_steps if self.nodes else 0
         return self.family, self.refinement, self.nodes, steps, self.component_modes, self.reduction
 
+    @property
+    def title(self) -> str:
+        """What runs, for whoever waits for it."""
+        kinds = {
+            "components": f"component modes, for {self.component_modes} modes",
+            "surface": f"response surface, {self.nodes} runs",
+            "reduced": f"reduced, {self.reduction.modes if self.reduction else 0} modes",
+            "full": "full order",
+        }
+        cells = "" if self.refinement == 1 else f", cells cut into {self.refinement}"
+        return f"{kinds.get(self.family, self.family)}, {self.n_steps} steps{cells}"
+
     def with_reduction(self, **entries: Any) -> Setting:
         """Return the setting with other entries of the reduction."""
         return replace(self, reduction=self.reduction.model_copy(update=entries))

@@ -25,7 +25,7 @@ from time import process_time
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, RunError, note
-from pgmp_petsc.base.progress import progress, without_progress
+from pgmp_petsc.base.progress import doing, progress, without_progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bench.advice import Sizes, advise
@@ -220,7 +220,11 @@ def _work(bench: Bench, tasks: Sequence[Task], title: str, comm: Comm) -> dict[S
 
         def work(number: int, pulse: Pulse) -> dict[Setting, Measured]:
             bench.pulse = lambda n_steps: pulse()
-            return {setting: bench.measure(setting) for setting in tasks[number]}
+            found = {}
+            for setting in tasks[number]:
+                with doing(f"{setting.title}, {bench.training.n_samples} test values"):
+                    found[setting] = bench.measure(setting)
+            return found
 
         def take(number: int, measured: dict[Setting, Measured]) -> None:
             found.update(measured)
@@ -244,7 +248,8 @@ def _times(
         with without_progress():
             for turn in range(1, sweep.repeats + 1):
                 for setting in todo:
-                    bench.take_times(setting, turn, sweep.few_repeats)
+                    with doing(setting.title):
+                        bench.take_times(setting, turn, sweep.few_repeats)
                     bar.update()
         for setting in todo:
             known[setting] = {"times": bench.times(setting), "spent": bench.spent_on[setting]}

@@ -26,7 +26,7 @@ from pgmp_petsc.results.estimates import LARGE, EstimatedErrors
 from pgmp_petsc.results.numbers import behind, felt, number_text, share_text, sizes_of, with_unit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
-from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, integrate, integrate_with_smaller_steps
 from pgmp_petsc.stepping.status import Status
 
 # steps of a run below which its estimates are unsure: the first steps are integrated with the order of the scheme
@@ -307,17 +307,36 @@ class OwnErrors:
 
     @classmethod
     def of_runs(cls, model: ReducedModel | LengthLanes, points: Sequence[Mapping[str, float]]) -> OwnErrors | None:
-        """Run a model at parameter values and estimate its errors; None where there are no estimates: the scene says
-        so, or the model is of components."""
-        if model.name == ComponentModel.name or not is_estimated(model.scene):
+        """Run a model at parameter values, with smaller steps where it fails, and estimate its errors; None where there
+        are no estimates: the scene says so, or the model is of components."""
+        scene, n = model.scene, len(points)
+        if model.name == ComponentModel.name or not is_estimated(scene):
             return None
         values = {name: np.array([point[name] for point in points]) for name in points[0]}
-        system = model.batch(values, len(points))
-        watched = indicator_of(model).watch(system, np.arange(len(points)))
-        with np.errstate(all="ignore"):  # a run that fails has no estimate
-            done = integrate(system, model.scene.simulation, observer=watched)
-            found = watched.estimate(done.status)
-        return cls(found.at_end, found.histories, found.absent)
+        indicator = indicator_of(model)
+        at_end = {name: np.full(n, np.nan) for name in model.outputs.functions}
+        histories, absent = [None] * n, {name: [""] * n for name in at_end}
+
+        def run(attempt: Attempt) -> Run:
+            system = model.batch({name: of[attempt.samples] for name, of in values.items()}, attempt.samples.size)
+            watched = indicator.stepped(attempt.simulation).watch(system, np.arange(attempt.samples.size))
+            with np.errstate(all="ignore"):  # a run that fails has no estimate
+                done = integrate(system, attempt.simulation, observer=watched)
+                found = watched.estimate(done.status)
+            for k, sample in enumerate(attempt.samples.tolist()):
+                histories[sample] = found.histories[k]
+                for name in at_end:
+                    at_end[name][sample], absent[name][sample] = found.at_end[name][k], found.absent[name][k]
+            return done
+
+        outcome = integrate_with_smaller_steps(run, scene.simulation, np.ones(n, dtype=bool))
+        for sample in np.flatnonzero(outcome.status != Status.FINE).tolist():
+            apart = {name: value for name, value in points[sample].items() if value != scene.values.get(name)}
+            where = values_text(scene, apart) or "the scene's values"
+            why = f"the run at {where} stopped at {outcome.failure_time[sample]:.4g} s: "
+            for name in at_end:
+                absent[name][sample] = why + Status(outcome.status[sample]).meaning
+        return cls(at_end, histories, absent)
 
     def over(self, time: np.ndarray, names: Iterable[str], run: int = 0) -> dict[str, np.ndarray] | None:
         """Return the errors of outputs of a run at other instants (n_t,); None where one is not known."""
@@ -327,8 +346,7 @@ class OwnErrors:
 
     def why_not(self, names: Iterable[str]) -> str:
         """Return why errors of outputs are not known, by the first one that has none."""
-        known = (reason for name in names for reason in self.absent[name] if reason)
-        return next(known, "a run that they are made of stopped")
+        return next((reason for name in names for reason in self.absent[name] if reason), "there is no estimate")
 
 
 def not_known(

@@ -136,7 +136,8 @@ def evaluate_in_joints(problem, joints, block, amplitudes, angles, residual, sta
 @njit(error_model="numpy")
 def _add_actions(problem, joints, block, amplitudes, y, turns, gains, fresh, matrix, n_all):
     """Take the forces of all actions from those on unknowns, and add what they do along their own measures to the
-    matrix."""
+    matrix, of functions of statements what their curvature does too: a contact pushes across what is between its parts.
+    """
     width, room, actions = problem.width, joints.room, problem.actions
     of_actions = turns[problem.angles.dofs.shape[0] :]
     now = act(actions, width, block, amplitudes, room.q, room.v, of_actions, gains[0], fresh, gains[0] != 0.0)
@@ -153,6 +154,9 @@ def _add_actions(problem, joints, block, amplitudes, y, turns, gains, fresh, mat
             stiff |= now.stiffness[action, lane] != 0.0
         if not stiff:
             continue
+        if actions.entries[0][action + 1] > actions.entries[0][action]:
+            _add_curved(problem, joints, action, y, items(now.tangents, width), gains[2], matrix, n_all)
+            continue
         fill(room.one, 0.0, width)
         for k in range(actions.firsts[action], actions.firsts[action + 1]):
             for i in range(m):
@@ -164,6 +168,37 @@ def _add_actions(problem, joints, block, amplitudes, y, turns, gains, fresh, mat
             for i in range(j, y.shape[0]):
                 matrix[to + i] += scaled * row[i]
     keep(now)
+
+
+@njit(error_model="numpy")
+def _add_curved(problem, joints, action, y, tangents, gain, matrix, n_all):
+    """Add a gain times the whole tangent T of an action in unknowns, ``N^T T N``; `tangents` are items."""
+    width, room, actions = problem.width, joints.room, problem.actions
+    starts, rows, columns = actions.entries
+    one, row, turned = items(room.one, width), items(room.row, width), items(room.all, width)
+    m, begin, end = actions.dofs.shape[1], starts[action], starts[action + 1]
+    dofs = actions.dofs.ravel()[m * actions.firsts[action] :]
+    for j in range(m * (actions.firsts[action + 1] - actions.firsts[action])):
+        dof, again = dofs[j], False
+        for other in range(j):
+            again |= dofs[other] == dof
+        if dof < 0 or again:
+            continue
+        fill(room.one, 0.0, width)
+        one[dof] += 1.0
+        gather_forces(problem.dimension, joints.tree, width, y, room.one, room, room.all)
+        fill(room.one, 0.0, width)
+        for entry in range(begin, end):
+            to, of = rows[entry], columns[entry]
+            if to >= of and dofs[of] == dof:
+                one[dofs[to]] += tangents[entry]
+            if to > of and dofs[to] == dof:
+                one[dofs[of]] += tangents[entry]
+        gather_forces(problem.dimension, joints.tree, width, y, room.one, room, room.row)
+        for k in range(y.shape[0]):
+            scaled, to = gain * turned[k], first_of(k, n_all)
+            for i in range(k, y.shape[0]):
+                matrix[to + i] += scaled * row[i]
 
 
 @njit(error_model="numpy")

@@ -171,7 +171,7 @@ class JointEquations:
             aligned_zeros((column_size.py_func(d) * n_most, lanes)),
         )  # fmt: skip
         actions = problem.actions
-        actions = actions._replace(entries=(np.zeros_like(actions.entries[0]), *actions.entries[1:]))
+        actions = actions._replace(entries=self._curved_entries())
         floating = floating._replace(positions=np.arange(n_packed)) if n_packed else floating
         changed = problem._replace(
             constraints=bound, actions=actions, floating=floating,
@@ -181,6 +181,13 @@ class JointEquations:
                         self._counted())  # fmt: skip
         self.problem, self.joints = contiguous(changed), contiguous(joints)
         self.references = Reference(self.problem), Reference(self.joints)
+
+    def _curved_entries(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the entries of tangents of those actions alone that are of a function of a statement."""
+        (starts, *every), actions = self.equations.problem.actions.entries, self.equations.actions
+        bent = [any(function.breaks.size for _, function in action.statement.terms) for action in actions]
+        kept, n = np.repeat(bent, np.diff(starts)), np.where(bent, np.diff(starts), 0)
+        return np.cumsum([0, *n]), *(part[kept] for part in every)
 
     def _units(self) -> np.ndarray:
         """Return 1/size for lengths, 1 for rotations and directors, shape (n,)."""

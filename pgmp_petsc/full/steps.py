@@ -40,23 +40,29 @@ class Control(NamedTuple):
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def correct(problem, joints, factors, amplitudes, angles, residual, state, gains, typical_mass, active, fresh, size):
-    """Do one Newton correction of every active sample in place; fill its size (n_blocks, n_lanes).
+def correct(problem, joints, factors, strengths, residual, states, gains, typical_mass, active, fresh, size):
+    """Do one Newton correction of every active sample at each of some instants in place; fill their sizes, (n_t,
+    n_blocks, n_lanes).
 
-    Arguments are as of `kernel.evaluate`, of all blocks: states (n_blocks, n_dofs, n_constraints or n_turns, n_lanes),
-    residuals (n_blocks, n_constraints or 0, n_lanes); `joints` as of `take_steps`. The constraints are scaled to the
-    inertia of a mass, (n_blocks, n_lanes), kg: each sample's own, so that none is felt by another. Where it is not
-    `fresh`, the matrix is that of `factors` as it is.
+    Arguments are as of `kernel.evaluate`, of all instants and blocks: `strengths` what acts, states (n_t, n_blocks,
+    n_dofs, n_constraints or n_turns, n_lanes), residuals (n_t, n_blocks, n_constraints or 0, n_lanes); `joints` as of
+    `take_steps`. The constraints are scaled to the inertia of a mass, (n_blocks, n_lanes), kg: each sample's own, so
+    that none is felt by another. Where it is not `fresh`, the matrix is that of `factors` as it is.
     """
-    scale = np.empty(size.shape[1])
-    for block in range(size.shape[0]):
-        size[block] = 0.0
-        if active[block].any():
-            own = state[0][block], state[1][block], state[2][block], state[3][block], state[4][block]
-            _correct_block(
-                problem, joints, factors, block, amplitudes, angles, residual[block], own, gains, typical_mass[block],
-                lanes_of(active[block]), fresh, scale, size[block],
-            )  # fmt: skip
+    scale = np.empty(size.shape[2])
+    size[:] = 0.0
+    for k in range(size.shape[0]):
+        amplitudes = strengths.loads[k], strengths.actions[k]
+        for block in range(size.shape[1]):
+            if active[block].any():
+                own = (
+                    states[0][k, block], states[1][k, block], states[2][k, block], states[3][k, block],
+                    states[4][k, block],
+                )  # fmt: skip
+                _correct_block(
+                    problem, joints, factors, block, amplitudes, strengths.angles[k], residual[k, block], own, gains,
+                    typical_mass[block], lanes_of(active[block]), fresh, scale, size[k, block],
+                )  # fmt: skip
 
 
 @njit(inline="always")

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 from typing import Self
 
@@ -109,12 +110,8 @@ class FullSystem(SecondOrderSystem):
         """
         with nullcontext() if self.beside is None else self.beside.on_side(BEFORE):
             drift = self._drift(times, self._columns(states.q), self._columns(states.v))
-            drift, everyone = drift.reshape(len(drift), len(times), self.n_samples), np.ones(self.n_samples, dtype=bool)
-            found = [
-                self._accelerated(time, states.at(k), self._against(drift[:, k]), everyone, True)
-                for k, time in enumerate(times)
-            ]
-            return self.multipliers_of_joints(times, State.along(found))
+            drift = np.moveaxis(drift.reshape(len(drift), len(times), self.n_samples), 1, 0)
+            return self.multipliers_of_joints(times, self._accelerated_over(times, states, drift))
 
     def frames(self, state: State) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples), the same on all ranks. Collective on
@@ -222,6 +219,15 @@ class FullSystem(SecondOrderSystem):
         self._correct(time, trial, (0.0, 1.0, 0.0), drift, samples, fresh)
         return State(state.q, state.v, trial.a, trial.multipliers, state.turns, state.beside)
 
+    def _accelerated_over(self, times: Sequence[float], states: State, drift: np.ndarray) -> State:
+        """Return states with a leading axis of instants with such accelerations and multipliers, of all samples; see
+        `_accelerated`. The drift has the shape (n_t, n_rows, n_samples)."""
+        everyone = np.ones(self.n_samples, dtype=bool)
+        return State.along([
+            self._accelerated(time, states.at(k), self._against(drift[k]), everyone, True)
+            for k, time in enumerate(times)
+        ])
+
     def control(self, controls: Controls) -> None:
         """Let controllers act on the only sample."""
         self.beside = self._sources.controls = controls
@@ -288,7 +294,6 @@ class FullBatch(FullSystem):
             aligned_zeros((n, blocks.n_lanes)),
         )
         self._itself = np.empty((blocks.n_blocks, 0, blocks.n_lanes))  # no residual but c
-        self._size = np.empty((blocks.n_blocks, blocks.n_lanes))
         self._typical_mass = mass_on_diagonal(equations.problem, equations.size) / self.n_dofs
 
     def _bound_calls(self) -> None:
@@ -367,12 +372,26 @@ class FullBatch(FullSystem):
     def _correct(
         self, time: float, state: State, gains: Gains, residual: np.ndarray, active: np.ndarray, fresh: bool
     ) -> np.ndarray:
-        now = self._sources.at(np.array([time]))
+        parts, size = tuple(part[None] for part in state.parts()), np.empty((1, *self._typical_mass.shape))
+        self._correct_over(np.array([time]), parts, gains, residual[None], active, fresh, size)
+        return size.ravel()[: self.n_samples]
+
+    def _correct_over(
+        self, times: np.ndarray, parts: tuple[np.ndarray, ...], gains: Gains, residual: np.ndarray, active: np.ndarray,
+        fresh: bool, size: np.ndarray,
+    ) -> None:  # fmt: skip
         correct(
-            self._reference, self._joints, self._factors, (now.loads[0], now.actions[0]), now.angles[0], residual,
-            state.parts(), gains, self._typical_mass, self._blocks.mask(active), fresh, self._size,
+            self._reference, self._joints, self._factors, self._sources.at(times), residual, parts, gains,
+            self._typical_mass, self._blocks.mask(active), fresh, size,
         )  # fmt: skip
-        return self._size.ravel()[: self.n_samples].copy()
+
+    def _accelerated_over(self, times: Sequence[float], states: State, drift: np.ndarray) -> State:
+        q, v, a, multipliers, turns = states.parts()
+        trial = q.copy(), v.copy(), np.zeros_like(a), multipliers.copy(), np.ascontiguousarray(turns)
+        everyone, size = np.ones(self.n_samples, dtype=bool), np.empty((len(times), *self._typical_mass.shape))
+        residual = self.pack_over(drift)
+        self._correct_over(np.array(times), trial, (0.0, 1.0, 0.0), residual, everyone, True, size)
+        return replace(states, a=trial[2], multipliers=trial[3])
 
     def limited(self) -> np.ndarray:
         """Return the samples of which a law was limited in the last correction."""
@@ -404,7 +423,7 @@ class FullBatch(FullSystem):
         if self._states is not None:
             control = Reference(Control(self._states, self.beside.over(asked.ends)))
         after = tuple(aligned((n, *part.shape)) for part in before)
-        lost, n_corrections = np.empty(self._size.shape, dtype=bool), np.empty(n, dtype=np.int64)
+        lost, n_corrections = np.empty(self._typical_mass.shape, dtype=bool), np.empty(n, dtype=np.int64)
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
         n_taken = take_steps(
             self._reference, self._joints, self._carried, control, self._factors, self._sources.at(asked.ends),
@@ -412,7 +431,7 @@ class FullBatch(FullSystem):
             self._blocks.mask(asked.samples), after, lost, n_corrections,
         )  # fmt: skip
         *states, auxiliary, contraction, numbers, n_corrections = (part[:n_taken] for part in (*after, n_corrections))
-        contraction, states = contraction.reshape(n_taken, self._size.size)[:, : self.n_samples], State(*states)
+        contraction, states = contraction.reshape(n_taken, self._typical_mass.size)[:, : self.n_samples], State(*states)
         if self.carries:
             states.beside = np.moveaxis(self._blocks.unpack(np.moveaxis(numbers, 1, 0)), 1, 2)
             self.beside.take_steps(asked.ends[:n_taken], states.beside)

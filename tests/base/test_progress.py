@@ -194,6 +194,19 @@ def test_what_work_waits_for_is_said_beside_the_count(monkeypatch: pytest.Monkey
     assert clock.lines() == ["samples: 0 of 7, 6 s, compiling", "samples: 0 of 7, 26 s"]
 
 
+def test_what_goes_on_within_a_count_is_said_beside_it() -> None:
+    """Not what the count is part of, and of what is nested the outermost."""
+    clock = Clock()
+    with doing("times"):
+        count = Lines(26, "settings", clock.stream, clock=clock)
+        with doing("full order, 4000 steps"), doing("kinematics"):
+            clock.now += 6.0
+            count.look()
+        clock.now += 6.0
+        count.look()
+    assert clock.lines() == ["settings: 0 of 26, 6 s, full order, 4000 steps", "settings: 0 of 26, 12 s"]
+
+
 def test_a_bar_says_what_work_waits_for(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
@@ -203,6 +216,9 @@ def test_a_bar_says_what_work_waits_for(monkeypatch: pytest.MonkeyPatch) -> None
         waits_for(None)
         last = terminal.getvalue().rsplit("\r", 1)[-1]
         assert "samples" in last and "compiling" not in last
+        with doing("errors"):
+            assert "errors" in terminal.getvalue().rsplit("\r", 1)[-1]
+        assert "errors" not in terminal.getvalue().rsplit("\r", 1)[-1]
 
 
 def test_compiling_is_what_work_waits_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -97,6 +97,17 @@ def test_errors_that_are_not_estimated_are_said_to_be_unknown() -> None:
     )
 
 
+def test_a_run_without_an_estimate_is_named() -> None:
+    """One of three leaves the range of its coordinate; the others have estimates."""
+    angle, speed = "outputs.angle={type='angle', joint='crank_hinge'}", "parameters.speed.nominal=1.0"
+    free = "coordinates.theta.periodic=false", "coordinates.theta.range=[-1.0, 0.5]", "simulation.duration=0.02"
+    model = reduced_model(slider_crank(angle, speed, *free, "simulation.initial.theta.velocity='speed'"))
+    points = [model.scene.values | {"speed": value} for value in (1.0, 1e3, 2.0)]
+    found = OwnErrors.of_runs(model, points)
+    assert np.array_equal(np.isfinite(found.at_end["angle"]), [True, False, True])
+    assert "is not known: the run at speed = 1000 stopped at 0." in not_known(model, "it", found, ["angle"]).text
+
+
 LONG = "simulation.duration=0.1", "joints.pin.clearance.restitution=0.95"
 
 
