@@ -185,9 +185,10 @@ class JointEquations:
     def _curved_entries(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the entries of tangents of those actions alone that are of a function of a statement."""
         (starts, *every), actions = self.equations.problem.actions.entries, self.equations.actions
-        bent = [any(function.breaks.size for _, function in action.statement.terms) for action in actions]
-        kept, n = np.repeat(bent, np.diff(starts)), np.where(bent, np.diff(starts), 0)
-        return np.cumsum([0, *n]), *(part[kept] for part in every)
+        bent = np.array([any(f.breaks.size for _, f in action.statement.terms) for action in actions], dtype=bool)
+        counts = np.diff(starts)
+        kept = np.repeat(bent, counts)
+        return np.append(0, np.cumsum(bent * counts)), *(part[kept] for part in every)
 
     def _units(self) -> np.ndarray:
         """Return 1/size for lengths, 1 for rotations and directors, shape (n,)."""
