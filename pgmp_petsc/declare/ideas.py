@@ -25,7 +25,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
-from typing import Any, get_args
+from typing import Any, ForwardRef, get_args
 
 from pydantic import BaseModel, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
 from pydantic.errors import PydanticUndefinedAnnotation
@@ -93,7 +93,11 @@ class Family:
         Raises `InputError` if the type is no literal text, or another idea has it."""
         if self.key not in cls.model_fields:
             return False
-        names = get_args(cls.model_fields[self.key].annotation)
+        entry = cls.model_fields[self.key].annotation
+        if isinstance(entry, ForwardRef):
+            where = f"its {self.key} is {entry.__forward_arg__}, which is not defined"
+            raise refuse(cls, f"{where}; import what it names")
+        names = get_args(entry)
         if len(names) != 1 or not isinstance(names[0], str):
             raise refuse(cls, f'its {self.key} names the {self.what}, {self.key}: Literal["NAME"]')
         other = self.classes.get(names[0])
@@ -227,14 +231,19 @@ def take(file: Path) -> None:
                 'type: Literal["NAME"] (of a section shape: Literal["NAME"]); see docs/extending.md'
             )
     except InputError:
-        for family, classes in zip(FAMILIES, before[0]):
-            family.classes = classes
-        IN_USE.clear()
-        IN_USE.update(before[1])
         del sys.modules[module.__name__]
+        for family, classes in zip(FAMILIES, before[0]):
+            # modules that it imported stay so, and do not run again
+            imported = {name: cls for name, cls in family.classes.items() if cls.__module__ in sys.modules}
+            family.classes = imported | classes
+        left = {(family.group, name) for family in FAMILIES for name in family.classes}
+        used = {key: plugin for key, plugin in (IN_USE | before[1]).items() if key in left}
+        IN_USE.clear()
+        IN_USE.update(used)
         raise
-    for told in WHEN_GROWN:
-        told()
+    finally:
+        for told in WHEN_GROWN:
+            told()
 
 
 def _complete(cls: type[BaseModel]) -> None:
@@ -270,7 +279,10 @@ def _run(text: bytes, file: Path, module: ModuleType) -> None:
         raise
     except (Exception, SystemExit) as error:
         blamed = to_blame(error, [path])
+        cure = ""
         if isinstance(error, ModuleNotFoundError) and file.with_name(f"{error.name}.py").is_file():
-            beside = "files beside a plugin are no modules: write both into one, or set PYTHONPATH to their folder"
-            blamed = InputError(str(blamed).replace("repair the file", beside))
+            cure = "files beside a plugin are no modules: write both into one, or set PYTHONPATH to their folder"
+        elif isinstance(error, ImportError) and "relative import" in str(error):
+            cure = "a file of a package is no plugin by itself: install the package, or import it by name in a plugin"
+        blamed = InputError(str(blamed).replace("repair the file", cure)) if cure else blamed
         raise blamed from error

@@ -51,6 +51,8 @@ class Setpoint(Table):
     @model_validator(mode="before")
     @classmethod
     def _number(cls, given: Any) -> Any:
+        if isinstance(given, list):
+            raise refusal("a number, the name of a parameter, or { table = [[time, value], ...] } is needed")
         return given if isinstance(given, (dict, Setpoint)) else {"constant": given}
 
     def check_entries(self) -> None:

@@ -94,6 +94,8 @@ materials.steel.rho=7.8 -> materials.steel.rho | steel has 7800
 materials.steel.rho=7.8e6 -> materials.steel.rho | 25,000 kg/m3
 materials.steel.nu=-0.3 -> materials.steel.nu | negative
 parameters.r1={nominal=0.05} -> parameters.r1.nominal | 3 times as long as thick
+effects.d={type="joint_damping", joint="elbow", coefficient="q"} & parameters.q={nominal=2e-3, value=2.0,
+    distribution={name="norm", loc=2e-3, scale=1e-4}} -> parameters.q.value | 1e+03 times the median
 parameters.r1={nominal=0.3} & bodies.crank.flexible=false -> parameters.r1.nominal | 0.6 m thick and 0.3 m long
 bodies.rod={line={length=0.7, elements=1001}, element="beam2d", material="steel", section={shape="circle",
     radius=5.6e-3}} -> bodies.rod.line.elements | digits

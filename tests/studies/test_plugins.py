@@ -620,6 +620,10 @@ BROKEN = {
     "null bytes": (("@", "\0"), r"plugin '.*', line 1: this is not Python: source code .* null bytes$"),
     "nothing in it": (("*", "x = 1\n"), r"plugin '.*': no idea is declared in it; needed: a subclass of EffectEntry"),
     "it fails": (("@", "import numpy\nnumpy.nothing\n"), r"plugin '.*', line 2: AttributeError: .*; repair the file$"),
+    "it is a part of a package": (
+        ("@", "from .parts import PART\n"),
+        r"plugin '.*', line 1: ImportError: .*; a file of a package is no plugin by itself: install the pack",
+    ),
     "it ends": (("@", "raise SystemExit(3)\n"), r"plugin '.*', line 1: SystemExit: 3; repair the file$"),
     "a name that is taken": (('"line_spring"', '"torque"'), r"line \d+: .* 'torque' already, .*loads\.py, line \d+"),
     "no name": (('Literal["line_spring"]', "str"), r'\.py, line \d+: .* type: Literal\["NAME"\]$'),
@@ -639,6 +643,10 @@ BROKEN = {
     "an output without a unit": (("*", OUTPUT.replace('"m"', '""')), r'an output of frames says its unit: unit = "m"$'),
     "an output in another unit": (("*", OUTPUT.replace('"m"', '"lbf"')), r"unit = 'lbf' is no SI unit: it is 4\.4"),
     "a type that is nowhere": ((": Point =", ": Pnt ="), r"line \d+: .*: an entry has the type Pnt, which is not def"),
+    "a type without what it is": (
+        ("import Annotated, Literal", "import Annotated"),
+        r"line \d+: class LineSpring: its type is Literal\['line_spring'\], which is not defined; import what it",
+    ),
     "a law of plain numbers": (("Quantity(0.0)", "0.0"), r"mine\.py:3\d: .* is given 0\.0; a parameter is a Quantity"),
     "an output that reads nothing": (("*", OUTPUT.replace('"frames"', '"none"')), r"an output says what it reads: "),
     "an output of multipliers without a maker": (
@@ -761,6 +769,24 @@ def test_files_beside_a_plugin_are_no_modules(tmp_path: Path, monkeypatch: pytes
         pgmp.use(path)
     assert {plugin.name for plugin in IN_USE.values()} == {"own_of_test.py", "other_of_test"}
     sys.modules.pop("other_of_test")
+
+
+def test_what_a_plugin_imported_before_it_failed_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Modules run once in a process: once repaired, the plugin imports them, and they declare nothing again."""
+    own, other = (tmp_path / f"{name}_of_repair.py" for name in ("own", "other"))
+    other.write_text(LISTING)
+    monkeypatch.syspath_prepend(tmp_path)
+    repaired = "from other_of_repair import LineSpring\n" + LISTING.replace('"line_spring"', '"own"')
+    own.write_text(repaired + "\n1 / 0\n")
+    with pytest.raises(InputError, match="ZeroDivisionError"):
+        pgmp.use(own)
+    assert "own" not in FAMILIES[0].names
+    own.write_text(repaired)
+    pgmp.use(own)
+    for effect in ("line_spring", "own"):
+        scene_from_toml(BASE, ".", [f"effects.x={TABLE.replace('line_spring', effect)}"])
+    assert {plugin.name for plugin in IN_USE.values()} == {"own_of_repair.py", "other_of_repair"}
+    sys.modules.pop("other_of_repair")
 
 
 def test_files_name_the_plugins_that_their_scene_needs(line_spring: Path, tmp_path: Path) -> None:

@@ -590,6 +590,7 @@ tracking=0.1 -> controllers.servo.tracking: without limits there is nothing to b
 sample_time=1e-3 -> controllers.servo.sample_time = 0.001: is shorter than simulation.step = 0.002 s
 sample_time=5e-3 -> controllers.servo.sample_time = 0.005: must be a whole number of steps of 0.002 s, and is 2.5
 sample_time=-1.0 -> controllers.servo.sample_time = -1.0: must be at least 0
+reference=[[0.0, 0.1]] -> controllers.servo.reference = [[0.0, 0.1]]: a number, the name of a parameter, or { table =
 reference={} -> controllers.servo.reference.constant: exactly one of constant, table, harmonic is needed
 reference={table=[[0.0,"kp"]]} -> controllers.servo.reference = | over time numbers are needed
 reference={table="none.csv"} -> controllers.servo.reference.table = "none.csv": the file cannot be read

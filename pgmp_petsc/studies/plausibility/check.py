@@ -302,16 +302,27 @@ def _distribution(scene: Scene, name: str, parameter: Parameter, sign: str) -> I
     median = float(law.median())
     unit = f" {scene.system.unit(parameter.unit)}" if parameter.unit else ""
     shown = own_values(scene, {name: median})[name]
-    beyond = min(float(law.cdf(nominal)), float(law.sf(nominal)))
+
+    def beyond(value: float) -> bool:
+        return min(float(law.cdf(value)), float(law.sf(value))) < FAR
+
+    def of_other_unit(value: float) -> bool:
+        return beyond(value) and value * median > 0 and not 1 / OTHER_UNIT < median / value < OTHER_UNIT
+
     if not np.isfinite(median):
         yield refusal(f"{entry}.distribution", "has no median that is a number; other arguments are needed")
-    elif beyond < FAR and nominal * median > 0 and not 1 / OTHER_UNIT < median / nominal < OTHER_UNIT:
+    elif of_other_unit(nominal):
         much = f"the median of its distribution is {shown:.4g}{unit}, {median / nominal:.3g} times as much"
         yield refusal(f"{entry}.nominal", f"{much}; is one of them in another unit? `unit` holds for both", nominal)
-    elif beyond < FAR:
+    elif beyond(nominal):
         half = f"half of its samples below {shown:.4g}{unit} and less than {FAR:g} of them beyond this"
         words = f"lies outside its distribution, which has {half}; the reduced basis is built where no sample is"
         yield doubt(f"{entry}.nominal", words, nominal)
+    if parameter.value is not None and of_other_unit(parameter.value):
+        much = f"{parameter.value / median:.3g} times the median of its distribution, {shown:.4g}{unit}"
+        yield doubt(
+            f"{entry}.value", f"{much}; it is in the scene's units, or says its own, as in 5mm", parameter.value
+        )
     low, high = (-np.inf, np.inf) if parameter.bounds is None else parameter.bounds
     lost = float(law.cdf(low) + law.sf(high)) if parameter.bounds is not None else 0.0
     if lost > CUT_OFF:
