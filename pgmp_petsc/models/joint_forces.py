@@ -96,16 +96,18 @@ class ReducedMultipliers:
         if self._carried or self._rows_of_control or not n:
             return self._turn_by_turn(times, states, values)
         n_samples, found = _side_by_side(times, values), self._nothing(n)
+        together = n_samples * max(1, AT_ONCE // n_samples)  # states with the values of those before: a system is kept
         if self.rows.size:
             own = {name: one[:n_samples] for name, one in values.items()}
-            system, together, loads = self._system_of(n_samples, own), n_samples * max(1, AT_ONCE // n_samples), []
+            system, loads = self._system_of(n_samples, own), []
             for first in range(0, n, together):
                 some = slice(first, first + together)
                 loads.append(self._node_loads(system, times[some], _part(states, some)))
             every = np.concatenate(loads)
             found[self.rows] = -self.gaps.at(times, states, own, self._effects, every, n_samples)
-        for first in range(0, n if self._drives else 0, AT_ONCE):
-            some = slice(first, min(first + AT_ONCE, n))
+        together = min(together, AT_ONCE)  # of what is not side by side too
+        for first in range(0, n if self._drives else 0, together):
+            some = slice(first, min(first + together, n))
             system = self._system_of(some.stop - first, {name: one[some] for name, one in values.items()})
             found[self._n_held :, some] = self._of_drives(system, times[some], _part(states, some))
         return found
@@ -191,7 +193,8 @@ class ReducedMultipliers:
             return np.zeros((0, len(state.q)))
         jets = ({}, {}) if self._frames is None else self._frames.jets((state.q, state.v), 1)
         at, moving = (dict(zip(self._nodes, part)) for part in jets)
-        return np.array([one.made(one.parts(at, moving, multipliers, values)) for one in self._carried])
+        known = at, moving, multipliers, values, {}
+        return np.array([one.made(one.parts(*known)) for one in self._carried])
 
     def _system_of(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
         """Return n samples of the model; the last ones again where they are the same."""

@@ -208,4 +208,5 @@ class Measures:
         of `motions`, and multipliers of joints (n_held + n_driven, n_samples)."""
         at, moving, *_ = *(dict(zip(self.nodes, part)) for part in frames), {}
         every = {**self._scene.values, **values}
-        return np.array([one.parts(at, moving, multipliers, every) for one in self.carried])
+        known = at, moving, multipliers, every, {}
+        return np.array([one.parts(*known) for one in self.carried])

@@ -50,6 +50,8 @@ from pgmp_petsc.scene.uses import slides
 
 UNDETERMINED = 1e-8  # share of a combination of multipliers that is round-off
 Values = Mapping[str, np.ndarray | float]
+#: Force and moment in joints, by their names and whether it is for the moment, in which other rows are.
+Wrenches = dict[tuple[str, bool], tuple[np.ndarray, np.ndarray]]
 Component = Literal["x", "y", "z", "axial", "radial", "magnitude"]
 
 
@@ -236,9 +238,12 @@ class ForceOutput:
         """Whether it is the magnitude of what it is made of, else that itself."""
         return getattr(self.entry, "component", "") in ("magnitude", "radial")
 
-    def parts(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
+    def parts(
+        self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values, wrenches: Wrenches
+    ) -> np.ndarray:  # fmt: skip
         """Return what the output is made of, shape (n_parts, n), for frames of nodes and their rates, multipliers, and
-        parameter values, which are numbers or of shape (n,)."""
+        parameter values, which are numbers or of shape (n,); `wrenches` are those that other outputs have found there.
+        """
         raise NotImplementedError
 
     def made(self, parts: np.ndarray) -> np.ndarray:
@@ -303,14 +308,18 @@ class OfConnection(ForceOutput):
             gradients.append(-sum(slopes)[:d, 0])
         return np.array(gradients).T
 
-    def parts(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
+    def parts(
+        self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values, wrenches: Wrenches
+    ) -> np.ndarray:  # fmt: skip
         """Return the component, or the vector whose magnitude it is."""
         if self.shares is not None:
             # sums of numbers alone: those of matrices hang on what is side by side
             force = sum(share[:, None] * multipliers[row] for share, row in zip(self.shares.T, self.rows))
             return self.component(-force if self.entry.of == "first" else force, frames)
-        force, moment = self.wrench(frames, rates, multipliers, values)
-        acting = moment if self.entry.turning else force
+        known = self.connection.name, self.entry.turning
+        if known not in wrenches:
+            wrenches[known] = self.wrench(frames, rates, multipliers, values)
+        acting = wrenches[known][int(self.entry.turning)]
         if self.entry.of == "first":
             acting = -acting
         return self.component(acting, frames)
@@ -438,7 +447,9 @@ class OfCoupling(ForceOutput):
             terms[number][1], pull,
         )  # fmt: skip
 
-    def parts(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
+    def parts(
+        self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values, wrenches: Wrenches
+    ) -> np.ndarray:  # fmt: skip
         """Return ``-mu df/ds``."""
         if self.pull is None:
             force = -multipliers[self.rows[0]]
@@ -472,7 +483,9 @@ class OfMotion(ForceOutput):
         row, names = kinematics.mechanism.n_held + number, [one.name for one in kinematics.mechanism.coordinates]
         return cls(name, np.array([row]), nodes, entry.with_rate, entry, reading, names.index(coordinate.name))
 
-    def parts(self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values) -> np.ndarray:
+    def parts(
+        self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values, wrenches: Wrenches
+    ) -> np.ndarray:  # fmt: skip
         """Return ``-lambda``, or that times the rate of the coordinate."""
         torque = -multipliers[self.rows]
         return torque if self.speed is None else torque * _rate(self.speed, frames, rates)

@@ -118,7 +118,8 @@ class OutputSet:
         `observed`, multipliers of joints and prescribed coordinates (n_held + n_driven, n), and parameter values,
         numbers or of shape (n,)."""
         by_node, moving, *_ = *(dict(zip(self.nodes, part)) for part in frames), {}
-        return np.concatenate([force.parts(by_node, moving, multipliers, values) for force in self.forces])
+        known = by_node, moving, multipliers, values, {}
+        return np.concatenate([force.parts(*known) for force in self.forces])
 
     def smooth(self, apart: Container[str]) -> OutputSet:
         """Return the outputs without stresses and those in `apart`; forces as what they are made of."""
