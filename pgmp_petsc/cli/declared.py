@@ -223,7 +223,7 @@ class _Heard(logging.Handler):
 
 
 QUIET = "Write nothing but errors and warnings on standard error."
-PLUGIN = "Run a Python file that declares effects or outputs of your own; repeatable."
+PLUGIN = "Run a Python file with effects, joints, outputs, controllers or sections of your own; repeatable."
 VERBOSE = "Print all figures at a terminal too; elsewhere they are always printed."
 JSON = "Write the figures as JSON on standard output, and nothing else there."
 

@@ -29,6 +29,7 @@ from pgmp_petsc.base.plugins import IN_USE, check_plugins
 from pgmp_petsc.base.units import UNITS
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.source import compiled_of
+from pgmp_petsc.cli.declared import PLUGIN
 from pgmp_petsc.declare import ideas
 from pgmp_petsc.declare.ideas import FAMILIES
 from pgmp_petsc.files.checkpoint_folder import CheckpointFolder
@@ -844,6 +845,7 @@ def test_commands_take_plugins_and_end_with_one_message(line_spring: Path, tmp_p
     for name, message in zip(IN_COMMANDS, messages):
         assert re.search(BROKEN[name][1], message)
     assert len(messages) == len(IN_COMMANDS) + 1 and messages[-1].endswith("if a plugin has it, give --plugin FILE.py")
+    assert [family.what for family in FAMILIES if f"{family.what}s" not in PLUGIN] == []
 
 
 def test_a_run_is_not_resumed_with_another_plugin(line_spring: Path, tmp_path: Path) -> None:
