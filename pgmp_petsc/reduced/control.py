@@ -80,8 +80,8 @@ class Control(NamedTuple):
             np.zeros((0, n, 2)), np.zeros((0, n), dtype=bool), np.zeros((0, n_samples, 2, n)),
         )  # fmt: skip
 
-    def over_steps(self, controls: Controls | None, ends: np.ndarray, goes_on: bool, forces: np.ndarray) -> Control:
-        """Return the same for steps that end at times (n_t,), after the last of which the run may go on."""
+    def over_steps(self, controls: Controls | None, ends: np.ndarray, forces: np.ndarray) -> Control:
+        """Return the same for steps that end at times (n_t,)."""
         if controls is None:
             return self
         over = np.zeros((ends.size, len(controls.each), 2))
@@ -90,7 +90,6 @@ class Control(NamedTuple):
             if not isinstance(one.reference, np.ndarray):
                 over[:, k] = one.reference.with_rates(ends)[:2].T
             is_due[:, k] = [one.is_due(time) for time in ends.tolist()] if one.entry.sample_time else False
-        is_due[-1:] &= goes_on
         return self._replace(over=over, is_due=is_due, forces=forces)
 
 

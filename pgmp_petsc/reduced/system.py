@@ -387,7 +387,7 @@ class ReducedSystem(SecondOrderSystem):
             clocks = Clocks.of(self.n_eta, beside.shape[1], strengths, self.n_events)
             self._clocks[beside.shape[1]] = Reference(clocks)
         if self.carries:
-            control = control.over_steps(self.beside, stretch.ends, stretch.goes_on, stretch.trail.forces)
+            control = control.over_steps(self.beside, stretch.ends, stretch.trail.forces)
         advance(
             *self._passed, self._clocks[beside.shape[1]], strengths, self._functions,
             (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma), (stretch.first, stretch.ends, stretch.step),

@@ -279,13 +279,13 @@ def _fill_jets(motion, cells_of, axes, table, factors, found):
                 if order > 1:
                     second = weights[2, p] * factors[0, k, i] + 2.0 * weights[1, p] * factors[1, k, i]
                     second += weights[0, p] * factors[2, k, i]
-                for e in range(table.shape[2]):
-                    entry = table[rows[p], i, e]
-                    found[0, k, e] += value * entry
-                    if order > 0:
-                        found[1, k, e] += first * entry
-                    if order > 1:
-                        found[2, k, e] += second * entry
+                entries = table[rows[p], i]
+                for e in range(entries.size):
+                    found[0, k, e] += value * entries[e]
+                for e in range(entries.size if order > 0 else 0):
+                    found[1, k, e] += first * entries[e]
+                for e in range(entries.size if order > 1 else 0):
+                    found[2, k, e] += second * entries[e]
 
 
 @njit(cache=True, error_model="numpy")

@@ -188,9 +188,8 @@ class GeneralisedAlpha:
             first = int(at[todo].min())
             together, ends = todo & (at == first), self.instants[first + 1 : last + 1]
             stretch = Stretch(
-                self._moment, first, ends, self._step, scheme, together, self._beyond, shown, trail, self.counted,
-                last < self.instants.size - 1,
-            )  # fmt: skip
+                self._moment, first, ends, self._step, scheme, together, self._beyond, shown, trail, self.counted
+            )
             outcome, n_steps = self._stepper.advance(stretch)
             at[together] += n_steps[together]
             # one that is through its step with care is not to be taken up with others that are stuck in the next one
@@ -211,10 +210,9 @@ class GeneralisedAlpha:
             self._observer.over(shown, self.instants[shown], trail)
 
     def _jump(self, number: int, samples: np.ndarray) -> None:
-        """Let forces of some samples, a mask, that jump after a step do so, but at the end of the run: accelerations
-        jump with them."""
+        """Let forces of some samples, a mask, that jump after a step do so; accelerations jump with them."""
         system, state, time = self.system, self.state, float(self.instants[number])
-        if number == self.instants.size - 1 or not samples.any() or not system.beside.sample(time, state, samples):
+        if not samples.any() or not system.beside.sample(time, state, samples):
             return
         jump = 0.0 if system.about_motion else resolved_jump(system, state, self._step, samples, time)
         system.beside.jumps = False

@@ -163,7 +163,6 @@ class Stretch:
     shown: np.ndarray  # numbers of the steps that somebody wants to see, increasing, shape (n_t,)
     trail: State  # the states after these, of the samples that are advanced; filled
     counted: np.ndarray  # see `AlphaStep`; brought up to date
-    goes_on: bool = True  # whether the run does after the last of them
 
 
 class Observer:

@@ -357,7 +357,7 @@ TREES = {
         *forces_in("cross", joint_force=("x",)), *forces_in("elbow", joint_force=("y",)),
     ),
     "delta_robot": ("simulation.duration=0.02", "simulation.spectral_radius=1.0"),  # steps end with a projection
-    "servo_arm": ("simulation.duration=0.101", 'outputs.held={type="control_force", controller="servo"}'),
+    "servo_arm": ("simulation.duration=0.1", 'outputs.held={type="control_force", controller="servo"}'),
     "machine_on_mounts": ("simulation.duration=0.1", "simulation.spectral_radius=1.0"),
     "crank_press": ("simulation.duration=0.1",),
     "slider_crank_solid2d": ("simulation.duration=0.05",),
