@@ -99,8 +99,8 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, tur
             add_energies_of_masses(problem.masses, problem.rayleigh, block, v[k], result[KINETIC], powers)
         if problem.floating.body.size:
             add_energies_of_floating(
-                problem.dimension, problem.floating, problem.width, problem.rayleigh, block, strengths.loads[k], q[k],
-                v[k], result, powers, result[loads:actions],
+                problem.dimension, problem.floating, problem.width, problem.rayleigh, block, strengths.loads[k],
+                conservative, q[k], v[k], result, powers, result[loads:actions],
             )  # fmt: skip
         if n_modal:
             add_modal_damping(problem.modal, problem.dimension, q[k], v[k], unwanted, nowhere, result[modal:loads])

@@ -262,9 +262,12 @@ def _add_floating(
 
 
 @njit(cache=True, apart=True, error_model="numpy")
-def _add_energies_of_floating(axes, floating, width, rayleigh, block, amplitudes, q, v, result, powers, weights):
+def _add_energies_of_floating(
+    axes, floating, width, rayleigh, block, amplitudes, conservative, q, v, result, powers, weights
+):  # fmt: skip
     """Add kinetic and strain energy of the bodies that are counted here, the power of their damping (n_bodies,
-    n_lanes), and the potential energy of their weight to that of the loads (n_loads, n_lanes)."""
+    n_lanes), and to the loads (n_loads, n_lanes) the potential energy of their weight, the power of what is not
+    conservative."""
     q, v, tables = items(q, width), items(v, width), items(floating.table, width)
     result, powers, weights = items(result, width), items(powers, width), items(weights, width)
     falls, d = items(floating.gravity, width), len(axes)
@@ -302,10 +305,15 @@ def _add_energies_of_floating(axes, floating, width, rayleigh, block, amplitudes
         for number in range(floating.gravity_loads.size):
             load = floating.gravity_loads[number]
             for c in range(d):
-                place = table[0] * q[dofs[c]]
-                for k in range(d):
-                    place += one.d[k, c] * shaped.s[k]
-                weights[load] -= amplitudes[load] * falls[block, number, c] * place
+                if conservative[load]:
+                    moved = -table[0] * q[dofs[c]]
+                    for k in range(d):
+                        moved -= one.d[k, c] * shaped.s[k]
+                else:
+                    moved = table[0] * one.p[c]
+                    for k in range(d):
+                        moved += one.d1[k, c] * shaped.s[k] + one.d[k, c] * shaped.s1[k]
+                weights[load] += amplitudes[load] * falls[block, number, c] * moved
     keep(space)
 
 

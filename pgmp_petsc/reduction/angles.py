@@ -57,10 +57,12 @@ UNEVEN = 2.0
 STALLED = 0.5  # of the error of stress outputs: what two rounds must leave less than
 SMALL = 1e-3  # of the largest value in the body that has the same unit: of what is less, no share is asked for
 NOTHING = 1e-9  # of a load, beside the rigid motion's: round-off
-ROUND_OFF = 1e-12  # of values at displacements as large without any order: what a body has that moves without bending
+# of values at displacements as large without any order: what a body has that moves without bending, or not at all where
+# a load moves others
+ROUND_OFF = 1e-12
 FEWEST = 8  # samples of an axis that can be predicted by half of them
 SWING = 0.1  # of the range of a coordinate: amplitude, so that the square of the speed is that times the acceleration
-REFERENCES = 8  # configurations at which the largest values in the body are looked for
+REFERENCES = 8  # configurations at which the largest values in the body, and displacements, are looked for
 AT_ONCE = 2**22  # strains that are evaluated together: 32 MB
 
 
@@ -218,6 +220,8 @@ def stress_errors(
         if half is None:
             return dict.fromkeys(found, np.inf)
         predicted.append(np.linalg.solve(*(half.predicted(tables, number, part) for part in (stiffness, loads))))
+    few = slice(None, None, max(1, len(projection) // REFERENCES))
+    far = np.abs(projection[few, :, : tables.n_modes] @ answers[few]).max(axis=(0, 1))  # in all bodies
     for output in outputs:
         body = mechanism.bodies[output.body]
         shapes = projection[:, body.dofs, : tables.n_modes]
@@ -226,7 +230,7 @@ def stress_errors(
         for k in range(tables.n_coordinates):
             largest[kin == k] = largest[kin == k].max(initial=0.0)
         disorder = random.normal(size=(1, body.dofs.size, 1))
-        felt = largest > ROUND_OFF * _largest(output, body, disorder, scene) * np.abs(moves).max(axis=(0, 1))
+        felt = largest > ROUND_OFF * _largest(output, body, disorder, scene) * far
         for number, (half, own) in enumerate(zip(halves, predicted)):
             off = half.predicted(tables, number, shapes) @ own - half.known(tables, number, moves)
             errors = np.divide(_largest(output, body, off, scene), largest, out=np.zeros(largest.size), where=felt)

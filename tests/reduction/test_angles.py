@@ -147,6 +147,34 @@ def test_a_load_that_moves_a_body_without_bending_it_asks_for_no_angles() -> Non
     assert rom.tables.samples.n == 48 and not [one for one in rom.record.remarks if "stress outputs" in one.text]
 
 
+def test_a_load_that_moves_another_body_alone_asks_for_no_angles(monkeypatch) -> None:
+    """A mount from the wheel to the tip of another arm on it bends that alone; what round-off leaves of the first one
+    changes from angle to angle."""
+    of_the_scene = angles._stiffness_and_loads
+
+    def of_mounts(*arguments):
+        stiffness, loads, kin = of_the_scene(*arguments)
+        return stiffness, loads[:, :, kin < 0], kin[kin < 0]
+
+    monkeypatch.setattr(angles, "_stiffness_and_loads", of_mounts)
+    arm = """line = { length = 0.4, elements = 4 }; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 0.01 }; placement = { origin = [0.05, 0.0] }"""
+    held = HEADER + tables(f"""
+bodies.wheel: rigid = {{ mass = 4.0, inertia = 1.2e-2, points = {{ hub = [0.0, 0.0], rim = [0.05, 0.0] }} }}
+bodies.arm: {arm}
+bodies.blade: {arm}
+joints.axle: type = "revolute"; connect = ["ground:origin", "wheel:hub"]
+joints.weld: type = "fixed"; connect = ["wheel:rim", "arm:hinge"]
+joints.foot: type = "fixed"; connect = ["wheel:rim", "blade:hinge"]
+coordinates.theta: joint = "axle"; range = [-1.0, 5.0]
+effects.stay: type = "bushing"; points = ["wheel:hub", "blade:tip"]; reference = [[1.0, 0.0]]; stiffness = [2e4, 2e4]
+simulation: duration = 0.2; step = 1e-3
+""")
+    root = asked("root", "bending_moment", "group='hinge'", "arm")
+    rom = rom_of(scene_from_toml(held, ".", [root, "reduction.angles=24", "reduction.static_modes=true"]))
+    assert rom.tables.samples.n == 24 and not [one for one in rom.record.remarks if "stress outputs" in one.text]
+
+
 def test_a_force_that_is_not_there_asks_for_no_angles() -> None:
     """Nothing twists a bar that is bent: what round-off leaves changes from angle to angle."""
     twist = asked("twist", "torsion_moment", "at=[0.3,0.0,0.0]", "arm")

@@ -52,6 +52,14 @@ def test_an_oscillator_on_a_base_that_is_accelerated(model: str) -> None:
     np.testing.assert_allclose(found["x"], exact, rtol=0, atol=3e-4 * np.abs(exact).max())
 
 
+@pytest.mark.parametrize("model", MODELS)
+def test_the_work_of_a_base_is_the_energy_that_it_brings(model: str) -> None:
+    """No motion but that of the base: what it works is what moves and is bent."""
+    found = trajectory(MODELS[model](cart(HELD, BASE.format(WAVE), "simulation.step=5e-4"))).balance
+    assert np.abs(found.residual).max() < 5e-5 * found.exchanged  # 1.3e-5 and less, as the square of the step
+    assert np.ptp(found.work["base"]) > 0.1 * found.exchanged
+
+
 ALONG_A_SLIDE = HEADER + tables("""
 bodies.arm: line = { length = 0.5, elements = 8 }; element = "beam2d"; material = "steel";
     section = { shape = "rectangle", width = 0.02, height = 0.004 }
