@@ -66,9 +66,10 @@ class Setting:
             "surface": f"response surface, {self.nodes} runs",
             "reduced": f"reduced, {self.reduction.modes if self.reduction else 0} modes",
             "full": "full order",
+            "reference": "reference",
         }
         cells = "" if self.refinement == 1 else f", cells cut into {self.refinement}"
-        return f"{kinds.get(self.family, self.family)}, {self.n_steps} steps{cells}"
+        return f"{kinds[self.family]}, {self.n_steps} steps{cells}"
 
     def with_reduction(self, **entries: Any) -> Setting:
         """Return the setting with other entries of the reduction."""

@@ -25,7 +25,7 @@ from pgmp_petsc.scene.parameters import correlation_matrix
 
 SHARE = 0.01  # of the value of a parameter without a distribution
 LEAST = 0.05  # of an output's largest effect: smaller ones are nothing beside it
-LARGE = 0.01  # of the largest derivative: what differences may be off by from there on is warned of
+DOUBTFUL = 0.01  # of the largest derivative: what differences may be off by from there on is warned of
 ROUND_OFF = 1e-9  # of an output's largest value
 
 
@@ -155,7 +155,7 @@ def difference_remarks(model: AnyModel, off: Off) -> Iterator[Remark]:
             return
         where = f"d {off.output} / d {off.parameter}"
         said = f"{apart}; they are estimated to be off by up to {share_text(off.share)} of the largest ({where})"
-        yield note(said) if off.share < LARGE else warning(f"{said}: compare runs (--set)")
+        yield note(said) if off.share < DOUBTFUL else warning(f"{said}: compare runs (--set)")
         return
     jumping = [f"effects.{name}.force" for name, one in model.scene.effects.items() if one.jumps_with - {"t"}]
     if jumping:
