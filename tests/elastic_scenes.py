@@ -66,6 +66,17 @@ joints.two.elastic: reference = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]; stiffness = 
     turning_stiffness = [1e4, 0.0, 0.0]
 coordinates.theta: joint = "hub"; range = [0.0, 6.283185307179586]; periodic = true
 """)
+# a boom, level at 0.7 rad, and at its end a head that an elastic belt holds
+BOOM = HEADER + tables("""
+bodies.boom: line = { length = 3.0, elements = 6 }; element = "beam2d"; material = "steel";
+    section = { shape = "rectangle", width = 0.03, height = 0.06 }; placement = { angle = -0.7 }
+bodies.head: rigid = { mass = 20.0, centre = [0.1, -0.2], inertia = 0.3, points = { axle = [0.0, 0.0] } };
+    placement = { origin = [2.2945265618534654, -1.9326530617130731] }
+joints.pivot: type = "revolute"; connect = ["ground:origin", "boom:hinge"]
+joints.axle: type = "revolute"; connect = ["boom:tip", "head:axle"]
+joints.belt: type = "belt"; joints = ["pivot", "axle"]; ratio = -1.0; elastic = { stiffness = 1e3 }
+coordinates.theta: joint = "pivot"; range = [0.3, 1.1]
+""")
 
 SHAFT, N_ELEMENTS, SIDE = 0.8, 8, 0.02
 DISCS = {"2": 3.0, "5": 2.0}  # kg, by the node that they are on
@@ -100,6 +111,11 @@ def machine(*overrides: str) -> Scene:
 def machine_in_space(*overrides: str) -> Scene:
     """Return the same in space, on soft mounts, without a motor."""
     return scene_from_toml(MACHINE_IN_SPACE, ".", overrides)
+
+
+def boom(*overrides: str) -> Scene:
+    """Return a boom with a head that an elastic belt holds."""
+    return scene_from_toml(BOOM, ".", overrides)
 
 
 def rotor(*overrides: str) -> Scene:

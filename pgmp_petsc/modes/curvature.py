@@ -38,10 +38,14 @@ faster than itself: of eigenvectors of A with the values lambda, the part along 
 ``lambda_k^2 / (lambda_k^2 + lambda_i^2)`` and that of j too. Without these a vector that bends at 140 kHz, left of a
 static answer, had chi of 5e11 along modes of 400 Hz.
 
-Vectors psi_r without strain, as elastic joints allow them, answer no load. The loads f_j turn with the bodies there, by
-the rotations phi of psi_r: to the right-hand side comes ``phi x f_j``. So chi_rj is the shape that is turned with its
-body, which stores no energy, and chi_rr the way of the mechanism. Of both chi keeps its part along Psi for the reason
-above: what turns does not stretch.
+Vectors psi_r without strain, as elastic joints allow them, answer no load. Bodies turn there, by rotations phi, and
+their elastic forces with them:
+
+    K chi_rj + K3[psi_r, psi_j] + C^T nu_rj = phi x (K psi_j),    C chi_rj = -c''[psi_r, psi_j].
+
+So chi_rj is the shape that is turned with its body, which stores no energy, or where joints do not let it the one
+beside it that stores least, whatever psi_j answers; chi_rr is the way of the mechanism. Of both chi keeps its part
+along Psi for the reason above: what turns does not stretch.
 
 Rotations in space add to inertia at second order: sections and rigid bodies turn by ``exp(phi)``. A node's directors
 are ``d_k = R exp(phi) e_k``. Their second derivative in two vectors a and b of displacements and rotations, ``1/2 (a x
@@ -122,14 +126,16 @@ class CurvatureProblem:
         for weight, part in third.items():
             forces += float(weight.evaluate(problem.values)) * part
         if loose.any():
-            forces -= self._turned_loads(modes, everywhere, problem.all_rows(answered), loose)
+            elastic = problem.all_rows(problem.times_stiffness(shape))
+            forces -= self._turned_forces(modes, everywhere, elastic, loose)
         where = problem.kinematics.describe(modes.theta)
         what = f"static modal derivatives at {where}"
         rigid = modes.unstrained
         gaps = None if self._built_in is None or not self._built_in.n else self._built_in.derivatives(modes.theta)
         # modes may be stiff too, and what answers offsets alone, or turns without strain, stays whole
         deflated = modes.eigenvectors if self._axial is None and gaps is None and not loose.any() else rigid
-        chi = self._answers(modes, deflated, shape, answered, pairs, forces, what, gaps)
+        taken = ~(loose[pairs[0]] | loose[pairs[1]])
+        chi = self._answers(modes, deflated, shape, answered, pairs, forces, what, gaps, taken)
         momenta = self.rotary.momenta(everywhere, pairs, problem.values)[problem.rows.start : problem.rows.stop]
         moving = ~loose
         if gaps is not None:
@@ -146,8 +152,8 @@ class CurvatureProblem:
             chi[:, own] -= bent @ self._dropped_part(bent, part)
         return Curvature(chi, third)
 
-    def _turned_loads(self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray, loose: np.ndarray) -> np.ndarray:
-        """Return what answered loads (n_dofs, m) change by as they turn with bodies that move without strain, for pairs
+    def _turned_forces(self, modes: ModeSet, shape: np.ndarray, elastic: np.ndarray, loose: np.ndarray) -> np.ndarray:
+        """Return what elastic forces (n_dofs, m) change by as they turn with bodies that move without strain, for pairs
         of vectors, local rows, shape (n_local, n_pairs)."""
         problem, mechanism = self._problem, self._problem.mechanism
         motion, d = problem.kinematics.motion(modes.theta), mechanism.space.dimension
@@ -161,7 +167,7 @@ class CurvatureProblem:
             # a couple on a rotation vector: (1 - 1/2 phi x) (1 + phi x) of it; angles in the plane add up
             for share, part in ((1.0, dofs[:, :d]), (0.5, dofs[:, d:] if d == 3 else dofs[:, :0])):
                 for one, other in ((i, j), (j, i)) if part.size else ():
-                    result[part] += share * np.einsum("abp,nbp->nap", own[..., one], answered[part][..., other])
+                    result[part] += share * np.einsum("abp,nbp->nap", own[..., one], elastic[part][..., other])
         return result[problem.rows.start : problem.rows.stop]
 
     def stiffness_answers(self, modes: ModeSet) -> np.ndarray:
@@ -195,8 +201,10 @@ class CurvatureProblem:
         forces: np.ndarray,
         what: str,
         gaps: GapDerivatives | None = None,
+        taken: np.ndarray | bool = True,
     ) -> np.ndarray:
-        """Return chi for pairs of vectors but for multiples of kept eigenvectors, given ``K3[psi_i, psi_j]``."""
+        """Return chi for pairs of vectors but for multiples of kept eigenvectors, given ``K3[psi_i, psi_j]``; forces in
+        joints turn with these in the pairs that are `taken`, shape (n_pairs,)."""
         problem = self._problem
         chi = np.zeros_like(forces)
         poses = problem.kinematics.motion(modes.theta).poses
@@ -206,7 +214,7 @@ class CurvatureProblem:
             joints = _TurningJoints(problem.constraints_at(poses), hessians, problem.all_rows(shape), pairs, gaps)
             own = slice(problem.rows.start, problem.rows.stop)
             chi = joints.displacements()[own]
-            forces = forces + joints.forces(reactions)[own] + problem.times_stiffness(chi)
+            forces = forces + np.where(taken, joints.forces(reactions)[own], 0.0) + problem.times_stiffness(chi)
         return chi + problem.static_answers(kept, -forces, what)
 
     def _along(self, basis: np.ndarray, chi: np.ndarray, momenta: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from elastic_scenes import (
     N_ELEMENTS,
     SHAFT,
     SIDE,
+    boom,
     machine,
     machine_in_space,
     rigid_frame,
@@ -322,11 +323,12 @@ def test_stresses_away_from_the_nominal_parameters_know_the_mounts():
     assert np.divide(*means) == pytest.approx(1.0, abs=5e-3)
 
 
-@pytest.mark.parametrize("make", [machine, machine_in_space], ids=["plane", "space"])
+@pytest.mark.parametrize("make", [machine, machine_in_space, boom], ids=["plane", "space", "belt"])
 @pytest.mark.parametrize(("second_order", "falls_by"), [("false", 4.0), ("true", 8.0)])
 def test_a_machine_that_sinks_on_its_mounts_is_right_to_the_order_of_the_model(make, second_order, falls_by):
-    """The frame tilts by 0.03 and 0.015 rad under twice and once its weight: what the model is off by falls with the
-    square of that, or with its cube, or faster; the way of its end along itself is of second order."""
+    """The frame, or the head on its belt, tilts by 0.03 and 0.015 rad under twice and once its weight: what the model
+    is off by falls with the square of that, or with its cube, or faster; the way of an end along itself is of second
+    order. Turned with the head, loads that stretch the boom would bend it."""
     off = []
     for g in (20.0, 10.0):
         weight = f"effects={{weight={{type='gravity',acceleration={g},direction={DOWN[make]}}}}}"
@@ -343,13 +345,19 @@ AT_REST = (  # 96 configurations in a turn are as near to each other
     "reduction={modes=6,angles=13,static_modes=true}", "initial.equilibrium=true",
     "simulation={duration=2e-3,step=1e-3,initial={theta={position=0.7}}}",
 )  # fmt: skip
-DOWN = {machine: [0.0, -1.0], machine_in_space: [0.0, -1.0, -0.7]}
-PLACES = "x={type='displacement',point='frame:tip',axis='x'},tip={type='displacement',point='crank:tip',axis='x'}"
+DOWN = {machine: [0.0, -1.0], machine_in_space: [0.0, -1.0, -0.7], boom: [0.0, -1.0]}
+
+
+def _places(*places):
+    each = (f"{n}={{type='displacement',point='{point}',axis='{axis}'}}" for n, point, axis in places)
+    return f"outputs={{{','.join(each)}}}"
+
+
+ENDS = ("x", "frame:tip", "x"), ("tip", "crank:tip", "x")
 SUNK = {
-    machine: (
-        "joints.one.elastic.stiffness=[1e6,4e4]", "joints.two.elastic.stiffness=[1e6,1e4]", f"outputs={{{PLACES}}}",
-    ),
-    machine_in_space: (f"outputs={{{PLACES},aside={{type='displacement',point='crank:tip',axis='z'}}}}",),
+    machine: ("joints.one.elastic.stiffness=[1e6,4e4]", "joints.two.elastic.stiffness=[1e6,1e4]", _places(*ENDS)),
+    machine_in_space: (_places(*ENDS, ("aside", "crank:tip", "z")),),
+    boom: (_places(("x", "boom:tip", "x"), ("tip", "head:centre", "x"), ("aside", "head:centre", "y")),),
 }  # fmt: skip
 
 
