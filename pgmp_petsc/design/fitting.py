@@ -56,7 +56,7 @@ NO_DIRECTION = 1e-9  # of the largest singular value: smaller ones are rounding
 DENSE = 20  # measurements a step of a run, from which they are condensed
 MANY = 10_000  # rows of a matrix that is factorised before its singular values are looked for
 LEAST_FREEDOM = 0.1  # of values that are worth hardly more independent ones than there are parameters
-LEAST_NOISE = 1e-12  # of the largest measured value
+LEAST_NOISE = 1e-9  # of the largest measured value; iterations of runs leave some 1e-11
 OF_STANDARD_ERROR = 0.5  # what the model's own error may move an estimate by before it is said
 
 
@@ -169,6 +169,8 @@ class _Fitting:
         self._start = np.array([scene.values[name] for name in names])
         self._scale = np.where(self._start != 0.0, np.abs(self._start), np.ptp(self._limits, axis=1))
         self._n = history.counts()
+        largest = np.array([np.nanmax(np.abs(values)) for values in history.outputs.values()])
+        self._least = LEAST_NOISE * np.maximum(largest, 1e-300)  # deviation of what may be noise, of every output
         self._condensations: dict[str, tuple[bytes, _Condensed]] = {}
         # of the scene's own: runs with smaller steps have more, and residuals are as many in all
         self._least_steps = 1 + scene.simulation.n_steps
@@ -215,9 +217,8 @@ class _Fitting:
 
     def _solved(self) -> tuple[np.ndarray, _Solution]:
         """Return the deviations of the noise of every output, and the solution."""
-        history, known = self._history, self._noise
-        largest, n = np.array([np.nanmax(np.abs(values)) for values in history.outputs.values()]), sum(self._n.values())
-        least = LEAST_NOISE * np.maximum(largest, 1e-300)
+        history, known, n = self._history, self._noise, sum(self._n.values())
+        least = self._least
         size = self._size(self._run(self._start))
         sigma = np.array([known.get(name, size[k]) for k, name in enumerate(history.outputs)], dtype=float)
         sigma, at = np.maximum(sigma, least), self._start
@@ -372,6 +373,8 @@ class _Fitting:
         """Return in which outputs what is left is no independent noise, or not of the size that was given."""
         for k, (name, row) in enumerate(zip(self._history.outputs, left)):
             size = float(np.sum(row**2))
+            if size <= row.size * self._least[k] ** 2:
+                continue  # of what iterations leave nothing is to be told
             lag, after = remembered(row)
             if lag:
                 where = "from one measurement to the next" if lag == 1 else f"with the measurement {lag} later"

@@ -48,10 +48,10 @@ def of_full() -> dict[str, np.ndarray]:
     return {"time": time, **{name: values[:, 0] for name, values in outputs.items()}}
 
 
-def measured(exact: dict[str, np.ndarray], seed: int, *names: str) -> MeasuredHistory:
+def measured(exact: dict[str, np.ndarray], seed: int, *names: str, size: float = 1.0) -> MeasuredHistory:
     random, chosen = np.random.default_rng(seed), slice(2, None, EVERY)
     found = {name: exact[name][chosen] for name in names or NOISE}
-    noisy = {name: values + NOISE[name] * random.normal(size=values.size) for name, values in found.items()}
+    noisy = {name: values + size * NOISE[name] * random.normal(size=values.size) for name, values in found.items()}
     return MeasuredHistory(exact["time"][chosen], noisy)
 
 
@@ -91,13 +91,17 @@ def test_a_search_turns_back_from_where_a_run_stops(model, of_full, monkeypatch:
 
 
 def test_standard_errors_are_the_spread_of_estimates(model) -> None:
-    """Of 8 histories of the reduced model itself: errors over standard errors have a mean square of 1."""
+    """Of 8 histories of the reduced model itself: errors over standard errors have a mean square of 1. Its own run is
+    found again to what iterations leave, which is said to be nothing else."""
     run = differentiate(model, model.scene.values | TRUE, ["r1"])
     exact, squares = {"time": run.time, **run.outputs}, []
     for seed in range(8):
         for name, parameter in of(fit(model, measured(exact, seed), ["r1", "c"], NOISE, MPI.COMM_SELF)).items():
             squares.append(((parameter.estimate - TRUE[name]) / parameter.error) ** 2)
     assert 0.3 < np.mean(squares) < 2.2  # of 16: within 3.4 deviations
+    again = fit(model, measured(exact, 0, size=0.0), ["r1", "c"], {}, MPI.COMM_SELF)
+    assert of(again)["c"].estimate == pytest.approx(TRUE["c"], rel=1e-6)
+    assert not any("what is left of" in remark.text for remark in again.record.remarks)
 
 
 def test_a_parameter_without_effect_is_named(of_full) -> None:
