@@ -21,6 +21,7 @@ import numpy as np
 
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, counted, visible
+from pgmp_petsc.base.plugins import plugins_of
 from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.figures.ensembles import values_of
 from pgmp_petsc.figures.loads import OF_JOINTS, outputs_of
@@ -494,7 +495,8 @@ def _origins(sources: Sequence[Source]) -> Table:
     for source in sources:
         kind, model = KINDS[source.result.kind], getattr(source.result, "model", "")
         seed, of = source.record.seed, f", {MODELS[model]}" if model else ""
-        told = source.name, f"{kind}{of}", f"pgmp {source.program}", str(source.record.ranks), seed
+        written = ", ".join([f"pgmp {source.program}", *plugins_of(source.record.scene_toml)])
+        told = source.name, f"{kind}{of}", written, str(source.record.ranks), seed
         rows.append([["" if text is None else str(text)] for text in told])
     return Table(["file", "what it is", "written by", "ranks", "seed"], rows)
 
@@ -535,7 +537,9 @@ def _commands(sources: Sequence[Source]) -> list[str]:
         else:
             values = "".join(f" --set {name}={value!r}" for name, value in result.record.parameters.items())
             found.append(f"pgmp simulate {model}{values} -o {target}")
-    return found
+    files = [name for name in plugins_of(sources[0].record.scene_toml) if name.endswith(".py")]
+    given = "".join(f" --plugin {shlex.quote(name)}" for name in files)
+    return [re.sub(r"(?=  # | > |$)", lambda _: given, command, count=1) for command in found]
 
 
 def _absent(runs: Sequence[Source], ensembles: Sequence[Source], film: Film | None) -> Iterator[str]:

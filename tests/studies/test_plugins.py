@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Callable
 from functools import reduce
 from hashlib import sha256
+from html import unescape
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
@@ -837,9 +838,14 @@ def test_commands_take_plugins_and_end_with_one_message(line_spring: Path, tmp_p
     commands = [[*check, "--plugin", str(tmp_path / name / "mine.py")] for name in IN_COMMANDS]
     own, kept = ["--plugin", str(line_spring)], str(tmp_path / "run.h5")
     run = ["simulate", *check[1:], "--override", "simulation.duration=0.01", "--full", "-o", kept]
-    commands += [check, [*check, *own], [*run, *own], ["info", kept, *own]]
+    page = tmp_path / "page.html"
+    commands += [check, [*check, *own], [*run, *own], ["report", kept, "-o", str(page), *own], ["info", kept, *own]]
     statuses, done = in_turn(3, commands)
-    assert statuses == [[2] * 3] * (len(IN_COMMANDS) + 1) + [[0] * 3] * 3
+    assert statuses == [[2] * 3] * (len(IN_COMMANDS) + 1) + [[0] * 3] * 4
+    told = unescape(page.read_text())
+    assert re.search(r"\.h5 --scene --plugin line_spring\.py > scene", told) and re.search(
+        r"pgmp \S+, line_spring\.", told
+    )
     assert f"plugin     line_spring.py, SHA-256 {sha256(LISTING.encode()).hexdigest()[:12]}" in done.stdout
     messages = [line for line in done.stderr.splitlines() if line.startswith("pgmp: error: ")]
     for name, message in zip(IN_COMMANDS, messages):
