@@ -129,7 +129,7 @@ EFFECTS = Family("effect", "EffectEntry", "pgmp_petsc.effects", "effects")
 OUTPUTS = Family("output", "OutputEntry", "pgmp_petsc.outputs", "outputs")
 JOINTS = Family("joint", "JointEntry", "pgmp_petsc.joints", "joints")
 CONTROLLERS = Family("controller", "ControllerEntry", "pgmp_petsc.controllers", "controllers")
-SECTIONS = Family("section", "SectionEntry", "pgmp_petsc.bodies.sections", "sections", "shape")
+SECTIONS = Family("section", "ShapedSection", "pgmp_petsc.bodies.sections", "sections", "shape")
 FAMILIES = (EFFECTS, OUTPUTS, JOINTS, CONTROLLERS, SECTIONS)
 
 
