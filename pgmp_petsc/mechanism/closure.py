@@ -39,7 +39,7 @@ from pgmp_petsc.mechanism.statements import Combination, Statement
 
 MAX_ITERATIONS = 25
 NEAR = 1e-9  # scaled residual, left by a step of 3e-5, of which the same J leaves 3e-14
-RELEASED_TOLERANCE = 1e-8  # of a released direction's own change, what of it is independent of the others
+RELEASED_TOLERANCE = 1e-8  # of a released direction's whole change, what of it is independent of others and allowed
 STIFF = 1e3  # weight of rigid bodies and given coordinates against joints, where these cannot all hold
 NO_GAP = 1e-9  # of the mechanism's size
 CROOKED = 0.02  # singular values of constraints over the largest, above SINGULAR_TOLERANCE: a degree off
@@ -532,7 +532,7 @@ class ReleasedClosure:
     def unheld(self, poses: np.ndarray, stiff: np.ndarray) -> int | None:
         """Return the released direction that moves most in a motion that is measured by none of the stiff ones, a mask
         (n_directions,), at poses (n_bodies, n_pose, 1); None where every motion is measured."""
-        free, moved = self._moved(self._jacobian_at(poses)[0])
+        free, moved, _ = self._moved(self._jacobian_at(poses)[0])
         moved = moved[self._n_held :]
         if not free.shape[1]:  # all that is released is held by other joints
             return None
@@ -540,22 +540,23 @@ class ReleasedClosure:
         rank = int(np.sum(values > RELEASED_TOLERANCE * max(values[0], 1e-300)))
         return int(np.argmax(np.abs(moved @ right[rank]))) if rank < free.shape[1] else None
 
-    def _moved(self, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return a basis of what the held rows allow, (n, n_free), and how all rows change along it, both scaled."""
+    def _moved(self, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return a basis of what the held rows allow, (n, n_free), how all rows change along it and, (n_rows,), by how
+        much where nothing is held, all scaled."""
         scaled = self._closure.scaled(jacobian, self._scale)
         values, right = np.linalg.svd(scaled[: self._n_held])[1:]
         rank = int(np.sum(values > RELEASED_TOLERANCE * values[0]))
-        return right[rank:].T, scaled @ right[rank:].T
+        return right[rank:].T, scaled @ right[rank:].T, np.linalg.norm(scaled, axis=1)
 
     def _independent(self, jacobian: np.ndarray) -> np.ndarray:
         """Return all rows that are held, and of the released ones as many as are independent of these, the first ones
         that are."""
-        (free, moved), chosen = self._moved(jacobian), list(range(self._n_held))
+        (free, moved, whole), chosen = self._moved(jacobian), list(range(self._n_held))
         basis = np.zeros((free.shape[1], 0))
         for row in range(self._n_held, len(moved)):
             rest = moved[row] - basis @ (basis.T @ moved[row])
             size = np.linalg.norm(rest)
-            if size > RELEASED_TOLERANCE * np.linalg.norm(moved[row]):
+            if size > RELEASED_TOLERANCE * whole[row]:
                 chosen.append(row)
                 basis = np.column_stack([basis, rest / size])
         return np.array(chosen)

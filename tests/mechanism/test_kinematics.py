@@ -4,14 +4,17 @@ import re
 
 import numpy as np
 import pytest
+from combinations import KINDS, WHEEL
 from frames import check_derivatives
 from refusals import refusal
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.scene import scene_from_toml
 from scenes import CRANK, ROD, four_bar, kinematics_of, slider_crank, trammel
 
 # several revolutions, negative angles, and the ends of the range
 THETA = np.concatenate([np.linspace(-20.0, 20.0, 41), [0.0, np.pi / 2, np.pi, 2 * np.pi, -2 * np.pi]])
+TURNS = 'type="revolute",axis=[0.0,0.0,1.0]'
 NOT_PERIODIC = "coordinates.theta.periodic=false"
 
 
@@ -148,6 +151,18 @@ def test_bodies_that_are_joined_to_each_other_alone() -> None:
     message = refusal(kinematics_of, scene.model_copy(update={"joints": joints, "coordinates": coordinates}))
     assert "4 degrees of freedom" in message
     assert "crank and rod are joined to each other alone" in message and "elastic.stiffness" in message
+
+
+def test_a_direction_that_other_joints_hold_is_not_released() -> None:
+    """An elastic hinge may move along its axis, but the slider's line does not let it: the motion that is left is that
+    of the teeth."""
+    hinge = "joints.crank_hinge.elastic={reference=[[1,0,0],[0,1,0]],stiffness=[1e6,2e6,3e6],damping=[1.0,1.0,1.0]}"
+    mesh = "joints.mesh={type='gear',joints=['crank_hinge','sleeve'],ratio=-2.0,elastic={stiffness=5.0}}"
+    wheel = (entry.format(moments=[4e-3, 5e-3, 6e-3, 0, 0, 0], origin=[0, 0, 0], turns=TURNS) for entry in WHEEL)
+    kinematics = kinematics_of(scene_from_toml(KINDS["all rigid in space"], ".", (*wheel, hinge, mesh)))
+    released = kinematics.motion(np.array([0.3])).released
+    assert kinematics.carries.tolist() == [True, True, False]
+    assert np.max(np.abs(released[0, 2])) < 1e-12 < np.max(np.abs(released[2, :, 2]))
 
 
 def test_a_range_that_begins_in_a_singular_position() -> None:
