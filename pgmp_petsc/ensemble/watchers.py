@@ -11,11 +11,14 @@ for a while has no extremes of it.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from pgmp_petsc.base.errors import counted
+from pgmp_petsc.base.progress import doing
 from pgmp_petsc.estimates.coarser_run import run_coarser, step_errors
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator
 from pgmp_petsc.estimates.validity import Validity
@@ -72,6 +75,10 @@ def _errors_of(model: Model) -> dict[str, list[str]]:
     return dict.fromkeys(("errors", "errors_at_end"), list(model.outputs.functions))
 
 
+def _checking(begun: Begun) -> AbstractContextManager[None]:
+    return doing(f"errors of {counted(begun.samples.size, 'checked sample')}")
+
+
 def watch_errors(indicator: ErrorIndicator | MemberIndicator) -> Watcher:
     """Estimate the errors of all samples by the indicator of a model, with the steps of each run."""
 
@@ -79,7 +86,8 @@ def watch_errors(indicator: ErrorIndicator | MemberIndicator) -> Watcher:
         run = indicator.stepped(begun.simulation).watch(begun.system, begun.samples)
 
         def found(status: np.ndarray) -> Found:
-            estimate = run.estimate(status)
+            with _checking(begun):
+                estimate = run.estimate(status)
             return {"errors": estimate.largest, "errors_at_end": estimate.at_end}
 
         return Watch(run, found)
@@ -97,7 +105,9 @@ def watch_coarser(model: Model) -> Watcher:
         def found(status: np.ndarray) -> Found:
             time, outputs = record.outputs()
             alive = np.isin(np.arange(status.size), begun.samples) & (status == Status.FINE)
-            other, kept = run_coarser(model, begun.system, begun.simulation, alive), watcher.empty(begun.samples.size)
+            kept = watcher.empty(begun.samples.size)
+            with _checking(begun):
+                other = run_coarser(model, begun.system, begun.simulation, alive)
             for place, sample in enumerate(begun.samples):
                 own = {name: values[:, sample] for name, values in outputs.items()}
                 errors = step_errors(model.scene, time, own, other, sample) if alive[sample] else None

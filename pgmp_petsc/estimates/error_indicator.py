@@ -26,7 +26,6 @@ from functools import cached_property
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.base.progress import doing
 from pgmp_petsc.controllers.running import AFTER
 from pgmp_petsc.estimates import reference_motion
 from pgmp_petsc.estimates.checking_model import CheckingModel, ErrorSystem
@@ -357,10 +356,7 @@ class WatchedSamples(Observer):
 
     def estimate(self, status: np.ndarray) -> Estimate:
         """Return the estimate once the run has ended with the status of the whole batch, shape (n_batch,)."""
-        found = []
-        for k, run in enumerate(self._runs):
-            with doing(f"errors of checked samples, {k} of {len(self._runs)}" if len(self._runs) > 1 else "errors"):
-                found.append(_nothing(self._outputs) if run is None else run.estimate(status))
+        found = [_nothing(self._outputs) if run is None else run.estimate(status) for run in self._runs]
         largest, at_end = (
             {name: np.concatenate([getattr(one, part)[name] for one in found]) for name in self._outputs}
             for part in ("largest", "at_end")
