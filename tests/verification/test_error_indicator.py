@@ -415,7 +415,7 @@ CASES = {
     "driven by a table": (in_plane, ("reduction.modes=3", *STARTED), False),
     "scaled cross-section": (in_plane, ("reduction.modes=3", *SCALED), False), "cells in space": (in_space, (), True),
     "beams in space": (beams_in_space, (), False), "two coordinates": (two_beams, ("reduction.angles=12",), False),
-    "three coordinates": (platform, ("reduction.angles=6", "parameters.radius={nominal=3e-3}"), False),
+    "three coordinates": (platform, ("reduction.angles=4", "parameters.radius={nominal=3e-3}"), False),
     "end stop": (every_effect, AT_STOP, False),
     "controller, two coordinates": (two_beams, ("reduction.angles=12", *LED), False),
     "sampled controller in space": (beams_in_space, SAMPLED, False),
