@@ -348,11 +348,8 @@ HELD = (
 )
 LED = (HELD[0], HELD[1] % ("shoulder", "first", "{table=[[0.0,0.0],[0.02,0.1],[1.0,0.2]]}", 40.0, 20.0, 1.0), HELD[2])
 SAMPLED = (
-    HELD[0],
-    HELD[1] % ("crank_hinge", "angle", 0.3, 6.0, 3.0, 0.3),
-    "controllers.hold.sample_time=1e-3",
-    HELD[2],
-)
+    HELD[0], HELD[1] % ("crank_hinge", "angle", 0.3, 6.0, 3.0, 0.3), "controllers.hold.sample_time=1e-3", HELD[2],
+)  # fmt: skip
 RUBBED = (
     "simulation.duration=0.05",
     'effects.rub={type="joint_friction", joint="crank_hinge", coefficient=0.3, radius=0.02, speed=0.5}',
