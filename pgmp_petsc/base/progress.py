@@ -5,7 +5,8 @@ every `EVERY` seconds; short work says nothing.
 A thread writes them, so that work of which no unit is done yet is seen to go on.
 
 The time left follows from the rate of the last part of the work, without the time that it waited for the compiler:
-the first part is slower as a rule. Units that are under way count by the share of their steps that is done.
+the first part is slower as a rule. Where units are not alike, it follows from what they are predicted to take, and from
+all of the work so far. Units that are under way count by the share of their steps that is done.
 
 Between counts a person at a terminal sees which phase goes on, and a log has a line of it (`Beat`): neither is without
 a word for longer than `EVERY`.
@@ -49,15 +50,18 @@ class Progress(AbstractContextManager):
     """A count of work, a context manager; what :func:`progress` returns.
 
     The total is None where it is not known before: a search ends when it ends. `initial` units were done before.
+    Of units that are not alike, `work` is what all of them are predicted to take; the time left follows from that.
     """
 
-    def __init__(self, total: float | None = None, initial: int = 0) -> None:
+    def __init__(self, total: float | None = None, initial: int = 0, work: float | None = None) -> None:
         self._total, self._done, self._part = total, initial, 0.0
+        self._work, self._worked = work, 0.0
         self._outer = len(_phases)
 
-    def update(self, n: int = 1) -> None:
-        """Count ``n`` further units of work as done."""
+    def update(self, n: int = 1, work: float = 0.0) -> None:
+        """Count ``n`` further units of work as done, which were predicted to take so much of all."""
         self._done += n
+        self._worked += work
         self.look()
 
     def within(self, units: float) -> None:
@@ -72,6 +76,11 @@ class Progress(AbstractContextManager):
     def beside(self) -> list[str]:
         """What is to be said beside the count, one or none: what work waits for, or else what goes on within it."""
         return _waits_for[-1:] or _phases[self._outer : self._outer + 1]
+
+    @property
+    def _of_all(self) -> tuple[float, float]:
+        """What is done, and of how much: units where these are alike, what they are predicted to take where not."""
+        return (self._so_far, self._total or 0.0) if self._work is None else (self._worked, self._work)
 
     @property
     def _so_far(self) -> float:
@@ -116,12 +125,13 @@ class Lines(Progress, _Watched):
         stream: TextIO,
         initial: int = 0,
         clock: Callable[[], float] = time.monotonic,
+        work: float | None = None,
     ) -> None:
-        Progress.__init__(self, total, initial)
+        Progress.__init__(self, total, initial, work)
         _Watched.__init__(self)
-        self._description, self._stream, self._clock, self._initial = description, stream, clock, initial
-        self._start = clock()
-        self._seen = deque([(0.0, float(initial))])  # s without waiting, units
+        self._description, self._stream, self._clock = description, stream, clock
+        self._start, self._initial = clock(), self._of_all[0]
+        self._seen = deque([(0.0, self._initial)])  # s without waiting, units or what they are predicted to take
         self._waited = waited(self._start)
         self._next = min([self._start + EVERY, *(max(one.due, self._start) for one in _beats)])
         self._said = -1  # the count of the last line
@@ -130,21 +140,23 @@ class Lines(Progress, _Watched):
     def look(self) -> None:
         """Write a line if it is time."""
         with self._turn:
-            now, done = self._clock(), self._so_far
+            now, (done, of) = self._clock(), self._of_all
             elapsed = now - self._start
             # what work waits for, such as the compiler, comes once: it does not tell how fast the rest goes
             worked = elapsed - (waited(now) - self._waited)
             if worked - self._seen[-1][0] >= NOTED:
                 self._seen.append((worked, done))
-            while len(self._seen) > 2 and self._seen[1][0] <= worked - max(RECENT * worked, EVERY):
+            # of units that are not alike, the last ones tell how far off predictions of their own kind are
+            recent = max(RECENT * worked, EVERY) if self._work is None else worked
+            while len(self._seen) > 2 and self._seen[1][0] <= worked - recent:
                 self._seen.popleft()
             if now < self._next:
                 return
             self._next = now + EVERY
-            left = 0.0 if self._total is None else self._total - done
+            left = of - done
             since, before = self._seen[0]
             known = left > 0.0 and done - before > 0.0 and worked - since >= NOTED and not _waits_for
-            known = known and done - self._initial >= TOLD * (self._total - self._initial)
+            known = known and done - self._initial >= TOLD * (of - self._initial)
             rest = f", about {_words((worked - since) * left / (done - before))} to go" if known else ""
             self._say(", ".join([f"{_words(elapsed)}{rest}", *self.beside]))
 
@@ -171,30 +183,44 @@ class Lines(Progress, _Watched):
             self._next = float("inf")
 
 
-def progress(total: int | None, description: str, comm: Comm, initial: int = 0) -> Progress:
+def progress(total: int | None, description: str, comm: Comm, initial: int = 0, work: float | None = None) -> Progress:
     """Return a count over ``total`` units of work, of which ``initial`` are done already; not collective.
 
-    Where the total is not known before (None), it says what is done, and not how much is left.
+    Where the total is not known before (None), it says what is done, and not how much is left. Units that are not alike
+    are counted with the work that they are predicted to take, of all `work`.
 
     Rank 0 shows a bar if stderr is a terminal, else a line now and then; the other ranks show nothing.
     """
     if comm.rank > 0 or _quiet.get():
         return Silent()
     if not sys.stderr.isatty():
-        return Lines(total, description, sys.stderr, initial)
+        return Lines(total, description, sys.stderr, initial, work=work)
     from tqdm import tqdm
 
-    bar = tqdm(total=total, desc=description, initial=initial, leave=False, dynamic_ncols=True, file=sys.stderr)
-    _bars[:] = [one for one in _bars if not one.disable] + [bar]  # a bar that is closed is disabled
-    return _Bar(bar)
+    class Bar(tqdm):
+        """A bar whose time left follows from what units are predicted to take, where they are not alike."""
+
+        count: _Bar
+
+        @property
+        def format_dict(self) -> dict[str, Any]:
+            shown = super().format_dict
+            done, of = self.count._of_all if work is not None and self.n else (0.0, 0.0)
+            if 0.0 < done < of:
+                shown["rate"] = done / (of - done) * (self.total - self.n) / max(shown["elapsed"], 1e-3)
+            return shown
+
+    count = Bar.count = _Bar(total, initial, work)
+    options = {"initial": initial, "leave": False, "dynamic_ncols": True, "file": sys.stderr}
+    count._bar = Bar(total=total, desc=description, **options)
+    _bars[:] = [one for one in _bars if not one.disable] + [count._bar]  # a bar that is closed is disabled
+    return count
 
 
 class _Bar(Progress):
     """A bar at a terminal; units within those under way move it too."""
 
-    def __init__(self, bar: tqdm) -> None:
-        super().__init__(bar.total, bar.n)
-        self._bar = bar
+    _bar: tqdm
 
     def look(self) -> None:
         """Move the bar, which never goes back: others may be less far with theirs."""

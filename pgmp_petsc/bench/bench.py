@@ -41,7 +41,14 @@ from pgmp_petsc.bench.history import (
     run_history,
     spacing,
 )
-from pgmp_petsc.bench.prices import duration_text, step_seconds
+from pgmp_petsc.bench.prices import (
+    amplitudes,
+    build_seconds,
+    component_step,
+    duration_text,
+    reduced_step,
+    step_seconds,
+)
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.lanes.vectors import LANES
@@ -145,6 +152,19 @@ class Bench:
         self._online: dict[tuple[Setting, int], np.ndarray] = {}
         self._steps: dict[Setting, float] = {}  # s of a step of a sample, of the runs at the test values
         self.spent_on: dict[Setting, np.ndarray] = {}  # wall and processor time of timed runs, shape (2,), s
+
+    def predicted(self, setting: Setting) -> float:
+        """Return the processor time that a setting is predicted to take at the test values, s; not collective."""
+        scene, mechanism = self.scene, self._subject.kinematics.mechanism
+        n_steps = setting.n_steps * (setting.nodes or self.training.n_samples)
+        if setting.component_modes:
+            return n_steps * component_step(mechanism, amplitudes(scene, mechanism, setting.component_modes))
+        if setting.reduction is None:
+            return n_steps * setting.refinement * self.reference.price.step
+        scene = scene.with_entries(reduction=setting.reduction)
+        n_local = sum(effect.local for effect in scene.effects.values())
+        step = reduced_step(setting.reduction.modes, len(scene.coordinates), scene.second_order, n_local)
+        return build_seconds(scene, mechanism) + n_steps * step
 
     # models of settings
 

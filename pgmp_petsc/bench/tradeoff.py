@@ -216,7 +216,9 @@ def _prepared(
 def _work(bench: Bench, tasks: Sequence[Task], title: str, comm: Comm) -> dict[Setting, Measured]:
     """Do tasks on all ranks; return what came of them on the first rank, nothing elsewhere. Collective on `comm`."""
     found: dict[Setting, Measured] = {}
-    with agreed(comm, title), progress(sum(map(len, tasks)), title, comm) as bar, without_progress():
+    seconds = [sum(map(bench.predicted, task)) for task in tasks]
+    bar = progress(sum(map(len, tasks)), title, comm, work=sum(seconds))
+    with agreed(comm, title), bar, without_progress():
 
         def work(number: int, pulse: Pulse) -> dict[Setting, Measured]:
             bench.pulse = lambda n_steps: pulse()
@@ -228,7 +230,7 @@ def _work(bench: Bench, tasks: Sequence[Task], title: str, comm: Comm) -> dict[S
 
         def take(number: int, measured: dict[Setting, Measured]) -> None:
             found.update(measured)
-            bar.update(len(measured))
+            bar.update(len(measured), seconds[number])
 
         deal(comm, len(tasks), work, take)
     return found

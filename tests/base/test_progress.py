@@ -76,6 +76,10 @@ def test_a_bar_is_shown_on_rank_0_where_a_person_is_watching(monkeypatch: pytest
     with progress(3, "samples", Rank(0), initial=1) as bar:
         bar.update(2)
     assert not isinstance(bar, (Lines, Silent)) and "samples" in sys.stderr.getvalue()
+    with progress(2, "settings", Rank(0), work=10.0) as bar:
+        bar.update(1, 1.0)
+        shown = bar._bar.format_dict
+        assert shown["rate"] * max(shown["elapsed"], 1e-3) == pytest.approx(1.0 / 9.0), "a tenth is done, not half"
     with progress(10, "samples", Rank(0)) as bar:  # samples under way count, and it never goes back
         for within, done, n in ((5.7, 0, 5), (0.0, 2, 5), (0.0, 8, 10)):
             bar.within(within)
@@ -109,6 +113,14 @@ def test_long_work_says_how_far_it_is() -> None:
         "full samples: 150 of 1000, 15 s, about 85 s to go",
     ]
     assert clock.lines()[-1] == "full samples: 1000 of 1000, 100 s", "the log says that it came to its end"
+    with Lines(3, "settings", (unlike := Clock()).stream, clock=unlike, work=100.0) as bar:
+        for seconds in (60.0, 30.0, 10.0):
+            unlike.now += seconds
+            bar.update(1, seconds)
+    assert unlike.lines()[:2] == [
+        "settings: 1 of 3, 60 s, about 40 s to go",
+        "settings: 2 of 3, 90 s, about 10 s to go",
+    ]
     with Lines(10, "samples", (short := Clock()).stream, clock=short) as bar:
         for _ in range(10):
             short.now += 0.49
