@@ -327,6 +327,4 @@ def uncoloured(fields: Mapping[str, BodyField], colour: str = "mises") -> list[s
 
 
 def in_space(points: np.ndarray) -> np.ndarray:
-    found = np.zeros((*points.shape[:-1], 3))
-    found[..., : points.shape[-1]] = points
-    return found
+    return np.pad(points, [(0, 0)] * (points.ndim - 1) + [(0, 3 - points.shape[-1])])
