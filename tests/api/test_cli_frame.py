@@ -200,7 +200,8 @@ def test_a_process_alone_starts_no_daemon(tmp_path, given, daemons, turns):
         "size = start_mpi().size\n"
         "children = open(f'/proc/self/task/{os.getpid()}/children').read().split()\n"
         "made = os.listdir(os.environ['TMPDIR'])\n"
-        "print(size, len(children), len(made), *seen, os.environ[turns], [name for name in ALONE if name in os.environ])"
+        "left = [name for name in ALONE if name in os.environ]\n"
+        "print(size, len(children), len(made), *seen, os.environ[turns], left)"
     )
     given = given | {"TMPDIR": str(tmp_path), "OMPI_MCA_mpi_yield_when_idle": "1"}
     # a test process that itself started MPI passes names on
