@@ -60,6 +60,10 @@ MPI_ENVIRONMENT = {
     "OMPI_MCA_pml": "ob1",
     "OMP_NUM_THREADS": "1",
 } | _sleeping()
+# A process alone waits for nobody: there MUMPS gives its turn away in some hundred looks for messages a solution, a
+# third of the time of a small one and, beside other processes, many times that.
+ALONE = {"OMPI_MCA_mpi_yield_when_idle": "0"}
+os.environ |= ALONE
 PGMP = ("-m", "pgmp_petsc.cli.main")
 # What takes long and has a shorter sibling in the suite: more ranks, a larger scene, another kind of compiled code. It
 # is left out where nobody asks for it, so that the suite ends within half an hour; `scripts/test --thorough` has it.
@@ -132,18 +136,15 @@ def run_mpi(n: int, *command: object, check_status: int | None = 0) -> subproces
         return pgmp(*command[2:], status=check_status)
     paths = [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    if n == 1:
+        environment |= ALONE
     # mpirun waits this long, and two seconds unless told, for ranks that write their last words before it kills them
     environment["OMPI_MCA_odls_base_sigkill_timeout"] = "0" if n == 1 else "1"
     arguments = ["mpirun", "-n", str(n), *warm_start.python(environment), *(str(word) for word in command)]
     process = subprocess.Popen(
-        arguments,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment,
+        arguments, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
         start_new_session=True,
-    )
+    )  # fmt: skip
     try:
         out, err = process.communicate(timeout=TIMEOUT_SECONDS)
     except subprocess.TimeoutExpired:

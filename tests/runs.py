@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import warm_start
-from conftest import MPI_ENVIRONMENT, PGMP, ROOT, TIMEOUT_SECONDS, run_mpi
+from conftest import ALONE, MPI_ENVIRONMENT, PGMP, ROOT, TIMEOUT_SECONDS, run_mpi
 from mpi4py import MPI
 
 from pgmp_petsc.bench.reference import component_model
@@ -242,7 +242,7 @@ def pgmp(*arguments: object, status: int | None = 0, cwd: Path | None = None) ->
     else:
         done = subprocess.run(
             [*warm_start.python(), *PGMP, *words], stdin=subprocess.DEVNULL, capture_output=True, text=True,
-            env=os.environ | MPI_ENVIRONMENT, cwd=cwd, timeout=TIMEOUT_SECONDS,
+            env=os.environ | MPI_ENVIRONMENT | ALONE, cwd=cwd, timeout=TIMEOUT_SECONDS,
         )  # fmt: skip
     shown = f"{words} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
     assert status is None or done.returncode == status, shown

@@ -420,14 +420,11 @@ class _Job:
     def _source(self, with_settings: bool) -> dict[str, object]:
         if self.model == "reduced":
             return {"source": self._of(ROM)}
-        settings = self.settings if with_settings else self._settings_of_fixed()
+        settings = self.settings
+        if not with_settings:  # what is drawn has none
+            drawn = uncertain_names(self.scene)
+            settings = tuple(one for one in settings if one.partition("=")[0].strip() not in drawn)
         return {"source": self.path, "model": self.model, "parameters": settings, "overrides": self.overrides}
-
-    def _settings_of_fixed(self) -> tuple[str, ...]:
-        names = [setting.partition("=")[0].strip() for setting in self.settings]
-        return tuple(
-            setting for name, setting in zip(names, self.settings) if self.scene.parameters[name].distribution is None
-        )
 
     def _made_from(self) -> str:
         """Return the checksum of the reduced model that a step runs; empty where there is none."""

@@ -7,12 +7,9 @@ where a parameter is uncertain) and without them; all with static modes where lo
 work of many others. Static stretching holds for larger deflections, but leaves out the vibrations that stretch bodies:
 where the deformation is small beside them, dynamic stretching goes further.
 
-Their times are predicted from their sizes alone, and those that are too costly are not tried. To build a basis of m
-flexible coordinates takes an eigenproblem at every configuration, others for modes at other parameter values, and with
-terms of second order a static answer for each of the ``m (m + 1) / 2`` pairs; their tables have m^3 entries for every
-affine term. To run it takes steps of a sample (`bench.prices.reduced_step`). Constants were measured on a common
-processor, of beams and cells in the plane and in space with 36 to 321 unknowns; predictions are within a factor of two
-or three, now and then four, and the same on any number of ranks.
+Their times are predicted from their sizes alone (docs/method.md, price of the candidates), and those that are too
+costly are not tried. With terms of second order a basis of m flexible coordinates takes a static answer for each of the
+``m (m + 1) / 2`` pairs; tables have m^3 entries for every affine term.
 """
 
 from __future__ import annotations

@@ -1,13 +1,11 @@
 """Cases, the scene under some loads with the values of some samples, and settings, the models to run them with.
 
-Tolerances are tried on parameter values and loads that span those of later runs. Parameters take their nominal value,
-their quantiles at three standard deviations of a normal distribution (bounds applied as an ensemble does), and the
-values half-way: alone, the others nominal (a star), and the outermost ones together (corners). Torques and forces over
-time take the scene's own tables, a half-sine pulse over the whole run, `PULSE` times as large as the largest value, and
-the own tables `HASTE` times as fast; harmonics are as much larger, and as much faster. The quicker a load sets in, the
-more it makes the bodies vibrate, and the smaller a step has to be: the step is found with the own tables alone, and
-with the pulse where it does not rise more than `HASTE` times as fast. Loads that set in at once are tried where they
-are the scene's own, and not otherwise: no step and no small basis follows what they set off.
+Tolerances are tried on parameter values and loads that span those of later runs (docs/method.md, tolerances instead of
+knobs): quantiles alone, the others nominal (a star), and the outermost ones together (corners); the own tables, a pulse
+over the whole run (`PULSE`), and the own tables `HASTE` times as fast. The quicker a load sets in, the more it makes
+the bodies vibrate, and the smaller a step has to be: the step is found with the own tables alone, and with the pulse
+where it does not rise more than `HASTE` times as fast. Loads that set in at once are tried where they are the scene's
+own, and not otherwise: no step and no small basis follows what they set off.
 
 A trade-off is measured at quantiles of the distributions, spread over all of them by a Latin hypercube with a
 fixed seed; the nodes of response surfaces lie elsewhere. Where bounds cut a distribution off, so do they here: an

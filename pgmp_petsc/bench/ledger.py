@@ -50,11 +50,17 @@ class Ledger:
     def add_trial(self, part: str, keys: tuple[str, ...], trial: Trial, errors: Errors, cost: float = 0.0) -> None:
         """Note a candidate; `errors` are those that count for the part."""
         entries = {key: getattr(trial.reduction, key) for key in keys}
-        self._add(part, entries, trial.n_steps, errors, cost, trial.seconds, trial.reason)
+        self.add(part, entries, trial.n_steps, errors, cost, trial.seconds, trial.reason)
 
-    def add_step(self, entries: Mapping[str, Any], n_steps: int, errors: Errors) -> None:
-        """Note a step."""
-        self._add("step", entries, n_steps, errors, 0.0, 0.0, "")
+    def add(
+        self, part: str, entries: Mapping[str, Any], n_steps: int, errors: Errors, cost: float = 0.0,
+        seconds: float = 0.0, reason: str = "",
+    ) -> None:  # fmt: skip
+        """Note an attempt; one that is looked at again, under more loads, takes the place of the first look."""
+        self.attempts = [a for a in self.attempts if (a.part, a.entries, a.n_steps) != (part, entries, n_steps)]
+        self.attempts.append(
+            Attempt(part, entries, n_steps, errors.by_output, errors.largest, errors.where, cost, seconds, reason)
+        )
 
     def best(self, part: str) -> Attempt | None:
         """Return the attempt with the smallest error; of candidates, among those with the step of the last one."""
@@ -63,13 +69,6 @@ class Ledger:
         if part != "step":
             tried = [attempt for attempt in tried if attempt.n_steps == of_part[-1].n_steps]
         return min(tried, key=lambda attempt: attempt.largest) if tried else None
-
-    def _add(self, part, entries, n_steps, errors: Errors, cost, seconds, reason) -> None:
-        # what is looked at again, under more loads, takes the place of the first look
-        self.attempts = [a for a in self.attempts if (a.part, a.entries, a.n_steps) != (part, entries, n_steps)]
-        self.attempts.append(
-            Attempt(part, entries, n_steps, errors.by_output, errors.largest, errors.where, cost, seconds, reason)
-        )
 
 
 def refuse(

@@ -1,11 +1,9 @@
 """The reference: the model that errors are measured against, chosen by what its runs are predicted to take.
 
-The mesh is the truth of a scene. Where its runs take longer than ``reference.budget`` allows, the component model takes
-its place, with more modes than any basis that is tried; how far that model is from the mesh is then measured at as many
-points as a tenth of the budget pays for, and over as much of the run. What is predicted follows from sizes alone
-(`prices.Price`): the choice is the same for any number of ranks. Its step, in a trade-off, is halved until it no
-longer matters: until the last halving moved every output by less than a tenth of the smallest error that any setting
-has against it. For an integrator of order two, what remains is then a third of that move.
+The mesh is the truth of a scene; where its runs are too costly the component model takes its place (docs/method.md,
+tolerances instead of knobs). Its step, in a trade-off, is halved until the last halving moved every output by less than
+a tenth of the smallest error that any setting has against it. For an integrator of order two, what remains is then a
+third of that move.
 
 A subject is a scene, its bodies as they come and condensed, and their rigid kinematics, made once. Numbers of steps are
 counted by the period of the first flexible mode at the start. Its frequency is the lowest one of the mechanism at

@@ -332,7 +332,7 @@ class StepChoice:
 
     def _note(self, n_steps: int, errors: Errors, model: str = "") -> None:
         step = self._bench.scene.simulation.step if self.kept else self._step_of(n_steps)
-        self._ledger.add_step({"step": step, "model": model or self._model}, n_steps, errors)
+        self._ledger.add("step", {"step": step, "model": model or self._model}, n_steps, errors)
 
 
 def settle_step(model: AnyModel, comm: Comm, ensemble: bool) -> tuple[AnyModel, str]:

@@ -17,15 +17,11 @@ The largest of many points has kinks where another point takes over, and a kink 
 run has none of the highest: there a band counts where it is `PEAK` times those around it.
 
 **Lower order.** Friction turns a vibration that is lost into slow motion, and a contact of a few steps pushes by what
-the steps happen to see of it: the order is anything below two. What is left of d counts a seventh then (`ROUGH`), which
-is within a factor of 3.5 of the order two and of the order 0.6; that estimate is unsure, and said so. Where a force
-jumps over time, or a formula does, the order is one, and nearly at random what a step sees of the jump.
+the steps happen to see of it: the order is anything below two. What is left of d counts a seventh then (`ROUGH`), and
+the estimate is unsure. Where a force jumps over time, or a formula does, the order is one.
 
-The coarser run has a fifth of the steps, or as few as let each sampling of a controller be at the end of one
-(`times_of`), and no other record than the outputs. A step whose iteration fails is tried once more, and then taken in
-parts, the steps of the run itself. The run is given up where its work would be more than a share of the other's
-(`most_of`). The estimate ends there, or a tenth before it fails or most steps begin to be taken in parts, in which
-it runs away.
+How many steps the coarser run has (`times_of`), what is done where one fails, and where the run is given up (`most_of`)
+and the estimate ends: docs/method.md, the time step of full-order and component runs.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -208,8 +209,7 @@ def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list
 
 def _tint(colour: str) -> str:
     """Return a colour mixed with white, for areas."""
-    parts = [int(colour[place : place + 2], 16) for place in (1, 3, 5)]
-    return "#" + "".join(f"{round(255 - 0.3 * (255 - part)):02X}" for part in parts)
+    return to_hex(1.0 - 0.3 * (1.0 - np.array(to_rgb(colour))))
 
 
 OPACITY = 0.45  # of all bands over each other, where they are darkest

@@ -213,12 +213,10 @@ def _draw_errors(axes: Axes, comparisons: Sequence[Comparison], output: str) -> 
     axes.set_ylim(bottom=0.0)
     axes.yaxis.set_major_formatter(style.PlainNumbers())
     axes.set_ylabel("error (%)")
+    said = "not known: zero, or nothing to compare with"
     if largest:
-        axes.set_title(
-            f"at most {plain(max(largest))} % of the full-order maximum", fontsize=8.5, color=style.QUIET, pad=4.0
-        )
-    else:
-        axes.set_title("not known: zero, or nothing to compare with", fontsize=8.5, color=style.QUIET, pad=4.0)
+        said = f"at most {plain(max(largest))} % of the full-order maximum"
+    axes.set_title(said, fontsize=8.5, color=style.QUIET, pad=4.0)
 
 
 def _keys(comparisons: Sequence[Comparison], labels: Sequence[str]) -> list[Artist]:

@@ -27,6 +27,7 @@ from pgmp_petsc.stepping.static_equilibrium import LONGEST, cause_of, iterate_at
 TURN = 1e-6  # of differences, in rad or of the mechanism's size
 TORQUE = 1e-3  # of differences along torques, in units of those that are left
 SHAPE = 1e-4  # of differences along flexible coordinates, in units of the mechanism's size or of 1 rad
+STATES = 4096  # whose angles are looked at together
 MAX_STEPS = 60  # the slopes of the joints follow the deformation from step to step
 
 
@@ -184,10 +185,11 @@ class JointAngles:
 
     def gradient(self, eta: np.ndarray) -> np.ndarray:
         """Return the derivatives of the angles, shape (n, n_theta, n_eta)."""
-        result = []
-        for i, step in enumerate(self._steps):
-            ahead, behind = eta.copy(), eta.copy()
-            ahead[:, i] += step
-            behind[:, i] -= step
-            result.append((self.of(ahead) - self.of(behind)) / (2.0 * step))
-        return np.stack(result, axis=2)
+        (n, n_eta), result = eta.shape, []
+        at_once = max(1, STATES // (2 * n))
+        for first in range(0, n_eta, at_once):
+            steps = np.diag(self._steps)[first : first + at_once]
+            moved = eta + np.stack([steps, -steps])[:, :, None]  # (side, coordinate, sample, n_eta)
+            ahead, behind = self.of(moved.reshape(-1, n_eta)).reshape(*moved.shape[:3], -1)
+            result.append((ahead - behind) / (2.0 * self._steps[first : first + at_once, None, None]))
+        return np.moveaxis(np.concatenate(result), 0, 2)

@@ -2,20 +2,7 @@
 
 Numbers are None where a figure is not known or infinite (an end of an interval that too few samples leave open). Values
 are in the units beside them, those of the scene. Tables have columns with their units in the first line of a CSV file,
-all digits.
-
-=================== ==================================================================================================
-result              rows and columns
-=================== ==================================================================================================
-trajectory          instants: time, outputs
-ensemble            samples: number, status (0 = fine), parameters, outputs at the end; extremes over time and first
-                    passages where it has them
-table of modes      configurations: coordinates, frequencies of the full-order and of the reduced model
-trade-off study     settings: name, errors of the outputs, times
-sensitivities       instants: time, outputs, derivatives of each output with each parameter
-=================== ==================================================================================================
-
-What is no column (statistics, shapes, remarks, the scene) is in the HDF5 files alone.
+all digits; docs/first_steps.md (figures for other programs) has which results have one, and of what.
 """
 
 from __future__ import annotations

@@ -3,21 +3,15 @@
 A run that stopped before its end has a `status` other than 0, the number of the reason (`stepping.status`); the file
 then holds the run up to there, and a remark says why.
 
-Bodies as they can be seen at the instants of a trajectory's frames: displacements and stresses over all of them.
+Fields are of every body whose mesh the model knows. Where a node has several values, of materials or of beams that meet
+there, it has what an output with `at` reports there. Where the rigid mechanism does not exist, deformation is not a
+number.
 
-Of every body whose mesh the model knows. Where a node has several values, of materials or of beams that meet there, it
-has what an output with `at` reports there. Where the rigid mechanism does not exist, deformation is not a number.
+In a file every frame has its own arrays of three components, so that XDMF can refer to them as they are.
 
-The nodes of all bodies are numbered one body after the other, and every frame has its own arrays of three components:
-XDMF can then refer to them as they are. In memory, :class:`Frames` keeps them body by body.
-
-Eigenfrequencies over the configurations, of the full-order model and of the reduced one beside it.
-
-Frequencies rise along the last axis. Rigid motion is left out, but for what linear springs resist anywhere: that
+Eigenfrequencies rise along the last axis. Rigid motion is left out, but for what linear springs resist anywhere: that
 vibrates, and is 0 at dead centres. Frequencies f below zero are motions that grow as ``exp(2 pi |f| t)``. With more
 than one coordinate the configurations are a grid over all of them, the last running fastest.
-
-One mode of vibration of a mechanism at a configuration, as it can be seen.
 
 For ParaView, an XDMF file (version 3, https://www.xdmf.org) keeps the description in XML and points into the
 trajectory's own HDF5 file, so nothing is copied: each array is named as ``<file>:<dataset>``, with the file relative to

@@ -254,9 +254,12 @@ def _nowhere(search: Search, theta: np.ndarray, origin: np.ndarray, torques: np.
         free = ((torques[sample, k], search.coordinates[k]) for k in search.free)
         left = ", ".join(f"{torque:.3g} {'N m' if c.turns else 'N'} on {c.name}" for torque, c in free)
         first, last = (words_of(search.coordinates, where[sample]) for where in (origin, theta))
+        beyond = (theta[sample] < search.lower) | (theta[sample] > search.upper)
+        ranges = " and ".join(f"coordinates.{search.coordinates[k].name}.range" for k in np.flatnonzero(beyond))
+        within, cure = (f" within {ranges}", f"Widen {ranges}, give what") if ranges else ("", "Give what")
         return (
             f'initial.coordinates = "free": from {first} the loads at time zero pull the '
-            f"mechanism to no static equilibrium; at {last} they leave {left}. Give what "
+            f"mechanism to no static equilibrium{within}; at {last} they leave {left}. {cure} "
             'holds it against them, another start in simulation.initial, or take coordinates = "held"'
         )
 

@@ -97,7 +97,7 @@ from runs import full_model, quick_return, run_model
 from pgmp_petsc.stepping.generalised_alpha import integrate
 
 for radius in (0.8, 1.0):
-    scene = quick_return("simulation.duration=0.1", f"simulation.spectral_radius={radius}")
+    scene = quick_return("simulation.duration=0.03", f"simulation.spectral_radius={radius}")
     model = full_model(scene)
     with model.distributed(scene.values, MPI.COMM_WORLD) as system:
         run = integrate(system, scene.simulation)

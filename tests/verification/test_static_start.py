@@ -187,6 +187,10 @@ def test_a_torque_that_nothing_holds_is_refused_with_what_it_leaves() -> None:
         motion(model)
     run = integrate(model.batch({}, 2), scene.simulation)
     assert (run.status == Status.NO_EQUILIBRIUM).all() and (run.failure_time == 0.0).all()
+    narrow = BAR.replace("range = [0.0, 6.283185307179586]\nperiodic = true", "range = [-1.0, 1.0]")
+    out = r"equilibrium within coordinates\.phi\.range; at phi = -1.* rad .* on phi\. Widen coordinates\.phi\.range, "
+    with pytest.raises(InputError, match=out):
+        motion("full", scene_of(narrow, "free"))
 
 
 @pytest.mark.parametrize(("entry", "message"), [
