@@ -101,12 +101,9 @@ def _cards(fields: Sequence[str], n: int) -> list[str]:
 
 
 WRITERS = {
-    "abaqus.mtx": write_abaqus,
-    "coordinate.mtx": write_coordinates,
-    "market.mtx": write_market,
-    "sparse.npz": write_npz,
-    "hbmat.matrix": write_harwell_boeing,
-}
+    "abaqus.mtx": write_abaqus, "coordinate.mtx": write_coordinates, "market.mtx": write_market,
+    "sparse.npz": write_npz, "hbmat.matrix": write_harwell_boeing,
+}  # fmt: skip
 
 
 def write_body(

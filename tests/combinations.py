@@ -73,19 +73,16 @@ range = [-0.3, 0.6]
 
 #: A scene of every kind of mechanism; joints crank_hinge and elbow (shoulder and elbow of two coordinates).
 KINDS = {
-    "beams": PLANE,
-    "two coordinates": PARAMETER + without_effects(DOUBLE_PENDULUM),
+    "beams": PLANE, "two coordinates": PARAMETER + without_effects(DOUBLE_PENDULUM),
     "cells in the plane": PLANE.replace(BEAM, SOLID).replace(ROD, ROD_OF_CELLS),
-    "mixture": PLANE.replace(ROD, ROD_OF_CELLS),
-    "matrices": PLANE.replace(ROD, ROD_OF_MATRICES),
-    "solids in space": SPATIAL,
-    "beams in space": SPATIAL.replace(OF_CELLS, IN_A_LINE),
+    "mixture": PLANE.replace(ROD, ROD_OF_CELLS), "matrices": PLANE.replace(ROD, ROD_OF_MATRICES),
+    "solids in space": SPATIAL, "beams in space": SPATIAL.replace(OF_CELLS, IN_A_LINE),
     "beam and solid in space": SPATIAL.replace(OF_CELLS, IN_A_LINE, 1),
     "rigid crank in space": SPATIAL.replace('mesh = "0.0:0.3:2"', 'mesh = "0.0:0.3:2"\nflexible = false'),
     "all rigid in space": SPATIAL.replace('material = "steel"', 'material = "steel"\nflexible = false'),
     "all rigid in the plane": PLANE.replace('material = "steel"', 'material = "steel"\nflexible = false'),
     "three coordinates": PARAMETER + without_effects(DOUBLE_PENDULUM) + HAND,
-}
+}  # fmt: skip
 WHEEL = (
     "bodies.wheel={{rigid={{mass=0.1,inertia={moments},points={{hub={origin}}}}}}}",
     'joints.sleeve={{{turns},connect=["ground:origin","wheel:hub"]}}',

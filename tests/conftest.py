@@ -142,14 +142,9 @@ def run_mpi(n: int, *command: object, check_status: int | None = 0) -> subproces
     environment["OMPI_MCA_odls_base_sigkill_timeout"] = "0" if n == 1 else "1"
     arguments = ["mpirun", "-n", str(n), *warm_start.python(environment), *(str(word) for word in command)]
     process = subprocess.Popen(
-        arguments,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment,
+        arguments, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
         start_new_session=True,
-    )
+    )  # fmt: skip
     try:
         out, err = process.communicate(timeout=TIMEOUT_SECONDS)
     except subprocess.TimeoutExpired:

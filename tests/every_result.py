@@ -42,14 +42,11 @@ def run_in_space() -> Any:
     """Return a full-order run of bodies in space that stopped, with two coordinates."""
     run = fielded.block_run()
     return replace(
-        run,
-        status=2,
-        steps_divided=4,
-        coordinates=np.ones((len(run.time), 2)),
+        run, status=2, steps_divided=4, coordinates=np.ones((len(run.time), 2)),
         coordinate_units={"theta": "rad", "reach": "m"},
         record=replace(run.record, remarks=(Remark("note", "it stopped"),), seed=3),
         errors=EstimatedErrors(run.time, {"crank_angle": 0.5 * run.time}, {"crank_angle": 2.0}, OF_STEP),
-    )
+    )  # fmt: skip
 
 
 def ensemble_with_all() -> Any:
@@ -78,12 +75,9 @@ def ensemble_with_all() -> Any:
         np.ones((2, 2, 2)),
     )  # fmt: skip
     return replace(
-        found,
-        balance={"residual": np.ones(12), "exchanged": np.full(12, 2.0)},
-        kept={"unstable_start": np.zeros(12), "bands.crank_angle": np.ones((8, 21))},
-        joined=joined,
-        stopping=stopping,
-    )
+        found, balance={"residual": np.ones(12), "exchanged": np.full(12, 2.0)},
+        kept={"unstable_start": np.zeros(12), "bands.crank_angle": np.ones((8, 21))}, joined=joined, stopping=stopping,
+    )  # fmt: skip
 
 
 def derivatives_with_contacts() -> Any:
@@ -128,28 +122,18 @@ SELECTION = Selection(
 SIZES = EffectSizes(
     1e-3,
     (EffectSize("motor", "torque", 0.5, True, "of the energy"), EffectSize("", "gravity", np.nan, False, "from 1 kg")),
-    {"theta": 6.5},
-    2.0,
-    ("the scene leaves out gravity",),
-    {"theta": "rad"},
-)
+    {"theta": 6.5}, 2.0, ("the scene leaves out gravity",), {"theta": "rad"},
+)  # fmt: skip
 
 PARTS = (SELECTION, SIZES)
 RESULTS = {
-    "trajectory": run_with_all,
-    "trajectory_in_space": run_in_space,
-    "ensemble": ensemble_with_all,
-    "ensemble_bare": lambda: synthetic.ensemble("full", 12),
-    "shard": synthetic.shard,
+    "trajectory": run_with_all, "trajectory_in_space": run_in_space, "ensemble": ensemble_with_all,
+    "ensemble_bare": lambda: synthetic.ensemble("full", 12), "shard": synthetic.shard,
     "modes": lambda: synthetic.modes_table(n_theta=5, reduced=False),
-    "modes_two_coordinates": modes_over_two_coordinates,
-    "tradeoff": synthetic.tradeoff,
-    "sensitivities": derivatives_with_contacts,
-    "fit": synthetic.fitted,
-    "design": synthetic.designed,
-    "design_robust": robust_design,
-    "rare_event": rare_with_design_points,
-}
+    "modes_two_coordinates": modes_over_two_coordinates, "tradeoff": synthetic.tradeoff,
+    "sensitivities": derivatives_with_contacts, "fit": synthetic.fitted, "design": synthetic.designed,
+    "design_robust": robust_design, "rare_event": rare_with_design_points,
+}  # fmt: skip
 
 
 def listing(path: Path) -> str:

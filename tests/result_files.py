@@ -33,13 +33,10 @@ def written_by_commands(folder: Path, *launcher: object, further: Sequence[list[
     """
     rom, run, ensemble, derivatives, full = (str(folder / f"{name}.h5") for name in (*KINDS, "full"))
     calls = [
-        ["build", str(PAPER_SCENE), "-o", rom, *overridden(*QUICK)],
-        ["simulate", rom, "-o", run, "--set", "r1=5e-3"],
-        ["montecarlo", rom, "-n", "12", "--seed", "7", "-o", ensemble],
-        ["sensitivities", rom, "-o", derivatives],
-        ["simulate", str(PAPER_SCENE), "--full", "-o", full, "--set", "r1=5e-3", *overridden(*QUICK)],
-        *further,
-    ]
+        ["build", str(PAPER_SCENE), "-o", rom, *overridden(*QUICK)], ["simulate", rom, "-o", run, "--set", "r1=5e-3"],
+        ["montecarlo", rom, "-n", "12", "--seed", "7", "-o", ensemble], ["sensitivities", rom, "-o", derivatives],
+        ["simulate", str(PAPER_SCENE), "--full", "-o", full, "--set", "r1=5e-3", *overridden(*QUICK)], *further,
+    ]  # fmt: skip
     done = in_turn(calls, *launcher)
     assert statuses(done) == [0] * len(calls), done.stdout + done.stderr
     return folder

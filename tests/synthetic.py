@@ -37,16 +37,12 @@ def trajectory(model: str = "full", r1: float = 5.6e-3, n_frames: int = 60, n_ti
         "slider_deformation": deformation * (1.0 + wrong * 0.04 * np.cos(9.0 * time)),
     }
     return results.Trajectory(
-        model=model,
-        record=record(r1),
-        time=time,
-        outputs=outputs,
-        units={"crank_angle": "rad", "slider_position": "m", "slider_deformation": "m"},
-        coordinates=angle[:, None],
+        model=model, record=record(r1), time=time, outputs=outputs,
+        units={"crank_angle": "rad", "slider_position": "m", "slider_deformation": "m"}, coordinates=angle[:, None],
         modal=np.outer(wave, np.arange(3.0)) if model == "reduced" else None,
         errors=errors(time, outputs) if model == "reduced" else None,
         frames=frames(np.linspace(0.0, 1.0, n_frames), r1) if n_frames else None,
-    )
+    )  # fmt: skip
 
 
 def errors(time: np.ndarray, outputs: dict[str, np.ndarray]) -> results.EstimatedErrors:
@@ -99,18 +95,13 @@ def ensemble(model: str = "full", n_samples: int = 2000, n_failed: int = 3, seed
         for values in outputs.values():
             values[-n_failed:] = np.nan
     return results.Ensemble(
-        model=model,
-        record=record(seed=seed),
-        parameters={"r1": r1},
-        outputs=outputs,
-        units={"r1": "m", "crank_angle": "rad", "slider_deformation": "m"},
-        status=status,
-        meanings={0: "fine", 2: "Newton's method did not converge"},
-        failure_time=failure_time,
+        model=model, record=record(seed=seed), parameters={"r1": r1}, outputs=outputs,
+        units={"r1": "m", "crank_angle": "rad", "slider_deformation": "m"}, status=status,
+        meanings={0: "fine", 2: "Newton's method did not converge"}, failure_time=failure_time,
         steps_divided=np.ones(n_samples, dtype=np.int32),
         statistics={name: statistics(values) for name, values in (outputs | {"r1": r1}).items()},
         **(estimates(outputs) if model == "reduced" else {}),
-    )
+    )  # fmt: skip
 
 
 def estimates(outputs: dict[str, np.ndarray], n_checked: int = 20) -> dict[str, dict[str, np.ndarray]]:
@@ -282,19 +273,13 @@ def tradeoff(
     family, step, refinement, nodes, modes, static, angles, first, second, offline, batch, single = zip(*rows)
     reduced = np.array([name == "reduced" for name in family])
     columns = {
-        "step": np.array(step),
-        "refinement": np.array(refinement),
-        "nodes": np.array(nodes),
-        "modes": np.where(reduced, modes, 0),
-        "component_modes": np.where(np.array(family) == "components", modes, 0),
-        "static_modes": np.array(static),
-        "angles": np.array(angles),
-        "second_order": np.zeros(len(rows), dtype=bool),
-        "inertia_modes": np.zeros(len(rows), dtype=bool),
-        "parameter_modes": np.zeros(len(rows), dtype=int),
+        "step": np.array(step), "refinement": np.array(refinement), "nodes": np.array(nodes),
+        "modes": np.where(reduced, modes, 0), "component_modes": np.where(np.array(family) == "components", modes, 0),
+        "static_modes": np.array(static), "angles": np.array(angles), "second_order": np.zeros(len(rows), dtype=bool),
+        "inertia_modes": np.zeros(len(rows), dtype=bool), "parameter_modes": np.zeros(len(rows), dtype=int),
         "interpolation": np.where(reduced, "spline", "").astype(object),
         "coordinates": np.where(reduced, 1 + np.array(modes) + np.array(static), 36),
-    }
+    }  # fmt: skip
     return results.Tradeoff(
         record=record(),
         units=dict(list({"crank_angle": "rad", "slider_deformation": "m"}.items())[:n_outputs]),

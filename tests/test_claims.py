@@ -151,19 +151,14 @@ def test_directories_that_cannot_be_written_to(tmp_path: Path, monkeypatch: pyte
 @pytest.mark.parametrize(
     ("path", "said"),
     [
-        ("nowhere/f.h5", "nowhere' does not exist; create it"),
-        ("file/f.h5", "cannot be written: Not a directory"),
-        (".", "is a directory; give the name of a file in it"),
-        ("ä" * 125, "its name has 250 bytes; allowed: 239"),
-        ("x" * 300, "File name too long"),
-        ("/".join(["x" * 200] * 30), "File name too long"),
-        ("a", "Too many levels of symbolic links"),
-        ("pipe", "is a device, a pipe or a socket"),
-        ("socket", "is a device, a pipe or a socket"),
-        ("/dev/null", "is a device, a pipe or a socket"),
+        ("nowhere/f.h5", "nowhere' does not exist; create it"), ("file/f.h5", "cannot be written: Not a directory"),
+        (".", "is a directory; give the name of a file in it"), ("ä" * 125, "its name has 250 bytes; allowed: 239"),
+        ("x" * 300, "File name too long"), ("/".join(["x" * 200] * 30), "File name too long"),
+        ("a", "Too many levels of symbolic links"), ("pipe", "is a device, a pipe or a socket"),
+        ("socket", "is a device, a pipe or a socket"), ("/dev/null", "is a device, a pipe or a socket"),
     ],
     ids=lambda text: text[:30],
-)
+)  # fmt: skip
 def test_places_where_no_result_can_be(path: str, said: str, tmp_path: Path) -> None:
     check_output(tmp_path / ("x" * 230), "rom")
     (tmp_path / "file").touch()

@@ -170,18 +170,15 @@ def test_scenes_and_templates_are_those_of_the_schema(path: Path, validate) -> N
 @pytest.mark.parametrize(
     ("part", "entry"),
     [
-        ("[bodies.crank]\nmash = 'x.msh'", "crank"),
-        ("[materials.steel]\nE = -1.0\nnu = 0.3\nrho = 7800.0", "steel"),
+        ("[bodies.crank]\nmash = 'x.msh'", "crank"), ("[materials.steel]\nE = -1.0\nnu = 0.3\nrho = 7800.0", "steel"),
         ("[materials.steel]\nE = 2e11\nnu = 0.5\nrho = 7800.0", "steel.nu"),
         ("[effects.motor]\ntype = 'torc'\njoint = 'crank_hinge'", "effects.motor"),
-        ("[reduction]\nangles = 1e7", "reduction"),
-        ("[reduction]\nmodes = 0", "reduction.modes"),
+        ("[reduction]\nangles = 1e7", "reduction"), ("[reduction]\nmodes = 0", "reduction.modes"),
         ("[simulation]\nspectral_radius = 1.5", "simulation.spectral_radius"),
         ("[joints.slider]\ntype = 'point_on_line'\nconnect = ['ground', 'rod:tip']\ndirection = [1.0, 0.0]", "slider"),
-        ("[ground.points]\npost = [1.0]", "post"),
-        ("effects = 'all'", "effects"),
+        ("[ground.points]\npost = [1.0]", "post"), ("effects = 'all'", "effects"),
     ],
-)
+)  # fmt: skip
 def test_what_the_schema_refuses_is_refused(part: str, entry: str, validate) -> None:
     """Editors underline nothing that a scene may say."""
     tables = merged(BASE.read_text(encoding="utf-8"), part)

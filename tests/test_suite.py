@@ -90,18 +90,13 @@ def test_every_module_of_the_suite(find: Callable[[ast.AST], Iterator[str]]) -> 
 @pytest.mark.parametrize(
     ("find", "text"),
     [
-        (lost_cases, "{'a': 1, 'b': 2, 'a': 3}"),
-        (lost_cases, "def f(): pass\ndef f(): pass"),
-        (unseeded, "import random\nrandom.randint(3, 9)"),
-        (unseeded, "import random\nrandom.Random()"),
-        (unseeded, "np.random.default_rng()"),
-        (unseeded, "np.random.normal(3)"),
-        (unseeded, "stats.norm().rvs(3)"),
-        (short_limits, "run(timeout=60)"),
-        (short_limits, "process.wait(60)"),
+        (lost_cases, "{'a': 1, 'b': 2, 'a': 3}"), (lost_cases, "def f(): pass\ndef f(): pass"),
+        (unseeded, "import random\nrandom.randint(3, 9)"), (unseeded, "import random\nrandom.Random()"),
+        (unseeded, "np.random.default_rng()"), (unseeded, "np.random.normal(3)"), (unseeded, "stats.norm().rvs(3)"),
+        (short_limits, "run(timeout=60)"), (short_limits, "process.wait(60)"),
         (short_limits, "time.monotonic() + 60.0"),
     ],
-)
+)  # fmt: skip
 def test_what_is_looked_for_is_found(find: Callable[[ast.AST], Iterator[str]], text: str) -> None:
     assert len(list(find(ast.parse(text)))) == 1
 

@@ -11,39 +11,15 @@ from scenes import SLIDER_CRANK, meshes_of, tables
 
 # the fewest settings in which every kind of line occurs
 TINY = Sweep(
-    modes=(3,),
-    angles=(16,),
-    schemes=("overhauser",),
-    parameter_modes=(1,),
-    own_modes=(),
-    own_angles=(),
-    own_others=False,
-    finer=1,
-    coarser=1,
-    tensor_modes=(2,),
-    tensor_angles=12,
-    refinements=(2,),
-    finest=4,
-    component_modes=(3,),
-    surfaces=2,
-    repeats=1,
-    few_repeats=1,
-    reference_halvings=(4, 3),
-)
+    modes=(3,), angles=(16,), schemes=("overhauser",), parameter_modes=(1,), own_modes=(), own_angles=(),
+    own_others=False, finer=1, coarser=1, tensor_modes=(2,), tensor_angles=12, refinements=(2,), finest=4,
+    component_modes=(3,), surfaces=2, repeats=1, few_repeats=1, reference_halvings=(4, 3),
+)  # fmt: skip
 # the scene's own setting and the full order: five tasks
 LEAST = replace(
-    TINY,
-    modes=(),
-    angles=(),
-    schemes=(),
-    parameter_modes=(),
-    tensor_modes=(),
-    refinements=(),
-    finest=2,
-    component_modes=(),
-    surfaces=0,
-    finer=0,
-)
+    TINY, modes=(), angles=(), schemes=(), parameter_modes=(), tensor_modes=(), refinements=(), finest=2,
+    component_modes=(), surfaces=0, finer=0,
+)  # fmt: skip
 OUTPUTS = tables("""
 outputs.crank_angle: type = "angle"; joint = "crank_hinge"
 outputs.slider_deformation: type = "deformation"; point = "rod:tip"; axis = "x"

@@ -69,20 +69,15 @@ def test_processes_that_were_started_together_are_refused(monkeypatch: pytest.Mo
 
 
 ASKED: dict[str, Callable] = {
-    "rank": lambda comm: (comm.rank, comm.size),
-    "bcast": lambda comm: comm.bcast({"a": 1}, root=0),
-    "gather": lambda comm: comm.gather((1, 2)),
-    "allgather": lambda comm: comm.allgather("x"),
+    "rank": lambda comm: (comm.rank, comm.size), "bcast": lambda comm: comm.bcast({"a": 1}, root=0),
+    "gather": lambda comm: comm.gather((1, 2)), "allgather": lambda comm: comm.allgather("x"),
     "allreduce": lambda comm: comm.allreduce(2.5),
     "sum of arrays": lambda comm: comm.allreduce(np.arange(3.0)).tolist(),
-    "Split": lambda comm: comm.Split(color=3, key=comm.rank).size,
-    "Dup": lambda comm: comm.Dup().rank,
-    "on_root": lambda comm: on_root(comm, max, 3, 4),
-    "agreed": lambda comm: _message(comm),
-    "deal": lambda comm: _dealt(comm),
-    "groups": lambda comm: _groups(comm),
+    "Split": lambda comm: comm.Split(color=3, key=comm.rank).size, "Dup": lambda comm: comm.Dup().rank,
+    "on_root": lambda comm: on_root(comm, max, 3, 4), "agreed": lambda comm: _message(comm),
+    "deal": lambda comm: _dealt(comm), "groups": lambda comm: _groups(comm),
     "memory": lambda comm: free_share(comm) is None,
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("what", ASKED)

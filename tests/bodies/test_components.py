@@ -221,16 +221,12 @@ def invariants(arrays: Mapping[str, np.ndarray], modulus: float, n_frame: int) -
     shifted = stiffness + lowest * mass
     answers = np.linalg.solve(shifted, np.hstack([fields, np.eye(len(mass), n_frame)]))
     return {
-        "eigenvalues": values[elastic] / lowest,
-        "frames' mass": mass[:n_frame, :n_frame],
-        "frames' stiffness": stiffness[:n_frame, :n_frame],
-        "frames' shapes": arrays["recovery"][:, :n_frame],
-        "fields' mass": fields.T @ mass @ fields,
-        "fields' stiffness": fields.T @ stiffness @ fields,
-        "fields' probes": probes.T @ fields,
-        "probes of answers": lowest * probes.T @ answers,
+        "eigenvalues": values[elastic] / lowest, "frames' mass": mass[:n_frame, :n_frame],
+        "frames' stiffness": stiffness[:n_frame, :n_frame], "frames' shapes": arrays["recovery"][:, :n_frame],
+        "fields' mass": fields.T @ mass @ fields, "fields' stiffness": fields.T @ stiffness @ fields,
+        "fields' probes": probes.T @ fields, "probes of answers": lowest * probes.T @ answers,
         "probes of modes": np.abs(probes.T @ modes[:, elastic]),
-    }
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("n", [2, 3])

@@ -23,14 +23,11 @@ SECOND_ORDER = ("geometric_stiffening", "mode_inertia")
 STRESS = 'outputs.stress={type="stress", body="rod", quantity="von_mises"}'
 #: Rigid bodies of lines, of cells and of neither; flexible ones of beams and cells, in the plane and in space.
 CASES = {
-    "beams in space": ("six_joint_arm",),
-    "closed, in the plane": ("platform_3rrr", "initial={equilibrium=true}"),
-    "mass properties and controllers": ("servo_arm",),
-    "cells with stresses": ("slider_crank_solid2d", STRESS),
+    "beams in space": ("six_joint_arm",), "closed, in the plane": ("platform_3rrr", "initial={equilibrium=true}"),
+    "mass properties and controllers": ("servo_arm",), "cells with stresses": ("slider_crank_solid2d", STRESS),
     "a rigid body of cells": ("slider_crank_solid2d", "bodies.crank.flexible=false"),
     "foreshortening": ("slider_crank_paper", *(f'effects.{t}={{type="{t}"}}' for t in SECOND_ORDER)),
-    "a beam that something rides on": ("bridge_crane",),
-    "mixture": ("spatial_mixed",),
+    "a beam that something rides on": ("bridge_crane",), "mixture": ("spatial_mixed",),
 }  # fmt: skip
 
 

@@ -102,15 +102,11 @@ def test_what_a_file_holds_is_told_and_drawn_and_what_cannot_be_is_refused(
 ) -> None:
     rare, many, other = folder / "rare.h5", ["montecarlo", folder / "rom.h5", "-n"], folder / "other.h5"
     commands = [
-        ["info", rare],
-        ["plot", rare, "-o", folder / "pictures"],
-        ["report", rare, "-o", folder / "page.html"],
-        [*many, 400, "--rare", EVENT, "-o", other],
-        [*many, 1000, "--rare", "crank_angel > 1", "-o", other],
-        [*many, 1000, "--rare", EVENT, "--resume", "-o", other],
-        [*many, 500, "--rare", "crank_angle > 9", "-o", other],
+        ["info", rare], ["plot", rare, "-o", folder / "pictures"], ["report", rare, "-o", folder / "page.html"],
+        [*many, 400, "--rare", EVENT, "-o", other], [*many, 1000, "--rare", "crank_angel > 1", "-o", other],
+        [*many, 1000, "--rare", EVENT, "--resume", "-o", other], [*many, 500, "--rare", "crank_angle > 9", "-o", other],
         [*many, 10, "--override", "fields.soft.terms=1", "-o", folder / "third.h5"],
-    ]
+    ]  # fmt: skip
     statuses, done = in_turn(1, commands)
     assert [status or 0 for (status,) in statuses] == [0, 0, 0, 2, 2, 2, 1, 2], (done.stdout, done.stderr)
     assert f"probability             {found[0].estimate:.4g}" in done.stdout

@@ -34,21 +34,13 @@ def folder(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("pipe.toml", "a device or a pipe"),
-        ("/dev/zero", "a device or a pipe"),
-        (".", "this is a directory"),
-        ("loop.toml", "cannot be read"),
-        ("x" * 300 + ".toml", "cannot be read (File name too long)"),
-        ("bytes.toml", "not a text file in UTF-8"),
-        ("plain.h5", "an HDF5 file"),
-        ("sealed.h5", "an HDF5 file"),
-        ("long.toml", "16,000,002 bytes"),
-        ("deep.toml", "deeper than 16"),
-        ("tables.toml", "deeper than 16"),
-        ("digits.toml", "not valid TOML"),
-        ("words.toml/x", "no such scene file"),
+        ("pipe.toml", "a device or a pipe"), ("/dev/zero", "a device or a pipe"), (".", "this is a directory"),
+        ("loop.toml", "cannot be read"), ("x" * 300 + ".toml", "cannot be read (File name too long)"),
+        ("bytes.toml", "not a text file in UTF-8"), ("plain.h5", "an HDF5 file"), ("sealed.h5", "an HDF5 file"),
+        ("long.toml", "16,000,002 bytes"), ("deep.toml", "deeper than 16"), ("tables.toml", "deeper than 16"),
+        ("digits.toml", "not valid TOML"), ("words.toml/x", "no such scene file"),
     ],
-)
+)  # fmt: skip
 def test_no_scene(folder: Path, name: str, words: str) -> None:
     assert words in one_message("check", folder / name)
 
@@ -56,14 +48,11 @@ def test_no_scene(folder: Path, name: str, words: str) -> None:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("{folder}/pipe.msh", "a device or a pipe"),
-        ("/dev/zero", "a device or a pipe"),
-        ("{folder}", "a directory"),
-        ("{folder}/words.off", "meshio cannot read this file"),
-        ("x" * 300 + ".msh", "File name too long"),
+        ("{folder}/pipe.msh", "a device or a pipe"), ("/dev/zero", "a device or a pipe"), ("{folder}", "a directory"),
+        ("{folder}/words.off", "meshio cannot read this file"), ("x" * 300 + ".msh", "File name too long"),
         ("{folder}/none.msh", "no such file"),
     ],
-)
+)  # fmt: skip
 def test_no_mesh(folder: Path, name: str, words: str) -> None:
     mesh = f'bodies.crank.mesh="{name.format(folder=folder)}"'
     message = one_message("check", SCENE, *overridden(mesh))

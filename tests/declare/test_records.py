@@ -114,14 +114,11 @@ def drop(path: str, key: str) -> object:
         (change("time", [0.0, np.nan, 1.0]), "dataset '/time' holds NaN, which no number of it can be"),
         (change("time", np.zeros((3, 1))), r"dataset '/time' has shape \(3, 1\); needed: 1 dimension"),
         (change("grid", np.zeros((1, 1, 3))), r"has shape \(1, 1, 3\); needed: 2 dimension"),
-        (change("inner"), "'/inner' is missing"),
-        (change("inner", np.zeros(3)), "'/inner' is no group"),
-        (change("inner/a", np.zeros(3)), "'/inner/a' is no group"),
-        (change("limits", np.zeros((1, 2))), "zip"),
-        (drop("/", "kind"), "kind"),
-        (drop("inner/a", "level"), "level"),
+        (change("inner"), "'/inner' is missing"), (change("inner", np.zeros(3)), "'/inner' is no group"),
+        (change("inner/a", np.zeros(3)), "'/inner/a' is no group"), (change("limits", np.zeros((1, 2))), "zip"),
+        (drop("/", "kind"), "kind"), (drop("inner/a", "level"), "level"),
     ],
-)
+)  # fmt: skip
 def test_what_is_damaged_is_told(damage, message: str, tmp_path: Path) -> None:
     kept(sample(), tmp_path / "f.h5")
     with h5py.File(tmp_path / "f.h5", "r+") as file:

@@ -27,22 +27,14 @@ def outcome(r1: float = 2.0, c: float = 3.0) -> Outcome:
 @pytest.mark.parametrize(
     ("text", "value"),
     [
-        ("max(angle)", 2.0 * np.sin(TIME).max()),
-        ("max(abs(bend))", 6.0),
-        ("min(bend)", -6.0),
-        ("start(bend) + end(bend)", -6.0),
-        ("mean(bend)", -3.0),
-        ("rms(bend)", 6.0 / np.sqrt(3.0)),
-        ("2 * r1 ^ 2 - c-2 / 4", 8.0 - 0.75),
-        ("-r1^-2 + 1e-1", -0.25 + 0.1),
-        ("(r1 + c-2) * (r1 - 1.5)", 2.5),
-        ("max + .5", 7.5),
-        ("- - r1", 2.0),
-        ("r1 ^ r1 + 2 ** 3", 12.0),
+        ("max(angle)", 2.0 * np.sin(TIME).max()), ("max(abs(bend))", 6.0), ("min(bend)", -6.0),
+        ("start(bend) + end(bend)", -6.0), ("mean(bend)", -3.0), ("rms(bend)", 6.0 / np.sqrt(3.0)),
+        ("2 * r1 ^ 2 - c-2 / 4", 8.0 - 0.75), ("-r1^-2 + 1e-1", -0.25 + 0.1), ("(r1 + c-2) * (r1 - 1.5)", 2.5),
+        ("max + .5", 7.5), ("- - r1", 2.0), ("r1 ^ r1 + 2 ** 3", 12.0),
         ("sqrt(r1) * max(end(bend), min(c-2, 5))", 3.0 * np.sqrt(2.0)),
         ("where(c-2 > r1, rms(angle), 1 / r1) + (r1 < 1)", 2.0 * np.sqrt(0.5 - np.sin(4.0) / 8.0)),
     ],
-)
+)  # fmt: skip
 def test_expressions_have_their_values_and_derivatives(text: str, value: float) -> None:
     expression = read_goal(f"minimise {text}", OUTPUTS, PARAMETERS).expression
     found = expression(outcome())
@@ -89,20 +81,17 @@ def test_constraints_have_two_sides(relation: str, sense: float) -> None:
         ("minimise max(abs(angle)", "angle is an output over time; take a figure of it, such as max(angle)", 17),
         ("minimise angle", "angle is an output over time; take a figure of it, such as max(angle)", 9),
         ("minimise c-3", "there is no such parameter, figure or function; did you mean 'c-2'?", 9),
-        ("minimise r1 r1", "it is no formula", 12),
-        ("minimise r1 +* 2", "it is no formula", 13),
+        ("minimise r1 r1", "it is no formula", 12), ("minimise r1 +* 2", "it is no formula", 13),
         ("minimise " + "(" * 40, "it is no formula ('(' was never closed)", 48),
         ("minimise 1 + 1 / 0", "it has 1.0 / 0.0, which is no finite number", 13),
-        ("minimise 0 ^ -1", "which is no finite number", 9),
-        ("minimise 10 ^ 999 * r1", "which is no finite number", 9),
+        ("minimise 0 ^ -1", "which is no finite number", 9), ("minimise 10 ^ 999 * r1", "which is no finite number", 9),
         ("minimise where(r1 > 2, 3)", "it gives where 2 arguments; it takes 3", 9),
         ("minimise 2*1e400", "1e400 is no finite number", 11),
-        ("minimise r1 ^ -1e999", "1e999 is no finite number", 15),
-        ("minimise r1 <= 2", "'<=' is too much", 12),
+        ("minimise r1 ^ -1e999", "1e999 is no finite number", 15), ("minimise r1 <= 2", "'<=' is too much", 12),
         ("minimise r1 ; 2", "';' has no place in a formula", 12),
         ("minimise r1 # 2", "'#' has no place in a formula", 12),
     ],
-)
+)  # fmt: skip
 def test_errors_mark_their_position(text: str, reason: str, position: int) -> None:
     first, shown, mark = refusal(read_goal, text, OUTPUTS, PARAMETERS).split("\n")
     assert first.startswith("goal: ") and reason in first

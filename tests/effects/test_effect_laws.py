@@ -32,19 +32,16 @@ FOUND += [FREE_PLAY, CARRIED_FRICTION, STOP]
 UPPER, LOWER = (50.0, 0.3, 0.5, 1.0), (50.0, 0.3, -0.5, -1.0)
 # law, parameters, amplitude, measure, rate
 STATES = {
-    "source": (SOURCE, (2.0,), 1.5, 0.3, 0.7),
-    "spring": (SPRING_DAMPER, (3.0, 0.4, 0.2), 0.0, 0.9, -0.7),
+    "source": (SOURCE, (2.0,), 1.5, 0.3, 0.7), "spring": (SPRING_DAMPER, (3.0, 0.4, 0.2), 0.0, 0.9, -0.7),
     "friction": (FRICTION, (2.0, 0.5), 0.0, 0.3, 0.2),
     "friction by a load": (CARRIED_FRICTION, (1.3, 0.2, 0.7, 0.5), 0.6, 0.3, 0.2),
-    "upper stop, going in": (STOP, UPPER, 0.0, 0.6, 0.9),
-    "upper stop, coming out": (STOP, UPPER, 0.0, 0.6, -0.9),
-    "upper stop, not reached": (STOP, UPPER, 0.0, 0.4, 0.9),
-    "lower stop, going in": (STOP, LOWER, 0.0, -0.6, -0.9),
+    "upper stop, going in": (STOP, UPPER, 0.0, 0.6, 0.9), "upper stop, coming out": (STOP, UPPER, 0.0, 0.6, -0.9),
+    "upper stop, not reached": (STOP, UPPER, 0.0, 0.4, 0.9), "lower stop, going in": (STOP, LOWER, 0.0, -0.6, -0.9),
     "lower stop, torn out": (STOP, LOWER, 0.0, -0.6, 9.0),
     "gap, above": (FREE_PLAY, (50.0, 0.3, 0.4, 0.5), 0.0, 0.6, 0.9),
     "gap, below": (FREE_PLAY, (50.0, 0.3, 0.4, 0.5), 0.0, -0.6, 0.9),
     "gap, within": (FREE_PLAY, (50.0, 0.3, 0.4, 0.5), 0.0, 0.45, 0.9),
-}
+}  # fmt: skip
 
 
 def as_friction(law: Law, p: tuple[float, ...], amplitude: float) -> tuple[float, ...]:

@@ -182,25 +182,19 @@ def test_what_rules_mean(scene: Scene, text: str, expected: tuple) -> None:
 @pytest.mark.parametrize(
     ("text", "place", "expected"),
     [
-        ("", 1, "mean, std or P"),
-        ("median(crank_angle) < 1 %", 1, "mean, std or P"),
-        ("std crank_angle", 5, "'('"),
+        ("", 1, "mean, std or P"), ("median(crank_angle) < 1 %", 1, "mean, std or P"), ("std crank_angle", 5, "'('"),
         ("std(angle) < 1 %", 5, "the name of an output; did you mean 'crank_angle'?"),
-        ("std(1) < 1 %", 5, "the name of an output"),
-        ("P(crank_angle) < 1 %", 14, "'<' or '>'"),
+        ("std(1) < 1 %", 5, "the name of an output"), ("P(crank_angle) < 1 %", 14, "'<' or '>'"),
         ("P(crank_angle < high) +- 0.1", 17, "a number"),
-        ("P(nothing) +- 0.1", 3, "an output or a label of ensemble.probabilities"),
-        ("std(crank_angle) < 1", 21, "'%'"),
+        ("P(nothing) +- 0.1", 3, "an output or a label of ensemble.probabilities"), ("std(crank_angle) < 1", 21, "'%'"),
         ("std(crank_angle) < -1 %", 20, "a positive precision"),
         ("P(crank_angle > 1e999) +- 0.1", 17, "0 or a magnitude from 1e-30 to 1e+30"),
         ("P(crank_angle > -1e31) +- 0.1", 17, "0 or a magnitude from 1e-30 to 1e+30"),
         ("std(crank_angle) < 1e999 %", 20, "0 or a magnitude from 1e-30 to 1e+30"),
-        ("std(crank_angle) = 1 %", 18, "'<' or '+-'"),
-        ("std(crank_angle", 16, "')'"),
-        ("std(crank_angle) < 1 % please", 24, "the end"),
-        ("mean(crank_angle) +- 1rad", 22, "a number"),
+        ("std(crank_angle) = 1 %", 18, "'<' or '+-'"), ("std(crank_angle", 16, "')'"),
+        ("std(crank_angle) < 1 % please", 24, "the end"), ("mean(crank_angle) +- 1rad", 22, "a number"),
     ],
-)
+)  # fmt: skip
 def test_what_is_no_rule_is_marked(scene: Scene, text: str, place: int, expected: str) -> None:
     first, shown, marked = refusal(read_rule, text, scene).splitlines()
     assert first.startswith(f'--until "{text}": expected at character {place}: {expected}')

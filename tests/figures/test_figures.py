@@ -489,14 +489,11 @@ def second_order(study: Tradeoff) -> Tradeoff:
 @pytest.mark.parametrize(
     "study",
     [
-        synthetic.tradeoff(),
-        synthetic.tradeoff(components=True),
-        synthetic.tradeoff(surfaces=False, refined=False),
-        second_order(synthetic.tradeoff()),
-        replace(synthetic.tradeoff(), errors=np.full((11, 2), np.nan)),
+        synthetic.tradeoff(), synthetic.tradeoff(components=True), synthetic.tradeoff(surfaces=False, refined=False),
+        second_order(synthetic.tradeoff()), replace(synthetic.tradeoff(), errors=np.full((11, 2), np.nan)),
     ],
     ids=["all kinds", "component modes", "few kinds", "second order", "all failed"],
-)
+)  # fmt: skip
 def test_every_mark_has_a_key_and_every_key_a_mark(study: Tradeoff, picture: Callable[[Tradeoff], Figure]) -> None:
     figure = picture(study)
     keys = [key for key in keys_of(figure) if isinstance(key, Line2D)]

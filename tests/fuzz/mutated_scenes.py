@@ -56,18 +56,8 @@ TEXTS = (
     "sin(s", "s / 0", "1 / (s - s)", "s" * 200, "min(s)", "__import__('os')", "9 ** 9 ** 9", "2 Hz", "1 N m",
 )  # fmt: skip
 STRUCTURES: tuple[Any, ...] = (
-    True,
-    False,
-    [],
-    {},
-    [[]],
-    [1],
-    [1, 2],
-    [0.0, 1.0],
-    [1, 2, 3],
-    [[0, 1], [1, 2]],
-    {"a": 1},
-)
+    True, False, [], {}, [[]], [1], [1, 2], [0.0, 1.0], [1, 2, 3], [[0, 1], [1, 2]], {"a": 1},
+)  # fmt: skip
 #: What tables of scenes name, in the folder of the scene.
 CSV = {
     "torque.csv": "t (s),T (N m)\n0.0,0.0\n0.1,0.5\n1.0,0.5\n",

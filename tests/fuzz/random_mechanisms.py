@@ -200,8 +200,5 @@ def _add_effects(drawing: Drawing, rng: np.random.Generator) -> None:
 
 
 DRAWN = {
-    "pendulum": _pendulum,
-    "double_pendulum": _double_pendulum,
-    "four_bar": _four_bar,
-    "slider_crank": _slider_crank,
-}
+    "pendulum": _pendulum, "double_pendulum": _double_pendulum, "four_bar": _four_bar, "slider_crank": _slider_crank,
+}  # fmt: skip

@@ -71,12 +71,9 @@ def verdict_on(scene: Scene) -> Verdict:
 
 
 @settings(
-    max_examples=CASES,
-    deadline=None,
-    derandomize=True,
-    phases=[Phase.generate],
+    max_examples=CASES, deadline=None, derandomize=True, phases=[Phase.generate],
     suppress_health_check=list(HealthCheck),
-)
+)  # fmt: skip
 @given(st.integers(0, 2**32 - 1))
 def test_a_reduced_model_is_within_its_estimate_or_warns(seed: int) -> None:
     scene = scene_from_toml(random_scene(seed), ".")

@@ -383,18 +383,14 @@ def outer(x):
 @pytest.mark.parametrize(
     ("old", "new", "differs"),
     [
-        ("FACTOR, TABLE, OTHER = 2.0", "FACTOR, TABLE, OTHER = 2.5", True),
-        ("np.arange(3.0)", "np.ones(3)", True),
+        ("FACTOR, TABLE, OTHER = 2.0", "FACTOR, TABLE, OTHER = 2.5", True), ("np.arange(3.0)", "np.ones(3)", True),
         ("FACTOR * x + TABLE", "FACTOR * x - TABLE", True),
         ("cache=True)\ndef inner", "cache=True, fastmath=True)\ndef inner", True),
-        ("lambda x: x", "lambda x: x if x else x", True),
-        ("inner(x) + called", "inner(x) - called", True),
-        ("return 3.0", "return 4.0", False),
-        ("5.0", "6.0", False),
-        ("OTHER * x", "OTHER + x", False),
+        ("lambda x: x", "lambda x: x if x else x", True), ("inner(x) + called", "inner(x) - called", True),
+        ("return 3.0", "return 4.0", False), ("5.0", "6.0", False), ("OTHER * x", "OTHER + x", False),
         ("Words.", "Others.", False),
     ],
-)
+)  # fmt: skip
 def test_what_is_kept_is_marked_by_all_that_is_compiled_into_it(old: str, new: str, differs: bool) -> None:
     """Numba looks at the function's own file alone: code of a module that it calls would stay what it was."""
     marks = []

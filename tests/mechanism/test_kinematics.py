@@ -181,14 +181,11 @@ def test_no_degree_of_freedom() -> None:
     message = refusal(
         kinematics_of,
         slider_crank(
-            'bodies.rod.mesh="0.0:0.8:5"',
-            "ground.points.wall=[1.0,0.0]",
-            'joints.pin={type="revolute",connect=["ground:wall","rod:tip"]}',
-            NOT_PERIODIC,
-            f"coordinates.theta.range=[{angle},2.0]",
-            f"simulation.initial.theta.position={angle}",
+            'bodies.rod.mesh="0.0:0.8:5"', "ground.points.wall=[1.0,0.0]",
+            'joints.pin={type="revolute",connect=["ground:wall","rod:tip"]}', NOT_PERIODIC,
+            f"coordinates.theta.range=[{angle},2.0]", f"simulation.initial.theta.position={angle}",
         ),
-    )
+    )  # fmt: skip
     assert "leave the rigid mechanism 0 degrees of freedom" in message
     assert "6 of its 2 bodies less 6 independent constraints" in message
 

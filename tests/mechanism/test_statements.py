@@ -19,15 +19,11 @@ def triad(d: int) -> np.ndarray:
 def made(name: str, d: int) -> Statement:
     u, w = (part / np.linalg.norm(part) for part in RANDOM.normal(size=(2, d)))
     return {
-        "meet": lambda: statements.meet(u),
-        "perpendicular": lambda: statements.perpendicular(u, w),
-        "along": lambda: statements.along(u),
-        "angle": lambda: statements.angle(triad(d), triad(d)),
-        "distance": lambda: statements.distance(d),
-        "following": lambda: statements.following(w),
-        "fading": lambda: statements.fading(8.0 * u, w),
-        "bulging": lambda: statements.bulging(8.0 * u, w, triad(d)[0]),
-    }[name]()
+        "meet": lambda: statements.meet(u), "perpendicular": lambda: statements.perpendicular(u, w),
+        "along": lambda: statements.along(u), "angle": lambda: statements.angle(triad(d), triad(d)),
+        "distance": lambda: statements.distance(d), "following": lambda: statements.following(w),
+        "fading": lambda: statements.fading(8.0 * u, w), "bulging": lambda: statements.bulging(8.0 * u, w, triad(d)[0]),
+    }[name]()  # fmt: skip
 
 
 NAMES = ("meet", "perpendicular", "along", "angle", "distance", "following", "fading", "bulging")

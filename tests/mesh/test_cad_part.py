@@ -169,12 +169,9 @@ def test_faces_have_names_of_ones_own_and_a_size_is_for_parts_of_cad_alone(parts
 def test_what_is_no_part_is_refused_in_one_message_on_any_number_of_ranks(parts: Path, monkeypatch) -> None:
     known = {
         "shell": "it has no solid, but an open shell of 5 faces with 4 free edges; close it to a solid in CAD",
-        "two": "it has 2 solids: ",
-        "wire": "it has no solid; export the part",
-        "mesh": "this is no STEP file",
-        "cut": "OpenCASCADE cannot read this STEP file",
-        "none": "no such file; a STEP file of one solid is needed",
-    }
+        "two": "it has 2 solids: ", "wire": "it has no solid; export the part", "mesh": "this is no STEP file",
+        "cut": "OpenCASCADE cannot read this STEP file", "none": "no such file; a STEP file of one solid is needed",
+    }  # fmt: skip
     commands = [("check", scene_of(parts, name)) for name in known]
     for message, (name, words) in zip(refused(1, commands), known.items()):
         assert message.startswith('bodies.rod.mesh = "') and f"{name}.step" in message and words in message

@@ -261,13 +261,10 @@ def circle(n: int) -> np.ndarray:
 @pytest.mark.parametrize(
     ("lowest", "groups", "n_flipped"),
     [
-        ((1.0,), [[0]], 1),
-        ((1.0, 2.0), [[0], [1]], 2),
-        ((1.0, 1.001), [[0, 1]], 0),
-        ((1.0, 1.001, 1.002), [[0, 1, 2]], 1),
-        ((1.0, 1.001, 2.0), [[0, 1], [2]], 1),
+        ((1.0,), [[0]], 1), ((1.0, 2.0), [[0], [1]], 2), ((1.0, 1.001), [[0, 1]], 0),
+        ((1.0, 1.001, 1.002), [[0, 1, 2]], 1), ((1.0, 1.001, 2.0), [[0, 1], [2]], 1),
     ],
-)
+)  # fmt: skip
 def test_a_moebius_family_closes_after_one_turn_or_two(
     lowest: tuple[float, ...], groups: list[list[int]], n_flipped: int
 ) -> None:

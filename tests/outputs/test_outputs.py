@@ -56,15 +56,9 @@ def test_a_rigid_mechanism_gives_the_closed_forms_over_several_turns() -> None:
     found = seen(outputs, rigid_frames(kinematics, outputs, theta))
     tilt = -np.arcsin(CRANK / ROD * np.sin(theta))
     expected = {
-        "crank": theta,
-        "elbow": tilt - theta,
-        "tilt": tilt,
-        "x": slider(theta),
-        "y": 0.4 * CRANK * np.sin(theta),
-        "moved": slider(theta) - slider(np.array([START])),
-        "bent": 0 * theta,
-        "bent_y": 0 * theta,
-    }
+        "crank": theta, "elbow": tilt - theta, "tilt": tilt, "x": slider(theta), "y": 0.4 * CRANK * np.sin(theta),
+        "moved": slider(theta) - slider(np.array([START])), "bent": 0 * theta, "bent_y": 0 * theta,
+    }  # fmt: skip
     assert list(found) == list(expected)
     for name, values in expected.items():
         # the closure's tolerance is 1e-12 of the rod's length

@@ -58,13 +58,9 @@ def commands(folder: Path, n_ranks: int) -> list[list[str]]:
         ["montecarlo", BEAMS, "--full", *SHORT, "-n", "2", *to("full_samples.h5")],
     ]
     inspected = [
-        ["check", BEAMS],
-        ["check", BEAMS, "--effects", *SHORT],
-        ["check", SOLIDS, "--trial"],
-        ["info", trajectory],
-        ["plot", trajectory, *to("pictures")],
-        ["export", trajectory, *to("shapes.xdmf")],
-    ]
+        ["check", BEAMS], ["check", BEAMS, "--effects", *SHORT], ["check", SOLIDS, "--trial"], ["info", trajectory],
+        ["plot", trajectory, *to("pictures")], ["export", trajectory, *to("shapes.xdmf")],
+    ]  # fmt: skip
     return [*beams, *solids, *runs, *inspected]
 
 
@@ -126,16 +122,12 @@ def test_errors_end_too(tmp_path: Path) -> None:
     pushed = [*SHORT, *overridden("effects.motor.table=[[0.0, 1e9], [1.0, 1e9]]")]
     missing, output = str(tmp_path / "missing.h5"), ["-o", str(tmp_path / "none.h5")]
     bad = [
-        ["check", str(tmp_path / "missing.toml")],
-        ["build", BEAMS, *FEW, *overridden("reduction.modes=400"), *output],
-        ["modes", BEAMS, "--rom", missing, *output],
-        ["simulate", missing, *output],
-        ["montecarlo", missing, "-n", "2", *output],
-        ["tradeoff", str(tmp_path / "missing.toml"), *output],
-        ["plot", missing, "-o", str(tmp_path)],
-        ["export", missing, "-o", str(tmp_path / "none.xdmf")],
+        ["check", str(tmp_path / "missing.toml")], ["build", BEAMS, *FEW, *overridden("reduction.modes=400"), *output],
+        ["modes", BEAMS, "--rom", missing, *output], ["simulate", missing, *output],
+        ["montecarlo", missing, "-n", "2", *output], ["tradeoff", str(tmp_path / "missing.toml"), *output],
+        ["plot", missing, "-o", str(tmp_path)], ["export", missing, "-o", str(tmp_path / "none.xdmf")],
         ["info", missing],
-    ]
+    ]  # fmt: skip
     failing = [
         ["simulate", BEAMS, "--full", *pushed, "-o", str(tmp_path / "stopped.h5")],
         ["montecarlo", BEAMS, "--full", *pushed, "-n", "2", "-o", str(tmp_path / "failed.h5")],

@@ -46,14 +46,10 @@ def groups(size: int, ranks_per_group: int) -> list[RankGroup]:
 @pytest.mark.parametrize(
     ("size", "ranks_per_group", "expected"),
     [
-        (1, 1, [0]),
-        (4, 1, [0, 1, 2, 3]),
-        (4, 2, [0, 0, 1, 1]),
-        (5, 2, [0, 0, 1, 1, 1]),
-        (3, 2, [0, 0, 0]),
+        (1, 1, [0]), (4, 1, [0, 1, 2, 3]), (4, 2, [0, 0, 1, 1]), (5, 2, [0, 0, 1, 1, 1]), (3, 2, [0, 0, 0]),
         (5, 5, [0] * 5),
     ],
-)
+)  # fmt: skip
 def test_ranks_left_over_join_the_last_group(size: int, ranks_per_group: int, expected: list[int]) -> None:
     split = groups(size, ranks_per_group)
     assert [group.index for group in split] == expected

@@ -114,15 +114,11 @@ def terms_of(
         parts.append(damping * parts[0])
     end = sum(part.shape[2] for part in parts)
     return ReducedTerms(
-        tables=tables,
-        weights=(UNIT,),
-        rigid=interpolant(grid, pack(tables.mass[:, :, :2, :2]), "spline"),
+        tables=tables, weights=(UNIT,), rigid=interpolant(grid, pack(tables.mass[:, :, :2, :2]), "spline"),
         terms=interpolant(grid, np.concatenate(parts, axis=2), "spline"),
-        layout=Layout((0, 1), N_ETA, *ends, end, load.shape[2], quadratic),
-        load=interpolant(grid, load, "spline"),
-        scale=np.ones(N_ETA),
-        damping=ReducedDamping("damper", mass, (UNIT,), damping * tables.mass),
-    )
+        layout=Layout((0, 1), N_ETA, *ends, end, load.shape[2], quadratic), load=interpolant(grid, load, "spline"),
+        scale=np.ones(N_ETA), damping=ReducedDamping("damper", mass, (UNIT,), damping * tables.mass),
+    )  # fmt: skip
 
 
 def system_of(terms: ReducedTerms, n: int = 1, start=(0.3, 0.2), speed=(0.0, 0.0), **given: object) -> ReducedSystem:

@@ -196,11 +196,8 @@ SPLINE = 'reduction.interpolation="spline"'
 FEW = "reduction.angles=24", "reduction.max_angles=24"  # and no more where these do not do
 UNCERTAIN = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}'
 EXTENDED = (
-    "reduction.modes=3",
-    "reduction.static_modes=true",
-    "reduction.inertia_modes=true",
-    "reduction.parameter_modes=2",
-)
+    "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.parameter_modes=2",
+)  # fmt: skip
 
 
 def test_a_basis_that_turns_faster_than_the_angles_follow_is_warned_of(tmp_path: Path) -> None:

@@ -233,13 +233,10 @@ def test_the_derivative_is_that_of_the_vertex() -> None:
 @pytest.mark.parametrize(
     ("values", "sign", "expected"),
     [
-        ([3.0, 1.0, 0.0], 1.0, Vertex(0, 0.0)),
-        ([3.0, 1.0, 0.0], -1.0, Vertex(2, 0.0)),
-        ([1.0, 1.0, 1.0], 1.0, Vertex(0, 0.0)),
-        ([0.0, 1.0, 1.0, 0.0], 1.0, Vertex(1, 0.5)),
-        ([2.0], -1.0, Vertex(0, 0.0)),
-        ([0.0, 1.0, 0.0], 1.0, Vertex(1, 0.0)),
+        ([3.0, 1.0, 0.0], 1.0, Vertex(0, 0.0)), ([3.0, 1.0, 0.0], -1.0, Vertex(2, 0.0)),
+        ([1.0, 1.0, 1.0], 1.0, Vertex(0, 0.0)), ([0.0, 1.0, 1.0, 0.0], 1.0, Vertex(1, 0.5)),
+        ([2.0], -1.0, Vertex(0, 0.0)), ([0.0, 1.0, 0.0], 1.0, Vertex(1, 0.0)),
     ],
-)
+)  # fmt: skip
 def test_ends_and_plateaus(values: list[float], sign: float, expected: Vertex) -> None:
     assert vertex(np.array(values), sign) == expected

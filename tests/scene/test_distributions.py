@@ -119,14 +119,11 @@ def test_a_scene_carries_the_values_of_a_file_in_si(tmp_path: Path) -> None:
     ("content", "line"),
     [
         (None, "the file cannot be read (No such file or directory); it is sought in"),
-        (b"\xff\xfe\x00", "no text file in UTF-8"),
-        (b"r\n1\nx\n", "line 3 is 'x'; one number is needed in each line"),
-        (b"1,2\n", "line 1 is '1,2'; one number is needed in each line"),
-        (b"1e40\n2\n", "1e+30"),
-        (b"nan\n2\n", "finite"),
-        (b"r\n", "2 to 10,000 are needed, and 0 are given"),
+        (b"\xff\xfe\x00", "no text file in UTF-8"), (b"r\n1\nx\n", "line 3 is 'x'; one number is needed in each line"),
+        (b"1,2\n", "line 1 is '1,2'; one number is needed in each line"), (b"1e40\n2\n", "1e+30"),
+        (b"nan\n2\n", "finite"), (b"r\n", "2 to 10,000 are needed, and 0 are given"),
     ],
-)
+)  # fmt: skip
 def test_files_that_have_no_values_are_refused(tmp_path: Path, content: bytes | None, line: str) -> None:
     if content is not None:
         (tmp_path / "bad.csv").write_bytes(content)

@@ -469,13 +469,10 @@ def test_long_names_are_cut(change: str) -> None:
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        ('a"b', '"a\\"b"'),
-        (True, "true"),
-        (1e-3, "0.001"),
-        ({"a b": [1, {}]}, '{ "a b" = [1, {}] }'),
+        ('a"b', '"a\\"b"'), (True, "true"), (1e-3, "0.001"), ({"a b": [1, {}]}, '{ "a b" = [1, {}] }'),
         ("x" * 80, '"' + "x" * 55 + " ..."),
     ],
-)
+)  # fmt: skip
 def test_received_values_are_shown_as_toml(value: object, text: str) -> None:
     assert toml_text(value) == text
 

@@ -124,15 +124,12 @@ def test_invalid_toml(tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize(
     ("override", "expected"),
     [
-        ("a.b=2", {"a": {"b": 2}, "c": 3}),
-        (" a . b = 2.5 ", {"a": {"b": 2.5}, "c": 3}),
-        ("a={ x = 1 }", {"a": {"x": 1}, "c": 3}),
-        ("c=[[0.0, 1.0]]", {"a": {"b": 1}, "c": [[0.0, 1.0]]}),
+        ("a.b=2", {"a": {"b": 2}, "c": 3}), (" a . b = 2.5 ", {"a": {"b": 2.5}, "c": 3}),
+        ("a={ x = 1 }", {"a": {"x": 1}, "c": 3}), ("c=[[0.0, 1.0]]", {"a": {"b": 1}, "c": [[0.0, 1.0]]}),
         ("d.e.f=true", {"a": {"b": 1}, "c": 3, "d": {"e": {"f": True}}}),
-        ('a."x=y.z"="p=q"', {"a": {"b": 1, "x=y.z": "p=q"}, "c": 3}),
-        ("a.b='x.msh'", {"a": {"b": "x.msh"}, "c": 3}),
+        ('a."x=y.z"="p=q"', {"a": {"b": 1, "x=y.z": "p=q"}, "c": 3}), ("a.b='x.msh'", {"a": {"b": "x.msh"}, "c": 3}),
     ],
-)
+)  # fmt: skip
 def test_an_override_creates_or_replaces(override: str, expected: dict[str, Any]) -> None:
     data: dict[str, Any] = {"a": {"b": 1}, "c": 3}
     apply_overrides(data, ["a.b=7", override] if override.replace(" ", "").startswith("a.b=") else [override])

@@ -74,12 +74,9 @@ DAMPER = 'effects.s={type="joint_damping", joint="crank_hinge", coefficient="q"}
 @pytest.mark.parametrize(
     ("unit", "entry", "more", "value", "si"),
     [
-        ("GPa", "materials.steel.E", (), 70e9, "Pa"),
-        ("N/mm2", "materials.steel.E", (), 70e6, "Pa"),
-        ("g/cm3", "materials.steel.rho", (), 70e3, "kg/m3"),
-        ("t/m^3", "materials.steel.rho", (), 70e3, "kg/m3"),
-        ("in", "bodies.rod.section.radius", (), 70 * 0.0254, "m"),
-        ("kNm", "effects.motor.scale", (), 70e3, "N m"),
+        ("GPa", "materials.steel.E", (), 70e9, "Pa"), ("N/mm2", "materials.steel.E", (), 70e6, "Pa"),
+        ("g/cm3", "materials.steel.rho", (), 70e3, "kg/m3"), ("t/m^3", "materials.steel.rho", (), 70e3, "kg/m3"),
+        ("in", "bodies.rod.section.radius", (), 70 * 0.0254, "m"), ("kNm", "effects.motor.scale", (), 70e3, "N m"),
         ("percent", "effects.motor.scale", (), 0.7, "1"),
         ("N mm/deg", "effects.s.stiffness", (SPRING,), 0.07 * 180 / 3.141592653589793, "N m/rad"),
         ("deg", "effects.s.rest", (RESTING,), 70 * 3.141592653589793 / 180, "rad"),
@@ -89,7 +86,7 @@ DAMPER = 'effects.s={type="joint_damping", joint="crank_hinge", coefficient="q"}
         ("N*m*s", "effects.s.coefficient", (DAMPER,), 70.0, "N*m*s"),
         ("", "effects.s.coefficient", (DAMPER,), 70.0, ""),
     ],
-)
+)  # fmt: skip
 def test_compatible_units(unit: str, entry: str, more: tuple[str, ...], value: float, si: str) -> None:
     found, label = with_parameter(unit, entry, *more)
     assert found == pytest.approx(value, rel=1e-15) and label == si

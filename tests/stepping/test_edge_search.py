@@ -54,14 +54,11 @@ def through(
 
 
 DEPTHS: dict[str, Depth] = {
-    "straight": lambda t: t - 0.2,
-    "bent": lambda t: np.exp(3.0 * t) - 2.0,
-    "flat": lambda t: (t - 0.31) ** 3,
+    "straight": lambda t: t - 0.2, "bent": lambda t: np.exp(3.0 * t) - 2.0, "flat": lambda t: (t - 0.31) ** 3,
     "kinked": lambda t: 5.0 * (t - 0.1) if t < 0.1 else 0.01 * (t - 0.1),
-    "steep": lambda t: np.tanh(400.0 * (t - 0.43)),
-    "at once": lambda t: t - 1e-4,
+    "steep": lambda t: np.tanh(400.0 * (t - 0.43)), "at once": lambda t: t - 1e-4,
     "at the end": lambda t: t - (STEP - 1e-4),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", DEPTHS)

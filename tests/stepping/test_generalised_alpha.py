@@ -92,14 +92,10 @@ def two_masses(n_samples: int = 1, **options: object) -> LinearSystem:
     """Return two damped masses under a constant force that start out of equilibrium, each sample from elsewhere."""
     share = 1.0 + 0.1 * np.arange(n_samples)[:, None]
     return LinearSystem(
-        mass=np.diag([1.0, 2.0]),
-        damping=np.array([[0.3, -0.1], [-0.1, 0.1]]),
-        stiffness=np.array([[30.0, -10.0], [-10.0, 10.0]]),
-        force=lambda time: np.array([1.0, -2.0]),
-        q=share * [0.4, -0.3],
-        v=share * [1.0, 2.0],
-        **options,
-    )
+        mass=np.diag([1.0, 2.0]), damping=np.array([[0.3, -0.1], [-0.1, 0.1]]),
+        stiffness=np.array([[30.0, -10.0], [-10.0, 10.0]]), force=lambda time: np.array([1.0, -2.0]),
+        q=share * [0.4, -0.3], v=share * [1.0, 2.0], **options,
+    )  # fmt: skip
 
 
 def exact(system: LinearSystem, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -243,15 +239,10 @@ def test_a_constant_acceleration_is_integrated_exactly(radius: float) -> None:
 @pytest.mark.parametrize(
     ("duration", "step", "expected"),
     [
-        (1.0, 1e-3, 1000),
-        (1.0, 0.3, 4),
-        (0.3, 0.1, 3),
-        (0.05, 1e-3, 50),
-        (1e-3, 1e-3, 1),
-        (0.7, 0.1, 7),
+        (1.0, 1e-3, 1000), (1.0, 0.3, 4), (0.3, 0.1, 3), (0.05, 1e-3, 50), (1e-3, 1e-3, 1), (0.7, 0.1, 7),
         (1.0, 0.9999, 2),
     ],
-)
+)  # fmt: skip
 def test_the_steps_are_equal_and_none_is_longer_than_asked_for(duration: float, step: float, expected: int) -> None:
     n_steps = count_steps(duration, step)
     assert n_steps == expected
@@ -383,13 +374,9 @@ def test_a_load_that_sets_in_at_once_on_a_light_mass_throws_it_no_further_than_i
     """
     frequency, step, seen = 2.0 * np.pi * 1e3, 0.1, []
     light = LinearSystem(
-        mass=np.diag([1.0, 1.0 / frequency**2]),
-        damping=np.zeros((2, 2)),
-        stiffness=np.diag([1.0, 1.0]),
-        force=lambda time: np.array([1.0, 1.0]),
-        q=np.zeros((1, 2)),
-        v=np.zeros((1, 2)),
-    )
+        mass=np.diag([1.0, 1.0 / frequency**2]), damping=np.zeros((2, 2)), stiffness=np.diag([1.0, 1.0]),
+        force=lambda time: np.array([1.0, 1.0]), q=np.zeros((1, 2)), v=np.zeros((1, 2)),
+    )  # fmt: skip
     run(light, radius, step, observer=lambda _, __, state: seen.append(state.copy()))
     assert max(abs(state.q[0, 1]) for state in seen) < 3.0
     assert max(abs(state.v[0, 1]) for state in seen) < frequency
@@ -482,18 +469,13 @@ def options():
 @pytest.mark.parametrize(
     ("name", "value", "cure"),
     [
-        ("ts_max_time", "0.1", "simulation.duration"),
-        ("ts_max_steps", "1", "simulation.duration"),
-        ("ts_time_span", "0,0.1", "simulation.duration"),
-        ("ts_dt", "2e-3", "simulation.step"),
-        ("ts_type", "euler", "the program's own"),
-        ("ts_exact_final_time", "matchstep", "simulation.duration"),
-        ("ts_adapt_type", "basic", "[simulation]"),
-        ("ts_adapt_dt_max", "1e-4", "[simulation]"),
-        ("ts_max_snes_failures", "1", "[simulation]"),
-        ("ts_max_reject", "0", "[simulation]"),
+        ("ts_max_time", "0.1", "simulation.duration"), ("ts_max_steps", "1", "simulation.duration"),
+        ("ts_time_span", "0,0.1", "simulation.duration"), ("ts_dt", "2e-3", "simulation.step"),
+        ("ts_type", "euler", "the program's own"), ("ts_exact_final_time", "matchstep", "simulation.duration"),
+        ("ts_adapt_type", "basic", "[simulation]"), ("ts_adapt_dt_max", "1e-4", "[simulation]"),
+        ("ts_max_snes_failures", "1", "[simulation]"), ("ts_max_reject", "0", "[simulation]"),
     ],
-)
+)  # fmt: skip
 @pytest.mark.parametrize("prefix", ["pgmp_ts_", "pgmp_error_ts_"])
 @OF_PETSC
 def test_options_that_would_change_a_run_are_refused(

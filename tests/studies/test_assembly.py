@@ -18,12 +18,9 @@ from pgmp_petsc.studies.field_frames import assembly_of
 from pgmp_petsc.studies.inputs import read_scene
 
 SCENES = {
-    "plane": "slider_crank",
-    "close points": "crank_press",
-    "many bodies": "platform_3rrr",
-    "space": "six_joint_arm",
+    "plane": "slider_crank", "close points": "crank_press", "many bodies": "platform_3rrr", "space": "six_joint_arm",
     "solids": "spatial_mixed",
-}
+}  # fmt: skip
 
 
 def assembled(name: str, *overrides: str) -> Assembly:

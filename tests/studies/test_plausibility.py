@@ -238,13 +238,10 @@ def test_shipped_scenes_make_sense(path: Path) -> None:
 
 #: Steel, how long a rod of 0.7 m is, and the Earth's acceleration, in units that programs are fed with.
 SYSTEMS = {
-    "mm, t and s": (7.8e-9, 2.1e5, 700.0, 9810.0),
-    "mm, kg and ms": (7.8e-6, 210.0, 700.0, 9.81e-3),
-    "mm, kg and s": (7.8e-6, 2.1e8, 700.0, 9810.0),
-    "mm, g and ms": (7.8e-3, 2.1e5, 700.0, 9.81e-3),
-    "cm, g and s": (7.8, 2.1e12, 70.0, 981.0),
-    "in, lbf s2/in and s": (7.3e-4, 30e6, 27.6, 386.2),
-}
+    "mm, t and s": (7.8e-9, 2.1e5, 700.0, 9810.0), "mm, kg and ms": (7.8e-6, 210.0, 700.0, 9.81e-3),
+    "mm, kg and s": (7.8e-6, 2.1e8, 700.0, 9810.0), "mm, g and ms": (7.8e-3, 2.1e5, 700.0, 9.81e-3),
+    "cm, g and s": (7.8, 2.1e12, 70.0, 981.0), "in, lbf s2/in and s": (7.3e-4, 30e6, 27.6, 386.2),
+}  # fmt: skip
 
 
 def test_how_wide_a_beam_is_across_the_plane_does_not_count() -> None:

@@ -494,9 +494,7 @@ class Square(ShapedSection):
 LATER = {
     "an area of a number": (SECTION, ("return AffineSum.of(self.side) ** 2", "return 3.0"), r".*: TypeError: its area"),
     "an area below zero": (
-        SECTION,
-        ("return AffineSum.of(self.side)", "return -1 * AffineSum.of(self.side)"),
-        r".* neg",
+        SECTION, ("return AffineSum.of(self.side)", "return -1 * AffineSum.of(self.side)"), r".* neg",
     ),
     "no inertia": (SECTION, ("def inertia", "def inertias"), r".*mine\.py, line 7: class Square: NotImplementedError"),
     "a section that fails": (SECTION, ("(5 / 6", "(5 / 0"), r"plugin '.*', line 20: ZeroDivisionError: .*; repair the"),
@@ -506,14 +504,11 @@ LATER = {
         r".*mine\.py, line 7: class Square: TypeError: its reach is two quantities",
     ),
     "made of a list": (
-        OUTPUT,
-        ("def reading", "@property\n    def made_of(self):\n        return [self.point]\n\n    def reading"),
+        OUTPUT, ("def reading", "@property\n    def made_of(self):\n        return [self.point]\n\n    def reading"),
         r".*mine\.py, line 9: class Along: made_of gives the entry",
     ),
     "what fails": (
-        LISTING,
-        ("statement = along", "statement = nothing; along"),
-        r"plugin '.*', line 3\d: NameError: name",
+        LISTING, ("statement = along", "statement = nothing; along"), r"plugin '.*', line 3\d: NameError: name",
     ),
     "forces of nothing": (
         LISTING,
@@ -530,13 +525,10 @@ LATER = {
         r".*: class LineSpring: 1 of its actions have a law that is loaded; by_load says whether one has$",
     ),
     "no forces": (
-        LISTING,
-        ("return ActionEffect", "ActionEffect"),
-        r".*: forces returns an Effect, .* not a NoneType$",
+        LISTING, ("return ActionEffect", "ActionEffect"), r".*: forces returns an Effect, .* not a NoneType$",
     ),
     "a parameter that is none": (
-        LISTING,
-        ("Quantity(0.0))", 'Quantity.of("far"))'),
+        LISTING, ("Quantity(0.0))", 'Quantity.of("far"))'),
         r".*: class LineSpring: its law is given the parameter 'far', which the scene has not$",
     ),
     "a direction in space of a law": (
@@ -550,11 +542,9 @@ LATER = {
     ),
     "a direction in space": (LISTING, ("np.array(self.direction)", "np.eye(3)[0]"), r".*py:3\d: .* directions have 2"),
     "no reading": (
-        OUTPUT,
-        ("return Reading", "Reading"),
-        r".*: an output is made of outputs\.readings, .* a NoneType$",
+        OUTPUT, ("return Reading", "Reading"), r".*: an output is made of outputs\.readings, .* a NoneType$",
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", LATER)

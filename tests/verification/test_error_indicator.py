@@ -348,11 +348,8 @@ HELD = (
 )
 LED = (HELD[0], HELD[1] % ("shoulder", "first", "{table=[[0.0,0.0],[0.02,0.1],[1.0,0.2]]}", 40.0, 20.0, 1.0), HELD[2])
 SAMPLED = (
-    HELD[0],
-    HELD[1] % ("crank_hinge", "angle", 0.3, 6.0, 3.0, 0.3),
-    "controllers.hold.sample_time=1e-3",
-    HELD[2],
-)
+    HELD[0], HELD[1] % ("crank_hinge", "angle", 0.3, 6.0, 3.0, 0.3), "controllers.hold.sample_time=1e-3", HELD[2],
+)  # fmt: skip
 RUBBED = (
     "simulation.duration=0.05",
     'effects.rub={type="joint_friction", joint="crank_hinge", coefficient=0.3, radius=0.02, speed=0.5}',
@@ -415,7 +412,7 @@ CASES = {
     "driven by a table": (in_plane, ("reduction.modes=3", *STARTED), False),
     "scaled cross-section": (in_plane, ("reduction.modes=3", *SCALED), False), "cells in space": (in_space, (), True),
     "beams in space": (beams_in_space, (), False), "two coordinates": (two_beams, ("reduction.angles=12",), False),
-    "three coordinates": (platform, ("reduction.angles=6", "parameters.radius={nominal=3e-3}"), False),
+    "three coordinates": (platform, ("reduction.angles=4", "parameters.radius={nominal=3e-3}"), False),
     "end stop": (every_effect, AT_STOP, False),
     "controller, two coordinates": (two_beams, ("reduction.angles=12", *LED), False),
     "sampled controller in space": (beams_in_space, SAMPLED, False),

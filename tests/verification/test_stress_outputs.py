@@ -472,11 +472,8 @@ def test_forces_at_other_lengths_where_loads_depend_on_each_other() -> None:
     78 % too large, those of lanes not."""
     own = "parameters.L={nominal=0.6,bounds=[0.56,0.64],distribution={name='uniform',loc=0.56,scale=0.08}}"
     entries = (
-        "bodies.arm.line.length='L'",
-        own,
-        'effects.weight={type="gravity"}',
-        asked("worst", "stress_max", "", "arm"),
-    )
+        "bodies.arm.line.length='L'", own, 'effects.weight={type="gravity"}', asked("worst", "stress_max", "", "arm"),
+    )  # fmt: skip
     few = "reduction.length_points=3", "reduction.angles=12"
     model = reduced_model(load_scene(ROOT / "scenes" / "servo_arm.toml", (*entries, *few)))
     lanes, values, rng = (
