@@ -117,8 +117,8 @@ class Skin:
 
     name: str  # of the body
     points: np.ndarray  # where its nodes are drawn, shape (n_f, n_nodes, 3), m
-    #: edges, triangles: what shows its shape, and its surface, shapes (n, 2) and (n, 3); of beams edges are their lines,
-    #: and there are no triangles. A point mass has neither.
+    #: edges, triangles: what shows its shape, and its surface, shapes (n, 2) and (n, 3); of beams edges are their
+    #: lines, without triangles. A point mass has neither.
     edges: np.ndarray
     rigid: bool  # whether it does not deform
     values: np.ndarray | None = None  # what colours it, shape (n_f, n_nodes); None where that is not known
