@@ -77,6 +77,31 @@ joints.axle: type = "revolute"; connect = ["boom:tip", "head:axle"]
 joints.belt: type = "belt"; joints = ["pivot", "axle"]; ratio = -1.0; elastic = { stiffness = 1e3 }
 coordinates.theta: joint = "pivot"; range = [0.3, 1.1]
 """)
+# a tube that sags under a panel beside its axis, on a flange that turns
+TUBE = HEADER + tables("""
+ground.points: post = [12.0, 0.0, 0.0]
+bodies.hub: rigid = { mass = 30.0, inertia = [0.8, 0.5, 0.5, 0.0, 0.0, 0.0], points = { axis = [0.0, 0.0, 0.0] } }
+bodies.tube: line = { length = 12.0, elements = 6 }; element = "beam3d"; material = "steel";
+    orientation = [0.0, 1.0, 0.0]; section = { shape = "hollow_rectangle", width = 0.12, height = 0.12, wall = 4e-3 }
+bodies.panel: placement = { origin = [8.0, 0.0, 0.0] };
+    rigid = { mass = 260.0, centre = [0.0, 0.0, 0.12], inertia = [90, 820, 900, 0, 0, 0], points = { on = [0, 0, 0] } }
+joints.drive: type = "revolute"; connect = ["ground:origin", "hub:axis"]; axis = [1.0, 0.0, 0.0]
+joints.flange: type = "fixed"; connect = ["hub:axis", "tube:hinge"]
+joints.flange.elastic: reference = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]; turning_stiffness = [2e4, inf, inf]
+joints.post: type = "cylindrical"; connect = ["ground:post", "tube:tip"]; axis = [1.0, 0.0, 0.0]
+joints.clamp: type = "fixed"; connect = ["tube:4", "panel:on"]
+coordinates.tilt: joint = "drive"; range = [-0.5, 0.5]
+effects.hold: type = "prescribed_motion"; coordinate = "tilt"; table = [[0.0, 0.0], [9.0, 0.0]]
+effects.weight: type = "gravity"; direction = [0.0, 0.0, -1.0]
+effects.wind: type = "law"; joint = "post"; motion = "turning"; force = "600 * min(5 * t, 1)"
+effects.second: type = "geometric_stiffening"
+effects.inertia: type = "mode_inertia"
+reduction: modes = 6; angles = 9; static_modes = true; inertia_modes = true
+initial: equilibrium = true
+simulation: duration = 1.0; step = 2e-3
+outputs.aside: type = "deformation"; point = "panel:on"; axis = "y"
+outputs.twist: type = "angle"; joint = "post"
+""")
 
 SHAFT, N_ELEMENTS, SIDE = 0.8, 8, 0.02
 DISCS = {"2": 3.0, "5": 2.0}  # kg, by the node that they are on
@@ -116,6 +141,11 @@ def machine_in_space(*overrides: str) -> Scene:
 def boom(*overrides: str) -> Scene:
     """Return a boom with a head that an elastic belt holds."""
     return scene_from_toml(BOOM, ".", overrides)
+
+
+def tube(*overrides: str) -> Scene:
+    """Return a tube that sags under a panel, on a flange that turns by 0.03 rad."""
+    return scene_from_toml(TUBE, ".", overrides)
 
 
 def rotor(*overrides: str) -> Scene:

@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import warm_start
-from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
+from conftest import ALONE, MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from runs import PAPER_SCENE, SMALL, overridden
 
 QUICK = (*SMALL, "ensemble.bands=10")
@@ -44,7 +44,7 @@ def written_by_commands(folder: Path, *launcher: object, further: Sequence[list[
 
 def in_turn(calls: list[list[str]], *launcher: object, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run commands one after the other in one process, with further variables of the environment."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), **MPI_ENVIRONMENT, **variables}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **MPI_ENVIRONMENT, **ALONE, **variables}
     command = [*warm_start.python(environment), *map(str, launcher), "-c", ONE_BY_ONE, json.dumps(calls)]
     return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=TIMEOUT_SECONDS)
 

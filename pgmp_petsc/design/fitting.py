@@ -13,10 +13,6 @@ those of the covariance at the end,
 
 where R has the correlations of what is left of an output with its own later values (`autocorrelation`): a sandwich
 (Newey and West, Econometrica 55 (1987) 703-708), which is ``(J^T J)^-1`` where noise is independent.
-
-Between two instants of a run an output is a cubic, so measurements there are as good as four that the cubic is compared
-with (`_Condensed`): of histories with many more, these and the sum of squares that no cubic takes away are all that the
-search needs.
 """
 
 from __future__ import annotations
@@ -395,7 +391,7 @@ class _Fitting:
 
 
 class _Condensed:
-    """Measurements (n,) of an output between two instants of a run, as four equations for the cubic there.
+    """Measurements (n,) of an output between two instants of a run, where it is a cubic, as four equations for that.
 
     With ``V c`` the values of the cubic of coefficients c at the measured instants, ``V = Q R``, and m the measurements
     ``|V c - m|^2 = |R c - Q^T m|^2 + |m|^2 - |Q^T m|^2``. `rest` is the sum of squares that no cubic takes away.

@@ -7,11 +7,8 @@ which are dealt out first, as few as there are ranks: an estimate takes ten time
 much as fifteen samples before there is any in it. A sample's numbers depend on none of this.
 
 Which samples are checked is chosen by their numbers, the same on any ranks. Where the scene gives no share, it is
-`SHARE`, or less where estimates would take more than `PRICE` of the time of the runs. This price is counted, not
-measured: an estimate has a run with smaller steps, and evaluations at two sets of instants with the unknowns of beams,
-each with its neighbours, and of condensed bodies, each with all others of its body; a run has its steps with the
-reduced coordinates. A sample with lengths of its own is alone in the lanes of its estimate, and its mechanism is placed
-anew at every angle.
+`SHARE`, or less where estimates would take more than `PRICE` of the time of the runs, which is counted, not measured
+(docs/method.md, error indicator).
 """
 
 from __future__ import annotations

@@ -8,25 +8,14 @@ A path stays where a difference is good: neither the mechanism turns far on it n
 Where stiff springs or loads act on undeformed bodies at once, flexible accelerations would lead hundreds of radians
 away within the time in which the mechanism turns by little.
 
-At which steps of a run its error is evaluated, until two sets of instants agree.
-
-Errors of what the reduction leaves out are driven for a long time where they meet a vibration of the bodies or of the
-mechanism, and set off at once where a stop is entered or friction turns round. Instants that are further apart than the
-run's own steps damp the one and miss the other. So every step is evaluated, and every half of one to compare with;
-where these disagree, every step of the run with smaller steps that is followed (`FINER` in one). Vibrations that the
-run's steps do not resolve look slow at these, and even slower at every second one: the two would agree on what is
-wrong.
-
-A run of many steps, or a costly one, is evaluated at longer strides. What is faster than these cannot be foreseen: seen
-at the rate 1/T, a residual of frequency f looks like one of frequency ``|f - k / T|``, and what ought to average out
-drives the mechanism for a long time (aliasing). The strides s and 2 s - 1 have no common factor: a frequency that the
-one takes for constant is not constant for the other. Every interval is a whole number of steps, the same throughout;
-one that is not would move the motion by up to half a step in time from one evaluation to the next.
+At which steps of a run its error is evaluated, until two sets of instants agree, and why at these: docs/method.md,
+error indicator. Every interval is a whole number of steps, the same throughout; one that is not would move the motion
+by up to half a step in time from one evaluation to the next. Seen at the rate 1/T, a residual of frequency f looks like
+one of frequency ``|f - k / T|``, and what ought to average out drives the mechanism for a long time (aliasing): the
+strides s and 2 s - 1 of long or costly runs have no common factor.
 
 Where controllers, or what joints carry, are found between corrections, all intervals are equal and samplings are at
 evaluations: the strides are the shortest that the price allows, and there may be too few of them for an estimate.
-
-Each sample goes by its own motion, so that none has a part in another's estimate.
 """
 
 from __future__ import annotations

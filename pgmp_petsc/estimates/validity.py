@@ -8,16 +8,13 @@ elastic joints give way most.
 What elastic joints give way is in it: their motion is linear in the model, and has to be as small. Without terms of
 second order forces do not turn with it, so that a rotation phi is a share phi of what they do: said from 2 % on.
 
-**Elastic strain**: the largest strain along the outermost fibre of a beam, ``|eps| + c |kappa|`` with c half its
-height; of a section given by coefficients, which has no height, c is that of the circle with the same radius of
-gyration. Not known of continuum bodies.
+**Elastic strain**: the largest strain along the outermost fibre of a beam, ``|eps| + c |kappa|`` with c its distance
+from the axis (`half_height`). Not known of continuum bodies.
 
 **Stiffness gained and lost**: the largest and the least share by which the forces in the bodies change the stiffness of
 a mode (`reduction.tables.StiffnessChanges`), from loads, local forces and the inertia forces of the rigid motion at
 that instant: what geometric stiffening does, or would do where the model has none. -1 is buckling. Of continuum bodies
 it is known where the model has terms of second order.
-
-`remarks_of` says in words what is beyond its limit, and what to do.
 
 What is looked at in every second step is compiled, LANES samples side by side. At the sampled configuration next to a
 state, with the weights w of a sample's own parameters and packed lower triangles of the stiffness, halved on the

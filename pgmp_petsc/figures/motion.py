@@ -117,13 +117,13 @@ class Skin:
 
     name: str  # of the body
     points: np.ndarray  # where its nodes are drawn, shape (n_f, n_nodes, 3), m
-    #: triangles, edges: of its surface, and what shows its shape, shapes (n, 3) and (n, 2); of beams no triangles, and
-    #: edges are their lines. A point mass has neither.
-    triangles: np.ndarray
+    #: edges, triangles: what shows its shape, and its surface, shapes (n, 2) and (n, 3); of beams edges are their
+    #: lines, without triangles. A point mass has neither.
     edges: np.ndarray
-    radius: float  # of beams, m; 0 where it is not known
-    values: np.ndarray | None  # what colours it, shape (n_f, n_nodes); None where that is not known
     rigid: bool  # whether it does not deform
+    values: np.ndarray | None = None  # what colours it, shape (n_f, n_nodes); None where that is not known
+    triangles: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=int))
+    radius: float = 0.0  # of beams, m; 0 where it is not known
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,12 +187,11 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
         if name in run.fields:
             skins.append(skin_of(name, run.fields[name], factor, VALUES[colour]))
             continue
-        none = np.zeros((0, 3), dtype=int)
-        skins.append(Skin(name, in_space(positions), none, frames.cells[name], 0.0, None, name in frames.rigid))
+        skins.append(Skin(name, in_space(positions), frames.cells[name], name in frames.rigid))
     bare = [skin.name for skin in skins if len(skin.edges) and not skin.rigid and skin.name not in run.fields]
     d, line = next(iter(frames.nodes.values())).shape[1], np.array([[0, 1]])
     for name, at in spans_of(frames, run.record, {skin.name: skin.points[..., :d] for skin in skins}).items():
-        skins.append(Skin(name, in_space(at), np.zeros((0, 3), dtype=int), line, 0.0, None, False))
+        skins.append(Skin(name, in_space(at), line, False))
     if bare:
         notes.append(f"{', '.join(bare)}: drawn as lines between joints, their fields are not stored (see pgmp info)")
     notes += uncoloured(run.fields, colour)
@@ -265,10 +264,9 @@ def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField
     shown = own.positions + (scale - 1.0) * np.nan_to_num(own.deformation)
     colours = None if own.rigid else values(own)
     if own.kind == "line":
-        none, radius = np.zeros((0, 3), dtype=int), own.radius or 0.0
-        return Skin(name, in_space(shown), none, own.cells, radius, colours, own.rigid)
+        return Skin(name, in_space(shown), own.cells, own.rigid, colours, radius=own.radius or 0.0)
     faces = drawn_faces(own.kind, own.cells)
-    return Skin(name, in_space(shown), triangles(faces), outlines(faces, own.nodes), 0.0, colours, own.rigid)
+    return Skin(name, in_space(shown), outlines(faces, own.nodes), own.rigid, colours, triangles(faces))
 
 
 def in_unit(skins: list[Skin], colour: str, unit: str) -> tuple[list[Skin], str, float, int]:
@@ -327,6 +325,4 @@ def uncoloured(fields: Mapping[str, BodyField], colour: str = "mises") -> list[s
 
 
 def in_space(points: np.ndarray) -> np.ndarray:
-    found = np.zeros((*points.shape[:-1], 3))
-    found[..., : points.shape[-1]] = points
-    return found
+    return np.pad(points, [(0, 0)] * (points.ndim - 1) + [(0, 3 - points.shape[-1])])

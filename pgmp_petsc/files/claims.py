@@ -5,10 +5,9 @@ asks first has it then, so that nothing is ever left to be cleaned up and no two
 file says of its owner is for people only. The file is removed with the lock, and by the signals that end a run; one
 that a killed job left is no lock.
 
-It holds between hosts where their shared file system hands locks on: NFS, GPFS, BeeGFS with global locks and Lustre
-mounted with ``flock``. Where locks stay on a host (Lustre mounted with ``localflock``) it keeps apart the jobs of one
-host alone. Where there are no locks (Lustre mounted with neither) there is nothing to hold, and a warning says so;
-what pieces of a run carry of their run (`checkpoint_folder`) still keeps those of two runs apart.
+It holds between hosts where their shared file system hands locks on (docs/files.md). Where locks stay on a host
+(Lustre mounted with ``localflock``) it keeps apart the jobs of one host alone. Where there are none, what pieces of a
+run carry of their run (`checkpoint_folder`) still keeps those of two runs apart.
 
 What a command is going to write: checked before long work, and kept from other jobs until it is written.
 

@@ -3,24 +3,9 @@
 A file is written by one process (rank 0) beside its target and renamed when it is complete and on the disk, so a file
 under its final name is never half written, and one that it replaces stays until then. Its first 512 bytes, which HDF5
 skips, are a seal with a checksum of all of it (:mod:`pgmp_petsc.files.seal`), checked before it is read. Every file
-has
-
-===================== ==========================================================================
-attribute             meaning
-===================== ==========================================================================
-``format_version``    integer, :func:`version_of` the kind
-``program_version``   version of pgmp_petsc that wrote it
-``kind``              ``rom``, ``components``, ``trajectory``, ``ensemble``, ``shard``, ``rare_event``, ``modes``,
-                      ``tradeoff``, ``sensitivities``, ``fit`` or ``design``
-``scene``             the resolved scene as TOML
-``parameters``        parameter values as a JSON object, in the scene's units
-``seed``              seed of the random streams; an empty (null) attribute where there is none
-``ranks``             number of MPI ranks of the run
-``remarks``           warnings and notes as JSON, see :mod:`pgmp_petsc.base.errors`
-===================== ==========================================================================
-
-and scalar datasets ``/timings/<phase>``: wall time in s, maximum over the ranks. Every dataset has the
-attributes ``unit`` and ``description``.
+has the attributes ``format_version``, an integer (:func:`version_of` the kind), ``program_version``, ``kind``, one of
+`KINDS`, and what :class:`RunRecord` writes: ``scene`` as TOML, ``parameters`` and ``remarks`` as JSON, ``seed``, empty
+(null) where there is none, and ``ranks``. Every dataset has the attributes ``unit`` and ``description``.
 
 A stream under an HDF5 file that is being written, which keeps HDF5 alive when the disk is full.
 

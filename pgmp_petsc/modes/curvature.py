@@ -44,8 +44,10 @@ their elastic forces with them:
     K chi_rj + K3[psi_r, psi_j] + C^T nu_rj = phi x (K psi_j),    C chi_rj = -c''[psi_r, psi_j].
 
 So chi_rj is the shape that is turned with its body, which stores no energy, or where joints do not let it the one
-beside it that stores least, whatever psi_j answers; chi_rr is the way of the mechanism. Of both chi keeps its part
-along Psi for the reason above: what turns does not stretch.
+beside it that stores least, whatever psi_j answers; chi_rr is the way of the mechanism. Of chi_rr chi keeps its part
+along Psi, and of chi_rj that with the factors F and ``lambda_k^2 / (lambda_k^2 + lambda_j^2)``, for the reason above:
+what turns does not stretch. What is soft does not turn with its body: a tube that sags goes on to sag, and loads hold
+it there. Had chi_rj all of it, delta would have to turn back, by a motion without inertia.
 
 Rotations in space add to inertia at second order: sections and rigid bodies turn by ``exp(phi)``. A node's directors
 are ``d_k = R exp(phi) e_k``. Their second derivative in two vectors a and b of displacements and rotations, ``1/2 (a x
@@ -147,6 +149,10 @@ class CurvatureProblem:
         crossed = free & ~own if self._axial is not None else free
         chi[:, crossed] -= self._along(np.hstack([rigid, bent]), chi[:, crossed], momenta[:, crossed])
         chi[:, ~crossed] -= self._along(rigid, chi[:, ~crossed], momenta[:, ~crossed])
+        for number in np.flatnonzero(loose):
+            turned = (i == number) & moving[j] | (j == number) & moving[i]  # in the order of the others
+            part = problem.inner(bent, problem.times_mass(chi[:, turned]) + momenta[:, turned])
+            chi[:, turned] -= bent @ self._left_behind(bent, part)
         if self._axial is not None:
             part = problem.inner(bent, problem.times_mass(chi[:, own]) + momenta[:, own])
             chi[:, own] -= bent @ self._dropped_part(bent, part)
@@ -223,6 +229,26 @@ class CurvatureProblem:
         gram = problem.inner(basis, problem.times_mass(basis))
         return basis @ np.linalg.solve(gram, problem.inner(basis, problem.times_mass(chi) + momenta))
 
+    def _left_behind(self, shape: np.ndarray, part: np.ndarray) -> np.ndarray:
+        """Return of momenta along Psi (m, m), of what turns with Psi, the components that do not follow at once."""
+        problem = self._problem
+        stiffness = problem.inner(shape, problem.times_stiffness(shape))
+        gram, vectors, stiff, ahead = self._spectrum(stiffness, shape)
+        inverse, along = vectors.T @ gram, np.linalg.solve(gram, part)
+        return along - vectors @ (stiff[:, None] * ahead * (inverse @ along @ vectors)) @ inverse
+
+    def _spectrum(
+        self, stiffness: np.ndarray, shape: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return M along Psi, eigenvectors of stiffness along it, F of each, (m,), and how much faster each is than
+        others, as factors, (m, m)."""
+        problem = self._problem
+        # Psi is M-orthonormal at the nominal parameters but for parameter modes
+        gram = problem.inner(shape, problem.times_mass(shape))
+        squares, vectors = eigh(stiffness, gram)
+        stiff = 1.0 / (1.0 + (STIFF / (squares * np.sum(1.0 / squares))) ** 2)
+        return gram, vectors, stiff, 1.0 / (1.0 + (squares / squares[:, None]) ** 2)
+
     def _dropped_part(self, shape: np.ndarray, part: np.ndarray) -> np.ndarray:
         """Return of momenta along Psi (m, n_pairs) the components that chi does not keep.
 
@@ -231,14 +257,10 @@ class CurvatureProblem:
         problem, m, everywhere = self._problem, shape.shape[1], self._problem.all_rows(shape)
         rows, columns = np.tril_indices(m)
         stiffness = problem.inner(shape, problem.times_stiffness(shape))
-        # Psi is M-orthonormal at the nominal parameters but for parameter modes
-        gram = problem.inner(shape, problem.times_mass(shape))
+        gram, vectors, stiff, ahead = self._spectrum(stiffness, shape)
         share = np.linalg.solve(stiffness, problem.inner(shape, self._axial @ everywhere))
         bending = np.eye(m) - share @ share @ (3.0 * np.eye(m) - 2.0 * share)
-        squares, vectors = eigh(stiffness, gram)
         inverse, bending = vectors.T @ gram, bending @ vectors
-        stiff = 1.0 / (1.0 + (STIFF / (squares * np.sum(1.0 / squares))) ** 2)
-        ahead = 1.0 / (1.0 + (squares / squares[:, None]) ** 2)
         along = np.empty((m, m, m))
         along[:, rows, columns] = along[:, columns, rows] = np.linalg.solve(gram, part)
         kept = np.einsum("kl,lab,ai,bj->kij", inverse, along, bending, bending, optimize=True)

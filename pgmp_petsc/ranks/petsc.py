@@ -65,6 +65,9 @@ ALONE = {
     "OMPI_MCA_pml": "ob1",
     "OMPI_MCA_btl": "self",
 }
+# Also where scripts/mpi_env.sh has set it for ranks: MUMPS looks for messages some hundred times a solution, and a
+# process that is alone would give its turn away each time, to whatever else runs
+TURNS = {"OMPI_MCA_mpi_yield_when_idle": "0"}
 ABOUT_VALUES = (56, 60, 62, 63, 64, 65, 67, 83, 86, 89, 92)  # PETSc's errors of an option's value
 
 
@@ -83,11 +86,14 @@ def start_mpi() -> Comm:
         return alone()
     on_its_own = not any(name in os.environ for name in OF_RANKS)
     given = {name: value for name, value in ALONE.items() if on_its_own and name not in os.environ}
+    given |= TURNS if on_its_own else {}
+    before = {name: os.environ[name] for name in given if name in os.environ}
     os.environ.update(given)
     from mpi4py import MPI
 
     for name in given:
         del os.environ[name]
+    os.environ.update(before)
     return MPI.COMM_WORLD
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import matplotlib
@@ -33,6 +33,7 @@ from pgmp_petsc.results.trajectory import BodyField, truncated
 
 MOST_NODES = 6000  # nodes of all surfaces of a film: what a phone draws 25 times a second
 MESHED = ("solid2d", "solid3d")
+NO_LINES, NO_TRIANGLES = (np.zeros((0, n), dtype=int) for n in (2, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +48,10 @@ class FilmBody:
     known: np.ndarray  # the frames at which there is a deformation, shape (n_f,)
     #: lines, triangles, edges: cells of beams; of surfaces their triangles, and the edges that show their shape; shapes
     #: (., 2), (., 3), (., 2)
-    lines: np.ndarray
-    triangles: np.ndarray
-    edges: np.ndarray
-    values: np.ndarray | None  # von Mises' stress at the nodes, shape (n_f, n), Pa; None where it is not known
+    lines: np.ndarray = field(default_factory=NO_LINES.copy)
+    triangles: np.ndarray = field(default_factory=NO_TRIANGLES.copy)
+    edges: np.ndarray = field(default_factory=NO_LINES.copy)
+    values: np.ndarray | None = None  # von Mises' stress at the nodes, shape (n_f, n), Pa; None where it is not known
     note: str = ""  # what of the body is left out, empty where nothing is
 
     def at(self, frames: np.ndarray) -> FilmBody:
@@ -76,19 +77,17 @@ def bodies_of(run: Trajectory) -> list[FilmBody]:
 
 def _of_span(name: str, at: np.ndarray, moved: np.ndarray) -> FilmBody:
     """Return what acts between two points, at (n_f, 2, d), m, as a line whose ends are moved with the bodies."""
-    line, none, known = np.array([[0, 1]]), np.zeros((0, 3), dtype=int), np.ones(len(at), dtype=bool)
-    return FilmBody(name, "flexible", at[0], in_space(at), in_space(moved), known, line, none, none[:, :2], None)
+    known = np.ones(len(at), dtype=bool)
+    return FilmBody(name, "flexible", at[0], in_space(at), in_space(moved), known, np.array([[0, 1]]))
 
 
 def _with_field(name: str, own: BodyField, most: int) -> FilmBody:
     """Return a body whose field is known; of a meshed one the surface, with as many nodes as may be drawn."""
     skin = skin_of(name, own, 1.0, VALUES["mises"])
     known = np.isfinite(own.deformation).all(axis=(1, 2))
-    kind = "rigid" if own.rigid else "flexible"
-    nothing, moved = np.zeros((0, 2), dtype=int), in_space(np.nan_to_num(own.deformation))
+    kind, moved = "rigid" if own.rigid else "flexible", in_space(np.nan_to_num(own.deformation))
     if own.kind == "line":
-        none = np.zeros((0, 3), dtype=int)
-        return FilmBody(name, kind, own.nodes, skin.points, moved, known, own.cells, none, nothing, skin.values)
+        return FilmBody(name, kind, own.nodes, skin.points, moved, known, own.cells, values=skin.values)
     used, triangles = np.unique(skin.triangles, return_inverse=True)
     triangles, edges, note = triangles.reshape(-1, 3), np.searchsorted(used, skin.edges), ""
     if len(used) > most:
@@ -99,7 +98,7 @@ def _with_field(name: str, own: BodyField, most: int) -> FilmBody:
         edges = outlines(triangles, own.nodes[used])
     values = None if skin.values is None else skin.values[:, used]
     nodes, points = own.nodes[used], skin.points[:, used]
-    return FilmBody(name, kind, nodes, points, moved[:, used], known, nothing, triangles, edges, values, note)
+    return FilmBody(name, kind, nodes, points, moved[:, used], known, NO_LINES, triangles, edges, values, note)
 
 
 def _of_frames(run: Trajectory, name: str) -> FilmBody:
@@ -109,9 +108,7 @@ def _of_frames(run: Trajectory, name: str) -> FilmBody:
     moved = twice - places
     kind = "mass" if not len(cells) else "rigid" if name in frames.rigid else "flexible"
     known = np.full(len(places), bool(np.abs(moved).max(initial=0.0) > 0.0))
-    none = np.zeros((0, 3), dtype=int)
-    points, moved = in_space(places), in_space(moved)
-    return FilmBody(name, kind, frames.nodes[name], points, moved, known, cells, none, none[:, :2], None)
+    return FilmBody(name, kind, frames.nodes[name], in_space(places), in_space(moved), known, cells)
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,15 +61,9 @@ class Stopping(Record):
     def converted_by_itself(self, convert: Callable[[Any, str], Any]) -> dict[str, Any]:
         """Return figures, each in the unit of its rule; shares have none."""
         units = ["1" if is_share else unit for unit, is_share in zip(self.units, self.relative)]
-        return {
-            "wanted": np.array([convert(x, unit) for x, unit in zip(self.wanted, units)]),
-            **{
-                key: np.array([convert(row, unit) for row, unit in zip(getattr(self, key), self.units)]).reshape(
-                    getattr(self, key).shape
-                )
-                for key in ("estimates", "intervals")
-            },
-        }
+        rows = {"wanted": units, "estimates": self.units, "intervals": self.units}
+        found = {key: [convert(row, unit) for row, unit in zip(getattr(self, key), own)] for key, own in rows.items()}
+        return {key: np.array(own).reshape(getattr(self, key).shape) for key, own in found.items()}
 
     @property
     def is_met(self) -> bool:

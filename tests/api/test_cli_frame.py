@@ -187,23 +187,26 @@ def test_every_prefix_is_listed():
     assert all(f"| `{prefix}` |" in text for prefix in PREFIXES)
 
 
-@pytest.mark.parametrize(("given", "daemons", "folders"), [({}, 0, 0), ({"SLURM_JOB_ID": "1"}, 1, 1)])
-def test_a_process_alone_starts_no_daemon(tmp_path, given, daemons, folders):
+@pytest.mark.parametrize(("given", "daemons", "turns"), [({}, 0, 0), ({"SLURM_JOB_ID": "1"}, 1, 1)])
+def test_a_process_alone_starts_no_daemon(tmp_path, given, daemons, turns):
     """In a batch job it may be one of several; what it starts itself is not told that it is alone.
 
-    Nor does it make a folder: processes that are alone would share it, and one that ends would take it from others.
+    Nor does it make a folder: processes that are alone would share it, and one that ends would take it from others. It
+    gives no turns away while it looks for messages, also where that is set for ranks.
     """
     script = (
-        "import os; from pgmp_petsc.ranks.petsc import ALONE, start_mpi; size = start_mpi().size\n"
+        "import os, sys; from pgmp_petsc.ranks.petsc import ALONE, TURNS, start_mpi; (turns,), seen = TURNS, set()\n"
+        "sys.addaudithook(lambda what, of: (what, of[0]) == ('import', 'mpi4py.MPI') and seen.add(os.environ[turns]))\n"
+        "size = start_mpi().size\n"
         "children = open(f'/proc/self/task/{os.getpid()}/children').read().split()\n"
         "made = os.listdir(os.environ['TMPDIR'])\n"
-        "print(size, len(children), len(made), [name for name in ALONE if name in os.environ])"
+        "print(size, len(children), len(made), *seen, os.environ[turns], [name for name in ALONE if name in os.environ])"
     )
-    given = given | {"TMPDIR": str(tmp_path)}
+    given = given | {"TMPDIR": str(tmp_path), "OMPI_MCA_mpi_yield_when_idle": "1"}
     # a test process that itself started MPI passes names on
     environment = {name: value for name, value in os.environ.items() if name not in (*OF_RANKS, *ALONE)} | given
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=True)
-    assert done.stdout.split(maxsplit=3) == ["1", str(daemons), str(folders), "[]\n"]
+    assert done.stdout == f"1 {daemons} {daemons} {turns} 1 []\n"
 
 
 def test_info_describes_a_file(mpirun, tmp_path):

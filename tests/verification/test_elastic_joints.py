@@ -16,6 +16,7 @@ from elastic_scenes import (
     machine_in_space,
     rigid_frame,
     rotor,
+    tube,
     vibrations,
 )
 from machine_scenes import MODELS
@@ -367,6 +368,13 @@ def test_mounts_that_shake_need_no_terms_of_second_order():
     scene = machine(*fast, "simulation.initial.theta.velocity=80.0")
     full, reduced = (_outputs(MODELS[name](scene), scene) for name in ("full", "reduced"))
     assert_alike(full, reduced, 1e-3, "lift", "bent")
+
+
+def test_a_tube_that_sags_goes_on_to_sag_as_its_flange_turns():
+    """Loads hold its sag where it is, and of what it moves aside nothing is without inertia."""
+    scene = tube()
+    full, reduced = (_outputs(MODELS[name](scene), scene) for name in ("full", "reduced"))
+    assert_close(full, reduced, aside=0.02, twist=1e-3)
 
 
 def test_a_run_whose_mounts_give_way_far_says_so():
