@@ -22,7 +22,7 @@ from pgmp_petsc.base.errors import InputError, RunError, counted
 from pgmp_petsc.base.plugins import in_use
 from pgmp_petsc.base.progress import doing
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bench.prices import Price, step_of_samples, step_seconds
+from pgmp_petsc.bench.prices import Price, prospects, quicker, step_of_samples, step_seconds
 from pgmp_petsc.bench.reference import Demand, Reference, choose_reference, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
@@ -36,6 +36,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh, refined
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.models.lengths import why_of_one_mesh
 from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.report.budget import (
     headline_of_build,
     headline_of_comparison,
@@ -100,7 +101,8 @@ def run(
 
     The better model is the full-order one or, where that is too dear, the component model; what it will take is
     predicted and said first, and beyond reference.budget it is left out. Samples are drawn where parameters have
-    distributions. Mechanisms that have no reduced model run as component or full-order models.
+    distributions; of another model where its steps are predicted to take a third of the reduced one's. Mechanisms that
+    have no reduced model run as component or full-order models.
 
     All files are in one folder. A later run of the same scene takes those that are finished, and takes up what was
     begun; with `force` it begins anew. Exit status 1 if a run stopped early or samples failed; the report says which.
@@ -211,7 +213,7 @@ class _Job:
         """Run the model once."""
 
         def make(target: Path, resume: bool) -> str:
-            simulate(**self._source(with_settings=True), output=target, on_all_ranks=False, comm=self.comm)
+            simulate(**self._source(self.model, with_settings=True), output=target, on_all_ranks=False, comm=self.comm)
             return ""
 
         self._step("simulate", RUN, (self._made_from(),), make, headline_of_run)
@@ -321,21 +323,34 @@ class _Job:
             return
         if self.model != "reduced" and not self._affordable(n_samples):
             return
+        model, why = self._quicker() if self.model == "reduced" else (self.model, "")
+        if why:
+            self._say("ensemble", f"of the model with the quicker steps: {why}")
 
         def make(target: Path, resume: bool) -> str:
             found = montecarlo(
                 n=n_samples, seed=seed, output=target, resume=resume, on_all_ranks=False, comm=self.comm,
-                **self._source(with_settings=False),
+                **self._source(model, with_settings=False),
             )  # fmt: skip
             failed = self.comm.bcast(found.data is not None and bool(found.status.any()))
             return f"some samples failed; {target} says which" if failed else ""
 
-        known = (self._made_from(), n_samples, seed)
+        known = (self._made_from(), n_samples, seed, *([model] if why else []))
 
         def headline(path: Path) -> str:
             return headline_of_ensemble(path, *(file for file in self.files if file.name != ROM))
 
         self._step("ensemble", MANY, known, make, headline)
+
+    def _quicker(self) -> tuple[str, str]:
+        """Return the model that samples are of where there is a reduced one, and why if it is another."""
+
+        def found() -> tuple[str, str]:
+            n_flexible = ReducedOrderModel.read(self._of(ROM)).tables.n_modes
+            model, why = quicker(prospects(self.scene, self.meshes, self.kinematics.mechanism, n_flexible, 0))
+            return model or "reduced", why
+
+        return on_root(self.comm, found)
 
     def _affordable(self, n_samples: int) -> bool:
         """Say what samples of a model that is not reduced will take, and whether they are within the budget."""
@@ -417,14 +432,14 @@ class _Job:
         ledger = self._of(LEDGER)
         return target.exists() and target.stat().st_mtime_ns >= ledger.stat().st_mtime_ns
 
-    def _source(self, with_settings: bool) -> dict[str, object]:
-        if self.model == "reduced":
+    def _source(self, model: str, with_settings: bool) -> dict[str, object]:
+        if model == "reduced":
             return {"source": self._of(ROM)}
         settings = self.settings
         if not with_settings:  # what is drawn has none
             drawn = uncertain_names(self.scene)
             settings = tuple(one for one in settings if one.partition("=")[0].strip() not in drawn)
-        return {"source": self.path, "model": self.model, "parameters": settings, "overrides": self.overrides}
+        return {"source": self.path, "model": model, "parameters": settings, "overrides": self.overrides}
 
     def _made_from(self) -> str:
         """Return the checksum of the reduced model that a step runs; empty where there is none."""

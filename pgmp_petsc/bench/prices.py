@@ -223,18 +223,16 @@ def choice(scene: Scene, meshes: Mapping[str, BodyShape], found: Sequence[Prospe
     )
 
 
-def quicker(found: Sequence[Prospect]) -> str:
-    """Return which model's steps are predicted to be much quicker than the reduced one's, in words; empty if none's."""
+def quicker(found: Sequence[Prospect]) -> tuple[str, str]:
+    """Return the name of the model whose steps are predicted to be much quicker than the reduced one's, and by how
+    much in words; empty if none's are."""
     *others, reduced = (one for one in found if not one.refused)
     best = min(others, key=lambda one: one.step, default=reduced)
     if reduced.model != "reduced" or reduced.step < MUCH_QUICKER * best.step:
-        return ""
+        return "", ""
     steps = [f"{plain(1e6 * one.step)} us" for one in (reduced, best)]
-    of, option = {"mesh": ("the mesh", "--full"), "components": ("component modes", "--components")}[best.model]
-    return (
-        f"a step of a sample of this model is predicted to take {steps[0]}, of {of} {steps[1]}: runs and ensembles of "
-        f"the scene with {option} are quicker"
-    )
+    name, of = {"mesh": ("full", "the mesh"), "components": ("components", "component modes")}[best.model]
+    return name, f"a step of a sample of the reduced model is predicted to take {steps[0]}, of {of} {steps[1]}"
 
 
 def cheapest_from(offline: np.ndarray, online: np.ndarray) -> list[tuple[int, int]]:

@@ -169,7 +169,9 @@ def _with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Mapping[str, Bod
     timings = Timings()
     with timings.phase("effect sizes"):
         found = remarks_on_sizes(scene, meshes, rom.branch)
-    better = quicker(prospects(scene, meshes, Mechanism.from_scene(scene, meshes), rom.tables.n_modes, 0))
-    record, more = rom.record, (note(better),) if better else ()
+    better, why = quicker(prospects(scene, meshes, Mechanism.from_scene(scene, meshes), rom.tables.n_modes, 0))
+    record, more = rom.record, ()
+    if better:
+        more = (note(f"{why}: runs and ensembles of the scene with --{better} are quicker"),)
     remarks, seconds = (*record.remarks, *found, *more), {**record.timings, **timings.as_dict()}
     return replace(rom, record=replace(record, remarks=remarks, timings=seconds))

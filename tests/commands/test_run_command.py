@@ -13,6 +13,8 @@ from conftest import ROOT
 from machine_scenes import cart
 from runs import PGMP, overridden, pgmp, said
 
+from pgmp_petsc.api import jobs
+from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.loading import write_template
 
@@ -82,6 +84,16 @@ def test_a_later_run_takes_what_is_finished(scene: Path, first: str, no_page: No
     lines = told(said("run", scene, "-n", 24, "--report", page, *SHORT)[0])
     again = [name for name in lines if "(finished before" in lines[name][-1]]
     assert again == ["build", "simulate", "compare", "mesh"] and "24 samples" in lines["ensemble"][-1] and page.exists()
+
+
+def test_samples_are_of_a_model_with_quicker_steps(scene: Path, first: str, no_page: None, monkeypatch) -> None:
+    monkeypatch.setattr(jobs, "quicker", lambda found: ("full", "12 us for 3 us"))
+    lines = told(said("run", scene, "-n", 4, *SHORT)[0])
+    assert (
+        "of the model with the quicker steps: 12 us for 3 us" in lines["ensemble"]
+        and "4 samples" in lines["ensemble"][-1]
+    )
+    assert Ensemble.read(scene.with_name("mine_results") / "samples.h5").model == "full"
 
 
 def test_another_scene_is_done_anew(scene: Path, first: str, no_page: None) -> None:
