@@ -323,7 +323,8 @@ class _Job:
             return
         if self.model != "reduced" and not self._affordable(n_samples):
             return
-        model, why = self._quicker() if self.model == "reduced" else (self.model, "")
+        may_differ = self.model == "reduced" and self.scene.reduction.tolerance is None  # which chose the reduced one
+        model, why = self._quicker() if may_differ else (self.model, "")
         if why:
             self._say("ensemble", f"of the model with the quicker steps: {why}")
 
