@@ -24,6 +24,7 @@ is, also after a failure and after the signals that end a run.
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import tempfile
@@ -48,7 +49,9 @@ if TYPE_CHECKING:
 MUMPS = "mumps"
 OUT_OF_CORE, MOST_MEMORY, NULL_PIVOTS, DISCARD = 22, 23, 24, 31  # numbers of MUMPS' settings ICNTL
 TOO_LITTLE = (-8, -9, -13, -19)  # INFOG(1): what there is, or may be had, does not hold the factor
+NUMBERS = 3  # INFO: of this rank's factor by the analysis; millions of them if it is negative
 NO_FILES = -90
+FULL = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT}
 
 
 class ShiftedFactor:
@@ -171,9 +174,12 @@ class ShiftedFactor:
     def _turn_to_files(self, what: str) -> None:
         """Drop a factor that failed; the next one goes into files."""
         comm, size = self._ksp.getComm(), self._matrix.getSize()[0]
-        needed = 1e-3 * self._mumps_factor().getMumpsInfog(17)
+        needed, numbers = 1e-3 * self._mumps_factor().getMumpsInfog(17), self._mumps_factor().getMumpsInfo(NUMBERS)
         self._ksp.reset()
         self._open_files()
+        with agreed(comm.tompi4py(), "space for a factor"):
+            self._files.reserve(8 * (numbers if numbers >= 0 else -1_000_000 * numbers), what)
+        self._files.release()
         announce(
             f"{what}: the factor of {size} unknowns takes {needed:.2g} GB, more than it may have of the memory of "
             f"{counted(comm.size, 'rank')}; it is kept in files in '{self._files.path}', "
@@ -233,10 +239,7 @@ def _meaning(infog: int, files: FactorFiles | None) -> str:
     if infog == -10:
         return ": the matrix is singular"
     if infog == NO_FILES and files is not None:
-        return (
-            f": its files in '{files.path}' cannot be written or read, {1e-9 * files.free:.3g} GB are free there; let "
-            "MUMPS_OOC_TMPDIR name a folder of a disk with more space, or give the run more memory or ranks"
-        )
+        return f": its files in '{files.path}' cannot be written or read, {files.cure}"
     return ""
 
 
@@ -309,6 +312,31 @@ class FactorFiles:
     def free(self) -> float:
         """Space that is left on the disk, bytes."""
         return float(shutil.disk_usage(self.path).free)
+
+    @property
+    def cure(self) -> str:
+        """What helps where there is too little."""
+        return (
+            f"{1e-9 * self.free:.3g} GB are free there; let {VARIABLE} name a folder of a disk with more space, or "
+            "give the run more memory or ranks"
+        )
+
+    def reserve(self, size: int, what: str) -> None:
+        """Take as much space as MUMPS' files will have, bytes, until `release`: all ranks hold theirs at a time. Raises
+        `RunError` where there is too little; MUMPS may wait for ever for what cannot be written."""
+        with (self.path / "space").open("wb") as file:
+            try:
+                os.posix_fallocate(file.fileno(), 0, max(size, 1))
+            except OSError as error:
+                if error.errno in FULL:  # others say that the disk takes no reservations
+                    raise RunError(
+                        f"{what}: the {1e-9 * size:.2g} GB of its factor cannot be written in '{self.path}' "
+                        f"({error.strerror}), {self.cure}"
+                    ) from error
+
+    def release(self) -> None:
+        """Give the space back, for MUMPS to take."""
+        (self.path / "space").unlink()
 
     def close(self) -> None:
         """Remove the folder with all that is in it."""

@@ -20,7 +20,7 @@ from petsc4py import PETSc  # noqa: E402
 from pgmp_petsc.base import resources as memory_module  # noqa: E402
 from pgmp_petsc.base.errors import InputError, RunError  # noqa: E402
 from pgmp_petsc.base.resources import free_memory, give_back  # noqa: E402
-from pgmp_petsc.solvers.shift_invert import ShiftedFactor  # noqa: E402
+from pgmp_petsc.solvers.shift_invert import NO_FILES, FactorFiles, ShiftedFactor, _meaning  # noqa: E402
 
 SIDE = 26  # points along each edge of a cube: a factor of some 30 MB
 SHIFT, PREFIX = -0.01, "pgmp_body_st_"
@@ -166,12 +166,15 @@ def test_a_disk_that_is_full_is_named(laplacian: tuple, folder: Path) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, before[1]))  # a write beyond fails, as on a full disk
     try:
         with pytest.raises(
-            RunError, match=r"INFOG\(1\) = -90, .* cannot be written or read, .* GB are free there; let"
+            RunError, match=r"the 0\.0\d+ GB of its factor cannot be written in '.* GB are free there; let"
         ):
             answers(laplacian, LITTLE, folder)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert not list(folder.iterdir())
+    files = FactorFiles()  # what MUMPS finds itself, where it does not wait for ever
+    assert "cannot be written or read, " in _meaning(NO_FILES, files)
+    files.close()
 
 
 def test_a_signal_that_ends_a_run_takes_the_files_along(folder: Path) -> None:
