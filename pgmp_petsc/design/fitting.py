@@ -214,15 +214,14 @@ class _Fitting:
     def _solved(self) -> tuple[np.ndarray, _Solution]:
         """Return the deviations of the noise of every output, and the solution."""
         history, known, n = self._history, self._noise, sum(self._n.values())
-        least = self._least
         size = self._size(self._run(self._start))
         sigma = np.array([known.get(name, size[k]) for k, name in enumerate(history.outputs)], dtype=float)
-        sigma, at = np.maximum(sigma, least), self._start
+        sigma, at = np.maximum(sigma, self._least), self._start
         for _ in range(1 if len(known) == len(sigma) else MOST_ROUNDS):
             solution = self._minimum(at, sigma)
             at = np.array([solution.values[name] for name in self._names])
             found = self._size(solution.run) / np.sqrt(1.0 - at.size / n)  # the share of freedom that is left
-            found = np.maximum([known.get(name, found[k]) for k, name in enumerate(history.outputs)], least)
+            found = np.maximum([known.get(name, found[k]) for k, name in enumerate(history.outputs)], self._least)
             settled, sigma = np.all(np.abs(found - sigma) <= SETTLED * sigma), found
             if settled:
                 break

@@ -532,12 +532,12 @@ class ReleasedClosure:
     def unheld(self, poses: np.ndarray, stiff: np.ndarray) -> int | None:
         """Return the released direction that moves most in a motion that is measured by none of the stiff ones, a mask
         (n_directions,), at poses (n_bodies, n_pose, 1); None where every motion is measured."""
-        free, moved, _ = self._moved(self._jacobian_at(poses)[0])
-        moved = moved[self._n_held :]
+        free, moved, whole = self._moved(self._jacobian_at(poses)[0])
+        moved, whole = moved[self._n_held :], whole[self._n_held :]
         if not free.shape[1]:  # all that is released is held by other joints
             return None
         values, right = np.linalg.svd(np.vstack([moved[stiff], np.zeros((1, free.shape[1]))]))[1:]
-        rank = int(np.sum(values > RELEASED_TOLERANCE * max(values[0], 1e-300)))
+        rank = int(np.sum(values > RELEASED_TOLERANCE * np.max(whole[stiff], initial=1e-300)))
         return int(np.argmax(np.abs(moved @ right[rank]))) if rank < free.shape[1] else None
 
     def _moved(self, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -163,6 +163,12 @@ def test_a_direction_that_other_joints_hold_is_not_released() -> None:
     released = kinematics.motion(np.array([0.3])).released
     assert kinematics.carries.tolist() == [True, True, False]
     assert np.max(np.abs(released[0, 2])) < 1e-12 < np.max(np.abs(released[2, :, 2]))
+    # nor does stiffness along it hold what moves across
+    loose = hinge.replace("1e6,2e6", "0.0,inf")
+    kinematics = kinematics_of(
+        scene_from_toml(KINDS["all rigid in space"], ".", (loose.replace("1.0,1.0", "1.0,0.0"),))
+    )
+    assert kinematics.unheld(np.array([0.3]), [False, True]) == 0
 
 
 def test_a_range_that_begins_in_a_singular_position() -> None:
