@@ -5,14 +5,11 @@ rank, and only errors are gathered, so that every rank decides on the same figur
 in them. A bench of one rank alone (`timed`) makes models from nothing and takes times.
 
 Times are taken by the wall and by the processor, of this process alone. *Offline* is what comes before the first
-sample: condensing bodies of cells, the build of a reduced model and its preparation, the preparation of another model,
-the runs at a response surface's nodes and the interpolation. *Online* is what a sample costs after that, as an ensemble
-does it: integration to the end time and the outputs there; of a response surface the outputs over time. A sample alone
-is a batch of one. A run that is predicted to take longer than `TIMED`, by its sizes or by what the runs at the test
-values took, is timed with fewer samples, and then by its first steps: a step costs what the others do.
+sample: condensing, building and preparing the model, or the runs at a response surface's nodes. *Online* is what a
+sample costs after that, as an ensemble does it; a sample alone is a batch of one. A run that is predicted to take
+longer than `TIMED` is timed with fewer samples, and then by its first steps: a step costs what the others do.
 
-Reduced models: the latest stay in memory, as many as fit; an earlier one is built again when it is wanted. Few are:
-histories of what has run are kept, and are small.
+Of reduced models the latest stay in memory, as many as fit; histories of what has run are kept, and are small.
 """
 
 from __future__ import annotations

@@ -1,15 +1,9 @@
 """Candidate bases in the order of what they cost online, and the search for the cheapest that is good enough.
 
 A family is a way to make a basis bigger; its rungs differ in the number of modes alone, so that errors fall and costs
-rise along it. There are four, or six: without terms of second order and with them, of slender bodies in two kinds, each
-with the extensions that a few vectors make (the static answer to inertia forces, and modes at other parameter values
-where a parameter is uncertain) and without them; all with static modes where loads act, for one static mode does the
-work of many others. Static stretching holds for larger deflections, but leaves out the vibrations that stretch bodies:
-where the deformation is small beside them, dynamic stretching goes further.
-
-Their times are predicted from their sizes alone (docs/method.md, price of the candidates), and those that are too
-costly are not tried. With terms of second order a basis of m flexible coordinates takes a static answer for each of the
-``m (m + 1) / 2`` pairs; tables have m^3 entries for every affine term.
+rise along it (docs/method.md, order). Static stretching holds for larger deflections, but leaves out the vibrations
+that stretch bodies: where the deformation is small beside them, dynamic stretching goes further. Times are predicted
+from sizes alone (docs/method.md, price of the candidates), and candidates that are too costly are not tried.
 """
 
 from __future__ import annotations

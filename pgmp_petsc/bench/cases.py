@@ -1,15 +1,12 @@
 """Cases, the scene under some loads with the values of some samples, and settings, the models to run them with.
 
-Tolerances are tried on parameter values and loads that span those of later runs (docs/method.md, tolerances instead of
-knobs): quantiles alone, the others nominal (a star), and the outermost ones together (corners); the own tables, a pulse
-over the whole run (`PULSE`), and the own tables `HASTE` times as fast. The quicker a load sets in, the more it makes
-the bodies vibrate, and the smaller a step has to be: the step is found with the own tables alone, and with the pulse
-where it does not rise more than `HASTE` times as fast. Loads that set in at once are tried where they are the scene's
-own, and not otherwise: no step and no small basis follows what they set off.
+Tolerances are tried on parameter values and loads that span those of later runs (docs/method.md, tried on): the own
+tables, a pulse over the whole run (`PULSE`), and the own tables `HASTE` times as fast. The step is found with the own
+tables alone, and with the pulse where it does not rise more than `HASTE` times as fast: the quicker a load sets in, the
+smaller a step has to be, and no step and no small basis follows what a load that sets in at once sets off.
 
-A trade-off is measured at quantiles of the distributions, spread over all of them by a Latin hypercube with a
-fixed seed; the nodes of response surfaces lie elsewhere. Where bounds cut a distribution off, so do they here: an
-ensemble would not integrate a sample beyond them.
+A trade-off is measured at quantiles of the distributions, spread over all of them by a Latin hypercube with a fixed
+seed, within the bounds; the nodes of response surfaces lie elsewhere.
 """
 
 from __future__ import annotations

@@ -1,18 +1,10 @@
-"""The choice of what a scene leaves open, one part of the error after the other.
-
-1. The step, from the full-order model itself (`step_choice`), before anything is reduced. If the tolerance needs a very
-   small one, the reduction is chosen with a larger one first, and the search goes on when that was worth while.
-2. The reduction, full-order and reduced model run with the same step (`ReductionChoice`): the cheapest basis, at more
-   angles where few do not suffice, and the fewest angles for it.
-3. Where the step became finer than in 2, the reduction is looked at again with it.
+"""The choice of what a scene leaves open, one part of the error after the other (docs/method.md, tolerances instead of
+knobs): the step (`step_choice`), the reduction at equal steps (`ReductionChoice`), and the reduction once more where
+the step became finer than that.
 
 Errors are the largest of any output, sample and load of the training (`cases.Training`). Each part may take its share
-of the tolerance (`ledger.Ledger`).
-
-Of scenes whose lengths, places or ratios are parameters a tolerance is met by runs of one mechanism. What it leaves
-open is chosen with the nominal lengths; then the same is asked with nothing left open at both ends of every length, the
-others nominal, and together. That all models between them are as good follows from how smooth they are in a length,
-which every build measures (`reduction.length_family`).
+of the tolerance (`ledger.Ledger`). Of scenes whose lengths, places or ratios are parameters (`choose_over_lengths`)
+what is open is chosen with the nominal lengths, and checked with nothing left open at the ends of every length.
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@ of tolerances, of the trade-off and of chosen steps.
 
 Response surfaces interpolate histories between full-order runs. With one uncertain parameter that is a cubic spline
 (not-a-knot; a polynomial where there are fewer than four nodes), with several a cubic radial basis function with a
-polynomial, every instant of every output by itself. This is what one would do without a reduced model: it knows nothing
-of the mechanism, and holds for the loads, the start and the outputs of its runs only.
+polynomial, every instant of every output by itself.
 """
 
 from __future__ import annotations

@@ -1,16 +1,11 @@
-"""The reference: the model that errors are measured against, chosen by what its runs are predicted to take.
-
-The mesh is the truth of a scene; where its runs are too costly the component model takes its place (docs/method.md,
-tolerances instead of knobs). Its step, in a trade-off, is halved until the last halving moved every output by less than
-a tenth of the smallest error that any setting has against it. For an integrator of order two, what remains is then a
-third of that move.
+"""The reference: the model that errors are measured against, chosen by what its runs are predicted to take
+(docs/method.md, the reference; what accuracy costs).
 
 A subject is a scene, its bodies as they come and condensed, and their rigid kinematics, made once. Numbers of steps are
-counted by the period of the first flexible mode at the start. Its frequency is the lowest one of the mechanism at
-rest, without springs, at nominal parameters; prescribed coordinates are held. Of a mesh, or of condensed bodies, it
-comes from the eigenproblem of the modes; of a reduced model from its tables; of bodies in floating frames from the same
-constraints on their frames: with the rigid motion r and amplitudes xi of every body, frames move by ``u = R r + S xi``,
-constraints say ``C u = 0``, and
+counted by the period of the first flexible mode at the start. Its frequency is the lowest one of the mechanism at rest,
+without springs, at nominal parameters; prescribed coordinates are held. Of a mesh, or of condensed bodies, it comes
+from the eigenproblem of the modes; of a reduced model from its tables; of bodies in floating frames, which move by
+``u = R r + S xi`` under constraints ``C u = 0``, from
 
     (N^T K N - omega^2 N^T M N) y = 0,     N a basis of the null space of C [R S].
 """

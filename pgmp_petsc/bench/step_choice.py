@@ -1,16 +1,10 @@
 """The step that a tolerance allows, from runs with steps that are halved: of a full-order and a reduced model under the
 training loads, or of a run to come.
 
-A run with n steps is compared with one of `AHEAD` n steps, and of `SEEN` times the first number at least. That is
-enough, wherever the step stands: where it is coarse for a vibration, the scheme damps it and the finer run has it;
-where it resolves it, the finer run has a sixty-fourth of the error. A comparison with half the step would not do: both
-runs may lack a vibration that the loads set off, or have it in a wrong phase, and differ by less than their error.
-Nothing damps vibrations in a scene, so that their phase errors add up over the run, and only steps far below a
-hundredth of their period bring them down with its square.
-
-What is chosen may be coarser than any run that is halved: where a load sets off little, the rigid motion alone wants
-steps, and errors against a run that sees the vibrations tell so. Longer steps are tried after the first ones were good
-enough, never instead: at few instants a vibration is seen smaller than it is.
+A run with n steps is compared with one of `AHEAD` n steps, and of `SEEN` times the first number at least: where it is
+coarse for a vibration, the scheme damps it and the finer run has it; where it resolves it, the finer run has a
+sixty-fourth of the error (docs/method.md, order, says why not with half the step). What is chosen may be coarser than
+any run that is halved; longer steps are tried after the first ones were good enough, never instead.
 
 Where runs of `RESOLVED` times the first number of steps are at hand and the differences of halvings fall by `FALLS` at
 least, the error of the finest run follows from the last two as the rest of a geometric series (for an error of order

@@ -1,17 +1,12 @@
-"""The cost of accuracy in time: errors and times of many settings, all measured in one run.
+"""The cost of accuracy in time: errors and times of many settings, all measured in one run (docs/method.md, what accuracy
+costs).
 
-First the reference is chosen: the mesh, or the component model where the mesh is too costly (`bench.reference`).
-Then rounds: the scene's own setting, lines through it and a tensor, while other ranks begin the reference; lines
-through the best settings found; then the reference is refined until it is good enough for the smallest error. Last all
-times are taken, round after round over all settings, so that what else the machine does meanwhile hits all alike. Tasks
-are dealt to ranks as these get through them, and each rank works by itself; what it has finished is kept for a run that
-is resumed. What is decided on the way is decided on the first rank and from errors, never from times: errors do not
-depend on the number of ranks.
-
-Settings are those of lines through two of them, and of a small tensor. The first lines go through the scene's own
-setting, and a tensor of modes, static modes and steps lies where few angles and splines are. The best reduced settings
-of these give the second lines. The best ones follow from errors and the number of operations, never from measured
-times: the settings are the same in every run.
+After the choice of the reference rounds follow: the scene's own setting, lines through it and a tensor, while other
+ranks begin the reference; lines through the best settings found; then the reference is refined until it is good enough
+for the smallest error. Last all times are taken, round after round over all settings. Tasks are dealt to ranks as these
+get through them, and each rank works by itself; what it has finished is kept for a run that is resumed. What is decided
+on the way is decided on the first rank and from errors and numbers of operations, never from times: the settings are
+the same in every run, on any number of ranks.
 """
 
 from __future__ import annotations

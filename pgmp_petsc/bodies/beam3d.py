@@ -1,15 +1,9 @@
-"""Geometrically exact beam element in space, in natural coordinates (Reissner 1981; Simo 1985).
+"""Geometrically exact beam element in space, in natural coordinates (docs/beams_in_space.md, the element).
 
 A node has the twelve numbers ``(p, d_1, d_2, d_3)`` of its frame (Betsch and Steinmann 2002; Romero 2004), R with the
 columns d_k. Nodes at rest have the axes of the body's frame; T holds those of the element there, its first column along
-the element, its second and third along the section's axes. With ``exp(Theta) = R_1^T R_2`` the rotation from the first
-node to the second and ``R_m = R_1 exp(Theta / 2)``, one-point quadrature (which removes shear locking) has the strains
-
-    gamma = T^T R_m^T (p_2 - p_1) / L - e_1,      kappa = T^T Theta / L,
-    U     = L / 2 (EA gamma_1^2 + GA_2 gamma_2^2 + GA_3 gamma_3^2 + GJ kappa_1^2 + EI_2 kappa_2^2 + EI_3 kappa_3^2).
-
-Both follow a rigid motion unchanged, whatever its size (Crisfield and Jelenic 1999); in the plane they are those of
-`beam2d`. R_m is the rotation in the polar decomposition of the nodes' mean ``(R_1 + R_2) / 2``, so that with
+the element, its second and third along the section's axes. R_m, the middle rotation, is that in the polar decomposition
+of the nodes' mean ``(R_1 + R_2) / 2``, so that with
 
     g_i = d_i . (p_2 - p_1) / L (d_i the nodes' mean),    w = axial(R_1^T R_2),    tau = tr(R_1^T R_2),
     c = cos(|Theta| / 2) = sqrt(1 + tau) / 2,
@@ -21,14 +15,11 @@ Strains are thus functions of seven quadratic forms ``z = (g, w, tau)`` of the u
     U' = sum_m U_m B_m u,    U'' = sum_mn U_mn (B_m u) (B_n u)^T + sum_m U_m B_m.
 
 The kinetic energy interpolates p and d_k linearly, ``1/2 int rho A p'.p' + J_22 d_2'.d_2' + J_33 d_3'.d_3'`` in the
-element's axes with ``J_22 = rho I_3``, ``J_33 = rho I_2``: the mass matrix is constant.
+element's axes with ``J_22 = rho I_3``, ``J_33 = rho I_2``: the mass matrix is constant. Rotations between the nodes of
+an element stay below pi.
 
-Rotations between the nodes of an element stay below pi.
-
-Beams in space near rest: strains of second order in the displacements u and rotation vectors phi of the nodes.
-
-With ``exp(phi)`` the rotation of a node, the middle rotation and the one between the nodes of an element (`beam3d`) are
-``exp(m)`` and ``exp(theta)``,
+Beams in space near rest: strains of second order in the displacements u and rotation vectors phi of the nodes. The
+middle rotation and the one between the nodes of an element are ``exp(m)`` and ``exp(theta)``,
 
     m = (phi_1 + phi_2) / 2,      theta = delta - 1/2 m x delta,      delta = phi_2 - phi_1,
 

@@ -1,13 +1,6 @@
-"""Strains of beams, and the forces and moments in their sections that follow from them.
+"""Strains of beams, and the forces and moments in their sections that follow from them (docs/solids.md, stresses).
 
-The elements' one-point rule knows strains in their middles, where they are one order better than elsewhere: there
-extension, shear and curvature are taken. Extension and shear are continued to the ends of an element by their slope to
-the middles of those that go on in the same direction, but never across a node where a load or a joint may make them
-jump. A bending moment changes as the transverse forces say,
-
-    M' = -Q    in the plane,      M_2' = Q_3,  M_3' = -Q_2    in space,
-
-so that moments at the nodes are those of the equilibrium of the element, exact where loads act on nodes. At a node
+Moments change as the transverse forces say, ``M' = -Q`` in the plane, ``M_2' = Q_3,  M_3' = -Q_2`` in space. At a node
 every element has a value of its own.
 
 Strains are those of `beam2d` and `beam3d`, in space in the axes of the element, (gamma_1, gamma_2, gamma_3, kappa_1,

@@ -1,29 +1,13 @@
 """A flexible body in a floating frame: small deformation in a frame that makes large motions, inertia exact.
 
-A point X of the body is at
+A point X of the body is at ``r = p + sum_k d_k w_k`` with the frame's position p and directors d_k, of a body that
+follows its foreshortening (`components.component_modes`) with the last term too,
 
-    r = p + sum_k d_k w_k,    w_k = X_k + Psi_k(X) xi,
+    w_k = X_k + Psi_k(X) xi + 1/2 xi^T chi_k(X) xi
 
-with the frame's position p and directors d_k, and xi the amplitudes of displacement fields Psi. All that inertia does
-follows from the moments of the scalar fields ``f = (1, X_1 .. X_d, Psi_1 .. Psi_d)``,
-
-    int rho f_a f_b dV,
-
-which are constant, and exact for the mesh as its mass matrix is: no integral over the body is left for a run (nodal
-formulation of Zwoelfer and Gerstmayr, Multibody Syst. Dyn. 2020). Psi are free modes of the body, orthogonal to its
-rigid motions in the mass at nominal parameters: p and d_k are its mean axes (Tisserand's frame), there is nothing that
-the frame and the fields could both do, and no point of the body is preferred.
-
-A beam that bends becomes shorter. A body that follows that has fields of second order besides,
-
-    w_k = X_k + Psi_k(X) xi + 1/2 xi^T chi_k(X) xi,
-
-M-orthogonal to the rigid motions too (`components.component_modes`). Of their inertia what is of third order in xi or
-higher, their products with Psi and with each other, is left out of the kinetic energy; what is left of it is
-
-    int rho X_k chi_l dV,
-
-as ``int rho chi_l dV`` vanishes with p as the centre of mass.
+(docs/components.md, equations; foreshortening). All that inertia does follows from the moments ``int rho f_a f_b dV``
+of the scalar fields ``f = (1, X_1 .. X_d, Psi_1 .. Psi_d)`` (Zwoelfer and Gerstmayr, Multibody Syst. Dyn. 2020), and
+``int rho X_k chi_l dV``, without what is of third order in xi. Psi and chi are M-orthogonal to the rigid motions.
 
 Recovery of a condensed body's mesh from its few coordinates.
 

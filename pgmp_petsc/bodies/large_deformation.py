@@ -1,14 +1,11 @@
 """Terms of second order in the deformation of a body of continuum elements, for a few displacement fields.
 
-The strain energy of `elasticity` is a polynomial of fourth degree in the displacements. With E' = sym grad u and
-E''[u, v] = sym(grad u^T grad v) its third derivative at rest is, for fields u, v, w of a body,
+The strain energy of `elasticity` has at rest, for fields u, v, w of a body, with E' = sym grad u and E''[u, v] =
+sym(grad u^T grad v) the third derivative
 
-    W3[u, v, w] = int E''[u, v] : C : E'[w] + E''[v, w] : C : E'[u] + E''[w, u] : C : E'[v] dV.
+    W3[u, v, w] = int E''[u, v] : C : E'[w] + E''[v, w] : C : E'[u] + E''[w, u] : C : E'[v] dV;
 
-It is the stiffness that a small displacement gives to all others: with u a body's static stretching by centrifugal
-forces, ``W3[u, ., .]`` is its geometric stiffness. In a subspace that answers loads statically (`Component`) it is all
-of third order: let ``u = T y + s`` with s of second order in y, and K-orthogonal to T. Then s has no part in the energy
-up to third order, and the loads that T answers do no work on s.
+in a subspace that answers loads statically (`Component`) it is all of third order (docs/method.md, bodies of cells).
 
 *Stretching* tells fields that stretch a slender body from those that bend or twist it. The body is cut across its long
 principal axis t into pieces of the volume V_s; with the mean strain e_s along t of each, the energy

@@ -8,15 +8,8 @@ plane stress, the thickness are factors of the elements' matrices, so that
 is affine in them, and the weights of terms are their products (`Quantity`); so it is in powers of a scale of the
 cross-section (`SectionScale`), and in what multiplies them cell by cell (`Profile`).
 
-The frame of a group of faces: where a joint or an effect holds a continuum body.
-
-The faces A of a group move as one frame with their mean position and their mean rotation,
-
-    x_c = 1/A int x dA,    phi = H^-1 int X' x u dA,    H = int (X'.X') 1 - X' X'^T dA,    X' = X - X_c,
-
-for small displacements u in the body's frame. A force or torque on the frame does the same work as the traction that
-these means are dual to, so that it acts as an energetically consistent distribution; the faces stay free to deform
-(an interpolation constraint, not a rigid one).
+The frame of a group of faces, with their mean position and mean rotation (docs/solids.md, meshes and groups): where a
+joint or an effect holds a continuum body.
 """
 
 from __future__ import annotations

@@ -1,11 +1,5 @@
-"""Strains of a continuum body at the nodes of its mesh, recovered from where its elements know them best.
-
-Strains of elements of degree p are better than elsewhere at the points of the Gauss rule with p points in every
-direction (Barlow 1976): the middle of linear elements, 2^d points of quadratic quads and hexahedra. Quadratic triangles
-and tetrahedra have the d + 1 points of their rule of second degree. There strains are taken, continued to the nodes of
-the element by the polynomial through these points (constant, linear or multilinear; Hinton and Campbell 1974), and
-averaged over the elements of one material that meet in a node. A node on the border of two materials has two values:
-stresses jump there.
+"""Strains of a continuum body at the nodes of its mesh, recovered from the points where its elements know them best and
+averaged there (Barlow 1976; Hinton and Campbell 1974; docs/solids.md, stresses).
 
 Strains are Green and Lagrange's, ``E = (F^T F - 1) / 2`` with ``F = dx/dX``, unchanged by rigid motion, or for small
 displacements in the body's frame their linear part ``(G + G^T) / 2``, ``G = du/dX``. Their components are (xx, yy, xy)

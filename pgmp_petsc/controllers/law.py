@@ -15,9 +15,9 @@ and c known when the step begins. `respond` solves this small block at given s a
 a force on a joint with its slopes by s and s', for the Newton matrix of the mechanics. gamma = 1/2 + alpha_f - alpha_m
 holds for both orders, so that states and mechanics are of second order together.
 
-What a controller measures is an expression of motions s_i of the mechanics, their rates v_i, time and parameters. A
-motion is what an output of its own reads: an angle, a way, a distance, a place. Outputs of outputs, `rate` and
-`formula`, are expressions of these, so that slopes and rates of what they are follow by the chain rule.
+What a controller measures is an expression of motions s_i (what an output of its own reads: an angle, a way, a
+distance, a place), their rates v_i, time and parameters. Outputs of outputs, `rate` and `formula`, are expressions of
+these, so that slopes and rates of what they are follow by the chain rule.
 """
 
 from __future__ import annotations

@@ -51,7 +51,6 @@ FRICTION = Law(
     "friction",
     ("limit", "speed"),
     force="-limit * tanh(rate / speed)",
-    about_zero="speed",
     left_out="it is friction, not linear and without stiffness",
 )
 

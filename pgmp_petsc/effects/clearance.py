@@ -114,13 +114,11 @@ class ContactLaws(NamedTuple):
                 f"rubbing{suffix}",
                 rubs,
                 force=f"-friction * {normal} / {FAR} * tanh(rate / ({FAR} * friction_speed)) if s > radius**2 else 0",
-                about_zero="radius * friction_speed",
             ),
             OfSquare(
                 f"sliding{suffix}",
                 rubs,
                 force=f"-friction * {normal} * tanh(rate / friction_speed) if s > radius**2 else 0",
-                about_zero="friction_speed",
             ),
             Law(
                 f"backlash{suffix}",

@@ -53,7 +53,6 @@ CARRIED_FRICTION = Law(
     "carried_friction",
     ("load", "coefficient", "radius", "speed"),
     force="-coefficient * radius * (load + amplitude) * tanh(rate / speed)",
-    about_zero="speed",
     left_out=FRICTION.left_out,
     loaded=True,
 )

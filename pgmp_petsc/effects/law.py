@@ -9,9 +9,10 @@ Where a law has an edge, an expression that changes its sign, steps end there. T
 
 On a light node Newton's iteration jumps between both branches of friction: from either of them, where the force hardly
 changes, it goes far beyond the other. The forces of a step, ``b``, and the inertia in it, ``A v``, meet friction where
-``A v + F(v) = b``. For v > 0 this is concave: an iterate from zero on never goes too far. One that has crossed zero
-from beyond the speed of the law, `about_zero`, is therefore taken up from zero, as circuit simulators limit the voltage
-at a junction (Nagel 1975, SPICE2, section 5.2), and what follows is monotonic.
+``A v + F(v) = b``. For v > 0 this is concave: an iterate from zero on never goes too far. One that has crossed the rate
+at which the force changes fastest (`steepest_rates`), to where it changes less than half as fast, is therefore taken up
+from there, as circuit simulators limit the voltage at a junction (Nagel 1975, SPICE2, section 5.2), and what follows is
+monotonic.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ import functools
 import itertools
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
 from types import FunctionType, ModuleType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numba import types
@@ -49,7 +50,6 @@ BENDS = {bends}
 
 def evaluate(p, amplitude, s, rate, about, depths):
 {parameters}
-{limited}
 {evaluate}
 
 
@@ -67,6 +67,8 @@ C = """{c}"""
 
 COMPLETE = True
 '''
+FOUND = "_force", "_stiffness", "_damping", "_elastic", "_stored"
+AT, STEEP, CENTRE = "_at", "_steep", "_centre"
 
 
 class Found(NamedTuple):
@@ -79,7 +81,7 @@ class Found(NamedTuple):
     #: elastic, stored: of its elastic part the force ``-dV/ds`` and the potential energy V, J
     elastic: float
     stored: float
-    about: float  # rate about which it is linearised, NaN where that was zero instead of the iterate's own
+    about: float  # rate about which it is linearised, NaN where that was not the iterate's own
 
 
 _FOUND = types.NamedUniTuple(_NUMBER, len(Found._fields), Found)
@@ -97,9 +99,6 @@ class Law(Printed):
     force: str  # expression of s, rate, amplitude, elastic and the parameters
     potential: str = "0"  # of the elastic part, expression of s and the parameters
     edges: tuple[str, ...] = ()  # expressions of s and the parameters that are positive beyond an edge
-    #: expression of the parameters: the rate from beyond which an iterate that crosses zero is taken up from there;
-    #: empty for laws whose iterates are not
-    about_zero: str = ""
     left_out: str = ""  # why a force of this law is not in the stiffness of vibrations; empty where none is looked for
     #: whether its first parameter is the force that the effect's joint carries, found between corrections of a step
     loaded: bool = False
@@ -111,13 +110,11 @@ class Law(Printed):
         object.__setattr__(self, "place", place)
         entry, of_s = f"law {self.name}", ("s", *self.parameters)
         check_names(entry, (self.name,), (), place)
-        check_names(entry, self.parameters, (*STATE, "elastic", "about", "slow", "depths", "found", "p"), place)
+        check_names(entry, self.parameters, (*STATE, "elastic", "about", "depths", "found", "p"), place)
         check(f"{entry}: force", self.force, (*STATE, "elastic", *self.parameters), place)
         check(f"{entry}: potential", self.potential, of_s, place)
         for number, edge in enumerate(self.edges):
             check(f"{entry}: edges[{number}]", edge, of_s, place)
-        if self.about_zero:
-            check(f"{entry}: about_zero", self.about_zero, self.parameters, place)
         if self.loaded and not self.parameters:
             raise InputError(f"{place}: {entry}: it is loaded; its first parameter is the force that the joint carries")
         self.enter()
@@ -211,45 +208,49 @@ class Law(Printed):
         force = symbolic(self.force, {**names, "elastic": elastic})
         edges = [symbolic(edge, names) for edge in self.edges]
         found = [force, -sp.diff(force, s), -sp.diff(force, rate), elastic, potential]
-        at_zero = [one.subs(rate, 0) for one in found]
-        at_zero[0] -= at_zero[2] * rate
-        about, speed = sp.Symbol("about", real=True), sp.Symbol("slow", real=True)
-        slow = symbolic(self.about_zero or "0", names)
+        limits = _Limits.of(found, rate)
         slopes = [sp.diff(force, one) for one in (*p, amplitude)]
         of_edges = [[sp.diff(edge, s), sp.diff(edge, s, 2), *(sp.diff(edge, one) for one in p)] for edge in edges]
         constant = all(sp.diff(one, two) == 0 for one in found[1:3] for two in (s, rate, amplitude))
         stiffness = str(found[1]) if constant and found[1] in p else ""
-        limit = sp.And(sp.Or(about > speed, about < -speed), about * rate < 0)
 
-        def python(expressions: Sequence[Any], end: str, indent: int = 4) -> str:
+        def python(expressions: Sequence[Any], end: Callable[[list[str]], Iterable[str]], indent: int = 4) -> str:
             lines, values = printed(expressions)
             return "\n".join(" " * indent + line for line in [*lines, *end(values)])
 
         def numbered(name: str, values: Sequence[str]) -> list[str]:
             return [f"{name}[{k}] = {value}" for k, value in enumerate(values)]
 
-        def evaluated(values: Sequence[str]) -> list[str]:
-            first = len(found)
-            return [*numbered("depths", values[first:]), f"return {', '.join(values[:first])}, float(rate)"]
-
-        limited = ""
-        if self.about_zero:
-            limited = f"    slow = {printed([slow])[1][0]}\n    if {printed([limit])[1][0]}:\n" + python(
-                at_zero, lambda values: [f"return {', '.join(values)}, float('nan')"], 8
-            )
+        n, names = len(found), ", ".join(FOUND)
+        evaluate = [
+            python([*found, *edges], lambda of: [f"{names} = {', '.join(of[:n])}", *numbered("depths", of[n:])]),
+        ]
+        if limits.rates:
+            evaluate.append(f"    {AT}, {STEEP} = float(rate), 2.0 * abs({FOUND[2]})")
+        for at, damping in limits.steepest():
+            crossed = f"if (about - {CENTRE}) * (rate - {CENTRE}) < 0.0:"
+            evaluate += [
+                python([at], lambda of: [f"{CENTRE} = {of[0]}", crossed]),  # noqa: B023  (called at once)
+                python(
+                    [damping], lambda of: [f"if {of[0]} > {STEEP} and abs({CENTRE} - about) < abs({AT} - about):"], 8
+                ),
+                f"            {AT} = {CENTRE}",
+            ]
+        if limits.rates:
+            evaluate.append(f"    if {AT} != rate:")
+            evaluate.append(python(limits.linearised, lambda of: [f"return {', '.join(of)}, float('nan')"], 8))
         return PYTHON.format(
             name=self.name,
             stiffness=repr(stiffness),
-            bends=bool(self.about_zero) or rate in found[2].free_symbols,
+            bends=rate in found[2].free_symbols,
             parameters="\n".join(f"    {name} = p[{k}]" for k, name in enumerate(self.parameters)),
-            limited=limited,
-            evaluate=python([*found, *edges], evaluated),
+            evaluate="\n".join([*evaluate, f"    return {names}, float(rate)"]),
             slopes=python(slopes, lambda values: [*numbered("found", values), "return 0.0"]),
             edges=python(sum(of_edges, []), lambda values: [f"return {_rows(values, len(p) + 2)}"]),
-            c=self._in_c(found[:3], at_zero[:3], edges, limit, slow),
+            c=self._in_c(found[:3], edges, limits),
         )
 
-    def _in_c(self, found: Sequence[Any], at_zero: Sequence[Any], edges: Sequence[Any], limit: Any, slow: Any) -> str:
+    def _in_c(self, found: Sequence[Any], edges: Sequence[Any], limits: _Limits) -> str:
         """Return the function that gives force, stiffness, damping, about and how far edges are crossed in C."""
         takes = "const double p[], double amplitude, double s, double rate, double about, double found[]"
         lines = [f"static void law_{self.name}({takes}) {{"]
@@ -257,16 +258,72 @@ class Law(Printed):
         lines += [f"    const double {name} = p[{k}];" for k, name in enumerate(self.parameters)]
         lines += [f"    (void){name};" for name in self.parameters]
 
-        def block(expressions: Sequence[Any], about: str, indent: str) -> list[str]:
-            parts, values = printed([*expressions, *edges], in_c=True)
-            parts += [f"found[{k}] = {value};" for k, value in enumerate((*values[:3], about, *values[3:]))]
-            return [f"{indent}{part}" for part in parts]
+        def block(expressions: Sequence[Any], end: Callable[[list[str]], Iterable[str]], indent: int = 4) -> list[str]:
+            parts, values = printed(expressions, in_c=True)
+            return [" " * indent + part for part in [*parts, *end(values)]]
 
-        if self.about_zero:
-            lines += [f"    const double slow = {printed([slow], in_c=True)[1][0]};"]
-            lines += [f"    if ({printed([limit], in_c=True)[1][0]}) {{", *block(at_zero, "NAN", " " * 8)]
-            lines += ["        return;", "    }"]
-        return "\n".join([*lines, *block(found, "rate", "    "), "}"])
+        def filled(values: Sequence[str], about: str) -> list[str]:
+            return [f"found[{k}] = {value};" for k, value in enumerate((*values[:3], about, *values[3:]))]
+
+        lines += block([*found, *edges], lambda values: filled(values, "rate"))
+        if limits.rates:
+            lines.append(f"    double {AT} = rate, {STEEP} = 2.0 * fabs(found[2]);")
+        for at, damping in limits.steepest():
+            lines.append("    {")
+            lines += block([at], lambda values: [f"const double {CENTRE} = {values[0]};"], 8)
+            lines.append(f"        if ((about - {CENTRE}) * (rate - {CENTRE}) < 0.0) {{")
+            nearer = f"fabs({CENTRE} - about) < fabs({AT} - about)"
+            lines += block([damping], lambda values: [f"if ({values[0]} > {STEEP} && {nearer}) {AT} = {CENTRE};"], 12)
+            lines += ["        }", "    }"]
+        if limits.rates:
+            lines.append(f"    if ({AT} != rate) {{")
+            lines += block(limits.linearised[:3], lambda values: filled(values, "NAN"), 8)
+            lines.append("    }")
+        return "\n".join([*lines, "}"])
+
+
+class _Limits(NamedTuple):
+    """Where an iterate that has crossed is taken up from."""
+
+    rates: list[Any]  # see `steepest_rates`
+    damping: Any  # at a rate `AT`, as it is called there
+    linearised: list[Any]  # what is `Found` about it, at the iterate's own rate
+
+    @classmethod
+    def of(cls, found: Sequence[Any], rate: Any) -> Self:
+        """Make them of what is `Found` at a rate, a symbol."""
+        import sympy as sp
+
+        at = sp.Symbol(AT, real=True)
+        there = [one.subs(rate, at) for one in found]
+        return cls(steepest_rates(found[0], rate), there[2], [there[0] - there[2] * (rate - at), *there[1:]])
+
+    def steepest(self) -> Iterator[tuple[Any, Any]]:
+        """Yield each rate, and the damping there, in which it is called `CENTRE`."""
+        import sympy as sp
+
+        at, centre = (sp.Symbol(name, real=True) for name in (AT, CENTRE))
+        for one in self.rates:
+            yield one, self.damping.subs(at, centre)
+
+
+def steepest_rates(force: Any, rate: Any) -> list[Any]:
+    """Return at which rates, a symbol, parts of a force change fastest that change less and less on both sides: where
+    the argument of tanh or atan is zero, or what is divided by least, as in ``v / sqrt(v**2 + e**2)`` or ``v / (abs(v)
+    + e)``."""
+    import sympy as sp
+
+    slopes = [one.args[0] for one in force.atoms(sp.tanh, sp.atan)]
+    for one in force.atoms(sp.Pow):
+        if one.exp.is_negative and rate in one.base.free_symbols:
+            slopes.append(sp.diff(one.base, rate))
+            slopes += [test.lhs - test.rhs for test in one.base.atoms(sp.core.relational.Relational)]
+    found = {}
+    for one in slopes:
+        by = sp.diff(one, rate)
+        if by != 0 and rate not in by.free_symbols:
+            found[-one.subs(rate, 0) / by] = None
+    return sorted(found, key=sp.default_sort_key)
 
 
 def _everywhere(of_numbers: Callable, of_any: Callable) -> Callable:
@@ -285,7 +342,7 @@ def _everywhere(of_numbers: Callable, of_any: Callable) -> Callable:
 IEEE = {
     name: _everywhere(getattr(math, name), getattr(np, name.replace("atan", "arctan")))
     for name in ("atan", "cos", "exp", "log", "sin", "sqrt", "tanh")
-}
+} | {"float": np.float64}
 
 
 def _called(function: FunctionType, p: Sequence[float], *arguments: Any) -> Any:

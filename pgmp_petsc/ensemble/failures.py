@@ -3,11 +3,9 @@
 Samples rarely fail at random. Where they fail mostly at large torques, mean, deviation and density of the others are
 those of small torques: biased, by an amount that nobody knows. Rank statistics, which assume no distribution, ask which
 parameters tell failed samples from fine ones: the test of Mann and Whitney (1947) for a side, and the same test on the
-distance from the median for both ends or the middle.
-
-A second try takes over the samples that are fine as they are, and integrates the others with the scene's step and,
-where they fail, with 1/2, 1/4 and so on of it, down to 1/64 where an ensemble ends at 1/8
-(`stepping.generalised_alpha`): the file is what one run with so many attempts gives."""
+distance from the median for both ends or the middle. What a second try takes over and repeats is in docs/uncertainty.md
+(failed samples).
+"""
 
 from __future__ import annotations
 

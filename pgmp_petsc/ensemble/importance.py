@@ -5,27 +5,22 @@ the Royal Statistical Society B 55 (1993) 409-422), make the density
 
     q(u) = sum_j w_j phi_s(u - c_j),    c_j = m + a (p_j - m),    s^2 = max(1 - a^2, 0.6).
 
-With a = 0 it is one normal density a cluster, best of an event with a nearly plane border; or one with the covariance
-of the cluster's points (`_root`), best where the border bends towards the origin, as points of the event spread wider
-than standard normal ones there; with a = 1 it follows the
-points, however the event is shaped, but is wider than they are, the more so in many dimensions. Best of an event all
+With a = 0 it is one normal density a cluster, or one with the covariance of the cluster's points (`_root`), best where
+the border bends towards the origin; with a = 1 it follows the points, but is wider than they are. Best of an event all
 around is the standard normal density outside a ball (radial importance sampling: Harbitz, Structural Safety 3 (1986)
 109-115), whose weights are all ``P(|u| > r)``.
 
-Points of the event are distributed as ``phi(u) / P``, so that their mean of ``log(phi / q)`` is, but for a constant,
-how far q is from that (the cross-entropy: Rubinstein and Kroese 2004; the mean of ``phi / q``, which is the variance of
-the weights, rests on a few points of 300 in 20 variables). It chooses a, the number of clusters, or the ball, on points
-that had no part in q. In d variables an error e in the mean of a cluster multiplies the variance of the weights by
-about ``exp(|e|^2)``, and ``|e|^2`` is d over the number of its points: means are shrunk beside the slope of g, which
-few points know well where a part of the event has a nearly plane border (`_shrunk_mean`), and no point weighs more than
-sqrt(m) of m (Ionides, Journal of Computational and Graphical Statistics 17 (2008) 295-311), which only moves q, not
-what follows from samples of it. Of points of chains those of common ancestors make q or try it, but not both, and all
-their clusters count the same (`levelled`): a part of the event that chance has left a few of them is sampled.
+The mean of ``log(phi / q)`` over points of the event is, but for a constant, how far q is from ``phi(u) / P`` (the
+cross-entropy: Rubinstein and Kroese 2004). It chooses a, the number of clusters, or the ball, on points that had no
+part in q. An error e in the mean of a cluster multiplies the variance of the weights by about ``exp(|e|^2)``: means are
+shrunk beside the slope of g (`_shrunk_mean`), and no point weighs more than sqrt(m) of m (Ionides, Journal of
+Computational and Graphical Statistics 17 (2008) 295-311), which only moves q, not what follows from samples of it. Of
+points of chains those of common ancestors make q or try it, but not both, and all their clusters count the same
+(`levelled`).
 
 A share of the samples is from kernels about points as they are, with s = 1, and a share from outside the ball (a
-defensive mixture, Hesterberg, Technometrics 37 (1995) 185-194): what the choice has missed then has no large weight,
-and in few variables samples fall into parts of the event that no point has found. Weights have a finite variance for
-every s^2 above 1/2.
+defensive mixture, Hesterberg, Technometrics 37 (1995) 185-194): what the choice has missed then has no large weight.
+Weights have a finite variance for every s^2 above 1/2.
 """
 
 from __future__ import annotations

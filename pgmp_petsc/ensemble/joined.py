@@ -1,35 +1,29 @@
-"""Figures of the best of several models, from few samples of it and many of cheaper ones on the same draws.
+"""Figures of the best of several models, from few samples of it and many of cheaper ones on the same draws
+(docs/uncertainty.md, better models on the same draws).
 
 Multi-fidelity Monte Carlo (Peherstorfer, Willcox, Gunzburger, SIAM Journal on Scientific Computing 38 (2016)
 A3163-A3194): with models i = 1 .. k, the best first, of the first ``m_1 <= ... <= m_k`` samples,
 
     mean = ybar_1(m_1) + sum_i alpha_i (ybar_i(m_i) - ybar_i(m_(i-1))),    alpha_i = cov(y_1, y_i) / var(y_i).
 
-Its expectation is that of the best model whatever the others are, but for what ``alpha_i``, estimated from the first
-m_1 samples, adds of the order 1 / m_1. Samples of one stratum (those between m_(i-1) and m_i) are alike, so that its
-variance is a sum over strata. Of the first one it is the jackknife's (Efron and Stein, Annals of Statistics 9 (1981)
-586-596), which repeats the whole estimate, ``alpha_i`` included, without each sample in turn, and is too large rather
-than too small; of the others, where the mean is linear, the sample variance. Student's t has the freedom of
-Satterthwaite (Biometrics Bulletin 2 (1946) 110-114), that of each stratum from its kurtosis (`intervals.freedom_of`).
-Coefficients take a degree of freedom each (Lavenberg and Welch, Management Science 27 (1981) 322-335).
+Its variance is a sum over strata of samples that are alike (those between m_(i-1) and m_i): of the first one the
+jackknife's (Efron and Stein, Annals of Statistics 9 (1981) 586-596), which repeats the whole estimate without each
+sample in turn; of the others the sample variance. Student's t has the freedom of Satterthwaite (Biometrics Bulletin 2
+(1946) 110-114), that of each stratum from its kurtosis (`intervals.freedom_of`). Coefficients take a degree of freedom
+each (Lavenberg and Welch, Management Science 27 (1981) 322-335).
 
 The variance is the mean of squared distances from the corrected mean, with those of the cheap models as controls; its
 interval is that of its logarithm. Where the best model is clearly curved in a cheaper one, that one is taken through
-the parabola that fits (`calibrated`): many values of the cheap model then know of the tails that few of the best one
-show.
+the parabola that fits (`calibrated`).
 
-A probability follows from that of the next cheaper model by the law of total probability, ``p_1 = a p_2 + b (1 -
-p_2)``: of the common samples a is the share in which the event comes true in the better model where it does in the
-cheaper one, b where it does not (double sampling: Tenenbein, Journal of the American Statistical Association 65 (1970)
-1350-1361). Given the cheaper model's events these are shares of independent trials, with Jeffreys' intervals; that of
-the cheapest model and these are put together by squares (MOVER: Zou and Donner, Statistics in Medicine 27 (2008)
-1693-1702). Quantiles are no means, and have no part in this.
+A probability is ``p_1 = a p_2 + b (1 - p_2)`` of the next cheaper model's: of the common samples a is the share in
+which the event comes true in the better model where it does in the cheaper one, b where it does not (Tenenbein, Journal
+of the American Statistical Association 65 (1970) 1350-1361), with Jeffreys' intervals, which are put together by
+squares (MOVER: Zou and Donner, Statistics in Medicine 27 (2008) 1693-1702).
 
-For a budget of time the numbers of samples are those of the least variance that it pays for (`allocation`), for the
-output whose models agree least, from costs and correlations of a pilot of every model's first samples
-(`integration.allot`). Times decide, which will not come again: a run that is taken up keeps the numbers of the one
-before. Pilot samples are the first ones of the ensemble, and so are used; that they have a part in the choice of the
-numbers has none in the intervals but by the spread that they showed.
+For a budget of time the numbers of samples are those of the least variance that it pays for (`allocation`), from costs
+and correlations of a pilot of every model's first samples (`integration.allot`), which are used too. Times decide,
+which will not come again: a run that is taken up keeps the numbers of the one before.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """The plan of an ensemble: its samples, which of them are checked, and the pieces that they are dealt out in.
 
-A piece is neighbouring samples that one rank, or a group, integrates together. Most samples cost least in large
-batches, but the last pieces decide how long ranks wait for each other: pieces get smaller as fewer samples are left
-(guided self-scheduling, Polychronopoulos and Kuck 1987). Samples whose errors are estimated are in pieces of their own,
-which are dealt out first, as few as there are ranks: an estimate takes ten times as long as a run, and a piece costs as
-much as fifteen samples before there is any in it. A sample's numbers depend on none of this.
+A piece is neighbouring samples that one rank, or a group, integrates together. Pieces get smaller as fewer samples are
+left (guided self-scheduling, Polychronopoulos and Kuck 1987). Samples whose errors are estimated are in pieces of their
+own, which are dealt out first, as few as there are ranks: an estimate takes ten times as long as a run, and a piece
+costs as much as fifteen samples before there is any in it. A sample's numbers depend on none of this.
 
 Which samples are checked is chosen by their numbers, the same on any ranks. Where the scene gives no share, it is
 `SHARE`, or less where estimates would take more than `PRICE` of the time of the runs, which is counted, not measured

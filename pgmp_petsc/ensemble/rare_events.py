@@ -1,49 +1,30 @@
-"""Probabilities of rare events: subset simulation finds where an event is, importance sampling says how likely.
+"""Probabilities of rare events: subset simulation finds where an event is, importance sampling says how likely
+(docs/uncertainty.md, rare events, has the way from one to the other and what it rests on).
 
 Samples are of independent standard normal variables u, of which distributions make parameters. The event is ``g(u) <=
-0``. Subset simulation (Au and Beck, Probabilistic Engineering Mechanics 16 (2001) 263-277) lowers a threshold on g so
-that a tenth of each level's samples pass it, and from these goes on by conditional sampling (Papaioannou, Betz,
-Zwirglmaier and Straub, Probabilistic Engineering Mechanics 41 (2015) 89-103): ``v = rho u + sqrt(1 - rho^2) w`` with
-w standard normal, kept where it passes the threshold. Chains of the last level are in the event, in all parts of it
-that were found.
+0``. Each level's threshold on g is passed by a tenth of its samples (Au and Beck, Probabilistic Engineering Mechanics
+16 (2001) 263-277), from which conditional sampling goes on (Papaioannou, Betz, Zwirglmaier and Straub, the same 41
+(2015) 89-103): ``v = rho u + sqrt(1 - rho^2) w`` with w standard normal, kept where it passes.
 
-Where nine tenths of the samples have the same g, and few or none are nearer (an output that is constant over most of
-the space; an indicator), no threshold leads on. Samples of deviations up to 4.5 look for what is below that g then;
-their deviation falls to 1 in steps that leave half of them their worth, with conditional sampling at each (sequential
-Monte Carlo: Del Moral, Doucet and Jasra, Journal of the Royal Statistical Society B 68 (2006) 411-436), which makes
-them points of a level (`_Chains.from_afar`); but where bisection finds design points that explain all of them,
-chains begin there. Where they find nothing, all runs that are left are plain samples, whose
-interval is that of a share. Where the levels come to their end before the event, the last of them is weighed in its
-place: its probability bounds that of the event.
+Where nine tenths of the samples have the same g, and few or none are nearer, no threshold leads on. Samples of
+deviations up to 4.5 look for what is below that g then; their deviation falls to 1 in steps that leave half of them
+their worth, with conditional sampling at each (sequential Monte Carlo: Del Moral, Doucet and Jasra, Journal of the
+Royal Statistical Society B 68 (2006) 411-436; `_Chains.from_afar`); but where bisection finds design points that
+explain all of them, chains begin there. Where they find nothing, all runs that are left are plain samples.
 
-These points make the density q that further, independent samples are drawn from (`importance`), in rounds: the samples
-of every round that are in the event make the density of the next one. In the chains, parts of an event that lie apart
-have the shares that chance gave their ancestors, none at last where a level's seeds miss one; so a share of the samples
-is from where rays through the clusters of all levels enter the event (`rays`). Weighted samples give parts their own
-shares. The first round does no more than that. Of each later one the mean of ``1[g <= 0] phi(u) / q(u)`` is the
-probability: unbiased wherever the points are, as rounds before are given, so that the rounds are uncorrelated and their
-variances add. They count as the square roots of their numbers (Owen and Zhou, arXiv 1903.11908), which needs no
-estimate of how much the later ones are better. The interval is that of the central limit theorem. What it rests on is
-that no part of the event is far from all points: in many variables a part that neither a level nor a search has seen
-has no part in the interval either.
+Rounds of independent samples follow, of a density q that the rounds before make (`importance`), a share of the first
+from where rays through the clusters of all levels enter the event (`rays`; Au, Papadimitriou and Beck, Structural
+Safety 21 (1999) 113-133): between the origin and where a plane would have `RARER` of the event's probability the event
+begins once, or bisection finds one of its beginnings. Of each round but the first the mean of ``1[g <= 0] phi(u) /
+q(u)`` is unbiased given those before, so that variances add; rounds count as the square roots of their numbers (Owen
+and Zhou, arXiv 1903.11908). The interval is that of the central limit theorem.
 
-Chains of a level are in all parts of an event for which chance has left seeds. A part that chance takes away is still
-known from the levels before: clusters of their points lie in its direction, though not as far out. Rays from the origin
-through the means of the clusters of all levels, opposite to them, and along each variable both ways enter the event
-near the design points of its parts, which importance sampling of events with several parts takes for centres (Au,
-Papadimitriou and Beck, Structural Safety 21 (1999) 113-133).
-
-From there, and from all points whose g no plane that touches it elsewhere explains (of levels, and of samples of
-deviations up to 3), searches lead to design points (`design_points`). Of every round a share is from beyond the planes
-that touch the border there, in proportion to their probabilities, whose weights are the sum of those over the number of
-planes that a sample is beyond: exact of a union of half-spaces but for overlaps (Owen, Maximov and Chertkov, Electronic
+Searches lead to design points (`design_points`) from there, and from all points whose g no plane that touches it
+elsewhere explains. Of every round a share is from beyond these planes, in proportion to their probabilities, whose
+weights are the sum of those over the number of planes that a sample is beyond (Owen, Maximov and Chertkov, Electronic
 Journal of Statistics 13 (2019) 231-254). The share is that of the least variance (Neyman), by what of the event lies
-before all planes. Where searches still found new ones when samples for them ended, parts may be missing, and nothing is
-decided: the interval goes on to what the levels alone leave open.
-
-A part beyond a plane at the distance r has the probability ``P(u > r)``: rays are followed to where that is `RARER` of
-the event's, and one that is not in the event there is left. Between the origin and there the event begins once, or
-bisection finds one of its beginnings.
+before all planes. Where searches still found new ones when samples for them ended nothing is decided: the interval goes
+on to what the levels alone leave open.
 """
 
 from __future__ import annotations

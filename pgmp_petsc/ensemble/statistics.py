@@ -3,22 +3,17 @@
 Their quantities are outputs at the end and their extremes, whether events came true, and by how much they did or did
 not.
 
-Sobol indices of outputs, with intervals, say which uncertain parameters matter. The first index of a parameter is the
-share of an output's variance that its value alone explains, ``S1 = Var(E(y | x_i)) / Var(y)``; the total one what is
-left when all others are known, ``ST = E(Var(y | x_~i)) / Var(y)`` (Saltelli et al., Computer Physics Communications 181
-(2010) 259-270). Two ways lead to them:
+Sobol indices of outputs, with intervals, say which uncertain parameters matter (docs/uncertainty.md, which parameters
+matter): ``S1 = Var(E(y | x_i)) / Var(y)`` and ``ST = E(Var(y | x_~i)) / Var(y)`` (Saltelli et al., Computer Physics
+Communications 181 (2010) 259-270).
 
-- Samples in Saltelli's blocks, of independent replicates of Sobol sequences in turn: the estimators of SALib for both,
-  intervals from the spread between replicates. Resampled blocks of one sequence, which know nothing of how evenly it
-  fills space, make intervals three times as wide as its errors.
-- Any samples, one parameter after the other: the first index alone, ``1 - E(r^2) / Var(y)``, r what straight lines in
-  slices of equal probability leave of the output, adjusted for their coefficients (as Pearson's correlation ratio:
-  Kelley, PNAS 21 (1935) 554-559). It ranks parameters at no further cost. Errors are, to the first order, means of
-  ``(1 - S1) (y - mean)^2 / Var(y) - r^2 / Var(y)`` (the influence of a sample: Da Veiga and Gamboa, Journal of
-  Nonparametric Statistics 25 (2013) 573-595), whose deviation makes the interval. Of replicates of Sobol sequences,
-  which fill slices more evenly than chance, the adjustment takes off more than the lines explain by chance: there the
-  index is the mean, over all pairs of replicates, of the product of their lines, and pseudo-values of a jackknife over
-  the replicates make the interval.
+- Samples in Saltelli's blocks: the estimators of SALib for both, intervals from the spread between replicates.
+- Any samples: the first index alone, ``1 - E(r^2) / Var(y)``, r what straight lines in slices of equal probability
+  leave of the output, adjusted for their coefficients (Kelley, PNAS 21 (1935) 554-559). Errors are, to the first order,
+  means of ``(1 - S1) (y - mean)^2 / Var(y) - r^2 / Var(y)`` (the influence of a sample: Da Veiga and Gamboa, Journal of
+  Nonparametric Statistics 25 (2013) 573-595), whose deviation makes the interval. Of replicates of Sobol sequences the
+  index is the mean, over all pairs, of the product of their lines, and pseudo-values of a jackknife over the replicates
+  make the interval.
 """
 
 from __future__ import annotations

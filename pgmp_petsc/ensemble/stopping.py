@@ -6,17 +6,11 @@ The text behind ``--until`` is a rule:
     figure  = ("mean" | "std") "(" quantity ")"  |  "P" "(" label ")"  |  "P" "(" quantity ("<" | ">") number ")"
     precision = "<" number "%"  |  ("+-" | "±") number ["%"]
 
-A quantity is an output, or ``<output>.max`` and ``<output>.min`` where the scene asks for extremes; a label is that of
-an event of ``ensemble.probabilities``. The precision is half the width of the figure's confidence interval: a share of
-the figure, or in its own unit. Rules are tested on all samples so far at fixed numbers of samples: the same stop on any
-ranks and after a resume. A budget decides on the size of the last stage from the time of the one before; the value of
-no sample decides with it, so that intervals hold.
-
-One looks after n, 2 n, 4 n, ... samples, n the same for whoever looks, and stops where the intervals are narrow enough.
-Widths are estimates of numbers that fall with the square root of the samples: as the precision that is asked for gets
-finer, the stop is more and more surely at the look where the true width first is small enough, or, where the true width
-just is what is asked for, at this look or the next (Anscombe, Mathematical Proceedings of the Cambridge Philosophical
-Society 48 (1952) 600-607; Chow and Robbins, Annals of Mathematical Statistics 36 (1965) 457-462).
+Rules (docs/uncertainty.md, until a figure is known) are tested on all samples so far, n, 2 n, 4 n, ...: the same stop
+on any ranks and after a resume. A budget decides on the size of the last stage from the time of the one before; the
+value of no sample decides with it, so that intervals hold. As the precision gets finer, the stop is more and more
+surely one of two neighbouring looks (Anscombe, Mathematical Proceedings of the Cambridge Philosophical Society 48
+(1952) 600-607; Chow and Robbins, Annals of Mathematical Statistics 36 (1965) 457-462).
 
 Errors at n and 2 n samples, Z_1 and Z_2 in deviations of their own, are jointly normal with the correlation ``1 /
 sqrt(2)``. Widths at n are jointly normal with Z_1 too, in whatever way, and know nothing of the samples after n. One
@@ -30,10 +24,7 @@ and no interval of Z_1 makes more of that than ``Z_1 > z``: with ``P(|Z| > z) = 
 
     a + a / 2 - P(Z_1 > z, |Z_2| > z) = alpha,
 
-which gives the level ``1 - a`` of the intervals at every look. The stopped interval holds with a probability between
-``1 - alpha`` (the widths are the error itself: those that are off to one side stop, all others go on) and ``1 - a``
-(widths and errors have nothing in common): 95 and 96.3 % at 95 %. This goes for every figure of the ensemble, those
-that decide or not, and for several rules, which stop at the last one's look.
+which gives the level ``1 - a`` of the intervals at every look, of every figure and for several rules.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Flexible bodies in floating frames of full-order samples on one rank, compiled: residual, matrix and energy.
 
-With ``r = p + sum_k d_k w_k``, ``w_k = X_k + Psi_k xi`` and the moments of `bodies.floating`, inertia forces are
+With the moments of `bodies.floating`, whose w_k these are, inertia forces are
 
     r'' = p'' + sum_k (d_k'' w_k + 2 d_k' w_k' + d_k w_k''),
     F_p = int rho r'',    F_d_l = int rho w_l r'',    F_xi = sum_l int rho Psi_l^T d_l.r'',
@@ -8,9 +8,8 @@ With ``r = p + sum_k d_k w_k``, ``w_k = X_k + Psi_k xi`` and the moments of `bod
 exact in the rotation and with all that is quadratic in velocities. A uniform acceleration g of gravity is one of the
 frame, ``p'' - g``; damping by the mass adds alpha times the velocities to the accelerations. Elastic forces are
 ``K (xi + beta xi')``, and modal damping brakes each amplitude by itself. A body that follows its foreshortening has
-``w_k = X_k + Psi_k xi + 1/2 xi^T chi_k xi`` and ``dw_k / dxi = Psi_k + chi_k xi`` in place of Psi_k, without what is
-of third order in xi (`bodies.floating`). In the plane the directors are those of an angle, and ``F_phi = sum_l F_d_l .
-J d_l``.
+``dw_k / dxi = Psi_k + chi_k xi`` in place of Psi_k. In the plane the directors are those of an angle, and ``F_phi =
+sum_l F_d_l . J d_l``.
 
 Of the tangents those of inertia forces with the accelerations and of elastic forces are in the matrix; those with
 velocities and unknowns, smaller by h times the angular velocity and its square, are left to Newton's method.

@@ -1,19 +1,13 @@
 """What joints that are off build into a mechanism, at any configuration: the static answer to a unit of each offset.
 
-The rigid mechanism closes with its joints where they should be. There the constraints of the motion miss by gaps that
-are linear in small offsets p, the parameters that entries of ``offset`` name and a 1 for their numbers,
+Displacements are ``rho(theta) + X p + Psi delta``, with the offsets p that entries of ``offset`` name, and a 1 for
+their numbers,
 
     c(rho(theta)) = gamma(theta) p,     [K C^T; C 0] [X; L] = [0; -gamma],     T X = 0,
 
-with the statements T of the coordinates, so that theta stays what the joints show. Displacements are ``rho(theta) + X p
-+ Psi delta``: X stands in the basis behind the flexible vectors Psi, as coordinates whose amplitudes are given and do
-not change in time. All else follows as for these: the energy ``1/2 p^T X^T K X p``, of which the slope is a torque on
-theta, outputs and strains, the work of loads and of local effects on X p, and what X p does to the inertia at first
-order. ``Psi^T K X = -(C Psi)^T L = 0`` at the nominal parameters; at others the coupling is in the tables. Left out are
-what is of second order in p, which is p over a length or p in rad of what is there, the inertia of X p as a load on
-Psi, and, as of all vectors, the velocity ``X' p theta'`` in outputs.
-
-X is a displacement of the nodes at the joints that closes the gaps, and the static answer to the forces of that.
+and the statements T of the coordinates: X stands in the basis behind Psi, with amplitudes that are given
+(docs/method.md, joints that are off). It is a displacement of the nodes at the joints that closes the gaps, and the
+static answer to the forces of that.
 """
 
 from __future__ import annotations

@@ -1,29 +1,17 @@
-"""A basis that is continuous over the configurations.
+"""A basis that is continuous over the configurations (docs/method.md, one continuous basis).
 
-An eigensolver returns, at every configuration, signs, an order and rotations inside clusters that mean nothing. What
-means something is the invariant subspace of a group of modes that stays apart from all others over the whole range.
-Modes that come close to each other anywhere (crossing, veering, equal eigenvalues) form one group; inside a group, each
-basis is turned by an orthogonal matrix to lie as close as possible in the mass norm to its neighbour's, which is the
-M-weighted orthogonal Procrustes problem
+Modes that come close to each other anywhere over the range form one group. Within it each basis is turned to its
+neighbour's by the M-weighted orthogonal Procrustes problem
 
-    min || B_k - V_k Q ||_M,   Q^T Q = I,    solved by the polar factor of  V_k^T M B_{k-1}.
+    min || B_k - V_k Q ||_M,   Q^T Q = I,    solved by the polar factor of  V_k^T M B_{k-1};
 
-So no mode is ever followed by itself through a crossing, while modes that stay apart are not mixed: a table entry of a
-low mode is not spoiled by the large entries of a high one when it is interpolated. A group of one mode is only given
-the neighbour's sign.
+a group of one mode is only given the neighbour's sign. After a whole revolution a group returns turned by an orthogonal
+matrix H (its holonomy), which is taken back evenly over the revolution, over two where H contains a reflection.
 
-After a whole revolution a group returns turned by an orthogonal matrix H (its holonomy); the turn is taken back evenly
-over the revolution. Should H contain a reflection, no continuous basis exists over one revolution, but one exists over
-two, in which a coordinate has the opposite sign on the second turn.
-
-Over several coordinates H of one of them changes continuously with the others. Every further revolution is then closed
-like the one beside it: with the same coordinate reflected, and the turn taken back the same way round.
-
-A basis that is continuous over a tensor grid of configurations, one axis for each rigid coordinate.
-
-From the first sample the basis is carried along the first axis, from each sample found there along the second, and so
-on; a periodic axis is closed on every line (`continuity`). What the first line of an axis is closed like, the others
-follow, so that neighbouring lines stay neighbours.
+Over several coordinates H of one of them changes continuously with the others. From the first sample of a tensor grid
+the basis is carried along the first axis, from each sample found there along the second, and so on. What the first line
+of a periodic axis is closed like, the others follow, with the same coordinate reflected and the turn taken back the
+same way round, so that neighbouring lines stay neighbours.
 """
 
 from __future__ import annotations

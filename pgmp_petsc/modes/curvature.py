@@ -1,63 +1,34 @@
 """Curvature of the flexible shapes: static modal derivatives (Wu and Tiso 2016; as a manifold: Jain et al. 2017).
 
-A deformed mechanism is, in body frames and to second order in the flexible coordinates,
-
-    u = Psi delta + 1/2 sum_ij chi_ij delta_i delta_j.
-
-Psi answers loads statically, ``K psi_i + C^T mu_i = f_i``: modes answer their inertia forces ``lambda_i M psi_i``,
-static modes the loads that they were made of. chi continues this answer to second order, at the nominal parameters,
+A deformed mechanism is, in body frames and to second order, ``u = Psi delta + 1/2 sum_ij chi_ij delta_i delta_j``. With
+``K psi_i + C^T mu_i = f_i``, K3 the third derivative of the strain energy at rest and c'' the second derivatives of the
+constraints, at the nominal parameters
 
     K chi_ij + K3[psi_i, psi_j] + (mu_i.c'') psi_j + (mu_j.c'') psi_i + C^T nu_ij = 0,    C chi_ij = -c''[psi_i, psi_j],
 
-with K3 the third derivative of the strain energy at rest and c'' the second derivatives of the constraints (zero in the
-plane but for joints that turn with a body; in space rotations are rotation vectors). So the manifold holds, to second
-order, the nonlinear static answers to all loads that Psi answers to first order. What is left open, multiples of the
-rigid motion and of Psi, is deflated: chi is M-orthogonal to both, in space with the momenta of sections that turn
-(`RotaryCurvature`), so that delta is the part of the motion along Psi to second order too.
+M-orthogonal to the rigid motion and to Psi, in space with the momenta of sections that turn (`RotaryCurvature`).
+docs/method.md (second order in the deformation) says why, and what these equations are
 
-The last vectors of Psi may answer offsets p of joints instead (`modes.built_in`), of which the constraints are ``c +
-gamma p + 1/2 gamma' p p``. In pairs with these, gamma stands beside ``c'' psi``: for x_a and psi_j
+- of vectors that answer offsets of joints (`modes.built_in`), with gaps ``gamma p + 1/2 gamma' p p``: chi keeps its
+  part along them, that of two of them along all vectors, which is at rest, and none of what is stiff in other pairs;
+- along stiff vectors (`static_stretching`), with ``K = Psi^T K Psi``, ``M = Psi^T M Psi``, of which chi keeps
 
-    K chi_aj + K3[x_a, psi_j] + (mu_a.c'') psi_j + mu_j.(c'' x_a + d gamma_a) + C^T nu_aj = 0,
-    C chi_aj = - c''[x_a, psi_j] - d gamma_a.psi_j,
+      F M^-1 Psi^T M chi[(1 - S) psi_i, (1 - S) psi_j],
+      S = s^2 (3 - 2 s),  s = K^-1 K_axial,      F = (1 + a^2)^-1 a^2,  a = tr(A^-1) A / STIFF,  A = M^-1 K,
 
-and so on for two of them, with ``- gamma'_ab`` too. Their amplitudes are given: chi keeps its part along them, that of
-two of them along all vectors, which is at rest, and none of what is stiff in other pairs.
+  and of eigenvectors of A with the values lambda, the part along k of the pair i, j only with the factors
+  ``lambda_k^2 / (lambda_k^2 + lambda_i^2)`` and that of j;
+- of vectors psi_r without strain, as elastic joints allow them, with which elastic forces turn by rotations phi:
 
-Along stiff vectors of Psi chi may keep its part (`static_stretching`): bending shortens a beam without stretching it.
-Left to a stiff coordinate, the shortening is followed with its inertia, but the cubic strain energy, which then couples
-the two, is unbounded at deflections of about twice the radius of gyration. With ``K = Psi^T K Psi`` and ``M = Psi^T M
-Psi``
+      K chi_rj + K3[psi_r, psi_j] + C^T nu_rj = phi x (K psi_j),    C chi_rj = -c''[psi_r, psi_j],
 
-    kept_ij = F M^-1 Psi^T M chi[(1 - S) psi_i, (1 - S) psi_j],
-    S = s^2 (3 - 2 s),  s = K^-1 K_axial,      F = (1 + a^2)^-1 a^2,  a = tr(A^-1) A / STIFF,  A = M^-1 K.
+  of which chi keeps chi_rr along Psi, and chi_rj with the factors F and ``lambda_k^2 / (lambda_k^2 + lambda_j^2)``.
 
-S leaves out what stretches bodies itself. The part that follows at once is chosen by frequency: few vectors of a
-mechanism hold what only stretches, and one that stretches by a quarter is as stiff. Nothing follows at once what is
-faster than itself: of eigenvectors of A with the values lambda, the part along k of the pair i, j has the factors
-``lambda_k^2 / (lambda_k^2 + lambda_i^2)`` and that of j too. Without these a vector that bends at 140 kHz, left of a
-static answer, had chi of 5e11 along modes of 400 Hz.
-
-Vectors psi_r without strain, as elastic joints allow them, answer no load. Bodies turn there, by rotations phi, and
-their elastic forces with them:
-
-    K chi_rj + K3[psi_r, psi_j] + C^T nu_rj = phi x (K psi_j),    C chi_rj = -c''[psi_r, psi_j].
-
-So chi_rj is the shape that is turned with its body, which stores no energy, or where joints do not let it the one
-beside it that stores least, whatever psi_j answers; chi_rr is the way of the mechanism. Of chi_rr chi keeps its part
-along Psi, and of chi_rj that with the factors F and ``lambda_k^2 / (lambda_k^2 + lambda_j^2)``, for the reason above:
-what turns does not stretch. What is soft does not turn with its body: a tube that sags goes on to sag, and loads hold
-it there. Had chi_rj all of it, delta would have to turn back, by a motion without inertia.
-
-Rotations in space add to inertia at second order: sections and rigid bodies turn by ``exp(phi)``. A node's directors
-are ``d_k = R exp(phi) e_k``. Their second derivative in two vectors a and b of displacements and rotations, ``1/2 (a x
-(b x e_k) + b x (a x e_k))``, is added to chi wherever chi meets the mass. With the inertia J of the directors at a node
-(`bodies.matrices`) its momentum on a rotation phi is
-
-    phi . 1/2 ((J a) x b + (J b) x a),
-
-and accelerations ``A e_k`` of the directors do the work ``a . (sym(A J) - tr(A J) 1) b`` on it. In the plane there is
-nothing of the kind: angles add up.
+Rotations in space add to inertia at second order: a node's directors are ``d_k = R exp(phi) e_k``, whose second
+derivative in two vectors a and b, ``1/2 (a x (b x e_k) + b x (a x e_k))``, is added to chi wherever chi meets the mass.
+With the inertia J of the directors at a node (`bodies.matrices`) its momentum on a rotation phi is
+``phi . 1/2 ((J a) x b + (J b) x a)``, and accelerations ``A e_k`` of the directors do the work
+``a . (sym(A J) - tr(A J) 1) b`` on it.
 """
 
 from __future__ import annotations

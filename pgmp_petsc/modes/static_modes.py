@@ -1,4 +1,4 @@
-"""Static modes: what modes miss of the static answers to loads, orthonormal beside them.
+"""Static modes: what modes miss of the static answers to loads, orthonormal beside them; and vibrations on springs.
 
 At single configurations an answer r(theta) may be a combination of the modes and of the answers before it: where a
 rod's motion is a translation, its weight along the motion is its inertia force. The space that the answers span has a
@@ -13,23 +13,13 @@ springs' blocks in body frames (`effects.springs`) the potential of the rigid me
 
 The first line is what the blocks give for the rigid motion ``rho,k``. Of the second one the blocks hold what belongs to
 second derivatives of s alone; the forces' work on the curvature ``rho,kl`` of the rigid motion is stiffness between the
-bodies of the coordinates' joints. So the rigid mechanism has its exact stiffness about the loaded state. What the
-loads' axial forces do to the stiffness of each body, as a string is tuned, is not in it.
+bodies of the coordinates' joints. The eigenproblem of `problem` with this stiffness,
 
-Vibrations of a mechanism on its springs: the eigenproblem of `problem` with the stiffness of springs added,
+    (N^T (K + K_s(theta)) N - Lambda N^T M N) psi = 0,
 
-    (N^T (K + K_s(theta)) N - Lambda N^T M N) psi = 0.
-
-A spring that the rigid motion stretches gives it a stiffness: its frequency, zero without, is the first one of the
-mechanism. Springs couple unknowns of different bodies; mass and stiffness have all these entries at all configurations,
-so that the nonzero pattern stays one. Springs of negative stiffness, and forces that are there already, may leave
-negative eigenvalues, motions that grow: the shift of the solver is moved below them (none is below it, by inertia).
-
-The basis of a reduced model is made of other vectors (`reduction.static_loads`). It holds the rigid motion itself, and
-modes with the springs are a poor choice beside it: at 10 MN/m on the slider of the paper's slider-crank the first four
-frequencies come out up to 370 % wrong with five of them, 5 % with those of the unsprung mechanism, and 0.04 % with four
-of these and the static answer to the spring's force, which holds for any stiffness (tests/verification/
-test_spring_modes.py).
+is that of `pgmp modes`, not that of the basis (docs/effects.md, springs in frequencies and bases). Mass and stiffness
+have the springs' entries at all configurations, so that the nonzero pattern stays one. Negative eigenvalues are motions
+that grow: the shift of the solver is moved below them (none is below it, by inertia).
 """
 
 from __future__ import annotations

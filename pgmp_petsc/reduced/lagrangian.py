@@ -12,22 +12,14 @@ et al. 2015, eqs. (11)-(12)). The residual is ``r = d/dt dT/d eta' - dT/d eta + 
     r = M eta'' + sum_k theta_k' (d_k M) eta' + K delta - a Q + ...
         and in the rows of theta  - 1/2 eta'^T (d_k M) eta' + 1/2 delta^T (d_k K) delta - a (d_k Q).delta + ...
 
-b, the symmetric part of ``(d_k rho)^T M (d_l Psi)``, and the changes of K and Q with theta are missing in the paper.
-b holds the inertia forces of the rigid motion, which bend the bodies, and the change of the rigid inertia with their
-bending. Without it the modes are blind to inertia loads, because their mass coupling with theta vanishes identically.
-
-Of second order in delta, where a scene asks for them (a quadratic manifold as of Jain et al. 2017 with the modal
-derivatives chi of Wu and Tiso 2016)::
+b is the symmetric part of ``(d_k rho)^T M (d_l Psi)``. Of second order in delta, where a scene asks for them (a
+quadratic manifold as of Jain et al. 2017 with the modal derivatives chi of Wu and Tiso 2016)::
 
     V = third derivative of the strain energy,  B = f^T chi
     c_kl = (d_k d_l rho)^T M chi - sym(D_k^T M D_l) - sym(d_l P_k),   P_k = (d_k rho)^T M chi,
     A_k = skew part of D_k^T M Psi,   D_k = d_k (R Psi)
 
-B and the first part of c are the work of loads and inertia forces on the second-order displacement, which is called
-geometric stiffness. So is what P_k does, of prescribed coordinates alone: with its part of c it is the kinetic energy
-``theta_k' d/dt (1/2 delta^T P_k delta)``, whose forces are ``theta_k'' P_k delta``. The rest is the kinetic energy of
-modes that change with theta, their gyroscopic terms. Left out is what vanishes at the nominal parameters, where chi is
-M-orthogonal to the basis and to what is free to move, and Psi is M-orthonormal.
+docs/method.md (reduced equations; second order in the deformation) says what each is, and what is left out.
 
 Structural damping adds ``D eta'``. Damping proportional to the mass, ``alpha dT/d eta'``, needs no term of its own:
 because T is quadratic in eta', it is what ``alpha eta'`` added to eta'' makes of the inertia forces.

@@ -9,18 +9,11 @@ round-off.
 
 Without a tolerance, angles of a single coordinate are halved, if they may be, where vectors of other parameter values
 turn too quickly for them (the basis is too uneven, or interpolated matrices are indefinite at some values), and where
-stress outputs are interpolated badly.
-
-The bodies answer a load L with stresses ``R = D S Psi K_r^-1 Psi^T L`` (D and S as in `missed_answers`), of which Psi,
-``K_r = Psi^T K Psi`` and ``Psi^T L`` are interpolated each by itself. A force along a slender body is a small
-difference of large parts: it is per cents off where deformations are 1e-4 off.
-
-Every other sample is predicted from those beside it, by the model's own interpolation. The difference in R, as a share
-of its largest value over the range, is the error at twice the distances; `GAIN` leads to that of the samples as they
-are. Loads are those of the effects, the inertia forces of the rigid motion and, where springs and their kin act, those
-that the static modes answer, each by itself: how strong they are together only a run knows. Inertia forces of one
-coordinate alone are judged together: those of its acceleration, and those of its speed where it swings by a tenth of
-its range with that acceleration. What hardly stresses a body beside the other does not count.
+stresses ``R = D S Psi K_r^-1 Psi^T L`` under the loads L are interpolated badly (D and S as in `missed_answers`;
+docs/method.md, section forces at other parameters): every other sample is predicted from those beside it, and `GAIN`
+leads from the difference to the error of the samples as they are. Inertia forces of one coordinate alone are judged
+together: those of its acceleration, and those of its speed where it swings by a tenth of its range with that
+acceleration. What hardly stresses a body beside the other does not count.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
 """The basis that is continuous over all samples, and the tables in it.
 
-Kept vectors are M-orthonormal at the nominal parameters, those compressed from snapshots of other parameter values are
-not: their inertia ``G = E^T M E`` changes with theta. Where the kinetic energy of changing modes is kept, they are made
-so by the symmetric root, ``E G^(-1/2)``: smooth where G is not singular (`snapshots.INDEPENDENT`), and of all
-orthonormal bases of the span the nearest one (Lowdin 1950). The symmetric part of ``D^T M Psi`` then vanishes
-(`tables`), and the motion is the same in every smooth basis of the space. Where E is small, what it spans turns
-quickly: such a basis needs more angles (`uneven`). Without that energy, as in eq. (7) of the paper, no basis of the
-space is better than another, and E is taken as it is.
+Kept vectors are M-orthonormal at the nominal parameters. Those compressed from snapshots, E, are made so by the
+symmetric root ``E (E^T M E)^(-1/2)`` (Lowdin 1950) where the kinetic energy of changing modes is kept, and are taken as
+they are without it (docs/method.md, parameters far from nominal). Where E is small, what it spans turns quickly: such a
+basis needs more angles (`uneven`).
 
 The samples of all groups of ranks are joined with small matrices alone, eigenvalues and overlaps of neighbouring modes:
 once the overlaps of neighbours that different groups hold are known, the first rank works out every sample's rotation,

@@ -12,9 +12,6 @@ Whatever the scheme, the result is a piecewise cubic on a uniform grid (`Interpo
 knows one way of interpolating. A spline through uniform samples is represented as it stands; the other interpolants are
 evaluated on a grid so fine that its own error, of fourth order in the fine step, does not count. Over several
 coordinates it is the tensor product: one scheme along each axis.
-
-The paper prints (20) with a denominator that would make the tangents scale with the step; the tangent with respect to
-s is ``(A_{i+1} - A_{i-1}) / 2``.
 """
 
 from __future__ import annotations

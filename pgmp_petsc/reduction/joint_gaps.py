@@ -1,29 +1,15 @@
 """Forces in joints of a reduced model: what dual gaps have in its equations.
 
-With theta held, let ``Y_i`` answer statically a unit gap in constraint i,
+With theta held, and T the statements of the coordinates, let ``Y_i`` answer statically a unit gap in constraint i,
 
-    [K C^T; C 0] [Y_i; L] = [0; e_i],     T Y_i = 0,
+    [K C^T; C 0] [Y_i; L] = [0; e_i],     T Y_i = 0;     lambda_i = Y_i^T (f - M x'' - g_int)
 
-T the statements of the coordinates. The virtual work of the full-order equations ``M x'' + g_int + C^T lambda = f`` in
-``Y_i`` is the multiplier,
-
-    lambda_i = Y_i^T (f - M x'' - g_int),
-
-for any motion x that obeys them (`modes.built_in` has the primal problem). Of ``x = rho(theta) + Psi(theta) delta`` it
-is as accurate as mode acceleration: ``Y_i^T K Psi = 0`` at the nominal parameters, so that no shape that was truncated
-is multiplied by its stiffness. The right-hand side is minus the residual of a flexible coordinate whose vector is
-``Y_i`` and whose amplitude is zero; so are all terms of the reduced Lagrangian there: inertia with the change of the
-vectors, loads, local effects and damping, at any parameters. Tables keep the products of the ``Y_i`` with the basis.
-The multiplier of a prescribed coordinate is minus its own residual, as its rigid velocity ``d rho / d theta_k`` opens
-its statement alone.
-
-``Y_i`` has, as a flexible coordinate of a model of second order, the curvature and the cubic energy in pairs with the
-basis (`modes.curvature`; the gap is the same wherever the mechanism is), so that the virtual displacement is the one
-about the deformed mechanism, and inertia of the vectors as they turn and change. So has that of a model of first order,
-whose motion alone is of that: its bodies are taken to shorten at once as they bend. Only where joints are off, or
-bodies are matrices without a third derivative, forces are of first order in the deformation; those of drives are of the
-order of the model. Where constraints follow from others, ``C Y_i`` is the part of ``e_i`` that can be opened, and the
-multipliers are the smallest that do the same.
+is the multiplier of a motion x: minus the residual of a flexible coordinate whose vector is ``Y_i`` and whose amplitude
+is zero (docs/method.md, forces in joints; `modes.built_in` has the primal problem). Tables keep the products of the
+``Y_i`` with the basis, with curvature and cubic energy in pairs with it (`modes.curvature`) but where joints are off or
+bodies are matrices without a third derivative. The multiplier of a prescribed coordinate is minus its own residual.
+Where constraints follow from others, ``C Y_i`` is the part of ``e_i`` that can be opened, and the multipliers are the
+smallest that do the same.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
 """The build of models of one scene at the points of a grid of lengths, in bases that are continuous over these too.
 
-The rigid motion depends on a length l as on nothing else: ``q = rho(theta; l) + Psi(theta; l) delta``. The members of
-the family are models built at the points l_p; their bases are expressed in that of the model at the nominal lengths,
+The bases of models built at the points l_p are expressed in that of the model at the nominal lengths,
 
-    Psi_p R_p,    R_p(theta) = (Psi_p^T M Psi_p)^-1 Psi_p^T M Psi_nominal,
+    Psi_p R_p,    R_p(theta) = (Psi_p^T M Psi_p)^-1 Psi_p^T M Psi_nominal
 
-so that entries of their tables are smooth in l, whatever signs, order and rotations the builds have found (Amsallem and
-Farhat 2011 join the members of a family so); answers to joints that are off, behind these, are smooth as they
+(docs/method.md, lengths and places as parameters); answers to joints that are off, behind these, are smooth as they
 are. In between, tables are polynomials of l (`sample_grid`). The kinematics of one run are exact: the mechanism is made
 anew with its lengths.
 """

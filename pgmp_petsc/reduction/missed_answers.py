@@ -1,23 +1,16 @@
 """The part of the static answers to its own loads that a basis misses away from the nominal parameters.
 
 Every flexible vector answers a load at the nominal parameters p0, ``K(p0) psi_j = l_j(p0)`` but for joint forces: a
-mode its inertia forces ``lambda M psi``, a static mode the loads that it was made of (`StaticLoads`). At other
-parameters the answers to these loads are other vectors. A basis holds them well in the energy norm, and so what bends;
-of the little energy of stretching and shear, it may have 20 to 130 % too much or too little of the force, in sections
-of 10 % other radius. The answers with the nominal stiffness are known beforehand, so that what a reduced state misses
-is corrected as the loads are: with ``Psi^T L(p) g = K_r(p) delta``, the loads that the state is in equilibrium with,
-and rigid accelerations that balance these,
+mode its inertia forces ``lambda M psi``, a static mode the loads that it was made of (`StaticLoads`). With
+``Psi^T L(p) g = K_r(p) delta``, the loads that the state is in equilibrium with, and rigid accelerations that balance
+these,
 
     du = K(p0)^-1 (L(p) g - K(p) Psi delta),        forces and stresses:  D(p) S (Psi delta) + D(p0) S du,
 
-where S gives strains and D forces of strains. At p0 ``L = K Psi``, g = delta and du = 0. Where forces follow from
-equilibrium alone (statically determinate bodies and mechanisms), and in bodies all of whose stiffness has one factor,
-the forces are then those that balance the loads, at any p; elsewhere what is left is of second order in p - p0. It is
-the residual weighted with the answers to unit forces of the outputs (Becker and Rannacher 2001), which for statically
-determinate forces are their influence lines. What answers joints that are off answers no load: it has a part in K Psi
-alone.
-
-Loads and stiffness are affine, so that forces and answers of every term are tables over the configurations.
+where S gives strains and D forces of strains (docs/method.md, section forces at other parameters): the residual
+weighted with the answers to unit forces of the outputs (Becker and Rannacher 2001). What answers joints that are off
+answers no load: it has a part in K Psi alone. Loads and stiffness are affine, so that forces and answers of every term
+are tables over the configurations.
 """
 
 from __future__ import annotations

@@ -1,14 +1,10 @@
 """The reduced-order model: the result of the offline build, all that simulations need, and how far from its nominal
 parameters it serves.
 
-A build tries the values that span its scene's distributions (`spanning_values`: quantiles at three standard deviations,
-or bounds): at these its matrices were looked at, and bases by tolerance were chosen. Half as far again is served
-without a word; six standard deviations cost 1.6 % of the deformation where three cost 0.3 %
-(`tests/hard_cases/test_extremes.py`). What lies outside is counted and warned of. Three times as far away as
-the span it is refused: values of single runs, samples of a file, and distributions of which the greater part lies
-there. Lengths, places and ratios are not served beyond the points of their polynomials at all. Of parameters that no
-distribution and no bounds of the build's scene say anything of, 30 % around the nominal value are taken for the span.
-What tables do not depend on, loads and local effects, may be anything.
+A build tries the values that span its scene's distributions (`spanning_values`); docs/uncertainty.md (outside what a
+reduced model was built for) says how far beyond these it serves without a word, warns, and refuses. Of parameters that
+no distribution and no bounds of the build's scene say anything of, 30 % around the nominal value are taken for the
+span. What tables do not depend on, loads and local effects, may be anything.
 """
 
 from __future__ import annotations

@@ -1,15 +1,9 @@
 """Modes and static modes at other parameter values that the basis of the nominal parameters misses.
 
 The snapshots X(theta) of other parameter values, M-orthogonal to the kept vectors, are compressed by one constant
-matrix C for all configurations: the vectors ``E(theta) = X(theta) C`` are as continuous as the snapshots are, whatever
-happens to their order of importance along theta. C holds the leading eigenvectors of the mean Gram matrix
-``mean_k X_k^T M X_k`` (a proper orthogonal decomposition in the M-norm over all samples).
-
-Where in the parameter space they are taken is a greedy choice. Candidates span the distributions
-(`spanning_values`). At a few configurations, the share of the energy that the basis misses of a candidate's modes
-and static modes, in the candidate's own strain energy, says how wrong the basis is there. The worst candidate becomes a
-point, the basis is extended by the vectors that compress its snapshots best, and so on until a further point makes the
-worst candidate hardly better."""
+matrix C, the leading eigenvectors of the mean Gram matrix ``mean_k X_k^T M X_k``; the values are a greedy choice among
+those that span the distributions (docs/method.md, parameters far from nominal).
+"""
 
 from __future__ import annotations
 

@@ -7,30 +7,19 @@ rigid motion strains nothing. A further table projects the acceleration of the r
 
     c_i(theta) = (d2 rho/d theta2)^T M_i Psi_flexible,
 
-the inertia forces that bend the bodies; eq. (12), in which only M^r appears, has no term for them.
-
-The inertia of the rigid motion needs no eigenproblem: it follows from the exact kinematics on a fine grid.
+the inertia forces that bend the bodies; eq. (12), in which only M^r appears, has no term for them. The inertia of the
+rigid motion needs no eigenproblem: it follows from the exact kinematics on a fine grid.
 
 At the samples mass and stiffness are positive definite by construction; in between (`indefinite_between`) a sum of
-interpolated entries need not be. A reduced model with a negative mass or stiffness runs away as soon as the steps are
-small enough to see it (Amsallem et al. 2009 interpolate on the manifold of definite matrices for that; here a basis
-that is smooth enough is asked for instead).
+interpolated entries need not be, and a model with a negative mass or stiffness runs away.
 
-How modes change with theta: the kinetic energy of ``D_k = d(R Psi)/d theta_k``, left out by eq. (7) of the paper.
+How modes change with theta: the kinetic energy of ``D_k = d(R Psi)/d theta_k``, left out by eq. (7) of the paper. In
+body frames ``D_k = d_k Psi + W_k Psi``, with d_k Psi from the interpolated projection and W_k = R^T d_k R the body's
+spin per unit of theta_k, which turns its points (`bodies.matrices`).
 
-A flexible mode moves with the velocity ``sum_k theta_k' D_k delta`` even where delta is constant. In body frames
-``D_k = d_k Psi + W_k Psi``, with d_k Psi from the interpolated projection and W_k = R^T d_k R the body's spin per unit
-of theta_k, which turns its points (`bodies.matrices`).
-
-How the forces in the bodies change the stiffness of each mode: what geometric stiffness a model has, or would lack.
-
-A static load f changes the stiffness of a mode psi_k, whose eigenvalue is lambda_k, by the share
-
-    s_k = h_k.f / lambda_k,
-
-positive where bodies are pulled, negative where they are pressed; -1 is buckling in the shape of the mode. One static
-answer a mode, h_k, tells what every load does (`CurvatureProblem.stiffness_answers`; without the curvature of joints it
-is the answer to ``K3[psi_k, psi_k]``). The *influences* ``h_k.f`` are kept for units of all that loads the bodies, in
+How the forces in the bodies change the stiffness of each mode (docs/method.md, validity): a static load f changes that
+of psi_k, whose eigenvalue is lambda_k, by the share ``s_k = h_k.f / lambda_k``, with one static answer h_k a mode
+(`CurvatureProblem.stiffness_answers`). The *influences* ``h_k.f`` are kept for units of all that loads the bodies, in
 this order of columns:
 
 - every load term of the effects, its weight taken out,
@@ -41,20 +30,13 @@ this order of columns:
 They hold at the nominal parameters, at which forces in statically determinate bodies do not depend on the stiffness;
 lambda_k is kept term by term and follows the parameters.
 
-Reduced tables of second order in the flexible coordinates, for the quadratic manifold (Jain et al. 2017)
-
-    u = Psi(theta) delta + 1/2 sum_ij chi_ij(theta) delta_i delta_j,     chi_ij = chi_ji,
-
-in body frames (`modes.curvature`). With K3_t, the third derivative of a term of the strain energy at rest,
+Reduced tables of second order in the flexible coordinates, for the quadratic manifold (`modes.curvature`). With K3_t,
+the third derivative of a term of the strain energy at rest,
 
     cubic_t[i, j, k] = K3_t[psi_i, psi_j, psi_k] + psi_i.K_t chi_jk + psi_j.K_t chi_ik + psi_k.K_t chi_ij
     curved_load_l[i, j] = f_l.chi_ij
     curved_inertia_t[kl, i, j] = (d2 rho/d theta_k d theta_l).M_t chi_ij,     pairs k >= l of rigid coordinates
     curved_mass_t[k, i, j] = (d rho/d theta_k).M_t chi_ij,     where coordinates are prescribed
-
-are the strain energy of third order, ``1/6 cubic delta delta delta``, and what loads, acceleration and velocity of the
-rigid motion do along the manifold's curvature. At the nominal parameters chi is M-orthogonal to the velocities of
-coordinates that are free, and where all are the last table is empty.
 
 Pairs (i, j) of coordinates are packed as ``np.tril_indices`` orders them, each once: ``1/2 chi delta delta`` is the sum
 over the packed pairs of ``chi_ij delta_i delta_j``, halved where i = j.

@@ -1,17 +1,13 @@
 """Uncertain parameters and their distributions, by the names and conventions of scipy.stats, and some of our own; how
 they depend on each other; random fields over bodies; parameter values that span the distributions.
 
-A correlation r is that of the normal variables ``Phi^-1(F(x))`` behind two parameters. Between values themselves it is
-the same for normal distributions, and about as large for others; their rank correlation (Spearman's) is
-``6 / pi asin(r / 2)`` (Kruskal, Journal of the American Statistical Association 53 (1958) 814-861).
-
+A correlation r is that of the normal variables ``Phi^-1(F(x))`` behind two parameters; their rank correlation
+(Spearman's) is ``6 / pi asin(r / 2)`` (Kruskal, Journal of the American Statistical Association 53 (1958) 814-861).
 With ``ensemble.copula = "student"`` these variables have a common multivariate t distribution with the matrix of r
 (Demarta and McNeil, International Statistical Review 73 (2005) 111-129): Kendall's coefficient is ``2 / pi asin(r)`` as
 before, and extremes of two come together with the probability ``2 t_(f + 1)(-sqrt((f + 1) (1 - r) / (1 + r)))``, of
-normal ones 0.
-
-With ``clayton``, ``gumbel`` and ``frank`` all pairs depend on each other alike, with Kendall's coefficient ``2 / pi
-asin(r)`` of their common r.
+normal ones 0. With ``clayton``, ``gumbel`` and ``frank`` all pairs depend on each other alike, with Kendall's
+coefficient of their common r.
 
 Field NAME with n terms has the parameters ``NAME_1`` .. ``NAME_n``, its uncorrelated variables of mean 0 and variance 1
 (`bodies.random_fields`): uniform, or normal and cut off at a number of deviations. They are put among the scene's

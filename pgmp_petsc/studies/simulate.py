@@ -17,7 +17,15 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import loads_of
-from pgmp_petsc.estimates.coarser_run import CoarserRun, coarser, run_coarser, step_errors
+from pgmp_petsc.estimates.coarser_run import (
+    RELIED_ON,
+    CoarserRun,
+    coarser,
+    fewest_steps,
+    run_coarser,
+    step_errors,
+    times_of,
+)
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator
 from pgmp_petsc.estimates.own_error import (
     absence_of_estimates,
@@ -139,6 +147,23 @@ class _Part:
         """Time up to which the run is fine, s; infinite where it is all of it."""
         return np.inf if self.run.status[0] == Status.FINE else float(self.run.failure_time[0])
 
+    @property
+    def relied_on(self) -> _Part:
+        """The part whose errors can be estimated, by a run that takes as long: all of it, or most of one that stopped,
+        as it may run away before it does."""
+        if self.run.status[0] == Status.FINE:
+            return self
+        whole, n_steps = self.attempt.simulation, int(RELIED_ON * (self.time.size - 1))
+        kept, duration = slice(n_steps + 1), float(self.time[n_steps])
+        simulation = whole.in_steps(n_steps, duration) if n_steps else whole
+        return replace(
+            self,
+            run=replace(self.run, n_steps=n_steps),
+            attempt=replace(self.attempt, simulation=simulation),
+            time=self.time[kept],
+            outputs={name: values[kept] for name, values in self.outputs.items()},
+        )
+
     @cached_property
     def shown(self) -> list[int]:
         """Steps at which the whole mechanism is stored."""
@@ -186,10 +211,15 @@ def _full(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
                 done = integrate(system, simulation, observer=record)
                 outputs, recorded, seen = record.outputs(), record.recorded(), record.fields()
             part = _Part.of(model, done, attempt, record.times, outputs, **recorded)
-            other = _coarser(model, system, part, timings, comm)
+            is_whole = part.run.status[0] == Status.FINE
+            other = _coarser(model, system, part, timings, comm) if is_whole else None
         return replace(part, recorded={**part.recorded, "fields": seen, "coarser": other})
 
     part, steps = _furthest(once, model.scene.simulation)
+    other = part.recorded["coarser"]
+    if part.run.status[0] != Status.FINE:
+        with model.single(model.scene.values, comm) as system:
+            other = _coarser(model, system, part.relied_on, timings, comm)
     timings = timings.maximum(comm)
     if comm.rank > 0:
         return None
@@ -198,7 +228,7 @@ def _full(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
     frames = frames.reshape(len(frames), model.kinematics.mechanism.n_nodes, -1 if len(frames) else space.n_pose)
     balance = balance_of(part.time, recorded["energies"])
     rests = _rests(model, part, recorded["coordinates"], frames)
-    errors, estimated = _step_errors(model, part, rests)
+    errors, estimated = _step_errors(model, part, other, rests)
     remarks = (
         *why_stopped(model, part.run, ""),
         *steps,
@@ -220,31 +250,44 @@ def _full(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
 def _coarser(
     model: FullModel, system: SecondOrderSystem, part: _Part, timings: Timings, comm: Comm
 ) -> CoarserRun | None:
-    """Run the system of a run that reached its end again, for the errors of its step. Collective on `comm`."""
-    if part.run.status[0] != Status.FINE or not is_estimated(model.scene, of_step=True):
-        return None
+    """Run the system of a part again, for the errors of its step; None where there are none. Collective on `comm`."""
     simulation = part.attempt.simulation
+    is_short = part.run.status[0] != Status.FINE and part.run.n_steps < fewest_steps(times_of(model.scene, simulation))
+    if is_short or not is_estimated(model.scene, of_step=True):
+        return None
     title = f"{model.title} with a coarser step, for the error of the step"
     with timings.phase("errors"), progress(coarser(model.scene, simulation).n_steps, title, comm) as bar:
         return run_coarser(model, system, simulation, np.ones(1, dtype=bool), part.run, bar.update)
 
 
-def _step_errors(model: FullModel, part: _Part, rests: Sequence[Remark]) -> tuple[EstimatedErrors | None, list[Remark]]:
+def _step_errors(
+    model: FullModel, part: _Part, other: CoarserRun | None, rests: Sequence[Remark]
+) -> tuple[EstimatedErrors | None, list[Remark]]:
     """Return the estimated errors of the step of a full-order or component run, and what is to be said of them: of a
     mechanism that `rests`, nothing."""
-    other = part.recorded["coarser"]
-    if part.run.status[0] != Status.FINE:
-        return None, [note("errors of the time step were not estimated: the run stopped before its end")]
+    known = part.relied_on
     if other is None:
-        return None, list(absence_of_estimates(model.scene, of_step=True))
-    found = step_errors(model.scene, part.time, part.outputs, other)
+        absent = absence_of_estimates(model.scene, of_step=True)
+        return None, list(absent) or [note(f"errors of the time step were not estimated: {STOPPED}")]
+    found = step_errors(model.scene, known.time, known.outputs, other)
+    said = list(step_remarks(model, known.time, known.outputs, other, found))
     if found is None:
-        return None, list(step_remarks(model, part.time, part.outputs, other, found))
-    errors = EstimatedErrors(found.time, found.outputs, _largest(model, part.outputs), OF_STEP)
+        return None, said
+    errors = EstimatedErrors(found.time, found.outputs, _largest(model, known.outputs), OF_STEP)
     if rests:
         return errors, []
     large = large_errors(*errors.of_one_run(), model.outputs.units, model.name, model.scene.system, _length(model))
-    return errors, [*large, *step_remarks(model, part.time, part.outputs, other, found)]
+    return errors, [*large, *_up_to(part, "errors of the time step"), *said]
+
+
+STOPPED = "the run stopped before its end"
+
+
+@gathered
+def _up_to(part: _Part, what: str) -> Iterator[Remark]:
+    """Return up to when errors of a run that stopped were estimated; nothing where it came to its end."""
+    if part.run.status[0] != Status.FINE:
+        yield note(f"{what} were estimated up to {part.relied_on.time[-1]:.4g} s: {STOPPED}")
 
 
 def _reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
@@ -256,27 +299,19 @@ def _reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
         lambda attempt: _reduced_part(model, values, attempt, indicator, timings, comm), model.scene.simulation
     )
     eta, n_theta = part.recorded["eta"], model.kinematics.n_coordinates
-    watched, validity, status = part.recorded["watched"], part.recorded["validity"], part.run.status
+    validity, status = part.recorded["validity"], part.run.status
     with timings.phase("projection"):
         frames = np.moveaxis(model.frames_of(eta[part.shown]), 2, 0) if part.shown else np.empty(0)
         fields = model.fields()
         seen = fields_over(fields, eta[part.shown], model.scene.values)
-    remarks, errors = [], None
+    known, reason = part, ""
     if status[0] != Status.FINE:
         reason = lost_definiteness(model, values, part.time, eta) if np.isfinite(eta).all() else ""
-        remarks += [*why_stopped(model, part.run, reason), *steps]
-        remarks.append(note("errors were not estimated: the run stopped before its end"))
-    elif watched is not None:
-        with timings.phase("errors"):
-            estimate = watched.estimate(status)
-        absent = {name: why for name, (why,) in estimate.absent.items() if why}
-        sizes = _largest(model, part.outputs)
-        errors = EstimatedErrors(*estimate.histories[0], sizes, absent=absent)
-        units, system = model.outputs.units, model.scene.system
-        remarks += [*steps, *large_errors(*errors.of_one_run(), units, system=system, length=_length(model))]
-        remarks += [*not_estimated(errors, model.scene), *few_steps(part.time.size - 1), *left_out_of_estimates(model)]
-    else:
-        remarks += [*steps, *absence_of_estimates(model.scene)]
+        known = part.relied_on
+        if indicator is not None and known.run.n_steps:
+            known = _reduced_part(model, values, known.attempt, indicator, timings, comm)
+    errors, estimated = _errors(model, part, known, timings)
+    remarks = [*why_stopped(model, part.run, reason), *steps, *estimated]
     if status[0] == Status.FINE and model.scene.loose:
         with timings.phase("a run from beside its start"):
             grown = growth_of(model, part.attempt.simulation, eta, part.outputs)
@@ -300,6 +335,23 @@ def _reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
         validity=found,
         **described,
     )
+
+
+def _errors(
+    model: ReducedModel, part: _Part, known: _Part, timings: Timings
+) -> tuple[EstimatedErrors | None, list[Remark]]:
+    """Return the estimated errors of a reduced run, and what is to be said of them; `known` is all of it, or of one
+    that stopped a run of `_Part.relied_on`."""
+    watched, scene = known.recorded["watched"], model.scene
+    if watched is None or known.run.status[0] != Status.FINE:
+        return None, [*absence_of_estimates(scene)] or [note(f"errors were not estimated: {STOPPED}")]
+    with timings.phase("errors"):
+        estimate = watched.estimate(known.run.status)
+    absent = {name: why for name, (why,) in estimate.absent.items() if why}
+    errors = EstimatedErrors(*estimate.histories[0], _largest(model, known.outputs), absent=absent)
+    large = large_errors(*errors.of_one_run(), model.outputs.units, system=scene.system, length=_length(model))
+    said = (_up_to(part, "errors"), not_estimated(errors, scene), few_steps(known.time.size - 1))
+    return errors, [*large, *(one for some in said for one in some), *left_out_of_estimates(model)]
 
 
 def _reduced_part(
