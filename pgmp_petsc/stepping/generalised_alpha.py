@@ -203,9 +203,12 @@ class GeneralisedAlpha:
                     self._jump(number + 1, there & self._alive)
             todo &= self._alive & (at < last)
         self.n_done = last
-        if system.beside is not None and not system.carries:
-            self._jump(last, self._alive)
-        if shown.size:
+        if system.beside is not None:
+            if not system.carries:
+                self._jump(last, self._alive)
+            if last == self.instants.size - 1:  # a run ends before forces jump, as what is seen of it does
+                self.state.a[:], system.beside.now[:] = trail.a[-1], trail.forces[-1]
+        if self._observer is not None and shown.size:
             # not PETSc's own time, a sum of steps: its round-off grows over the run
             self._observer.over(shown, self.instants[shown], trail)
 
@@ -220,11 +223,10 @@ class GeneralisedAlpha:
         put(system, self._moment, after, samples)
 
     def _shown(self, last: int) -> np.ndarray:
-        """Return the numbers of the steps up to `last` that the observer is to see."""
-        if self._observer is None:
-            return np.zeros(0, dtype=np.int64)
+        """Return the numbers of the steps up to `last` that the observer is to see, and the last one of the run."""
+        every, end = self.instants.size if self._observer is None else self._observer.every, self.instants.size - 1
         numbers = np.arange(self.n_done + 1, last + 1)
-        return numbers[(numbers % self._observer.every == 0) | (numbers == self.instants.size - 1)]
+        return numbers[(numbers % every == 0) | (numbers == end)]
 
     def _stand(self, trail: State, samples: np.ndarray) -> None:
         """Leave some samples where they are in all instants of a trail."""

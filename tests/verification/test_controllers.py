@@ -428,6 +428,11 @@ def test_forces_in_joints_under_control(entries: tuple[str, ...], monkeypatch: p
     _, three = history(model, samples(scene, 3), 3)
     np.testing.assert_array_equal(three["pivot"], reduced["pivot"][:, None] * np.ones(3))
     assert motion(model).outputs["pivot"][-1] == reduced["pivot"][-1]
+    for one, n, over_time in ((model, 3, reduced), (full_model(scene), 1, full)):  # samples end as runs do
+        system, done = run_model(one, n, samples(scene, n))
+        ends = one.outputs.evaluate(one.observed(system, done.state, scene.simulation.duration))
+        for name in ("pivot", "torque"):
+            np.testing.assert_allclose(ends[name], over_time[name][-1], rtol=1e-12)
     found = differentiate(model, scene.values, ("lead",)).derivatives["pivot"]["lead"]
     before, after = (history(model, {"lead": np.array([30.0 + h])}, 1)[1]["pivot"][:, 0] for h in (-0.01, 0.01))
     np.testing.assert_allclose(found, (after - before) / 0.02, rtol=0, atol=1e-4 * np.abs(found).max())
