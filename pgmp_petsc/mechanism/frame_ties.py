@@ -91,12 +91,19 @@ class FrameTies:
     def of(cls, unknowns: Unknowns) -> FrameTies:
         """Return the ties of all frames that hold bodies on meshes and in floating frames."""
         parts, n, d = [], 0, unknowns.dimension
-        for frame, positions, faces in _faces_of(unknowns):
-            parts += [_means(n, frame, positions, faces), *_rotations(n + d, int(frame[0]), positions, faces)]
-            n += d + len(TURNS[d])
-        for held in _held_by_floating(unknowns):
-            parts += held.ties(n)
-            n += held.shape.shape[0]
+        for body in unknowns.bodies:
+            for number, faces in enumerate(body.face_frames.values()):
+                frame = unknowns.frame(body.first_node + number)
+                positions = body.first_internal + d * faces.nodes[:, None] + np.arange(d)  # of the faces' nodes
+                parts += [_means(n, frame, positions, faces), *_rotations(n + d, int(frame[0]), positions, faces)]
+                n += d + len(TURNS[d])
+        for body, floating in ((body, one) for body in unknowns.bodies for one in body.blocks("floating")):
+            last = unknowns.frame(body.first_node + body.n_nodes - 1)
+            amplitudes = body.first_internal + np.arange(floating.n)
+            for number, of_frame in enumerate(zip(floating.centres, floating.shapes, floating.bent)):
+                held = _Held(unknowns.frame(body.first_node + number), last, amplitudes, *of_frame)
+                parts += held.ties(n)
+                n += held.shape.shape[0]
         return cls(Terms.joined(parts), d, n, unknowns.n_dofs)
 
     def values(self, q: np.ndarray) -> np.ndarray:
@@ -128,15 +135,6 @@ def _numbered(entries: list[Derivative], n_dofs: int) -> tuple[tuple[np.ndarray,
     for place, (has, _, _), own in zip(places, entries, np.split(at, np.cumsum([key.size for key in keys])[:-1])):
         place[has] = own
     return np.divmod(unique, n_dofs), places
-
-
-def _faces_of(unknowns: Unknowns) -> Iterator[tuple[np.ndarray, np.ndarray, FaceFrame]]:
-    """Yield, frame by frame, its unknowns (m,), those of the positions of its faces' nodes (n, d), and the faces."""
-    d = unknowns.dimension
-    for body in unknowns.bodies:
-        for number, faces in enumerate(body.face_frames.values()):
-            positions = body.first_internal + d * faces.nodes[:, None] + np.arange(d)
-            yield unknowns.frame(body.first_node + number), positions, faces
 
 
 class _Held(NamedTuple):
@@ -190,15 +188,6 @@ def bent_terms(d: int, first_row: int, frame: int, amplitudes: np.ndarray, bent:
     k, pair = np.tile(k, d), np.tile(pair, d)
     first, second = amplitudes[i[pair]], amplitudes[j[pair]]
     return Terms.of(d, first_row + component, -of_pairs[k, pair], first, second, frame, d * k + component)
-
-
-def _held_by_floating(unknowns: Unknowns) -> Iterator[_Held]:
-    for body in unknowns.bodies:
-        for floating in body.blocks("floating"):
-            last = body.first_node + body.n_nodes - 1
-            amplitudes = body.first_internal + np.arange(floating.n)
-            for number, parts in enumerate(zip(floating.centres, floating.shapes, floating.bent)):
-                yield _Held(unknowns.frame(body.first_node + number), unknowns.frame(last), amplitudes, *parts)
 
 
 def _means(first_row: int, frame: np.ndarray, positions: np.ndarray, faces: FaceFrame) -> Terms:

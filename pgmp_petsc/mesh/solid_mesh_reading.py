@@ -125,7 +125,13 @@ def solid_mesh(mesh: meshio.Mesh, dimension: int, received: str) -> SolidMesh:
 def numbered_as_filed(mesh: meshio.Mesh, dimension: int, received: str) -> SolidMesh:
     """Return the body's mesh as `solid_mesh` does, but with nodes and cells in the order of the file."""
     kind, cells = _cells(mesh, dimension, received)
-    _check_nodes(mesh.points, kind, cells, received)
+    lost = np.flatnonzero(((cells < 0) | (cells >= len(mesh.points))).any(axis=1))
+    if lost.size:
+        raise InputError(
+            f"{received}: {lost.size} of {len(cells)} cells of type {kind} name a node that the file does not hold; "
+            f"the first is cell {lost[0]} with the nodes {shown(cells[lost[0]], len(cells[0]))}; the file has "
+            f"{len(mesh.points)} nodes, numbered from 0"
+        )
     nodes = coordinates(mesh.points, dimension, received)
     check_cells(kind, nodes, cells, received)
     groups, regions, small_groups = named_groups(mesh, kind, cells, received)
@@ -163,16 +169,6 @@ def _cells(mesh: meshio.Mesh, dimension: int, received: str) -> tuple[str, np.nd
 
 def _listed(counts: dict[str, int]) -> str:
     return " and ".join(f"{count} {name}" for name, count in sorted(counts.items()))
-
-
-def _check_nodes(points: np.ndarray, kind: str, cells: np.ndarray, received: str) -> None:
-    lost = np.flatnonzero(((cells < 0) | (cells >= len(points))).any(axis=1))
-    if lost.size:
-        raise InputError(
-            f"{received}: {lost.size} of {len(cells)} cells of type {kind} name a node that the file does not hold; "
-            f"the first is cell {lost[0]} with the nodes {shown(cells[lost[0]], len(cells[0]))}; the file has "
-            f"{len(points)} nodes, numbered from 0"
-        )
 
 
 #: Walks from one end of the mesh to the node farthest from it; more of them hardly ever find a longer way.

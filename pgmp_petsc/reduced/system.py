@@ -171,7 +171,13 @@ class ReducedSystem(SecondOrderSystem):
             q, v = (part.copy() for part in self._begun)
         elif self.settled is None:
             if self.built_in is not None:
-                self._answer_offsets(q)
+                # what they add to the static answer to offsets: nothing at the nominal parameters in first order
+                unloaded, everyone = (
+                    State(q, *np.zeros((2, *q.shape)), np.zeros(0)),
+                    np.ones(self.n_samples, dtype=bool),
+                )
+                for _ in range(STARTING_CORRECTIONS):
+                    self.correct_at_rest(unloaded, np.zeros_like(q), everyone, 0.0, LARGE)
             v[:, :r] = self._initial[1]
         else:
             q[:] = self.settled.unknowns.T
@@ -192,13 +198,6 @@ class ReducedSystem(SecondOrderSystem):
         self.correct(0.0, trial, Scheme(0.0, 0.0, 0.0, 0.0, gain_v=0.0, gain_a=LARGE), everyone, fresh=True)
         state.a[:] = trial.a
         self._strengths.prescribe(0.0, state, everyone)
-
-    def _answer_offsets(self, q: np.ndarray) -> None:
-        """Give the flexible coordinates of q what they add to the static answer to offsets, without loads, in place:
-        nothing at the nominal parameters, in the terms of first order."""
-        state, everyone = State(q, *np.zeros((2, *q.shape)), np.zeros(0)), np.ones(self.n_samples, dtype=bool)
-        for _ in range(STARTING_CORRECTIONS):
-            self.correct_at_rest(state, np.zeros_like(q), everyone, 0.0, LARGE)
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""

@@ -45,6 +45,7 @@ over the packed pairs of ``chi_ij delta_i delta_j``, halved where i = j.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -429,7 +430,8 @@ def indefinite_between(tables: ReducedTables, scene: Scene, values: Mapping[str,
         for k in range(n_samples):
             point = {key: float(column[k]) for key, column in values.items()}
             matrices = _scaled(with_units(np.tensordot(evaluate_weights(weights, point), between, axes=(0, 1))))
-            if _all_above(matrices, SMALLEST):
+            with suppress(np.linalg.LinAlgError):  # factors are far cheaper than eigenvalues
+                np.linalg.cholesky(matrices - SMALLEST * np.eye(matrices.shape[-1]))
                 continue
             smallest = np.linalg.eigvalsh(matrices)[:, 0]
             worst = int(np.argmin(smallest))
@@ -474,12 +476,3 @@ def _scaled(matrices: np.ndarray) -> np.ndarray:
     positive = np.all(diagonal > 0.0, axis=1)
     scale = 1.0 / np.sqrt(np.where(positive[:, None], diagonal, 1.0))
     return np.where(positive[:, None, None], matrices * scale[:, :, None] * scale[:, None, :], -np.eye(len(scale.T)))
-
-
-def _all_above(matrices: np.ndarray, bound: float) -> bool:
-    """Return whether no matrix (n, m, m) has an eigenvalue below a bound: by factors, far cheaper than eigenvalues."""
-    try:
-        np.linalg.cholesky(matrices - bound * np.eye(matrices.shape[-1]))
-    except np.linalg.LinAlgError:
-        return False
-    return True
