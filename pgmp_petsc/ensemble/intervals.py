@@ -44,8 +44,7 @@ def of_deviation(values: np.ndarray, confidence: float) -> np.ndarray:
 
     ``c s^2 exp(-+ t c sqrt((g - (n - 3) / n) / (n - 1)))``, ``c = n / (n - z)``, with the kurtosis g about the mean
     without the ``1 / (2 sqrt(n - 4))`` outermost share of the values at either end, z the normal quantile and t
-    Student's, of the freedom that the variance of squares about that mean has. With z in place of t, as Bonett has it,
-    intervals of 100 exponential values hold in 91.5 % in place of 94.7; those of as many normal ones are 5 % narrower.
+    Student's, of the freedom that the variance of squares about that mean has.
     """
     n = values.size
     if n < 5:
@@ -177,8 +176,7 @@ def of_share(count: int, n: int, confidence: float) -> np.ndarray:
     """Return Jeffreys' interval (low, high) of a share of which `count` of `n` independent trials came true.
 
     Where none came true it is from 0 to ``1 - (1 - confidence)^(1 / n)``, as all of the probability is on one side (the
-    rule of three: Hanley and Lippman-Hand, JAMA 249 (1983) 1743-1745), and of all that did the same from 1; Jeffreys'
-    own end is nearer, and shares that it leaves out are missed in 8 % of samples. 0 and 1 of no trials.
+    rule of three: Hanley and Lippman-Hand, JAMA 249 (1983) 1743-1745), and of all likewise. 0 and 1 of no trials.
     """
     if n < 1:
         return np.array([0.0, 1.0])

@@ -80,11 +80,8 @@ def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     their common samples.
 
     Only where it predicts each of these from the others with less than `HALF` of the squared error of a straight line,
-    below `FEWEST_OF_PARABOLA` samples `TENTH` (PRESS: Allen, Technometrics 16 (1974) 125-127). A curvature that is
-    merely significant explains little and, found from the tails that a few samples happen to have, adds more error to
-    the figures than it takes away, of which intervals do not know. What is taken is no more than a model that is
-    another function of the parameters, so that whatever follows keeps its expectation; `python -m benchmarks.joined
-    coverage` measures how often intervals hold.
+    below `FEWEST_OF_PARABOLA` samples `TENTH` (PRESS: Allen, Technometrics 16 (1974) 125-127). What is taken is no more
+    than a model that is another function of the parameters, so that whatever follows keeps its expectation.
     """
     return [values[0], *(_calibrated(values[0], other) for other in values[1:])]
 

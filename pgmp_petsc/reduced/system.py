@@ -447,13 +447,11 @@ class ReducedSystem(SecondOrderSystem):
     def stiffness_and_inertia(self, time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Return the residual's derivatives with positions and with accelerations, each (n_samples, n_eta, n_eta)."""
         self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), True)
-        stiffness, both = (self._tangents(time, state, gain_a) for gain_a in (0.0, 1.0))
-        return stiffness, both - stiffness
-
-    def _tangents(self, time: float, state: State, gain_a: float) -> np.ndarray:
-        """Return the iteration matrices with a given gain of the accelerations, shape (n_samples, n_eta, n_eta)."""
-        fill_matrices(*self._passed, self._strengths.at(time), _parts(state), gain_a)
-        return self._lanes.matrices()
+        found = []
+        for gain_a in (0.0, 1.0):
+            fill_matrices(*self._passed, self._strengths.at(time), _parts(state), gain_a)
+            found.append(self._lanes.matrices())
+        return found[0], found[1] - found[0]
 
     def _act(self, time: float, state: State, gain_v: float, active: np.ndarray, with_tangent: bool) -> None:
         """Evaluate the actions on the active samples, and what is known of them beside their forces."""
