@@ -62,13 +62,17 @@ class Interpolant:
         """Number of cells of the grid."""
         return int(np.prod([axis.n_cells for axis in self.axes]))
 
-    def __call__(self, theta: np.ndarray) -> np.ndarray:
-        """Return the values at theta of shape (k, n_theta), or (k,) for one coordinate; shape (k, ...)."""
-        return self._sum(theta, -1)
+    def __call__(self, theta: np.ndarray, derivative: int = -1) -> np.ndarray:
+        """Return the values at theta of shape (k, n_theta), or (k,) for one coordinate; shape (k, ...). In place of the
+        values are, if asked for, their derivatives with the coordinate of a number."""
+        table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), -1)
+        result = np.zeros((len(theta), table.shape[1]))
+        _add_rows(self._points(theta), self.axes, derivative, table, result)
+        return result.reshape(len(theta), *self.shape)
 
     def slope(self, theta: np.ndarray, coordinate: int = 0) -> np.ndarray:
         """Return the derivative with one of the coordinates, shape (k, ...)."""
-        return self._sum(theta, coordinate)
+        return self(theta, coordinate)
 
     def product(self, theta: np.ndarray, vectors: np.ndarray, derivative: int = -1) -> np.ndarray:
         """Return factors (k, n_in) times the values at theta, matrices of shape (n_in, n_out); shape (k, n_out).
@@ -78,12 +82,6 @@ class Interpolant:
         """
         table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), *self.shape)
         return products_of(self._points(theta), self.axes, table, _contiguous(vectors), derivative)
-
-    def _sum(self, theta: np.ndarray, derivative: int) -> np.ndarray:
-        table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), -1)
-        result = np.zeros((len(theta), table.shape[1]))
-        _add_rows(self._points(theta), self.axes, derivative, table, result)
-        return result.reshape(len(theta), *self.shape)
 
     def _points(self, theta: np.ndarray) -> np.ndarray:
         return _contiguous(theta).reshape(len(theta), self.n_theta)
