@@ -1,17 +1,10 @@
-"""Interpolation of tables over the samples of the rigid coordinates.
+"""Interpolation of tables over the samples of the rigid coordinates (docs/method.md, reduced equations).
 
-============== =================================================================== ====================== =======
-scheme         what it is                                                          samples                order
-============== =================================================================== ====================== =======
-``overhauser`` cubic Hermite, central-difference tangents (the paper's)            uniform                3
-``spline``     periodic or not-a-knot cubic spline                                 any                    4
-``spectral``   trigonometric if periodic, else polynomial through Chebyshev points uniform, Chebyshev     any power
-============== =================================================================== ====================== =======
-
-Whatever the scheme, the result is a piecewise cubic on a uniform grid (`Interpolant`), so that the integrator's kernel
-knows one way of interpolating. A spline through uniform samples is represented as it stands; the other interpolants are
-evaluated on a grid so fine that its own error, of fourth order in the fine step, does not count. Over several
-coordinates it is the tensor product: one scheme along each axis.
+``overhauser``, the paper's, takes uniform samples, ``spline``, periodic or not-a-knot, any, and ``spectral`` uniform
+ones where it is trigonometric, else Chebyshev points. Whatever the scheme, the result is a piecewise cubic on a uniform
+grid (`Interpolant`), so that the integrator's kernel knows one way of interpolating. A spline through uniform samples
+is represented as it stands; the other interpolants are evaluated on a grid so fine that its own error, of fourth order
+in the fine step, does not count. Over several coordinates it is the tensor product: one scheme along each axis.
 """
 
 from __future__ import annotations
