@@ -1,20 +1,11 @@
 """Confidence intervals of the figures of an ensemble: between which the true ones lie, with a given probability.
 
-===================== ===========================================================================================
-mean                  Student's t
-standard deviation    Bonett, Computational Statistics & Data Analysis 50 (2006) 775-782: the logarithm of the
-                      variance, whose spread follows from the sample's own fourth moment about a trimmed mean; with
-                      Student's t in place of the normal quantile, as a few values decide on that moment (`freedom_of`)
-quantile              interpolated order statistics (Hutson, Journal of Applied Statistics 26 (1999) 343-353): the
-                      r-th of n values has a share below it that follows Beta(r, n + 1 - r), for any distribution
-probability           Clopper and Pearson, Biometrika 26 (1934) 404-413, which never holds less often than it says;
-                      samples that failed are in its lower end as outside the event, in its upper one as within
-share                 Jeffreys (Brown, Cai and DasGupta, Statistical Science 16 (2001) 101-133): of a share that is a
-                      part of another figure, from 0 and 1 no farther than it has to be
-of replicates         Student's t over the figures of independent replicates, for samples that are not independent;
-                      quantiles and probabilities: those above, of as many independent samples as would spread as the
-                      replicates do (`equivalent_size`)
-===================== ===========================================================================================
+docs/uncertainty.md (intervals) says which, and how often they hold: Student's t; Bonett, Computational Statistics &
+Data Analysis 50 (2006) 775-782, with the sample's own fourth moment about a trimmed mean (`freedom_of`); Hutson,
+Journal of Applied Statistics 26 (1999) 343-353: the r-th of n values has a share below it that follows Beta(r, n + 1 -
+r); Clopper and Pearson, Biometrika 26 (1934) 404-413. Of a share that is a part of another figure they are Jeffreys'
+(Brown, Cai and DasGupta, Statistical Science 16 (2001) 101-133), from 0 and 1 no farther than it has to be; quantiles
+and probabilities of replicates take as many independent samples as would spread as these do (`equivalent_size`).
 
 They know of the error of sampling alone, not of that of the model; samples that failed have a part in those of
 probabilities only. What too few values leave open is infinite, or NaN where nothing at all is known.

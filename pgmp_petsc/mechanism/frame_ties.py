@@ -101,9 +101,8 @@ class FrameTies:
             last = unknowns.frame(body.first_node + body.n_nodes - 1)
             amplitudes = body.first_internal + np.arange(floating.n)
             for number, of_frame in enumerate(zip(floating.centres, floating.shapes, floating.bent)):
-                held = _Held(unknowns.frame(body.first_node + number), last, amplitudes, *of_frame)
-                parts += held.ties(n)
-                n += held.shape.shape[0]
+                parts += _holding(n, unknowns.frame(body.first_node + number), last, amplitudes, *of_frame)
+                n += d + len(TURNS[d])
         return cls(Terms.joined(parts), d, n, unknowns.n_dofs)
 
     def values(self, q: np.ndarray) -> np.ndarray:
@@ -137,42 +136,35 @@ def _numbered(entries: list[Derivative], n_dofs: int) -> tuple[tuple[np.ndarray,
     return np.divmod(unique, n_dofs), places
 
 
-class _Held(NamedTuple):
-    """A frame that holds a body in a floating frame."""
-
-    #: frame, floating: unknowns of both, shape (m,)
-    frame: np.ndarray
-    floating: np.ndarray
-    amplitudes: np.ndarray  # unknowns xi, shape (n,)
-    centre: np.ndarray  # x, shape (d,), m
-    shape: np.ndarray  # a and Theta, shape (3, n), in space (6, n)
-    bent: np.ndarray  # what is of second order in the displacement, shape (d, n, n)
-
-    def ties(self, first_row: int) -> list[Terms]:
-        """Return the terms, rows from a first one on."""
-        d, n, axes = self.centre.size, self.amplitudes.size, np.arange(self.centre.size)
-        rotation, turned = self.shape[d:], first_row + d + np.arange(len(self.shape) - d)
-        component, k = (part.ravel() for part in np.meshgrid(axes, axes, indexing="ij"))
-        rows, directors = first_row + component, d * k + component  # sum_k d_k (...)_k
-        of_floating = {"frame": int(self.floating[0])}
-        found = [
-            Terms.of(d, first_row + axes, 1.0, self.frame[:d]),
-            Terms.of(d, first_row + axes, -1.0, self.floating[:d]),
-            Terms.of(d, np.repeat(turned, n), -rotation.ravel(), np.tile(self.amplitudes, len(rotation))),
-            Terms.of(
-                d, np.repeat(rows, n), -self.shape[k].ravel(), np.tile(self.amplitudes, rows.size),
-                directors=np.repeat(directors, n), **of_floating,
-            ),
-            Terms.of(d, rows, -self.centre[k], directors=directors, **of_floating),
-            bent_terms(d, first_row, int(self.floating[0]), self.amplitudes, self.bent),
-        ]  # fmt: skip
-        if d == 2:
-            return [*found, Terms.of(d, np.repeat(turned, 2), [1.0, -1.0], np.array([self.frame[2], self.floating[2]]))]
-        for m, row in enumerate(turned):
-            for factor, mine, its in ((0.5, m - 2, m - 1), (-0.5, m - 1, m - 2)):
-                mine, its = d * (mine % d) + axes, self.floating[d + d * (its % d) + axes]
-                found.append(Terms.of(d, np.full(d, row), factor, its, frame=int(self.frame[0]), directors=mine))
-        return found
+def _holding(
+    first_row: int, frame: np.ndarray, floating: np.ndarray, amplitudes: np.ndarray, centre: np.ndarray,
+    shape: np.ndarray, bent: np.ndarray,
+) -> list[Terms]:  # fmt: skip
+    """Return the terms of a frame that holds a body in a floating frame, rows from a first one on, of the unknowns of
+    both, shape (m,), and xi, (n,); X, shape (d,), m; A and Theta, shape (3, n), in space (6, n); and a, (d, n, n)."""
+    d, n, axes = centre.size, amplitudes.size, np.arange(centre.size)
+    rotation, turned = shape[d:], first_row + d + np.arange(len(shape) - d)
+    component, k = (part.ravel() for part in np.meshgrid(axes, axes, indexing="ij"))
+    rows, directors = first_row + component, d * k + component  # sum_k d_k (...)_k
+    of_floating = {"frame": int(floating[0])}
+    found = [
+        Terms.of(d, first_row + axes, 1.0, frame[:d]),
+        Terms.of(d, first_row + axes, -1.0, floating[:d]),
+        Terms.of(d, np.repeat(turned, n), -rotation.ravel(), np.tile(amplitudes, len(rotation))),
+        Terms.of(
+            d, np.repeat(rows, n), -shape[k].ravel(), np.tile(amplitudes, rows.size),
+            directors=np.repeat(directors, n), **of_floating,
+        ),
+        Terms.of(d, rows, -centre[k], directors=directors, **of_floating),
+        bent_terms(d, first_row, int(floating[0]), amplitudes, bent),
+    ]  # fmt: skip
+    if d == 2:
+        return [*found, Terms.of(d, np.repeat(turned, 2), [1.0, -1.0], np.array([frame[2], floating[2]]))]
+    for m, row in enumerate(turned):
+        for factor, mine, its in ((0.5, m - 2, m - 1), (-0.5, m - 1, m - 2)):
+            mine, its = d * (mine % d) + axes, floating[d + d * (its % d) + axes]
+            found.append(Terms.of(d, np.full(d, row), factor, its, frame=int(frame[0]), directors=mine))
+    return found
 
 
 def bent_terms(d: int, first_row: int, frame: int, amplitudes: np.ndarray, bent: np.ndarray) -> Terms:

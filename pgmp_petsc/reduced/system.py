@@ -172,11 +172,9 @@ class ReducedSystem(SecondOrderSystem):
         elif self.settled is None:
             if self.built_in is not None:
                 # what they add to the static answer to offsets: nothing at the nominal parameters in first order
-                unloaded, everyone = (
-                    State(q, *np.zeros((2, *q.shape)), np.zeros(0)),
-                    np.ones(self.n_samples, dtype=bool),
-                )
+                unloaded = State(q, *np.zeros((2, *q.shape)), np.zeros(0))
                 for _ in range(STARTING_CORRECTIONS):
+                    everyone = np.ones(self.n_samples, dtype=bool)
                     self.correct_at_rest(unloaded, np.zeros_like(q), everyone, 0.0, LARGE)
             v[:, :r] = self._initial[1]
         else:

@@ -1,37 +1,27 @@
-"""Reduced affine matrices at the sampled configurations (Naets et al. 2015, eqs. (13)-(14)):
+"""Reduced affine matrices at the sampled configurations (docs/method.md, reduced equations).
 
-    M^r_i(theta) = Psi^T M_i Psi,   K^r_i(theta) = Psi^T K_i Psi,   Q_j(theta) = Psi^T f_j,
+With Psi = [d rho/d theta, Psi_flexible] and the coordinates eta = [theta, delta] they are ``M^r_i = Psi^T M_i Psi``,
+``K^r_i = Psi^T K_i Psi``, on delta alone, and ``Q_j = Psi^T f_j``; the table of the inertia forces that bend the bodies
+is ``c_i = (d2 rho/d theta2)^T M_i Psi_flexible``. The inertia of the rigid motion follows from the exact kinematics on
+a fine grid. At the samples mass and stiffness are positive definite by construction; in between
+(`indefinite_between`) a sum of interpolated entries need not be.
 
-with Psi = [d rho/d theta, Psi_flexible] and the coordinates eta = [theta, delta]. Stiffness acts on delta alone: a
-rigid motion strains nothing. A further table projects the acceleration of the rigid motion at constant speed,
+How modes change with theta: the kinetic energy of ``D_k = d(R Psi)/d theta_k``, in body frames ``D_k = d_k Psi + W_k
+Psi``, with d_k Psi from the interpolated projection and W_k = R^T d_k R the body's spin per unit of theta_k, which
+turns its points (`bodies.matrices`).
 
-    c_i(theta) = (d2 rho/d theta2)^T M_i Psi_flexible,
-
-the inertia forces that bend the bodies; eq. (12), in which only M^r appears, has no term for them. The inertia of the
-rigid motion needs no eigenproblem: it follows from the exact kinematics on a fine grid.
-
-At the samples mass and stiffness are positive definite by construction; in between (`indefinite_between`) a sum of
-interpolated entries need not be, and a model with a negative mass or stiffness runs away.
-
-How modes change with theta: the kinetic energy of ``D_k = d(R Psi)/d theta_k``, left out by eq. (7) of the paper. In
-body frames ``D_k = d_k Psi + W_k Psi``, with d_k Psi from the interpolated projection and W_k = R^T d_k R the body's
-spin per unit of theta_k, which turns its points (`bodies.matrices`).
-
-How the forces in the bodies change the stiffness of each mode (docs/method.md, validity): a static load f changes that
-of psi_k, whose eigenvalue is lambda_k, by the share ``s_k = h_k.f / lambda_k``, with one static answer h_k a mode
-(`CurvatureProblem.stiffness_answers`). The *influences* ``h_k.f`` are kept for units of all that loads the bodies, in
-this order of columns:
+How the forces in the bodies change the stiffness of each mode (docs/method.md, validity): *influences* ``h_k.f``, with
+one static answer h_k a mode (`CurvatureProblem.stiffness_answers`), for units of all that loads the bodies, in this
+order of columns:
 
 - every load term of the effects, its weight taken out,
 - every action (local effect), per unit of its force,
 - for every mass term, its weight taken out: the inertia forces of unit accelerations theta_k'', and those of unit
   products theta_k' theta_l', k >= l, each pair once: where k > l a motion has twice as much of it.
 
-They hold at the nominal parameters, at which forces in statically determinate bodies do not depend on the stiffness;
-lambda_k is kept term by term and follows the parameters.
+They hold at the nominal parameters, at which forces in statically determinate bodies do not depend on the stiffness.
 
-Reduced tables of second order in the flexible coordinates, for the quadratic manifold (`modes.curvature`). With K3_t,
-the third derivative of a term of the strain energy at rest,
+Tables of second order (docs/method.md, second order in the deformation), with K3_t of a term of the strain energy:
 
     cubic_t[i, j, k] = K3_t[psi_i, psi_j, psi_k] + psi_i.K_t chi_jk + psi_j.K_t chi_ik + psi_k.K_t chi_ij
     curved_load_l[i, j] = f_l.chi_ij
