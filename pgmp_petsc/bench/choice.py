@@ -235,12 +235,7 @@ class ReductionChoice:
         return errors
 
     def _cheapest_basis(self) -> candidates.Rung | None:
-        """Return the cheapest rung of all families that is good enough; None if there is none at the present angles.
-
-        The middle rungs tell where it is to be sought: in the first family whose one is good enough; else in those
-        that are not much worse than the best, the cheapest first. What more modes cannot do in one family they can
-        still do in a richer one.
-        """
+        """Return the cheapest rung of all families that is good enough; None if there is none at the present angles."""
         allowed = self.allowed["basis"]
         for family in self._promising():
             found = self._climb(family, family.index(self._middle(family)))
@@ -257,7 +252,8 @@ class ReductionChoice:
         return found
 
     def _promising(self) -> list[list[candidates.Rung]]:
-        """Return the families to climb, at angles of which twice as many do not better the best middle rung."""
+        """Return the families to climb, at angles of which twice as many do not better the best middle rung: the first
+        one whose middle rung is good enough, else those that are not much worse than the best, the cheapest first."""
         while True:
             middles = []
             for family in self._families:
@@ -432,7 +428,9 @@ def choose(
     if not scene.outputs:
         raise InputError(f"{entry}: errors are those of outputs, and the scene has none; name some in [outputs]")
     with timings.phase("components"):
-        n_modes = modes_to_condense(scene)
+        # as many as the scene gives, or as are tried
+        given = scene.reduction.tolerance is None or "modes" in scene.reduction.model_fields_set
+        n_modes = scene.reduction.modes if given else MOST_CONDENSED
         subject = Subject.of(scene, meshes, group, n_modes)
     with timings.phase("selection"), progress(None, "choosing, tried so far", group.world) as bar:
         period = subject.first_period(group)
@@ -500,12 +498,6 @@ def _of_loads(step: StepChoice) -> Iterator[str]:
         loads = " and ".join(f"'{name}'" for name in step.loads)
         sharper = "for loads with sharper corners, give simulation.tolerance with the run"
         yield f"the step was found with {loads}: {sharper}"
-
-
-def modes_to_condense(scene: Scene) -> int:
-    """Return for how many modes bodies of cells are condensed: what the scene gives, or as many as are tried."""
-    given = scene.reduction.tolerance is None or "modes" in scene.reduction.model_fields_set
-    return scene.reduction.modes if given else MOST_CONDENSED
 
 
 def _given_steps(scene: Scene) -> int:
@@ -627,11 +619,11 @@ def choose_over_lengths(
     nominal = {name: scene.nominal[name] for name in names}
     at = values_text(scene, nominal)
     say(f"tolerances: what they leave open is chosen at {at}, and checked at the ends of the range")
-    found = _chosen_at(scene, nominal, meshes, group, say, finished)
+    found = _chosen_at(scene, nominal, meshes, group, say=say, finished=finished)
     chosen = scene.with_entries(reduction=found.scene.reduction, simulation=found.scene.simulation)
     asked, remarks = _asked_again(scene, chosen), []
     for lengths in extremes(scene):
-        check = _chosen_at(asked, lengths, meshes, group, lambda text: None, None)
+        check = _chosen_at(asked, lengths, meshes, group)
         parts = {attempt.part: attempt.largest for attempt in check.selection.attempts}
         left = ", ".join(f"{part} leaves {size:.2g}" for part, size in parts.items()) or "nothing was left to look at"
         remarks.append(f"at {values_text(scene, lengths)}: {left}")
@@ -640,17 +632,12 @@ def choose_over_lengths(
 
 
 def _chosen_at(
-    scene: Scene,
-    lengths: Mapping[str, float],
-    meshes: Mapping[str, BodyShape],
-    group: RankGroup,
-    say: Callable[[str], None],
-    finished: Finished | None,
+    scene: Scene, lengths: Mapping[str, float], meshes: Mapping[str, BodyShape], group: RankGroup, **how: Any
 ) -> Choice:
-    """Choose with some lengths, m."""
+    """Choose with some lengths, m; `how` is as of `choose`."""
     shapes = at_lengths(scene.with_values(lengths), meshes)
     try:
-        return choose(with_numbers(scene, lengths), shapes, group, say, finished)
+        return choose(with_numbers(scene, lengths), shapes, group, **how)
     except (InputError, RunError) as error:
         raise type(error)(f"at {values_text(scene, lengths)}: {error}") from error
 

@@ -259,9 +259,7 @@ class StepChoice:
     def fit_reduced(self, trial: Trial) -> None:
         """Take the fewest steps with which the reduced model keeps the tolerance.
 
-        An integrator's error is not the same in the coordinates of the two models: the full-order one, with its
-        constraints, often needs more steps. Where both need more than the reduction was looked at with, it is the
-        vibrations that do.
+        Where both models need more than the reduction was looked at with, it is the vibrations that do.
         """
         if self.kept or self.n_steps > trial.n_steps:
             return

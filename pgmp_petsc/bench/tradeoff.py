@@ -1,18 +1,17 @@
-"""The cost of accuracy in time: errors and times of many settings, all measured in one run (docs/method.md, what accuracy
-costs).
+"""The cost of accuracy in time: errors and times of many settings, all measured in one run.
 
-After the choice of the reference rounds follow: the scene's own setting, lines through it and a tensor, while other
-ranks begin the reference; lines through the best settings found; then the reference is refined until it is good enough
-for the smallest error. Last all times are taken, round after round over all settings. Tasks are dealt to ranks as these
-get through them, and each rank works by itself; what it has finished is kept for a run that is resumed. What is decided
-on the way is decided on the first rank and from errors and numbers of operations, never from times: the settings are
-the same in every run, on any number of ranks.
+After the choice of the reference rounds follow (docs/method.md, what accuracy costs): the scene's own setting, lines
+through it and a tensor, while other ranks begin the reference; lines through the best settings found; then the
+reference is refined until it is good enough for the smallest error. Last all times are taken, round after round over
+all settings. Tasks are dealt to ranks as these get through them, and each rank works by itself; what it has finished is
+kept for a run that is resumed. What is decided on the way is decided on the first rank and from errors and numbers of
+operations, never from times: the settings are the same in every run, on any number of ranks.
 """
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from time import process_time
@@ -466,7 +465,7 @@ def first_settings(scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
     last = Setting("components", n, component_modes=sweep.component_modes[-1]) if sweep.component_modes else None
     settings += [replace(last, n_steps=steps) for steps in _steps(scene, sweep.finer, sweep.coarser) if last]
     settings += [Setting("surface", n, nodes=k) for k in node_counts(len(uncertain_names(scene)), sweep.surfaces)]
-    return _once(settings)
+    return list(dict.fromkeys(settings))
 
 
 def _reduced_settings(own: Setting, scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
@@ -506,7 +505,7 @@ def settings_around(best: Sequence[Setting], scene: Scene, sweep: Sweep, limits:
         settings += _sampled(setting, sweep.angles, sweep.schemes)
         if limits.refinable:
             settings += [replace(setting, refinement=refinement) for refinement in sweep.refinements]
-    return _once(settings)
+    return list(dict.fromkeys(settings))
 
 
 def best_settings(
@@ -529,7 +528,7 @@ def best_settings(
     for limit in (as_good, max(GOOD_ENOUGH, as_good)):
         among = [(cost, setting.reduction.angles, setting) for error, cost, setting in points if error <= limit]
         best.append(min(among, key=lambda one: one[:2])[2])  # the fewest operations; of equals, the fewest angles
-    return _once(best)
+    return list(dict.fromkeys(best))
 
 
 def columns_of(settings: Sequence[Setting], scene: Scene) -> dict[str, np.ndarray]:
@@ -576,10 +575,6 @@ def _steps(scene: Scene, finer: int, coarser: int) -> list[int]:
     n, every = scene.simulation.n_steps, steps_between_samplings(scene, scene.simulation)
     coarse = [n // 2**k for k in range(1, coarser + 1) if every % 2**k == 0]
     return [n, *(n * 2**k for k in range(1, finer + 1)), *coarse]
-
-
-def _once(settings: Iterable[Setting]) -> list[Setting]:
-    return list(dict.fromkeys(settings))
 
 
 def node_counts(n_uncertain: int, steps: int) -> list[int]:

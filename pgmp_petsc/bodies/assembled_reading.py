@@ -1,18 +1,10 @@
-"""A body's matrices and nodes from the files that a scene names, in SI units.
+"""A body's matrices and nodes from the files that a scene names, in SI units, and what is checked of them
+(docs/matrices.md, what is checked).
 
-What matrices of a free body of displacements have to be; each check says what was found and the cure.
-
-==================== ====================================================================================
-symmetric            to 1e-9 of the largest entry: writers print ten digits and more, and the same ones on both sides
-mass                 the same m along every axis, nothing between axes, and positive definite: the smallest eigenvalue
-                     of m scaled to a diagonal of 1, by Lanczos' method. Of undistorted cells it is 0.08 (hexahedron20)
-                     to 0.5, and no smaller of a mesh of them (Wathen, IMA J. Numer. Anal. 7, 1987): few steps find it
-free                 rigid motions R have no stiffness: eigenvalues of ``R^T K R`` in ``R^T M R`` below 1e-6 of that of
-                     the slowest polynomial field, frequencies of them below 1e-3; those that have are counted
-in one piece         nodes hang together by entries of K
-mass properties      as the scene states them
-nodes                span the plane, or space
-==================== ====================================================================================
+The mass m along an axis is positive definite by the smallest eigenvalue of m scaled to a diagonal of 1, by Lanczos'
+method. Of undistorted cells it is 0.08 (hexahedron20) to 0.5, and no smaller of a mesh of them (Wathen, IMA J. Numer.
+Anal. 7, 1987): few steps find it. Rigid motions R are free where eigenvalues of ``R^T K R`` in ``R^T M R`` are below
+1e-6 of that of the slowest polynomial field. Nodes hang together by entries of K.
 
 Of a body that is reduced already (Craig and Bampton) the stiffness is K_r of amplitudes, with the fields T
 (d n_nodes, m) behind them and the mass M of all nodes. Displacements are split by amplitudes L, ``L T = 1``,

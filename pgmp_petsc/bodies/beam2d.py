@@ -1,16 +1,9 @@
-"""Planar large-rotation beam element (Reissner; Simo and Vu-Quoc; Geradin and Cardona).
+"""Planar large-rotation beam element (Reissner; Simo and Vu-Quoc; Geradin and Cardona; docs/method.md).
 
-Strain energy of an element of length L between nodes ``(x1, y1, phi1)`` and ``(x2, y2, phi2)``, one-point quadrature
-(which removes shear locking), with ``psi = (phi1 + phi2) / 2 + alpha`` and alpha the direction in the mesh::
-
-    eps   =  (cos(psi) dx + sin(psi) dy) / L - 1
-    gamma = (-sin(psi) dx + cos(psi) dy) / L
-    kappa =  (phi2 - phi1) / L
-    U     = L / 2 (EA eps^2 + GA gamma^2 + EI kappa^2)
-
-The kinetic energy has the consistent constant mass matrix with rotary inertia. Element unknowns are ordered
-``(x1, y1, phi1, x2, y2, phi2)``; symmetric 6 x 6 matrices are packed as their lower triangle row by row (21 entries).
-Compiled functions are those of one element, with numbers of one sample or of several in a vector.
+Its direction is ``psi = (phi1 + phi2) / 2 + alpha``, alpha that in the mesh, between nodes ``(x1, y1, phi1)`` and
+``(x2, y2, phi2)``, which are its unknowns in this order; symmetric 6 x 6 matrices are packed as their lower triangle
+row by row (21 entries). Compiled functions are those of one element, with numbers of one sample or of several in a
+vector.
 """
 
 from __future__ import annotations

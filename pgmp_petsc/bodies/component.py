@@ -1,25 +1,23 @@
-"""A continuum body condensed to the frames of its face groups and internal coordinates (a superelement).
+"""A continuum body condensed to the frames of its face groups and internal coordinates (a superelement; docs/solids.md,
+condensing).
 
 The displacements of the mesh's nodes in the body's frame are ``u = T y``, with ``y`` the small displacements and
-rotations of the frames, one after the other, and after them the internal coordinates. Frames and internal coordinates
-span the free motion of the body, its interface's answers over the frequencies asked for, and its elastic modes
-(`component_modes`); so whatever the frames are joined to, at any configuration, mass and stiffness are ``T^T M T`` and
-``T^T K T``, constant and small.
+rotations of the frames, one after the other, and after them the internal coordinates.
 
 A rigid body's mass about its centre of mass comes from a continuum mesh, from the lines of beams in space, or as given.
 Its unknowns are the displacement and rotation of the centre of mass, y. With the body's mass matrix M, its rigid
 motions R and its linear displacement fields F, the mass is ``R^T M R``, and ``(R^T M R)^-1 R^T M F`` is the rigid
 motion that has the momenta of the fields: the inertia forces of any motion are exact.
 
-Displacement fields that are linear in the place, the rigid motions among them, have moments of inertia of directors.
-The fields are ordered as in `Component.fields`: the d displacements, then ``u_i = x_j`` at number ``d + d i + j``.
+The linear fields are ordered as in `Component.fields`: the d displacements, then ``u_i = x_j`` at number
+``d + d i + j``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -229,19 +227,17 @@ def rigid_of_properties(shape: LineMesh, given: Rigid, nominal: Mapping[str, flo
 
     fields = np.linalg.solve(matrix, momenta(matrix))
     lost = {weight: momenta(term) - term @ fields for weight, term in mass.items()}
-    return Component(
-        frames=dict(shape.points),
-        centres=shape.nodes,
-        mass=mass,
-        stiffness={},
-        moments={},
-        fields=fields,
-        probes=np.zeros((6, 1)),
-        n_mesh_dofs=6,
-        error=0.0,
-        centre_of_mass=centre,
-        lost_momenta={weight: part for weight, part in lost.items() if np.abs(part).max() > MASSLESS * matrix.max()},
-    )
+    lost = {weight: part for weight, part in lost.items() if np.abs(part).max() > MASSLESS * matrix.max()}
+    return _rigid(dict(shape.points), shape.nodes, mass, fields, centre, lost_momenta=lost)
+
+
+def _rigid(
+    frames: dict[str, int], centres: np.ndarray, mass: dict[Monomial, np.ndarray], fields: np.ndarray,
+    centre: np.ndarray, **more: Any,
+) -> Component:  # fmt: skip
+    """Return a rigid component, which has a mass alone, about its centre."""
+    more = {"n_mesh_dofs": 6, "error": 0.0, "probes": np.zeros((len(fields), 1)), "centre_of_mass": centre} | more
+    return Component(frames, centres, mass, stiffness={}, moments={}, fields=fields, **more)
 
 
 def _component(
@@ -253,18 +249,8 @@ def _component(
     about = second[:d, :d] - mass * np.outer(centre, centre)  # int rho x x^T about the centre of mass
     momenta = _momenta(mass, centre, about)
     matrix = momenta @ rigid_motions(centre)
-    return Component(
-        frames=frames,
-        centres=centres,
-        mass={weight: 0.5 * (matrix + matrix.T)},
-        stiffness={},
-        moments={},
-        fields=np.linalg.solve(matrix, momenta),
-        probes=np.zeros((len(matrix), 1)),
-        n_mesh_dofs=n_mesh_dofs,
-        error=0.0,
-        centre_of_mass=centre,
-    )
+    mass, fields = {weight: 0.5 * (matrix + matrix.T)}, np.linalg.solve(matrix, momenta)
+    return _rigid(frames, centres, mass, fields, centre, n_mesh_dofs=n_mesh_dofs)
 
 
 def _momenta(mass: float, centre: np.ndarray, about: np.ndarray) -> np.ndarray:

@@ -1,21 +1,16 @@
 """The random fields of a body: what its constants are multiplied by in every cell, affine in the fields' parameters.
 
-    E(x) = E (1 + v sum_k sqrt(lambda_k) phi_k(x) xi_k)
+    E(x) = E (1 + v sum_k sqrt(lambda_k) phi_k(x) xi_k),        int C(x, y) phi_k(y) dy = lambda_k phi_k(x),
 
-with the coefficient of variation v and the expansion below. The parameters xi_k are bounded, so that
-``1 - v sum_k |sqrt(lambda_k) phi_k(x)| max |xi_k|`` is the least factor that any sample can have anywhere.
+with the coefficient of variation v and the Karhunen-Loeve expansion of a field of variance 1 and the correlation C,
+``int phi_k^2 = 1`` (Ghanem and Spanos 1991, ch. 2; docs/uncertainty.md, random fields). The parameters xi_k are
+bounded, so that ``1 - v sum_k |sqrt(lambda_k) phi_k(x)| max |xi_k|`` is the least factor that any sample can have
+anywhere.
 
-Karhunen-Loeve expansion of a random field on the cells of a mesh.
-
-A field of mean 0 and variance 1 with the correlation ``C(x, y) = c(|x - y|)`` is
-
-    g(x) = sum_k sqrt(lambda_k) phi_k(x) xi_k,        int C(x, y) phi_k(y) dy = lambda_k phi_k(x),
-
-with uncorrelated xi_k of variance 1 and ``int phi_k^2 = 1`` (Ghanem and Spanos 1991, ch. 2). With one value a cell, at
-its middle, and the cells' volumes w as integration weights (Nystrom's method) it is the symmetric eigenproblem of
-``B = W^1/2 C W^1/2``. B is factored as ``B ~ L L^T`` by pivoted Cholesky (Harbrecht, Peters and Schneider 2012), which
-knows how much of the trace is left out, so that the eigenvectors are those of the small ``L^T L``. The trace is the
-body's volume: ``lambda_k`` over it is the share of the variance that term k keeps.
+With one value a cell, at its middle, and the cells' volumes w as integration weights (Nystrom's method) it is the
+symmetric eigenproblem of ``B = W^1/2 C W^1/2``. B is factored as ``B ~ L L^T`` by pivoted Cholesky (Harbrecht, Peters
+and Schneider 2012), which knows how much of the trace is left out, so that the eigenvectors are those of the small
+``L^T L``. The trace is the body's volume: ``lambda_k`` over it is the share of the variance that term k keeps.
 
 Kernels are those of Rasmussen and Williams (2006, ch. 4), with r over the correlation length l:
 

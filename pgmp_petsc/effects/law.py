@@ -10,9 +10,9 @@ Where a law has an edge, an expression that changes its sign, steps end there. T
 On a light node Newton's iteration jumps between both branches of friction: from either of them, where the force hardly
 changes, it goes far beyond the other. The forces of a step, ``b``, and the inertia in it, ``A v``, meet friction where
 ``A v + F(v) = b``. For v > 0 this is concave: an iterate from zero on never goes too far. One that has crossed the rate
-at which the force changes fastest (`steepest_rates`), to where it changes less than half as fast, is therefore taken up
-from there, as circuit simulators limit the voltage at a junction (Nagel 1975, SPICE2, section 5.2), and what follows is
-monotonic.
+at which the force changes fastest (`steepest_rates`), between two at which it changes less than half as fast, is
+therefore taken up from there, as circuit simulators limit the voltage at a junction (Nagel 1975, SPICE2, section 5.2),
+and what follows is monotonic.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ C = """{c}"""
 COMPLETE = True
 '''
 FOUND = "_force", "_stiffness", "_damping", "_elastic", "_stored"
-AT, STEEP, CENTRE = "_at", "_steep", "_centre"
+AT, CENTRE = "_at", "_centre"
 
 
 class Found(NamedTuple):
@@ -226,14 +226,13 @@ class Law(Printed):
             python([*found, *edges], lambda of: [f"{names} = {', '.join(of[:n])}", *numbered("depths", of[n:])]),
         ]
         if limits.rates:
-            evaluate.append(f"    {AT}, {STEEP} = float(rate), 2.0 * abs({FOUND[2]})")
-        for at, damping in limits.steepest():
-            crossed = f"if (about - {CENTRE}) * (rate - {CENTRE}) < 0.0:"
+            evaluate.append(f"    {AT} = float(rate)")
+        for at, dampings in limits.steepest():
+            crossed = f"if (about - {CENTRE}) * (rate - {CENTRE}) < 0.0 and abs({CENTRE} - about) < abs({AT} - about):"
+            steeper = "if {} > 2.0 * max(abs({}), abs({}))".format
             evaluate += [
                 python([at], lambda of: [f"{CENTRE} = {of[0]}", crossed]),  # noqa: B023  (called at once)
-                python(
-                    [damping], lambda of: [f"if {of[0]} > {STEEP} and abs({CENTRE} - about) < abs({AT} - about):"], 8
-                ),
+                python(dampings, lambda of: [f"{steeper(*of, FOUND[2])}:"], 8),  # noqa: B023
                 f"            {AT} = {CENTRE}",
             ]
         if limits.rates:
@@ -267,13 +266,14 @@ class Law(Printed):
 
         lines += block([*found, *edges], lambda values: filled(values, "rate"))
         if limits.rates:
-            lines.append(f"    double {AT} = rate, {STEEP} = 2.0 * fabs(found[2]);")
-        for at, damping in limits.steepest():
+            lines.append(f"    double {AT} = rate;")
+        for at, dampings in limits.steepest():
             lines.append("    {")
             lines += block([at], lambda values: [f"const double {CENTRE} = {values[0]};"], 8)
-            lines.append(f"        if ((about - {CENTRE}) * (rate - {CENTRE}) < 0.0) {{")
             nearer = f"fabs({CENTRE} - about) < fabs({AT} - about)"
-            lines += block([damping], lambda values: [f"if ({values[0]} > {STEEP} && {nearer}) {AT} = {CENTRE};"], 12)
+            lines.append(f"        if ((about - {CENTRE}) * (rate - {CENTRE}) < 0.0 && {nearer}) {{")
+            steeper = "if ({} > 2.0 * fmax(fabs({}), fabs(found[2])))".format
+            lines += block(dampings, lambda values: [f"{steeper(*values)} {AT} = {CENTRE};"], 12)  # noqa: B023
             lines += ["        }", "    }"]
         if limits.rates:
             lines.append(f"    if ({AT} != rate) {{")
@@ -298,31 +298,41 @@ class _Limits(NamedTuple):
         there = [one.subs(rate, at) for one in found]
         return cls(steepest_rates(found[0], rate), there[2], [there[0] - there[2] * (rate - at), *there[1:]])
 
-    def steepest(self) -> Iterator[tuple[Any, Any]]:
-        """Yield each rate, and the damping there, in which it is called `CENTRE`."""
+    def steepest(self) -> Iterator[tuple[Any, list[Any]]]:
+        """Yield each rate, and the damping there, in which it is called `CENTRE`, and at the iterate before."""
         import sympy as sp
 
-        at, centre = (sp.Symbol(name, real=True) for name in (AT, CENTRE))
+        at, centre, about = (sp.Symbol(name, real=True) for name in (AT, CENTRE, "about"))
         for one in self.rates:
-            yield one, self.damping.subs(at, centre)
+            yield one, [self.damping.subs(at, where) for where in (centre, about)]
+
+
+MOST_CORNERS = 4  # between which a force is looked at
 
 
 def steepest_rates(force: Any, rate: Any) -> list[Any]:
-    """Return at which rates, a symbol, parts of a force change fastest that change less and less on both sides: where
-    the argument of tanh or atan is zero, or what is divided by least, as in ``v / sqrt(v**2 + e**2)`` or ``v / (abs(v)
-    + e)``."""
+    """Return at which rates, a symbol, parts of a force may change fastest that change less and less on both sides:
+    where the argument of tanh, atan or exp is zero, what is divided by least, as in ``v / sqrt(v**2 + e**2)`` or ``v /
+    (abs(v) + e)``, and halfway between two corners, as of ``max(-a, min(a, c * v))``."""
     import sympy as sp
 
-    slopes = [one.args[0] for one in force.atoms(sp.tanh, sp.atan)]
+    def zeros(expressions: Iterable[Any]) -> set[Any]:
+        """Return where those that are linear in the rate, or cases of them, vanish."""
+        folded = [sp.piecewise_fold(one) for one in expressions]
+        cases = [case for one in folded for case in ([x for x, _ in one.args] if one.is_Piecewise else [one])]
+        slopes = [(one, sp.diff(one, rate)) for one in cases]
+        return {-one.subs(rate, 0) / by for one, by in slopes if by != 0 and rate not in by.free_symbols}
+
+    def corners(expression: Any) -> set[Any]:
+        return zeros(test.lhs - test.rhs for test in expression.atoms(sp.core.relational.Relational))
+
+    found = zeros(one.args[0] for one in force.atoms(sp.tanh, sp.atan, sp.exp))
     for one in force.atoms(sp.Pow):
         if one.exp.is_negative and rate in one.base.free_symbols:
-            slopes.append(sp.diff(one.base, rate))
-            slopes += [test.lhs - test.rhs for test in one.base.atoms(sp.core.relational.Relational)]
-    found = {}
-    for one in slopes:
-        by = sp.diff(one, rate)
-        if by != 0 and rate not in by.free_symbols:
-            found[-one.subs(rate, 0) / by] = None
+            found |= zeros([sp.diff(one.base, rate)]) | corners(one.base)
+    places = corners(force)
+    if len(places) <= MOST_CORNERS:
+        found |= {(one + other) / 2 for one, other in itertools.combinations(places, 2)}
     return sorted(found, key=sp.default_sort_key)
 
 

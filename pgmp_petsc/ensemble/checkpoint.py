@@ -297,19 +297,13 @@ class Shards:
             for name in shard.columns:
                 if name.startswith(OUTPUTS) and np.isnan(shard.columns[name][fine]).any():
                     raise InputError(f"file '{path}' is damaged: {name} is NaN of fine samples; write it again")
-        self._check_instants([path for path, _ in ordered])
-        self.remarks: tuple[Remark, ...] = tuple(remark for shard in self.all for remark in shard.found)
-
-    def _check_instants(self, paths: Sequence[Path]) -> None:
-        """Raise `InputError` where the bands of a shard have other instants than those of the first."""
-        # those of a shard are alike
-        counts = [
-            (path, shard.bands[next(iter(shard.bands))].shape[1]) for path, shard in zip(paths, self.all) if shard.bands
-        ]
+        # of bands, which in a shard are alike
+        counts = [(path, shard.bands[next(iter(shard.bands))].shape[1]) for path, shard in ordered if shard.bands]
         for path, n in counts:
             if n != counts[0][1]:
                 what = f"bands at {n} instants, not {counts[0][1]}"
                 raise InputError(f"file '{path}' is damaged: {what}; write it again")
+        self.remarks: tuple[Remark, ...] = tuple(remark for shard in self.all for remark in shard.found)
 
     def columns(self) -> Columns:
         """Return all samples as columns; raises `RunError` if the system fails to write them."""

@@ -26,7 +26,6 @@ Weights have a finite variance for every s^2 above 1/2.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -185,9 +184,13 @@ def chosen_density(
     scores: dict[tuple[int, float], float] = {}
     for make, test in _halves(families, random):
         other, of_other = _some(points[test], weights[test], 2 * KERNELS, random)
-        for choice, density in _densities(points[make], weights[make], families[make], values[make], random):
-            distance = np.average(log_normal(other) - density.log(other), weights=of_other)
-            scores[choice] = scores.get(choice, 0.0) + 0.5 * distance
+        own = [part[make] for part in (points, weights, families, values)]
+        for n_clusters in (n for n in CLUSTERS if n == 1 or make.size >= FEWEST * n):
+            clusters = cluster_means(*own, n_clusters, random)
+            for factor in (*DRAWN, FITTED):
+                density = _density(*own[:3], clusters, factor, random)
+                distance = np.average(log_normal(other) - density.log(other), weights=of_other)
+                scores[n_clusters, factor] = scores.get((n_clusters, factor), 0.0) + 0.5 * distance
     outside = outside_of(points)
     broad, of_broad = _some(points, weights, KERNELS, random)
     (n_clusters, factor), least = min(scores.items(), key=lambda item: item[1])
@@ -232,17 +235,6 @@ def _some(
     drawn = np.searchsorted(sums, (random.random() + np.arange(n)) / n * sums[-1])
     chosen, counts = np.unique(np.minimum(drawn, len(points) - 1), return_counts=True)
     return points[chosen], counts / n
-
-
-def _densities(
-    points: np.ndarray, weights: np.ndarray, families: np.ndarray, values: np.ndarray, random: np.random.Generator
-) -> Iterator[tuple[tuple[int, float], KernelDensity]]:
-    """Yield all densities of kernels that are tried, each after its number of clusters and factor."""
-    for n_clusters in CLUSTERS:
-        if n_clusters == 1 or len(points) >= FEWEST * n_clusters:
-            clusters = cluster_means(points, weights, families, values, n_clusters, random)
-            for factor in (*DRAWN, FITTED):
-                yield (n_clusters, factor), _density(points, weights, families, clusters, factor, random)
 
 
 def _density(

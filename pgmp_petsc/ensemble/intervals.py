@@ -1,20 +1,11 @@
 """Confidence intervals of the figures of an ensemble: between which the true ones lie, with a given probability.
 
-===================== ===========================================================================================
-mean                  Student's t
-standard deviation    Bonett, Computational Statistics & Data Analysis 50 (2006) 775-782: the logarithm of the
-                      variance, whose spread follows from the sample's own fourth moment about a trimmed mean; with
-                      Student's t in place of the normal quantile, as a few values decide on that moment (`freedom_of`)
-quantile              interpolated order statistics (Hutson, Journal of Applied Statistics 26 (1999) 343-353): the
-                      r-th of n values has a share below it that follows Beta(r, n + 1 - r), for any distribution
-probability           Clopper and Pearson, Biometrika 26 (1934) 404-413, which never holds less often than it says;
-                      samples that failed are in its lower end as outside the event, in its upper one as within
-share                 Jeffreys (Brown, Cai and DasGupta, Statistical Science 16 (2001) 101-133): of a share that is a
-                      part of another figure, from 0 and 1 no farther than it has to be
-of replicates         Student's t over the figures of independent replicates, for samples that are not independent;
-                      quantiles and probabilities: those above, of as many independent samples as would spread as the
-                      replicates do (`equivalent_size`)
-===================== ===========================================================================================
+docs/uncertainty.md (intervals) says which, and how often they hold: Student's t; Bonett, Computational Statistics &
+Data Analysis 50 (2006) 775-782, with the sample's own fourth moment about a trimmed mean (`freedom_of`); Hutson,
+Journal of Applied Statistics 26 (1999) 343-353: the r-th of n values has a share below it that follows Beta(r, n + 1 -
+r); Clopper and Pearson, Biometrika 26 (1934) 404-413. Of a share that is a part of another figure they are Jeffreys'
+(Brown, Cai and DasGupta, Statistical Science 16 (2001) 101-133), from 0 and 1 no farther than it has to be; quantiles
+and probabilities of replicates take as many independent samples as would spread as these do (`equivalent_size`).
 
 They know of the error of sampling alone, not of that of the model; samples that failed have a part in those of
 probabilities only. What too few values leave open is infinite, or NaN where nothing at all is known.
@@ -44,8 +35,7 @@ def of_deviation(values: np.ndarray, confidence: float) -> np.ndarray:
 
     ``c s^2 exp(-+ t c sqrt((g - (n - 3) / n) / (n - 1)))``, ``c = n / (n - z)``, with the kurtosis g about the mean
     without the ``1 / (2 sqrt(n - 4))`` outermost share of the values at either end, z the normal quantile and t
-    Student's, of the freedom that the variance of squares about that mean has. With z in place of t, as Bonett has it,
-    intervals of 100 exponential values hold in 91.5 % in place of 94.7; those of as many normal ones are 5 % narrower.
+    Student's, of the freedom that the variance of squares about that mean has.
     """
     n = values.size
     if n < 5:
@@ -177,8 +167,7 @@ def of_share(count: int, n: int, confidence: float) -> np.ndarray:
     """Return Jeffreys' interval (low, high) of a share of which `count` of `n` independent trials came true.
 
     Where none came true it is from 0 to ``1 - (1 - confidence)^(1 / n)``, as all of the probability is on one side (the
-    rule of three: Hanley and Lippman-Hand, JAMA 249 (1983) 1743-1745), and of all that did the same from 1; Jeffreys'
-    own end is nearer, and shares that it leaves out are missed in 8 % of samples. 0 and 1 of no trials.
+    rule of three: Hanley and Lippman-Hand, JAMA 249 (1983) 1743-1745), and of all likewise. 0 and 1 of no trials.
     """
     if n < 1:
         return np.array([0.0, 1.0])

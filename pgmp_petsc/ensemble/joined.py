@@ -7,23 +7,18 @@ A3163-A3194): with models i = 1 .. k, the best first, of the first ``m_1 <= ... 
     mean = ybar_1(m_1) + sum_i alpha_i (ybar_i(m_i) - ybar_i(m_(i-1))),    alpha_i = cov(y_1, y_i) / var(y_i).
 
 Its variance is a sum over strata of samples that are alike (those between m_(i-1) and m_i): of the first one the
-jackknife's (Efron and Stein, Annals of Statistics 9 (1981) 586-596), which repeats the whole estimate without each
-sample in turn; of the others the sample variance. Student's t has the freedom of Satterthwaite (Biometrics Bulletin 2
-(1946) 110-114), that of each stratum from its kurtosis (`intervals.freedom_of`). Coefficients take a degree of freedom
-each (Lavenberg and Welch, Management Science 27 (1981) 322-335).
+jackknife's (Efron and Stein, Annals of Statistics 9 (1981) 586-596), of the others the sample variance. Student's t has
+the freedom of Satterthwaite (Biometrics Bulletin 2 (1946) 110-114), that of each stratum from its kurtosis
+(`intervals.freedom_of`). Coefficients take a degree of freedom each (Lavenberg and Welch, Management Science 27 (1981)
+322-335).
 
 The variance is the mean of squared distances from the corrected mean, with those of the cheap models as controls; its
-interval is that of its logarithm. Where the best model is clearly curved in a cheaper one, that one is taken through
-the parabola that fits (`calibrated`).
-
-A probability is ``p_1 = a p_2 + b (1 - p_2)`` of the next cheaper model's: of the common samples a is the share in
-which the event comes true in the better model where it does in the cheaper one, b where it does not (Tenenbein, Journal
-of the American Statistical Association 65 (1970) 1350-1361), with Jeffreys' intervals, which are put together by
-squares (MOVER: Zou and Donner, Statistics in Medicine 27 (2008) 1693-1702).
+interval is that of its logarithm. A probability is ``p_1 = a p_2 + b (1 - p_2)`` of the next cheaper model's, a and b
+shares of the common samples (Tenenbein, Journal of the American Statistical Association 65 (1970) 1350-1361), whose
+intervals are put together by squares (MOVER: Zou and Donner, Statistics in Medicine 27 (2008) 1693-1702).
 
 For a budget of time the numbers of samples are those of the least variance that it pays for (`allocation`), from costs
-and correlations of a pilot of every model's first samples (`integration.allot`), which are used too. Times decide,
-which will not come again: a run that is taken up keeps the numbers of the one before.
+and correlations of a pilot of every model's first samples (`integration.allot`), which are used too.
 """
 
 from __future__ import annotations
@@ -80,11 +75,8 @@ def calibrated(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     their common samples.
 
     Only where it predicts each of these from the others with less than `HALF` of the squared error of a straight line,
-    below `FEWEST_OF_PARABOLA` samples `TENTH` (PRESS: Allen, Technometrics 16 (1974) 125-127). A curvature that is
-    merely significant explains little and, found from the tails that a few samples happen to have, adds more error to
-    the figures than it takes away, of which intervals do not know. What is taken is no more than a model that is
-    another function of the parameters, so that whatever follows keeps its expectation; `python -m benchmarks.joined
-    coverage` measures how often intervals hold.
+    below `FEWEST_OF_PARABOLA` samples `TENTH` (PRESS: Allen, Technometrics 16 (1974) 125-127). What is taken is no more
+    than a model that is another function of the parameters, so that whatever follows keeps its expectation.
     """
     return [values[0], *(_calibrated(values[0], other) for other in values[1:])]
 

@@ -184,8 +184,7 @@ class RareSamples:
         """Whether the event has parts that lie apart, and nothing shows that there are no further ones.
 
         Searches for design points show it, where they ended as they found nothing new. So do samples from outside the
-        ball, which find a part as likely as the event is, where that is once to be expected; in many variables nearly
-        everything is outside.
+        ball, which find a part as likely as the event is, where that is once to be expected.
         """
         found, points = self.contributions, self.points[self.points.shape[0] - self.weights.size :]
         inside = found > 0.0
@@ -486,11 +485,9 @@ class _Chains:
         """Evaluate all points that are left from densities that points of the event, or of a level on g, make, and
         return the weights of all rounds but one.
 
-        The first round is left out: its density is from points of chains, which are not independent, and half of it is
-        about where rays enter the event. Points of all rounds make the next density, each with the weight of the
-        mixture of all densities so far (the balance heuristic: Owen and Zhou, Journal of the American Statistical
-        Association 95 (2000) 135-143), which is never much larger than that of the best of them. None where fewer than
-        two samples a round are left.
+        The first round is left out. Points of all rounds make the next density, each with the weight of the mixture of
+        all densities so far (the balance heuristic: Owen and Zhou, Journal of the American Statistical Association 95
+        (2000) 135-143). None where fewer than two samples a round are left.
         """
         if self.left < 2 * ROUNDS:
             return []

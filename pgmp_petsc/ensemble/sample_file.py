@@ -178,19 +178,17 @@ def _used(where: str, names: list[str], scene: Scene) -> list[str]:
 def _problems(columns: Mapping[str, np.ndarray], lines: np.ndarray, scene: Scene, place: str) -> Iterator[str]:
     """Yield what is wrong with values, the first lines first within a column."""
     for name, values in columns.items():
-        bounds = scene.parameters[name].bounds
-        for number in np.flatnonzero(~np.isfinite(values)):
-            yield f"{place} {lines[number]}: {name} = {values[number]}; a finite number is needed"
+        bounds, wrong = scene.parameters[name].bounds, {"a finite number is needed": ~np.isfinite(values)}
         if bounds is not None:
-            for number in np.flatnonzero((values < bounds[0]) | (values > bounds[1])):
-                limits = f"parameters.{name}.bounds, [{bounds[0]:g}, {bounds[1]:g}]"
-                yield f"{place} {lines[number]}: {name} = {values[number]:g}; must lie in {limits}"
+            limits = f"parameters.{name}.bounds, [{bounds[0]:g}, {bounds[1]:g}]"
+            wrong[f"must lie in {limits}"] = (values < bounds[0]) | (values > bounds[1])
         if name in scene.positive_parameters:
-            for number in np.flatnonzero(values <= 0.0):
-                yield f"{place} {lines[number]}: {name} = {values[number]:g}; must be positive for what uses it"
+            wrong["must be positive for what uses it"] = values <= 0.0
         elif name in scene.parameters_not_negative:
-            for number in np.flatnonzero(values < 0.0):
-                yield f"{place} {lines[number]}: {name} = {values[number]:g}; must not be negative for what uses it"
+            wrong["must not be negative for what uses it"] = values < 0.0
+        for words, which in wrong.items():
+            for number in np.flatnonzero(which):
+                yield f"{place} {lines[number]}: {name} = {values[number]:g}; {words}"
     for entry, other, lower, upper, share in ordered_ends(scene):
         low, high = (scene.number(end, {**scene.values, **columns}) for end in (lower, upper))
         low, high = (np.broadcast_to(end, lines.shape) for end in (low, share * high))

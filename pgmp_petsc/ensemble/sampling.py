@@ -1,23 +1,15 @@
 """Parameter values of samples, keyed by the number of the sample.
 
-A design gives uniform numbers, of which the inverse distribution function, truncated to the parameter's bounds where it
-has any, makes values; or the values are those of a file. Correlated parameters have a copula.
+A design (docs/uncertainty.md, samplers) gives uniform numbers, of which the inverse distribution function, truncated to
+the parameter's bounds where it has any, makes values; or the values are those of a file. In a Latin hypercube (McKay,
+Beckman and Conover, Technometrics 21 (1979) 239-245) sample k lies within its slice where its own stream says.
+Scrambled Sobol sequences (Matousek, Journal of Complexity 14 (1998) 527-556; `scipy.stats.qmc.Sobol`) take turns:
+sample k is point k // R of replicate k % R. Saltelli's blocks (Computer Physics Communications 181 (2010) 259-270) are
+point A of a sequence in 2 d dimensions, A with parameter 1 .. d of B, and B; block k is of replicate k % R.
 
-================== =============================================================================================
-random             sample k has a random stream of its own, keyed by the seed and k
-latin_hypercube    McKay, Beckman and Conover, Technometrics 21 (1979) 239-245: for each parameter a random permutation
-                   of N slices of equal probability; within its slice sample k lies where its own stream says
-sobol              Sobol sequences with scrambles of their own (Matousek, Journal of Complexity 14 (1998) 527-556;
-                   `scipy.stats.qmc.Sobol`): sample k is point k // R of replicate k % R
-saltelli           Saltelli et al., Computer Physics Communications 181 (2010) 259-270: blocks of d + 2 samples, point A
-                   of a scrambled Sobol sequence in 2 d dimensions, A with parameter 1 .. d of B, and B; block k is of
-                   replicate k % R
-================== =============================================================================================
-
-Sample k is the same in every batch, on every rank and in a longer run; of a Latin hypercube it is another one where N
-is. Random streams are those of ``Generator(PCG64(SeedSequence(seed, spawn_key=(k,))))`` to the last bit. numpy makes
-one after the other, which takes 20 us each; `first_numbers` makes all side by side with the same arithmetic, which
-numpy promises to keep: `SeedSequence`'s mixing of 32-bit words (O'Neill's seed_seq_fe) and PCG XSL-RR 128/64 (O'Neill,
+Random streams are those of ``Generator(PCG64(SeedSequence(seed, spawn_key=(k,))))`` to the last bit. numpy makes one
+after the other, which takes 20 us each; `first_numbers` makes all side by side with the same arithmetic, which numpy
+promises to keep: `SeedSequence`'s mixing of 32-bit words (O'Neill's seed_seq_fe) and PCG XSL-RR 128/64 (O'Neill,
 HMC-CS-2014-0905, 2014).
 
 Copulas make of uniform numbers of independent parameters those of parameters that depend on each other. Each is a

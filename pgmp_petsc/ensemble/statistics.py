@@ -1,19 +1,11 @@
 """Statistics of ensembles, with their sampling errors and confidence intervals.
 
 Their quantities are outputs at the end and their extremes, whether events came true, and by how much they did or did
-not.
-
-Sobol indices of outputs, with intervals, say which uncertain parameters matter (docs/uncertainty.md, which parameters
-matter): ``S1 = Var(E(y | x_i)) / Var(y)`` and ``ST = E(Var(y | x_~i)) / Var(y)`` (Saltelli et al., Computer Physics
-Communications 181 (2010) 259-270).
-
-- Samples in Saltelli's blocks: the estimators of SALib for both, intervals from the spread between replicates.
-- Any samples: the first index alone, ``1 - E(r^2) / Var(y)``, r what straight lines in slices of equal probability
-  leave of the output, adjusted for their coefficients (Kelley, PNAS 21 (1935) 554-559). Errors are, to the first order,
-  means of ``(1 - S1) (y - mean)^2 / Var(y) - r^2 / Var(y)`` (the influence of a sample: Da Veiga and Gamboa, Journal of
-  Nonparametric Statistics 25 (2013) 573-595), whose deviation makes the interval. Of replicates of Sobol sequences the
-  index is the mean, over all pairs, of the product of their lines, and pseudo-values of a jackknife over the replicates
-  make the interval.
+not. Sobol indices are ``S1 = Var(E(y | x_i)) / Var(y)`` and ``ST = E(Var(y | x_~i)) / Var(y)``; docs/uncertainty.md
+(which parameters matter) says how they are found. What lines in slices leave is adjusted for their coefficients
+(Kelley, PNAS 21 (1935) 554-559), and errors of such an index are, to the first order, means of ``(1 - S1) (y - mean)^2
+/ Var(y) - r^2 / Var(y)`` (the influence of a sample: Da Veiga and Gamboa, Journal of Nonparametric Statistics 25 (2013)
+573-595), r what the lines leave. Of replicates pseudo-values of a jackknife make the interval.
 """
 
 from __future__ import annotations

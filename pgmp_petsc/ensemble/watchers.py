@@ -1,11 +1,10 @@
 """Watchers: they follow the runs of an ensemble's batches and add arrays to what is kept of the samples.
 
-`RangeWatch` fails samples of full-order and component models whose coordinate leaves its range at the end of any step,
-where a deformation is an output: such a model goes on beyond, but the deformation is not known there. Reduced models
-stop by themselves. `watch_over_time` keeps extremes, first passages of levels, and values at the instants of the bands.
-A first passage lies where the straight line between the ends of two steps crosses the level; it is known to a step, as
-extremes are known at the ends of steps alone. A sample that fails has none of these, and one whose output is no number
-for a while has no extremes of it.
+`RangeWatch` fails samples of full-order and component models whose coordinate leaves its range, where a deformation is
+an output, which is not known beyond; reduced models stop by themselves. `watch_over_time` keeps extremes, first
+passages of levels, which lie where the straight line between the ends of two steps crosses the level, and values at the
+instants of the bands. A sample that fails has none of these, and one whose output is no number for a while has no
+extremes of it.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ Options prefix: ``pgmp_full_`` (e.g. ``-pgmp_full_mat_mumps_icntl_4 2``).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Self
+from contextlib import AbstractContextManager
 
 import numpy as np
 
@@ -255,7 +255,7 @@ class FullDistributed(FullSystem):
         return rows
 
 
-class FullStatics:
+class FullStatics(AbstractContextManager):
     """One sample whose `n_theta` coordinates are held, all prescribed; see `Statics`. Collective on `comm`."""
 
     n_samples = 1
@@ -265,9 +265,6 @@ class FullStatics:
         self._held = [Motion("held", "", TimeFunction.constant(0.0)) for _ in range(n_theta)]
         self._system = FullDistributed(equations, comm, dict(enumerate(self._held)))
         self._q, self._share = np.zeros((equations.n_dofs, 1)), 0.0
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._system.close()

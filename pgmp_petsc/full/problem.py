@@ -148,6 +148,7 @@ class FullEquations:
         self._acts = _acting(actions_of(effects, d), unknowns, share)
         self.actions = acting = self._actions_of(effects)
         dofs, entries, of_actions = pairs_of(acting, unknowns.frame)
+        none = np.iinfo(dofs.dtype).max  # behind all unknowns
         coordinates = mechanism.coordinates if d == 3 else ()
         angles = StatementRows([(c.statement, c.sides) for c in coordinates], unknowns.frame, d)
         modal = self.modal = [one for one in self.damping.modal if share.owns(one.dofs).any()]
@@ -166,7 +167,7 @@ class FullEquations:
         actions = BlockActions(
             compiled.statements, compiled.laws, np.ascontiguousarray(np.moveaxis(parameters, 1, 0)), compiled.roles,
             compiled.firsts, self.layout.unknowns(dofs), entries, self.layout.positions(*of_actions),
-            share.owns(_first_of(dofs)[compiled.firsts[:-1]]),
+            share.owns(np.where(dofs < 0, none, dofs).min(axis=1, initial=none)[compiled.firsts[:-1]]),
             np.full((blocks.n_blocks, len(acting), blocks.n_lanes), np.nan),
         )  # fmt: skip
         counting = angles.compiled._replace(dofs=self.layout.unknowns(angles.dofs))
@@ -321,8 +322,3 @@ def _lower(dofs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     i, j = (moving[part] for part in np.tril_indices(moving.size))
     twice = (dofs[i] == dofs[j]) & (i != j)
     return np.concatenate([i, j[twice]]), np.concatenate([j, i[twice]])
-
-
-def _first_of(dofs: np.ndarray) -> np.ndarray:
-    """Return the lowest unknown of every row, none being -1, shape (n,)."""
-    return np.where(dofs < 0, np.iinfo(dofs.dtype).max, dofs).min(axis=1, initial=np.iinfo(dofs.dtype).max)

@@ -9,7 +9,7 @@ ranks, and statics, are in `full.distributed`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -52,7 +52,7 @@ LARGEST = 2**18  # unknowns of all samples and steps that are kept from a call
 Gains = tuple[float, float, float]  # of velocities, accelerations and stiffness
 
 
-class FullSystem(SecondOrderSystem):
+class FullSystem(SecondOrderSystem, AbstractContextManager):
     """Full-order samples, whose states a subclass lays out in arrays.
 
     They start from `settled`, the static equilibrium of every sample, or, where joints that are off deform the
@@ -78,9 +78,6 @@ class FullSystem(SecondOrderSystem):
         self._conservative = np.array([effect.conservative for effect in equations.loads], dtype=bool)
         self._names = EnergyNames.of(equations, sources.motions)
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
 
@@ -104,9 +101,8 @@ class FullSystem(SecondOrderSystem):
         with a leading axis of instants, shape (n, n_t n_samples), instant after instant. Collective on `comm`.
 
         They are those with which accelerations obey the constraints, ``C q'' = -(dC/dt) q' + c_tt``, in the state's
-        positions and velocities. Those of the scheme itself are of first order in the step until what its start has
-        against the constraints is damped (Arnold, Bruls and Cardona 2015); these are of second order, as the motion is.
-        Accelerations are those before forces of controllers jump, and so are these.
+        positions and velocities, and not those of the scheme (docs/method.md, forces in joints). Accelerations are
+        those before forces of controllers jump, and so are these.
         """
         with nullcontext() if self.beside is None else self.beside.on_side(BEFORE):
             drift = self._drift(times, self._columns(states.q), self._columns(states.v))
@@ -223,10 +219,12 @@ class FullSystem(SecondOrderSystem):
         """Return states with a leading axis of instants with such accelerations and multipliers, of all samples; see
         `_accelerated`. The drift has the shape (n_t, n_rows, n_samples)."""
         everyone = np.ones(self.n_samples, dtype=bool)
-        return State.along([
-            self._accelerated(time, states.at(k), self._against(drift[k]), everyone, True)
-            for k, time in enumerate(times)
-        ])
+        return State.along(
+            [
+                self._accelerated(time, states.at(k), self._against(drift[k]), everyone, True)
+                for k, time in enumerate(times)
+            ]
+        )
 
     def control(self, controls: Controls) -> None:
         """Let controllers act on the only sample."""

@@ -238,10 +238,7 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
                     raise InputError(f"{entry}: {feature.why_not}; {feature.cure}")
                 if feature.flexible_body and not flexible:
                     raise InputError(f"{entry}: for mechanisms with a flexible body, but all are rigid; {feature.cure}")
-                if feature.elements:
-                    _check_elements(scene, entry, feature.cure)
-                if feature.third_derivative:
-                    _check_third_derivative(scene, entry, feature.cure)
+                _check_bodies(scene, entry, feature)
 
 
 def why_refused(scene: Scene, purpose: Purpose, meshes: Mapping[str, BodyShape]) -> str:
@@ -265,28 +262,18 @@ def foretold(scene: Scene) -> Iterator[str]:
     return (f"{', '.join(purposes)}: {reason}" for reason, purposes in told.items())
 
 
-def _check_elements(scene: Scene, what: str, cure: str) -> None:
-    given = _from_matrices(scene)
-    if given:
-        raise InputError(
-            f"{what}: takes the elements of bodies, of which large displacements have other matrices, but there is "
-            f"{', '.join(given)}; {cure}"
-        )
-
-
-def _check_third_derivative(scene: Scene, what: str, cure: str) -> None:
+def _check_bodies(scene: Scene, what: str, feature: Feature) -> None:
+    """Refuse bodies that do not have what a feature takes."""
     scaled = [f"bodies.{name}.section_scale" for name, body in scene.bodies.items() if body.section_scale is not None]
-    if scaled:
-        raise InputError(
-            f"{what}: not known of scaled cross-sections, of which the third derivative of the strain energy has other "
-            f"powers of the scale, but there is {', '.join(scaled)}; {cure}"
-        )
-    given = _from_matrices(scene)
-    if given:
-        raise InputError(
-            f"{what}: takes the third derivative of the strain energy, which matrices do not tell, but there is "
-            f"{', '.join(given)}; {cure}"
-        )
+    given, energy, third = _from_matrices(scene), feature.third_derivative, "the third derivative of the strain energy"
+    taken = (
+        (feature.elements, "takes the elements of bodies, of which large displacements have other matrices", given),
+        (energy, f"not known of scaled cross-sections, of which {third} has other powers of the scale", scaled),
+        (energy, f"takes {third}, which matrices do not tell", given),
+    )
+    for is_taken, why, found in taken:
+        if is_taken and found:
+            raise InputError(f"{what}: {why}, but there is {', '.join(found)}; {feature.cure}")
 
 
 def _from_matrices(scene: Scene) -> list[str]:

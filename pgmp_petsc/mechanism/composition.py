@@ -188,19 +188,16 @@ def _run(scene: Scene, bodies: Sequence[Body], joint: str, first: Attachment, wa
     if nodes.size == 1:
         words = f"no nodes of beams are beside this point of {body.name} along direction, so that nothing bends there; "
         raise InputError(problem(f"joints.{joint}", words + "the joint point_on_line has a line fixed to the point"))
+    spare = ROUNDED * (along[-1] - along[0])
     for name, entry in scene.coordinates.items():
-        if entry.joint == joint and slides(scene, entry) and not _within(entry.range, along):
+        within = along[0] - spare <= entry.range[0] and entry.range[1] <= along[-1] + spare
+        if entry.joint == joint and slides(scene, entry) and not within:
             (low, high), unit = scene.system.named(along[[0, -1]], "m")
             words = f"must be within the run of nodes, {low:.6g} to {high:.6g} {unit} from the first point"
             received = [scene.system.shown(end, "m") for end in entry.range]
             raise InputError(problem(f"coordinates.{name}.range", words, received))
     places = body.mesh.nodes
     return [Attachment(first.body, body.first_node + k, places[k], np.zeros_like(way)) for k in nodes]
-
-
-def _within(interval: tuple[float, float], along: np.ndarray) -> bool:
-    spare = ROUNDED * (along[-1] - along[0])
-    return along[0] - spare <= interval[0] and interval[1] <= along[-1] + spare
 
 
 def _refuse_room(scene: Scene, bodies: Sequence[Body], name: str, sides: Sequence[Attachment]) -> None:
@@ -244,7 +241,11 @@ def _held(
             entry.axes,
             tuple(attachment_at(scene, bodies, address, f"joints.{name}.connect") for address in entry.connect),
         )
-    for name, (effect, index) in welded_masses(scene, bodies).items():
+    numbers = {body.name: number for number, body in enumerate(bodies)}
+    for name, effect in scene.effects.items():
+        index = numbers.get(_welded(name)) if isinstance(effect, AddedMass) else None
+        if index is None:
+            continue
         carrier = attachment_at(scene, bodies, effect.point, f"effects.{name}.point")
         place = bodies[index].mesh.nodes[0]
         particle = Attachment(index, bodies[index].first_node, place, np.zeros_like(place))
@@ -293,16 +294,6 @@ def _directors(space: Space, pose: np.ndarray) -> np.ndarray:
     """Return the directors of a pose, shape (d, d), one a column."""
     d = space.dimension
     return space.natural(pose)[d:].reshape(d, d).T
-
-
-def welded_masses(scene: Scene, bodies: Sequence[Body]) -> dict[str, tuple[AddedMass, int]]:
-    """Return the point masses on rigid bodies by their names, with the numbers of the bodies that they are."""
-    numbers = {body.name: number for number, body in enumerate(bodies)}
-    return {
-        name: (effect, numbers[_welded(name)])
-        for name, effect in scene.effects.items()
-        if isinstance(effect, AddedMass) and _welded(name) in numbers
-    }
 
 
 def _lumps(effect: AddedMass) -> dict[Monomial, LumpedMass]:
@@ -358,7 +349,7 @@ def parted(
         is_held = _is_held(slopes[key][key == "turning_stiffness"], axes, key, elastic, f"{entry}.{key}")
         for name in (key, DAMPED_BY[key]):
             _refuse_free(name, getattr(elastic, name), is_held, entry)
-        if all(np.isinf(k) for k, of in zip(_numbers(stiffness), is_held) if of):
+        if all(k == np.inf for k, of in zip(stiffness, is_held) if of):
             held += parts
             continue
         if offset is not None and any(offset.turn):
@@ -444,7 +435,7 @@ def _slopes(parts: Sequence[Statement], in_a: np.ndarray, in_b: np.ndarray) -> t
         moved[row] = slopes[0]
         # a rotation w changes the director d_k by w x d_k
         pulls = turned @ slopes[1:]
-        turning[row] = pulls[0, 1] - pulls[1, 0] if d == 2 else _axial(pulls)
+        turning[row] = (pulls - pulls.T)[[0] if d == 2 else [1, 2, 0], [1] if d == 2 else [2, 0, 1]]
     return moved, turning
 
 
@@ -468,13 +459,3 @@ def _refuse_free(name: str, numbers: Sequence[float | str], is_held: np.ndarray,
             what = which if which == "turning" else f"turning about {which}" if turning else f"sliding along {which}"
             words = f"the joint leaves {what} free: 0 is needed there, and springs are effects of their own"
             raise InputError(problem(f"{entry}.{name}", words, list(numbers)))
-
-
-def _axial(matrix: np.ndarray) -> np.ndarray:
-    """Return ``sum_k d_k x s_k`` of ``sum_k d_k s_k^T``, shape (3,)."""
-    return np.array([matrix[1, 2] - matrix[2, 1], matrix[2, 0] - matrix[0, 2], matrix[0, 1] - matrix[1, 0]])
-
-
-def _numbers(values: Sequence[float | str]) -> list[float]:
-    """Return numbers, with 0 for a parameter, which is finite."""
-    return [0.0 if isinstance(value, str) else value for value in values]

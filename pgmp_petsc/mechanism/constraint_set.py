@@ -4,16 +4,9 @@ They are the statements of the joints but for those that elastic ones release, i
 rotation, the ties of frames to their faces, and the angles that prescribed coordinates hold. Trailing axes of q
 (samples) are kept.
 
-Sparse null space N of the constraint Jacobian (Naets et al. 2015, eq. (15)): ``C N = 0``.
-
-Constraints that share no unknown are independent of each other, so the Jacobian splits into small blocks, one a
-connected group of joints. In each block a QR factorisation with column pivoting picks as many dependent unknowns as
-the block has rank, and expresses them by the others::
-
-    C_block P = Q [R11 R12],    dependent = -R11^-1 R12 independent
-
-Every unknown that no joint touches is its own column. Rows beyond the rank are redundant constraints; they are
-dropped and counted.
+The null space N of the constraint Jacobian, ``C N = 0``, is sparse (docs/method.md, rigid motion and modes): of each
+connected group of joints a QR factorisation with column pivoting, ``C_block P = Q [R11 R12]``, gives as many unknowns
+as the block has rank, ``dependent = -R11^-1 R12 independent``. Every unknown that no joint touches is its own column.
 """
 
 from __future__ import annotations

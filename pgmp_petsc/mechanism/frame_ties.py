@@ -91,12 +91,18 @@ class FrameTies:
     def of(cls, unknowns: Unknowns) -> FrameTies:
         """Return the ties of all frames that hold bodies on meshes and in floating frames."""
         parts, n, d = [], 0, unknowns.dimension
-        for frame, positions, faces in _faces_of(unknowns):
-            parts += [_means(n, frame, positions, faces), *_rotations(n + d, int(frame[0]), positions, faces)]
-            n += d + len(TURNS[d])
-        for held in _held_by_floating(unknowns):
-            parts += held.ties(n)
-            n += held.shape.shape[0]
+        for body in unknowns.bodies:
+            for number, faces in enumerate(body.face_frames.values()):
+                frame = unknowns.frame(body.first_node + number)
+                positions = body.first_internal + d * faces.nodes[:, None] + np.arange(d)  # of the faces' nodes
+                parts += [_means(n, frame, positions, faces), *_rotations(n + d, int(frame[0]), positions, faces)]
+                n += d + len(TURNS[d])
+        for body, floating in ((body, one) for body in unknowns.bodies for one in body.blocks("floating")):
+            last = unknowns.frame(body.first_node + body.n_nodes - 1)
+            amplitudes = body.first_internal + np.arange(floating.n)
+            for number, of_frame in enumerate(zip(floating.centres, floating.shapes, floating.bent)):
+                parts += _holding(n, unknowns.frame(body.first_node + number), last, amplitudes, *of_frame)
+                n += d + len(TURNS[d])
         return cls(Terms.joined(parts), d, n, unknowns.n_dofs)
 
     def values(self, q: np.ndarray) -> np.ndarray:
@@ -130,51 +136,35 @@ def _numbered(entries: list[Derivative], n_dofs: int) -> tuple[tuple[np.ndarray,
     return np.divmod(unique, n_dofs), places
 
 
-def _faces_of(unknowns: Unknowns) -> Iterator[tuple[np.ndarray, np.ndarray, FaceFrame]]:
-    """Yield, frame by frame, its unknowns (m,), those of the positions of its faces' nodes (n, d), and the faces."""
-    d = unknowns.dimension
-    for body in unknowns.bodies:
-        for number, faces in enumerate(body.face_frames.values()):
-            positions = body.first_internal + d * faces.nodes[:, None] + np.arange(d)
-            yield unknowns.frame(body.first_node + number), positions, faces
-
-
-class _Held(NamedTuple):
-    """A frame that holds a body in a floating frame."""
-
-    #: frame, floating: unknowns of both, shape (m,)
-    frame: np.ndarray
-    floating: np.ndarray
-    amplitudes: np.ndarray  # unknowns xi, shape (n,)
-    centre: np.ndarray  # x, shape (d,), m
-    shape: np.ndarray  # a and Theta, shape (3, n), in space (6, n)
-    bent: np.ndarray  # what is of second order in the displacement, shape (d, n, n)
-
-    def ties(self, first_row: int) -> list[Terms]:
-        """Return the terms, rows from a first one on."""
-        d, n, axes = self.centre.size, self.amplitudes.size, np.arange(self.centre.size)
-        rotation, turned = self.shape[d:], first_row + d + np.arange(len(self.shape) - d)
-        component, k = (part.ravel() for part in np.meshgrid(axes, axes, indexing="ij"))
-        rows, directors = first_row + component, d * k + component  # sum_k d_k (...)_k
-        of_floating = {"frame": int(self.floating[0])}
-        found = [
-            Terms.of(d, first_row + axes, 1.0, self.frame[:d]),
-            Terms.of(d, first_row + axes, -1.0, self.floating[:d]),
-            Terms.of(d, np.repeat(turned, n), -rotation.ravel(), np.tile(self.amplitudes, len(rotation))),
-            Terms.of(
-                d, np.repeat(rows, n), -self.shape[k].ravel(), np.tile(self.amplitudes, rows.size),
-                directors=np.repeat(directors, n), **of_floating,
-            ),
-            Terms.of(d, rows, -self.centre[k], directors=directors, **of_floating),
-            bent_terms(d, first_row, int(self.floating[0]), self.amplitudes, self.bent),
-        ]  # fmt: skip
-        if d == 2:
-            return [*found, Terms.of(d, np.repeat(turned, 2), [1.0, -1.0], np.array([self.frame[2], self.floating[2]]))]
-        for m, row in enumerate(turned):
-            for factor, mine, its in ((0.5, m - 2, m - 1), (-0.5, m - 1, m - 2)):
-                mine, its = d * (mine % d) + axes, self.floating[d + d * (its % d) + axes]
-                found.append(Terms.of(d, np.full(d, row), factor, its, frame=int(self.frame[0]), directors=mine))
-        return found
+def _holding(
+    first_row: int, frame: np.ndarray, floating: np.ndarray, amplitudes: np.ndarray, centre: np.ndarray,
+    shape: np.ndarray, bent: np.ndarray,
+) -> list[Terms]:  # fmt: skip
+    """Return the terms of a frame that holds a body in a floating frame, rows from a first one on, of the unknowns of
+    both, shape (m,), and xi, (n,); X, shape (d,), m; A and Theta, shape (3, n), in space (6, n); and a, (d, n, n)."""
+    d, n, axes = centre.size, amplitudes.size, np.arange(centre.size)
+    rotation, turned = shape[d:], first_row + d + np.arange(len(shape) - d)
+    component, k = (part.ravel() for part in np.meshgrid(axes, axes, indexing="ij"))
+    rows, directors = first_row + component, d * k + component  # sum_k d_k (...)_k
+    of_floating = {"frame": int(floating[0])}
+    found = [
+        Terms.of(d, first_row + axes, 1.0, frame[:d]),
+        Terms.of(d, first_row + axes, -1.0, floating[:d]),
+        Terms.of(d, np.repeat(turned, n), -rotation.ravel(), np.tile(amplitudes, len(rotation))),
+        Terms.of(
+            d, np.repeat(rows, n), -shape[k].ravel(), np.tile(amplitudes, rows.size),
+            directors=np.repeat(directors, n), **of_floating,
+        ),
+        Terms.of(d, rows, -centre[k], directors=directors, **of_floating),
+        bent_terms(d, first_row, int(floating[0]), amplitudes, bent),
+    ]  # fmt: skip
+    if d == 2:
+        return [*found, Terms.of(d, np.repeat(turned, 2), [1.0, -1.0], np.array([frame[2], floating[2]]))]
+    for m, row in enumerate(turned):
+        for factor, mine, its in ((0.5, m - 2, m - 1), (-0.5, m - 1, m - 2)):
+            mine, its = d * (mine % d) + axes, floating[d + d * (its % d) + axes]
+            found.append(Terms.of(d, np.full(d, row), factor, its, frame=int(frame[0]), directors=mine))
+    return found
 
 
 def bent_terms(d: int, first_row: int, frame: int, amplitudes: np.ndarray, bent: np.ndarray) -> Terms:
@@ -190,15 +180,6 @@ def bent_terms(d: int, first_row: int, frame: int, amplitudes: np.ndarray, bent:
     k, pair = np.tile(k, d), np.tile(pair, d)
     first, second = amplitudes[i[pair]], amplitudes[j[pair]]
     return Terms.of(d, first_row + component, -of_pairs[k, pair], first, second, frame, d * k + component)
-
-
-def _held_by_floating(unknowns: Unknowns) -> Iterator[_Held]:
-    for body in unknowns.bodies:
-        for floating in body.blocks("floating"):
-            last = body.first_node + body.n_nodes - 1
-            amplitudes = body.first_internal + np.arange(floating.n)
-            for number, parts in enumerate(zip(floating.centres, floating.shapes, floating.bent)):
-                yield _Held(unknowns.frame(body.first_node + number), unknowns.frame(last), amplitudes, *parts)
 
 
 def _means(first_row: int, frame: np.ndarray, positions: np.ndarray, faces: FaceFrame) -> Terms:

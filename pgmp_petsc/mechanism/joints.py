@@ -155,9 +155,8 @@ def ridden(in_a: np.ndarray, in_b: np.ndarray, run: Sequence[Attachment], b: Att
 
         sum_i  H(xi_i) n_i . (p_b - p_i) + K(xi_i) t_i . n_b = 0,    K(xi) = xi H(xi) - G(xi),
 
-    to the second order in what the nodes are turned. The factors K, of both signs, are small and add up to zero: what b
-    is turned does not matter. Where it is turned far, curvature between the nodes counts less than it should. Of the
-    triads (d, d) in both frames, one axis a column, the first axis is along the line.
+    to the second order in what the nodes are turned (docs/effects.md, what travels along a beam). Of the triads (d, d)
+    in both frames, one axis a column, the first axis is along the line.
     """
     way, found = in_a[:, 0], []
     places = np.array([side.point @ way for side in run])

@@ -1,30 +1,13 @@
-"""Sparse matrices from files of other programs, told apart by what is in them: two formats share the ending .mtx.
+"""Sparse matrices from files of other programs, told apart by what is in them: two formats share the ending .mtx
+(docs/matrices.md, files of matrices; files of nodes).
 
-================== ==================================================================================
-format             told by
-================== ==================================================================================
-Matrix Market      ``%%MatrixMarket`` in its first line
-SciPy's npz        it is a zip file
-Harwell-Boeing     its third line, such as ``RSA   300   300   4500   0``
-Nastran            DMIG cards (.pch and others), or a file ending in .op2 or .op4, by pyNastran
-Ansys              a file ending in .full, by ansys-mapdl-reader
-Abaqus, CalculiX   lines of five numbers (row's node, direction, column's node, direction, value), formats MATRIX INPUT
-                   and LABELS, or of three (row, column, value), format COORDINATE or CalculiX' .sti and .mas
-================== ==================================================================================
-
-Harwell-Boeing files of real, assembled matrices, as Ansys' HBMAT writes them.
-
-Duff, Grimes and Lewis, ACM Trans. Math. Softw. 15, 1989. SciPy's reader takes neither symmetric ones nor right-hand
-sides, which are passed over here.
+A Harwell-Boeing file (Duff, Grimes and Lewis, ACM Trans. Math. Softw. 15, 1989) is known by its third line, such as
+``RSA   300   300   4500   0``. SciPy's reader takes neither symmetric ones nor right-hand sides, which are passed over
+here.
 
 Which node and direction a row of a matrix is of: from the matrix' own file, from a list beside it, or by counting.
 
-Rows that no file tells of are taken node after node in the order of the nodes' file, x, y (and z) of each.
-
 Nodes of a body that is given by matrices: their places, their numbers in the file, and sets of them.
-
-A mesh file has cells as well, as a rule. Where they are of one kind that bodies may be meshed with, groups are faces of
-them and are weighted by area; otherwise groups are sets of nodes that count alike.
 """
 
 from __future__ import annotations
@@ -107,7 +90,7 @@ def _read(path: Path, received: str, kind: str) -> MatrixFile:
     if head.lower().startswith(MATRIX_MARKET):
         return MatrixFile(_from_matrix_market(path))
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    if is_harwell_boeing(lines[:4]):
+    if len(lines) > 3 and TYPE.match(lines[2].upper()) and FIELD.search(lines[3]):
         return MatrixFile(_whole(read_harwell_boeing(lines)))
     data = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
     if any(line.lstrip().upper().startswith(NASTRAN) for line in data[:20]):
@@ -202,11 +185,6 @@ FIELD = re.compile(r"(\d*)\s*[IEDFG]\s*(\d+)", re.IGNORECASE)
 
 class NotTaken(ValueError):
     """A matrix of a kind that no body has; says which."""
-
-
-def is_harwell_boeing(head: Sequence[str]) -> bool:
-    """Return whether the first lines of a file are the header of this format."""
-    return len(head) > 3 and TYPE.match(head[2].upper()) is not None and FIELD.search(head[3]) is not None
 
 
 def read_harwell_boeing(lines: Sequence[str]) -> sp.coo_matrix:

@@ -1,29 +1,20 @@
 """Reading of plane and solid meshes through meshio, and what is refused.
 
-Messages number nodes and cells in the file's order, from zero, as meshio does.
+Messages number nodes and cells in the file's order, from zero, as meshio does. Each cell is there once, all are one
+piece, and the Jacobian of every cell's image of the reference cell has a positive determinant.
 
-Numbering of a mesh from one of its ends to the other, so that contiguous shares of the nodes are compact.
+Unknowns are dealt to processes in contiguous shares of the nodes, which are therefore numbered from one end of the mesh
+to the other: in the order of reverse Cuthill-McKee (A. George, J. W. H. Liu, Computer Solution of Large Sparse Positive
+Definite Systems, 1981, chapter 4).
 
-Unknowns are dealt to processes in contiguous shares of the nodes. The order is that of reverse Cuthill-McKee: layers of
-nodes with the same distance from one end (A. George, J. W. H. Liu, Computer Solution of Large Sparse Positive Definite
-Systems, 1981, chapter 4).
-
-Physical groups of gmsh's MSH 4.1 files, which meshio tells in part.
-
-In this format an entity (a curve, a surface, ...) names all the physical groups it is in, with a negative sign where
-the group has it reversed. meshio 5 gives the first of the groups, and all those with a positive sign. A curve that is
-reversed in two groups, as happens to boundaries that gmsh was asked for, would be missing from one of them unnoticed.
-
-Named groups of faces and named regions of cells, from the ways in which mesh formats name them.
+In gmsh's MSH 4.1 files an entity (a curve, a surface, ...) names all the physical groups it is in, with a negative sign
+where the group has it reversed. meshio 5 gives the first of the groups, and all those with a positive sign. A curve
+that is reversed in two groups, as happens to boundaries that gmsh was asked for, would be missing from one of them
+unnoticed.
 
 A group of faces is a physical group (gmsh) or another named set of cells whose dimension is one less than the mesh's,
 or a node set (Abaqus and others) that holds all nodes of at least one face on the surface. A region is a physical
 group or a set of cells of the mesh's own dimension.
-
-Checks of a body's cells: each is there once, all are one piece, and all have a sound shape.
-
-A cell is the image x(xi) = sum_a N_a(xi) x_a of the reference cell. Its shape is sound where the Jacobian J = dx/dxi
-has a positive determinant.
 """
 
 from __future__ import annotations
@@ -134,7 +125,13 @@ def solid_mesh(mesh: meshio.Mesh, dimension: int, received: str) -> SolidMesh:
 def numbered_as_filed(mesh: meshio.Mesh, dimension: int, received: str) -> SolidMesh:
     """Return the body's mesh as `solid_mesh` does, but with nodes and cells in the order of the file."""
     kind, cells = _cells(mesh, dimension, received)
-    _check_nodes(mesh.points, kind, cells, received)
+    lost = np.flatnonzero(((cells < 0) | (cells >= len(mesh.points))).any(axis=1))
+    if lost.size:
+        raise InputError(
+            f"{received}: {lost.size} of {len(cells)} cells of type {kind} name a node that the file does not hold; "
+            f"the first is cell {lost[0]} with the nodes {shown(cells[lost[0]], len(cells[0]))}; the file has "
+            f"{len(mesh.points)} nodes, numbered from 0"
+        )
     nodes = coordinates(mesh.points, dimension, received)
     check_cells(kind, nodes, cells, received)
     groups, regions, small_groups = named_groups(mesh, kind, cells, received)
@@ -174,16 +171,6 @@ def _listed(counts: dict[str, int]) -> str:
     return " and ".join(f"{count} {name}" for name, count in sorted(counts.items()))
 
 
-def _check_nodes(points: np.ndarray, kind: str, cells: np.ndarray, received: str) -> None:
-    lost = np.flatnonzero(((cells < 0) | (cells >= len(points))).any(axis=1))
-    if lost.size:
-        raise InputError(
-            f"{received}: {lost.size} of {len(cells)} cells of type {kind} name a node that the file does not hold; "
-            f"the first is cell {lost[0]} with the nodes {shown(cells[lost[0]], len(cells[0]))}; the file has "
-            f"{len(points)} nodes, numbered from 0"
-        )
-
-
 #: Walks from one end of the mesh to the node farthest from it; more of them hardly ever find a longer way.
 N_WALKS = 3
 
@@ -198,7 +185,8 @@ def renumbered(mesh: SolidMesh) -> SolidMesh:
     cells = node_numbers[mesh.cells]
     cell_order = np.argsort(cells.min(axis=1), kind="stable")
     cell_numbers = np.argsort(cell_order)
-    groups = {name: _in_order(node_numbers[faces]) for name, faces in mesh.groups.items()}
+    groups = {name: node_numbers[faces] for name, faces in mesh.groups.items()}
+    groups = {name: faces[np.lexsort(np.sort(faces, axis=1).T[::-1])] for name, faces in groups.items()}
     regions = {name: np.sort(cell_numbers[region]) for name, region in mesh.regions.items()}
     return SolidMesh(mesh.kind, mesh.nodes[order], cells[cell_order], groups, regions, mesh.small_groups)
 
@@ -218,10 +206,6 @@ def compact_order(n_nodes: int, cells: np.ndarray) -> np.ndarray:
     graph = undirected_graph(np.hstack([edges, loops, [[end], [start]]]), start + 1)
     order = reverse_cuthill_mckee(graph, symmetric_mode=True)
     return order[order < n_nodes].astype(int)
-
-
-def _in_order(faces: np.ndarray) -> np.ndarray:
-    return faces[np.lexsort(np.sort(faces, axis=1).T[::-1])]
 
 
 VERSION = b"4.1"

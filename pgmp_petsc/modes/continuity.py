@@ -1,17 +1,12 @@
-"""A basis that is continuous over the configurations (docs/method.md, one continuous basis).
+"""A basis that is continuous over the configurations: groups of modes, each turned to its neighbour's by the M-weighted
+orthogonal Procrustes problem (docs/method.md, one continuous basis).
 
-Modes that come close to each other anywhere over the range form one group. Within it each basis is turned to its
-neighbour's by the M-weighted orthogonal Procrustes problem
-
-    min || B_k - V_k Q ||_M,   Q^T Q = I,    solved by the polar factor of  V_k^T M B_{k-1};
-
-a group of one mode is only given the neighbour's sign. After a whole revolution a group returns turned by an orthogonal
-matrix H (its holonomy), which is taken back evenly over the revolution, over two where H contains a reflection.
-
-Over several coordinates H of one of them changes continuously with the others. From the first sample of a tensor grid
-the basis is carried along the first axis, from each sample found there along the second, and so on. What the first line
-of a periodic axis is closed like, the others follow, with the same coordinate reflected and the turn taken back the
-same way round, so that neighbouring lines stay neighbours.
+After a whole revolution a group returns turned by an orthogonal matrix H (its holonomy), which is taken back evenly
+over the revolution, over two where H contains a reflection. Over several coordinates H of one of them changes
+continuously with the others. From the first sample of a tensor grid the basis is carried along the first axis, from
+each sample found there along the second, and so on. What the first line of a periodic axis is closed like, the others
+follow, with the same coordinate reflected and the turn taken back the same way round, so that neighbouring lines stay
+neighbours.
 """
 
 from __future__ import annotations

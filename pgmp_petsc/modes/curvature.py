@@ -1,13 +1,7 @@
 """Curvature of the flexible shapes: static modal derivatives (Wu and Tiso 2016; as a manifold: Jain et al. 2017).
 
-A deformed mechanism is, in body frames and to second order, ``u = Psi delta + 1/2 sum_ij chi_ij delta_i delta_j``. With
-``K psi_i + C^T mu_i = f_i``, K3 the third derivative of the strain energy at rest and c'' the second derivatives of the
-constraints, at the nominal parameters
-
-    K chi_ij + K3[psi_i, psi_j] + (mu_i.c'') psi_j + (mu_j.c'') psi_i + C^T nu_ij = 0,    C chi_ij = -c''[psi_i, psi_j],
-
-M-orthogonal to the rigid motion and to Psi, in space with the momenta of sections that turn (`RotaryCurvature`).
-docs/method.md (second order in the deformation) says why, and what these equations are
+docs/method.md (second order in the deformation) has their equations and why; chi is M-orthogonal to the rigid motion
+and to Psi, in space with the momenta of sections that turn (`RotaryCurvature`), but
 
 - of vectors that answer offsets of joints (`modes.built_in`), with gaps ``gamma p + 1/2 gamma' p p``: chi keeps its
   part along them, that of two of them along all vectors, which is at rest, and none of what is stiff in other pairs;

@@ -16,6 +16,7 @@ What an eigenproblem finds at one configuration.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from copy import copy
 from dataclasses import dataclass
 
@@ -82,7 +83,7 @@ DEPENDENT_TOLERANCE = 1e-8  # of a vector's own size: what is left of it beside 
 RIGID_TOLERANCE = 1e-5  # largest "zero" eigenvalue over the first flexible one; largest angle to d rho/d theta
 
 
-class ModalProblem:
+class ModalProblem(AbstractContextManager):
     """Modes of a mechanism at any configuration, for the fixed parameter values at which M and K are taken. Collective
     on `comm`, the ranks that share one eigenproblem; `matrices` are the rows that this rank has (`owned_rows`), where
     they are assembled already.
@@ -150,9 +151,6 @@ class ModalProblem:
         """Destroy the PETSc objects."""
         self._pencil.close()
 
-    def __enter__(self) -> ModalProblem:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
 
@@ -206,11 +204,8 @@ class ModalProblem:
         """Return what elastic joints allow at a configuration with its rigid velocity, local rows, as in `ModeSet`.
 
         Joints carry what is on them along: with theta held, the mechanism moves with a frame on its mounts as it is,
-        and no table changes. Were a motion orthogonal to the coordinates instead, a part of it would be motion over
-        the configurations, which the model has in the coordinates exactly and here to its order in small amplitudes.
-        What couplings release is that alone, between coordinates and what they drive, and clearance is small: there the
-        coordinates keep as much of it as they can. But for cams, whose slope they would take along: with theta held, a
-        follower goes its own way, which no table changes.
+        and no table changes (docs/method.md, second order). What couplings but cams release is motion between
+        coordinates and what they drive, and clearance is small: there the coordinates keep as much of it as they can.
 
         Raises `RunError` if the directions that they release do not part these motions there.
         """

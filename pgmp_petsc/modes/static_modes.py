@@ -5,21 +5,14 @@ rod's motion is a translation, its weight along the motion is its inertia force.
 limit there: what is left of r beside the others vanishes with a power of the distance, odd or even, and the basis
 continues with the direction of ``r(theta + h) - r(theta - h)`` or ``r(theta + h) + r(theta - h)``, the larger one.
 
-Linear springs, and loads that are there already, add to the stiffness of a mechanism at a configuration. With the
-springs' blocks in body frames (`effects.springs`) the potential of the rigid mechanism has the stiffness
+With the blocks K_s of linear springs in body frames (`effects.springs`), which hold what belongs to second derivatives
+of their statements, and the work of forces on the curvature of the rigid motion (docs/effects.md, springs in
+frequencies and bases, preload), the eigenproblem of `pgmp modes`, not that of the basis, is
 
-    d2V/d theta_k d theta_l = sum_j k_j s_j,k s_j,l                            springs without force
-                            + sum_j k_j (s_j - rest_j) s_j,kl - f.rho,kl       preload: springs and weights f
+    (N^T (K + K_s(theta)) N - Lambda N^T M N) psi = 0.
 
-The first line is what the blocks give for the rigid motion ``rho,k``. Of the second one the blocks hold what belongs to
-second derivatives of s alone; the forces' work on the curvature ``rho,kl`` of the rigid motion is stiffness between the
-bodies of the coordinates' joints. The eigenproblem of `problem` with this stiffness,
-
-    (N^T (K + K_s(theta)) N - Lambda N^T M N) psi = 0,
-
-is that of `pgmp modes`, not that of the basis (docs/effects.md, springs in frequencies and bases). Mass and stiffness
-have the springs' entries at all configurations, so that the nonzero pattern stays one. Negative eigenvalues are motions
-that grow: the shift of the solver is moved below them (none is below it, by inertia).
+Mass and stiffness have the springs' entries at all configurations, so that the nonzero pattern stays one. Negative
+eigenvalues are motions that grow: the shift of the solver is moved below them (none is below it, by inertia).
 """
 
 from __future__ import annotations

@@ -171,7 +171,11 @@ class ReducedSystem(SecondOrderSystem):
             q, v = (part.copy() for part in self._begun)
         elif self.settled is None:
             if self.built_in is not None:
-                self._answer_offsets(q)
+                # what they add to the static answer to offsets: nothing at the nominal parameters in first order
+                unloaded = State(q, *np.zeros((2, *q.shape)), np.zeros(0))
+                for _ in range(STARTING_CORRECTIONS):
+                    everyone = np.ones(self.n_samples, dtype=bool)
+                    self.correct_at_rest(unloaded, np.zeros_like(q), everyone, 0.0, LARGE)
             v[:, :r] = self._initial[1]
         else:
             q[:] = self.settled.unknowns.T
@@ -192,13 +196,6 @@ class ReducedSystem(SecondOrderSystem):
         self.correct(0.0, trial, Scheme(0.0, 0.0, 0.0, 0.0, gain_v=0.0, gain_a=LARGE), everyone, fresh=True)
         state.a[:] = trial.a
         self._strengths.prescribe(0.0, state, everyone)
-
-    def _answer_offsets(self, q: np.ndarray) -> None:
-        """Give the flexible coordinates of q what they add to the static answer to offsets, without loads, in place:
-        nothing at the nominal parameters, in the terms of first order."""
-        state, everyone = State(q, *np.zeros((2, *q.shape)), np.zeros(0)), np.ones(self.n_samples, dtype=bool)
-        for _ in range(STARTING_CORRECTIONS):
-            self.correct_at_rest(state, np.zeros_like(q), everyone, 0.0, LARGE)
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
@@ -447,13 +444,11 @@ class ReducedSystem(SecondOrderSystem):
     def stiffness_and_inertia(self, time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Return the residual's derivatives with positions and with accelerations, each (n_samples, n_eta, n_eta)."""
         self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), True)
-        stiffness, both = (self._tangents(time, state, gain_a) for gain_a in (0.0, 1.0))
-        return stiffness, both - stiffness
-
-    def _tangents(self, time: float, state: State, gain_a: float) -> np.ndarray:
-        """Return the iteration matrices with a given gain of the accelerations, shape (n_samples, n_eta, n_eta)."""
-        fill_matrices(*self._passed, self._strengths.at(time), _parts(state), gain_a)
-        return self._lanes.matrices()
+        found = []
+        for gain_a in (0.0, 1.0):
+            fill_matrices(*self._passed, self._strengths.at(time), _parts(state), gain_a)
+            found.append(self._lanes.matrices())
+        return found[0], found[1] - found[0]
 
     def _act(self, time: float, state: State, gain_v: float, active: np.ndarray, with_tangent: bool) -> None:
         """Evaluate the actions on the active samples, and what is known of them beside their forces."""

@@ -1,12 +1,10 @@
 """What is finished of work on a scene and its meshes, in a folder beside the result, for a run that is resumed.
 
 Of a build, condensed bodies and configurations. The first rank of a group writes what its group has finished, so that
-nobody waits for another; all ranks read what is there when a build is resumed, whatever the number of ranks that wrote
-it. Configurations are kept in batches, at most one every `INTERVAL`, so that quick builds do not spend their time with
-files.
+nobody waits for another; all ranks read what is there, whatever the number of ranks that wrote it. Configurations are
+kept in batches, at most one every `INTERVAL`, so that quick builds do not spend their time with files.
 
-Of an experiment, results of its tasks. Every rank writes what it has finished. A task is known by its description, so
-that the order of tasks has no part in it.
+Of an experiment, results of its tasks. Every rank writes what it has finished; a task is known by its description.
 """
 
 from __future__ import annotations

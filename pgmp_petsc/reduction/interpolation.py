@@ -1,17 +1,10 @@
-"""Interpolation of tables over the samples of the rigid coordinates.
+"""Interpolation of tables over the samples of the rigid coordinates (docs/method.md, reduced equations).
 
-============== =================================================================== ====================== =======
-scheme         what it is                                                          samples                order
-============== =================================================================== ====================== =======
-``overhauser`` cubic Hermite, central-difference tangents (the paper's)            uniform                3
-``spline``     periodic or not-a-knot cubic spline                                 any                    4
-``spectral``   trigonometric if periodic, else polynomial through Chebyshev points uniform, Chebyshev     any power
-============== =================================================================== ====================== =======
-
-Whatever the scheme, the result is a piecewise cubic on a uniform grid (`Interpolant`), so that the integrator's kernel
-knows one way of interpolating. A spline through uniform samples is represented as it stands; the other interpolants are
-evaluated on a grid so fine that its own error, of fourth order in the fine step, does not count. Over several
-coordinates it is the tensor product: one scheme along each axis.
+``overhauser``, the paper's, takes uniform samples, ``spline``, periodic or not-a-knot, any, and ``spectral`` uniform
+ones where it is trigonometric, else Chebyshev points. Whatever the scheme, the result is a piecewise cubic on a uniform
+grid (`Interpolant`), so that the integrator's kernel knows one way of interpolating. A spline through uniform samples
+is represented as it stands; the other interpolants are evaluated on a grid so fine that its own error, of fourth order
+in the fine step, does not count. Over several coordinates it is the tensor product: one scheme along each axis.
 """
 
 from __future__ import annotations
@@ -62,13 +55,17 @@ class Interpolant:
         """Number of cells of the grid."""
         return int(np.prod([axis.n_cells for axis in self.axes]))
 
-    def __call__(self, theta: np.ndarray) -> np.ndarray:
-        """Return the values at theta of shape (k, n_theta), or (k,) for one coordinate; shape (k, ...)."""
-        return self._sum(theta, -1)
+    def __call__(self, theta: np.ndarray, derivative: int = -1) -> np.ndarray:
+        """Return the values at theta of shape (k, n_theta), or (k,) for one coordinate; shape (k, ...). In place of the
+        values are, if asked for, their derivatives with the coordinate of a number."""
+        table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), -1)
+        result = np.zeros((len(theta), table.shape[1]))
+        _add_rows(self._points(theta), self.axes, derivative, table, result)
+        return result.reshape(len(theta), *self.shape)
 
     def slope(self, theta: np.ndarray, coordinate: int = 0) -> np.ndarray:
         """Return the derivative with one of the coordinates, shape (k, ...)."""
-        return self._sum(theta, coordinate)
+        return self(theta, coordinate)
 
     def product(self, theta: np.ndarray, vectors: np.ndarray, derivative: int = -1) -> np.ndarray:
         """Return factors (k, n_in) times the values at theta, matrices of shape (n_in, n_out); shape (k, n_out).
@@ -78,12 +75,6 @@ class Interpolant:
         """
         table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), *self.shape)
         return products_of(self._points(theta), self.axes, table, _contiguous(vectors), derivative)
-
-    def _sum(self, theta: np.ndarray, derivative: int) -> np.ndarray:
-        table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), -1)
-        result = np.zeros((len(theta), table.shape[1]))
-        _add_rows(self._points(theta), self.axes, derivative, table, result)
-        return result.reshape(len(theta), *self.shape)
 
     def _points(self, theta: np.ndarray) -> np.ndarray:
         return _contiguous(theta).reshape(len(theta), self.n_theta)

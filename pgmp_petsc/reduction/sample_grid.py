@@ -1,12 +1,11 @@
 """Where the configurations of a mechanism are sampled: a tensor grid, one axis for each rigid coordinate; and the
 points of the parameter space at which a basis takes further modes.
 
-Lengths are sampled at Chebyshev points. A quantity f of lengths l_1, l_2, ... is known at the points of a tensor grid,
-n along each, and is
+Lengths are sampled at Chebyshev points, n along each, between which a quantity f is, in two forms,
 
-    f(l) = sum_p L_p(l) f_p = sum_k c_k prod_i x_i^k_i,    x_i = (l_i - middle_i) / half_i,
+    f(l) = sum_p L_p(l) f_p = sum_k c_k prod_i x_i^k_i,    x_i = (l_i - middle_i) / half_i
 
-between them: a polynomial of degree n - 1 in each. With the first form one value is contracted; the second is affine in
+(docs/method.md, lengths and places as parameters): with the first one value is contracted; the second is affine in
 monomials of places (`bodies.affine.Place`), so that tables of many samples are too.
 """
 

@@ -8,7 +8,7 @@ those that span the distributions (docs/method.md, parameters far from nominal).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +25,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import spanning_values
 
 
-class ParameterSnapshots:
+class ParameterSnapshots(AbstractContextManager):
     """Bases at points of given values of all parameters. Collective on the problem's communicator.
 
     The problem is at the nominal parameters; loads are what static modes answer.
@@ -34,9 +34,6 @@ class ParameterSnapshots:
     def __init__(self, problem: ModalProblem, loads: StaticLoads, points: Sequence[Mapping[str, float]]) -> None:
         self.problem, self.loads = problem, loads
         self.problems = [problem.at_values(values) for values in points]
-
-    def __enter__(self) -> ParameterSnapshots:
-        return self
 
     def __exit__(self, *error: object) -> None:
         for problem in self.problems:
@@ -47,8 +44,7 @@ class ParameterSnapshots:
         nominal modes and static modes there, local rows, shape (n_local, n_kept).
 
         They are the projections, in the point's own mass norm, of the nominal vectors onto the space of the point's
-        modes and static modes. So signs, order and rotations at the point have no part in them, and where the nominal
-        vectors are turned to be continuous, these turn with them.
+        modes and static modes.
         """
         found = []
         for problem in self.problems:

@@ -122,8 +122,7 @@ def _accelerations(problem: ModalProblem, rigid: np.ndarray, curvature: np.ndarr
     """Return the accelerations of the rigid motion whose inertia forces the flexible vectors have to answer.
 
     ``d2 rho/d theta2``, each pair of coordinates once, those of a mechanism that moves at constant speed; and ``d rho/d
-    theta`` of the prescribed coordinates. (That of a free coordinate balances the applied loads and is in their
-    answers.) Shape (n_local, n_accelerations).
+    theta`` of the prescribed coordinates, shape (n_local, n_accelerations).
     """
     n_theta = rigid.shape[1]
     pairs = [(k, j) for k in range(n_theta) for j in range(k + 1)]

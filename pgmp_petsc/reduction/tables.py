@@ -1,37 +1,27 @@
-"""Reduced affine matrices at the sampled configurations (Naets et al. 2015, eqs. (13)-(14)):
+"""Reduced affine matrices at the sampled configurations (docs/method.md, reduced equations).
 
-    M^r_i(theta) = Psi^T M_i Psi,   K^r_i(theta) = Psi^T K_i Psi,   Q_j(theta) = Psi^T f_j,
+With Psi = [d rho/d theta, Psi_flexible] and the coordinates eta = [theta, delta] they are ``M^r_i = Psi^T M_i Psi``,
+``K^r_i = Psi^T K_i Psi``, on delta alone, and ``Q_j = Psi^T f_j``; the table of the inertia forces that bend the bodies
+is ``c_i = (d2 rho/d theta2)^T M_i Psi_flexible``. The inertia of the rigid motion follows from the exact kinematics on
+a fine grid. At the samples mass and stiffness are positive definite by construction; in between
+(`indefinite_between`) a sum of interpolated entries need not be.
 
-with Psi = [d rho/d theta, Psi_flexible] and the coordinates eta = [theta, delta]. Stiffness acts on delta alone: a
-rigid motion strains nothing. A further table projects the acceleration of the rigid motion at constant speed,
+How modes change with theta: the kinetic energy of ``D_k = d(R Psi)/d theta_k``, in body frames ``D_k = d_k Psi + W_k
+Psi``, with d_k Psi from the interpolated projection and W_k = R^T d_k R the body's spin per unit of theta_k, which
+turns its points (`bodies.matrices`).
 
-    c_i(theta) = (d2 rho/d theta2)^T M_i Psi_flexible,
-
-the inertia forces that bend the bodies; eq. (12), in which only M^r appears, has no term for them. The inertia of the
-rigid motion needs no eigenproblem: it follows from the exact kinematics on a fine grid.
-
-At the samples mass and stiffness are positive definite by construction; in between (`indefinite_between`) a sum of
-interpolated entries need not be, and a model with a negative mass or stiffness runs away.
-
-How modes change with theta: the kinetic energy of ``D_k = d(R Psi)/d theta_k``, left out by eq. (7) of the paper. In
-body frames ``D_k = d_k Psi + W_k Psi``, with d_k Psi from the interpolated projection and W_k = R^T d_k R the body's
-spin per unit of theta_k, which turns its points (`bodies.matrices`).
-
-How the forces in the bodies change the stiffness of each mode (docs/method.md, validity): a static load f changes that
-of psi_k, whose eigenvalue is lambda_k, by the share ``s_k = h_k.f / lambda_k``, with one static answer h_k a mode
-(`CurvatureProblem.stiffness_answers`). The *influences* ``h_k.f`` are kept for units of all that loads the bodies, in
-this order of columns:
+How the forces in the bodies change the stiffness of each mode (docs/method.md, validity): *influences* ``h_k.f``, with
+one static answer h_k a mode (`CurvatureProblem.stiffness_answers`), for units of all that loads the bodies, in this
+order of columns:
 
 - every load term of the effects, its weight taken out,
 - every action (local effect), per unit of its force,
 - for every mass term, its weight taken out: the inertia forces of unit accelerations theta_k'', and those of unit
   products theta_k' theta_l', k >= l, each pair once: where k > l a motion has twice as much of it.
 
-They hold at the nominal parameters, at which forces in statically determinate bodies do not depend on the stiffness;
-lambda_k is kept term by term and follows the parameters.
+They hold at the nominal parameters, at which forces in statically determinate bodies do not depend on the stiffness.
 
-Reduced tables of second order in the flexible coordinates, for the quadratic manifold (`modes.curvature`). With K3_t,
-the third derivative of a term of the strain energy at rest,
+Tables of second order (docs/method.md, second order in the deformation), with K3_t of a term of the strain energy:
 
     cubic_t[i, j, k] = K3_t[psi_i, psi_j, psi_k] + psi_i.K_t chi_jk + psi_j.K_t chi_ik + psi_k.K_t chi_ij
     curved_load_l[i, j] = f_l.chi_ij
@@ -45,6 +35,7 @@ over the packed pairs of ``chi_ij delta_i delta_j``, halved where i = j.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -429,7 +420,8 @@ def indefinite_between(tables: ReducedTables, scene: Scene, values: Mapping[str,
         for k in range(n_samples):
             point = {key: float(column[k]) for key, column in values.items()}
             matrices = _scaled(with_units(np.tensordot(evaluate_weights(weights, point), between, axes=(0, 1))))
-            if _all_above(matrices, SMALLEST):
+            with suppress(np.linalg.LinAlgError):  # factors are far cheaper than eigenvalues
+                np.linalg.cholesky(matrices - SMALLEST * np.eye(matrices.shape[-1]))
                 continue
             smallest = np.linalg.eigvalsh(matrices)[:, 0]
             worst = int(np.argmin(smallest))
@@ -474,12 +466,3 @@ def _scaled(matrices: np.ndarray) -> np.ndarray:
     positive = np.all(diagonal > 0.0, axis=1)
     scale = 1.0 / np.sqrt(np.where(positive[:, None], diagonal, 1.0))
     return np.where(positive[:, None, None], matrices * scale[:, :, None] * scale[:, None, :], -np.eye(len(scale.T)))
-
-
-def _all_above(matrices: np.ndarray, bound: float) -> bool:
-    """Return whether no matrix (n, m, m) has an eigenvalue below a bound: by factors, far cheaper than eigenvalues."""
-    try:
-        np.linalg.cholesky(matrices - bound * np.eye(matrices.shape[-1]))
-    except np.linalg.LinAlgError:
-        return False
-    return True

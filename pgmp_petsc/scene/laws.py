@@ -19,6 +19,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -295,35 +296,25 @@ def quick(frozen: rv_frozen) -> Any:
     return frozen if table is None else Tabulated(frozen, table, loc, scale)
 
 
-class _TooManyError(Exception):
-    """The table of a distribution takes more than it saves."""
-
-
-class _Counted:
-    """Densities of a distribution, as many as a table may take: some have no end, as they repeat themselves."""
-
-    def __init__(self, own: rv_frozen) -> None:
-        self.own, self._left = own, iter(range(MOST_DENSITIES))
-
-    def pdf(self, x: float) -> float:
-        if next(self._left, None) is None:
-            raise _TooManyError
-        return float(self.own.pdf(x))
-
-
 @cache
 def _table(name: str, shapes: tuple[tuple[str, float], ...]) -> Any:
     """Return quantiles of a distribution of scale 1 at 0; None where they cannot be tabulated."""
     from scipy import stats
     from scipy.stats.sampling import NumericalInversePolynomial, UNURANError
 
-    law = _Counted(getattr(stats, name)(**dict(shapes)))
+    law, left = getattr(stats, name)(**dict(shapes)), iter(range(MOST_DENSITIES))
+
+    def density(x: float) -> float:
+        if next(left, None) is None:  # some have no end, as they repeat themselves
+            raise ValueError("the table takes more than it saves")
+        return float(law.pdf(x))
+
     with warnings.catch_warnings(), np.errstate(all="ignore"):  # of densities at the ends
         warnings.simplefilter("ignore")
         try:
-            centre, ends = float(law.own.median()), law.own.support()
-            table = NumericalInversePolynomial(law, center=centre, domain=ends, u_resolution=RESOLUTION)
-        except (UNURANError, ValueError, _TooManyError):
+            counted, centre = SimpleNamespace(pdf=density), float(law.median())
+            table = NumericalInversePolynomial(counted, center=centre, domain=law.support(), u_resolution=RESOLUTION)
+        except (UNURANError, ValueError):
             return None
-        off = np.abs(law.own.cdf(table.ppf(PROBES)) - PROBES)
+        off = np.abs(law.cdf(table.ppf(PROBES)) - PROBES)
     return table if np.all(off <= OFF * np.minimum(PROBES, 1.0 - PROBES) ** 0.5) else None

@@ -37,7 +37,7 @@ from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry, circle_of
 from pgmp_petsc.scene.uses import motion_over, ordered_ends, slides, uses_of
 
 if TYPE_CHECKING:
-    from pgmp_petsc.scene.bodies import Body, Rigid
+    from pgmp_petsc.scene.bodies import Rigid
     from pgmp_petsc.scene.joints import Coordinate
 
 
@@ -315,11 +315,6 @@ def stress_problems(scene: AnyScene, name: str, output: OutputEntry) -> Iterator
         why = f"matrices do not tell stresses from displacements; give bodies.{output.body} a mesh, or leave it out"
         yield problem(f"{entry}.body", why, output.body)
         return
-    yield from _quantity(entry, output, body)
-    yield from _place(entry, output, body)
-
-
-def _quantity(entry: str, output: OutputEntry, body: Body) -> Iterator[str]:
     allowed = STRESSES[body.element]
     if output.quantity not in allowed:
         why = f"a {body.element} has no such quantity; allowed: {', '.join(allowed)}"
@@ -328,9 +323,6 @@ def _quantity(entry: str, output: OutputEntry, body: Body) -> Iterator[str]:
         forces = ", ".join(name for name in allowed if name not in OF_FIBRES)
         why = f"a section given by coefficients has no outermost fibre; allowed: {forces}"
         yield problem(f"{entry}.quantity", why, output.quantity)
-
-
-def _place(entry: str, output: OutputEntry, body: Body) -> Iterator[str]:
     given = [key for key in PLACES if getattr(output, key) is not None]
     if len(given) > 1:
         why = f"at most one of {', '.join(PLACES)} is needed; {' and '.join(given)} are given"

@@ -112,7 +112,8 @@ def unit_problems(scene: AnyScene, given: Mapping[str, str]) -> Iterator[str]:
         if use.parameter in uses and use.units:  # what is in a formula may have any
             uses[use.parameter].append(use)
     for name, parameter in scene.parameters.items():
-        unit, allowed = given.get(name, parameter.unit), _allowed(uses[name])
+        unit, units = given.get(name, parameter.unit), [{UNITS[unit] for unit in use.units} for use in uses[name]]
+        allowed = set.intersection(*units) if units else set()
         if uses[name] and not allowed:
             used = " and ".join(f"{use.entry} ({' or '.join(use.units)})" for use in uses[name][:3])
             words = f"{used} use it, which are different quantities; take a parameter for each"
@@ -132,10 +133,6 @@ def unit_problems(scene: AnyScene, given: Mapping[str, str]) -> Iterator[str]:
             words = " or ".join("1 (no unit)" if label == "1" else system.unit(label) for label in fitting)
             needs = f"{uses[name][0].entry} uses it, which needs {words}, or what can be converted to it"
             yield problem(entry, f"{needs}; this is the unit of {named(dimension)}", unit)
-
-
-def _allowed(uses: list[Use]) -> set[Dimension]:
-    return set.intersection(*({UNITS[unit] for unit in use.units} for use in uses)) if uses else set()
 
 
 def text_problems(scene: AnyScene, raw: Mapping[str, Any]) -> Iterator[str]:

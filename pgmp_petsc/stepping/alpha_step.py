@@ -91,11 +91,9 @@ def judge(iteration, size, last, expected, active, lost):
 class AlphaStep:
     """Steps of any length of a system, all samples together, of a scheme with a spectral radius at infinite frequency.
 
-    The scheme multiplies what velocities have against the constraints by minus the spectral radius in a step, and
-    accelerations have it with the number of steps as a factor. Without numerical damping it stays: as long as the
-    constraints are always the same nothing comes of it, but where they turn or move it grows until it destroys the run.
-    In a system with ``moving_constraints`` each step without enough damping (`DAMPED`) therefore ends with a projection
-    (``project``): velocities that the constraints allow, and accelerations that follow from the equations.
+    In a system with ``moving_constraints`` each step without enough damping (`DAMPED`) ends with a projection
+    (``project``): velocities that the constraints allow, and accelerations that follow from the equations
+    (docs/components.md, without numerical damping).
 
     Where it is `patient`, an iteration that fails with factors of its own is tried again with limited corrections.
     `counted` has the Newton corrections so far, all samples together; those of them that found a matrix and its factors
@@ -370,19 +368,15 @@ def first_accelerations(
     """Return the accelerations that a run begins with, auxiliary ones too. Collective on ``system.comm``.
 
     The scheme may begin with any A_0 within O(h) of q''_0, and keeps its order (Arnold and Bruls 2007). With q''_0
-    itself a load that sets in at once on a light and stiff node, such as a joint's, or on a mode that the steps do not
-    resolve, gives the first step velocities of the size h q''_0: those of a vibration with the frequency omega are h
-    omega times too large, its energy (h omega)^2 times (the overshoot of dissipative schemes, Hilber and Hughes 1978),
-    and it takes many steps until they are damped. A_0 is therefore taken of steps that cannot overshoot,
+    itself vibrations that the steps do not resolve overshoot (Hilber and Hughes 1978; docs/method.md, time
+    integration). A_0 is therefore taken of steps that cannot overshoot,
 
         q_1 = q_0 + h q'_0 + h^2 / 2 q''_1,    q'_1 = q'_0 + h q''_1
 
     (Newmark's with beta = 1/2, gamma = 1). Where they resolve a motion, q''_1 = q''_0 + h q'''_0 + O(h^2); where not,
     it is q''_0 / (1 + (h omega)^2 / 2) from rest. Twice that of a step of half the length, less that of a whole one, is
     q''_0 + O(h^2) of what is resolved, and next to nothing of the rest. Where the scheme damps what alternates
-    (`DAMPED`) it goes on from it in place of q''_0 too: what that has of the rest would come back in the accelerations
-    after the first steps, times minus the spectral radius in each, and in forces in joints. Without numerical damping
-    it stays, as energy does.
+    (`DAMPED`) it goes on from it in place of q''_0 too.
 
     `step` is the length of the steps of the run, s, and `samples` a mask of those to advance, (n_samples,): others, and
     those that such a step is too much for, begin with their accelerations.

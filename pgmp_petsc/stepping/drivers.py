@@ -56,16 +56,6 @@ def check_ts_options() -> None:
                 )
 
 
-def check_end(ts: PETSc.TS, n_steps: int, duration: float) -> None:
-    """Check that a TS has done all its steps. Raises `RunError` if it stopped early or went on, with PETSc's reason."""
-    reason, done, time = ts.getConvergedReason(), ts.getStepNumber(), ts.getTime()
-    if reason <= 0 or done != n_steps or not abs(time - duration) <= TIME_TOLERANCE * duration:
-        raise RunError(
-            f"the time integration ended at {time:.6g} s of {duration:g} s after {done} of {n_steps} steps: PETSc's TS "
-            f"gives reason {reason} ({_name(ts, reason)})"
-        )
-
-
 def _name(ts: PETSc.TS, reason: int) -> str:
     """Return PETSc's name of a reason."""
     names = {value: name for name, value in vars(type(ts).ConvergedReason).items() if isinstance(value, int)}
@@ -126,7 +116,12 @@ def drive_by_petsc(integration: Integration, comm: Comm, prefix: str) -> None:
         ts.solve(solution)
         if context.failure is not None:
             raise context.failure
-        check_end(ts, n_stops, float(instants[-1]))
+        reason, done, time, duration = ts.getConvergedReason(), ts.getStepNumber(), ts.getTime(), float(instants[-1])
+        if reason <= 0 or done != n_stops or not abs(time - duration) <= TIME_TOLERANCE * duration:
+            raise RunError(
+                f"the time integration ended at {time:.6g} s of {duration:g} s after {done} of {n_stops} steps: "
+                f"PETSc's TS gives reason {reason} ({_name(ts, reason)})"
+            )
     finally:
         ts.destroy()
         solution.destroy()

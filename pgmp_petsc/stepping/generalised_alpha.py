@@ -1,4 +1,4 @@
-"""Generalised-alpha time integration of second-order systems with constraints.
+"""Generalised-alpha time integration of second-order systems with constraints (docs/method.md, time integration).
 
 The scheme of Chung and Hulbert (1993) in the form of Arnold and Bruls (2007) for the index-3 equations
 ``r(t, q, q', q'') + C^T lambda = 0``, ``c(q) = 0``: dynamics and constraints hold exactly at the end of every step,
@@ -15,9 +15,6 @@ or in which it crosses the edge of a law, is taken with care (`alpha_step`, `edg
 One step of PETSc's TS is many steps of the scheme (`stops_of`), or one where an option lets PETSc look at the steps.
 What observes a run is shown every step that it wants to see in any case; the others are not even written down, which
 takes a tenth of the time of a step.
-
-PETSc's own TSALPHA2 is not used: it is no integrator for index-3 equations, and in PETSc 3.18 it starts with twice
-the initial acceleration.
 
 Options prefix: ``pgmp_ts_`` (e.g. ``-pgmp_ts_ts_monitor``), unless a caller gives another one; see `drivers` for what
 is allowed.

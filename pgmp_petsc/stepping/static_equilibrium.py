@@ -88,7 +88,7 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
     everyone, reasons = np.ones(statics.n_samples, dtype=bool), {}
     free = list(search.free)
     torques, lost = statics.hold(theta, everyone)
-    _note(reasons, lost, _no_deformation(statics, search, theta))
+    _note(reasons, lost, _no_deformation, statics, search, theta)
     unstable = np.zeros(statics.n_samples, dtype=bool)
     if not free:
         return Settled(theta, statics.unknowns(), reasons, unstable, search.coordinates, bool(free))
@@ -98,7 +98,7 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
     last, before = np.full(statics.n_samples, np.inf), np.zeros((statics.n_samples, len(free)))
     for _ in range(MAX_STEPS):
         slopes, lost = _slopes(statics, theta, torques, free, scales, active)
-        _note(reasons, active & lost, _no_deformation(statics, search, theta))
+        _note(reasons, active & lost, _no_deformation, statics, search, theta)
         active &= ~lost
         step, definite = _downhill(slopes, torques[:, free] * scales, inertia / search.duration**2)
         turned = np.sum(step * before, axis=1) < 0.0
@@ -113,7 +113,7 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
         before, last = np.where(active[:, None], step, before), np.where(active, size, last)
         theta[:, free] += step * scales
         away = _out_of_reach(search, theta, origin)
-        _note(reasons, active & away, _nowhere(search, theta, origin, torques))
+        _note(reasons, active & away, _nowhere, search, theta, origin, torques)
         theta[active & away] = origin[active & away]
         active &= ~away
         torques, lost = statics.hold(theta, active)
@@ -123,11 +123,11 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
             limit[back] *= SHORTENED
             before_it, lost_there = statics.hold(theta, back)
             torques[back], lost[back] = before_it[back], lost_there[back]
-        _note(reasons, active & lost, _no_deformation(statics, search, theta))
+        _note(reasons, active & lost, _no_deformation, statics, search, theta)
         active &= ~lost
-    _note(reasons, active, _nowhere(search, theta, origin, torques))
+    _note(reasons, active, _nowhere, search, theta, origin, torques)
     _, lost = statics.hold(theta, everyone & ~np.isin(np.arange(statics.n_samples), list(reasons)))
-    _note(reasons, lost, _no_deformation(statics, search, theta))
+    _note(reasons, lost, _no_deformation, statics, search, theta)
     return Settled(theta, statics.unknowns(), reasons, unstable, search.coordinates, bool(free))
 
 
@@ -224,20 +224,15 @@ def _out_of_reach(search: Search, theta: np.ndarray, origin: np.ndarray) -> np.n
     return outside | np.any((np.abs(theta - origin) > TRAVEL) & turns, axis=1)
 
 
-def _note(reasons: dict[int, str], samples: np.ndarray, explain) -> None:
+def _note(reasons: dict[int, str], samples: np.ndarray, explain: Callable[..., str], *about: Any) -> None:
     """Keep the reason of samples (a mask) that have none yet."""
     for sample in np.flatnonzero(samples):
-        reasons.setdefault(int(sample), explain(int(sample)))
+        reasons.setdefault(int(sample), explain(int(sample), *about))
 
 
-def _no_deformation(statics: Statics, search: Search, theta: np.ndarray):
-    def explain(sample: int) -> str:
-        return (
-            f"initial.equilibrium = true: the static deformation at {words_of(search.coordinates, theta[sample])} was "
-            f"not found: {statics.cause(sample)}"
-        )
-
-    return explain
+def _no_deformation(sample: int, statics: Statics, search: Search, theta: np.ndarray) -> str:
+    where = words_of(search.coordinates, theta[sample])
+    return f"initial.equilibrium = true: the static deformation at {where} was not found: {statics.cause(sample)}"
 
 
 def cause_of(share: float) -> str:
@@ -249,21 +244,18 @@ def cause_of(share: float) -> str:
     )
 
 
-def _nowhere(search: Search, theta: np.ndarray, origin: np.ndarray, torques: np.ndarray):
-    def explain(sample: int) -> str:
-        free = ((torques[sample, k], search.coordinates[k]) for k in search.free)
-        left = ", ".join(f"{torque:.3g} {'N m' if c.turns else 'N'} on {c.name}" for torque, c in free)
-        first, last = (words_of(search.coordinates, where[sample]) for where in (origin, theta))
-        beyond = (theta[sample] < search.lower) | (theta[sample] > search.upper)
-        ranges = " and ".join(f"coordinates.{search.coordinates[k].name}.range" for k in np.flatnonzero(beyond))
-        within, cure = (f" within {ranges}", f"Widen {ranges}, give what") if ranges else ("", "Give what")
-        return (
-            f'initial.coordinates = "free": from {first} the loads at time zero pull the '
-            f"mechanism to no static equilibrium{within}; at {last} they leave {left}. {cure} "
-            'holds it against them, another start in simulation.initial, or take coordinates = "held"'
-        )
-
-    return explain
+def _nowhere(sample: int, search: Search, theta: np.ndarray, origin: np.ndarray, torques: np.ndarray) -> str:
+    free = ((torques[sample, k], search.coordinates[k]) for k in search.free)
+    left = ", ".join(f"{torque:.3g} {'N m' if c.turns else 'N'} on {c.name}" for torque, c in free)
+    first, last = (words_of(search.coordinates, where[sample]) for where in (origin, theta))
+    beyond = (theta[sample] < search.lower) | (theta[sample] > search.upper)
+    ranges = " and ".join(f"coordinates.{search.coordinates[k].name}.range" for k in np.flatnonzero(beyond))
+    within, cure = (f" within {ranges}", f"Widen {ranges}, give what") if ranges else ("", "Give what")
+    return (
+        f'initial.coordinates = "free": from {first} the loads at time zero pull the '
+        f"mechanism to no static equilibrium{within}; at {last} they leave {left}. {cure} "
+        'holds it against them, another start in simulation.initial, or take coordinates = "held"'
+    )
 
 
 def moved_along(

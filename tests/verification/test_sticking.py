@@ -151,6 +151,8 @@ LEVELLING = {
     "a root": "-v / sqrt(v**2 + 1)",
     "an angle": "-atan2(v, 1)",
     "two steps": "-tanh(v - 30) - tanh(v + 30)",
+    "cut off": "-max(-1, min(1, v))",
+    "cases": "-where(v > 1, 1, where(v < -1, -1, v))",
 }
 
 
@@ -271,8 +273,8 @@ def test_a_law_is_taken_up_from_where_it_changes_fastest_if_an_iterate_crosses_t
     def taken_up(rate: float, about: float) -> bool:
         return np.isnan(FRICTION.evaluate((2.0, 0.5), 0.0, rate, about=about).about)
 
-    assert taken_up(-3.0, 0.6) and taken_up(-3.0, 0.1)
-    assert not taken_up(0.1, -0.6), "it changes more than half as fast there, and Newton's iteration contracts"
+    assert taken_up(-3.0, 0.6) and taken_up(0.6, -3.0)
+    assert not taken_up(0.1, -0.6) and not taken_up(-0.6, 0.1), "where it changes half as fast the iteration contracts"
     assert not taken_up(3.0, 0.6) and not taken_up(-3.0, np.nan)
     assert SPRING_DAMPER.evaluate((2.0, 0.5, 0.0), 0.0, -3.0, about=0.6).about == -3.0
 

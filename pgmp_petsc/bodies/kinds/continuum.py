@@ -45,11 +45,7 @@ class BodyOnMesh(Body):
 
     @classmethod
     def of(cls, scene: Scene, name: str, shape: ContinuumShape) -> BodyOnMesh:
-        return cls.framing(framed_solid(scene, name, shape).at(scene.values))
-
-    @classmethod
-    def framing(cls, framed: FramedSolid) -> BodyOnMesh:
-        """Return the body of a mesh with its frames."""
+        framed = framed_solid(scene, name, shape).at(scene.values)
         centres = np.array([frame.centre for frame in framed.frames.values()])
         mesh = frame_mesh(centres, {point: number for number, point in enumerate(framed.frames)})
         return cls(framed.solid.name, mesh, mesh, framed=framed)
@@ -131,13 +127,8 @@ class CondensedBody(Recovered, Body):
 
     @classmethod
     def of(cls, scene: Scene, name: str, shape: Component) -> CondensedBody:
-        return cls.of_component(name, shape)
-
-    @classmethod
-    def of_component(cls, name: str, component: Component) -> CondensedBody:
-        """Return the body of a component."""
-        mesh = frame_mesh(component.centres, component.frames)
-        return cls(name, mesh, mesh, component=component)
+        mesh = frame_mesh(shape.centres, shape.frames)
+        return cls(name, mesh, mesh, component=shape)
 
     n_internal = property(attrgetter("component.n_internal"))
     extent = property(attrgetter("component.extent"))

@@ -29,7 +29,7 @@ import numpy as np
 from pydantic import Field
 
 from pgmp_petsc.bodies.affine import AffineSum, Quantity
-from pgmp_petsc.bodies.sections.section import ShapedSection
+from pgmp_petsc.bodies.sections.solid_shapes import Rectangle
 from pgmp_petsc.scene.bodies import Spans
 from pgmp_petsc.scene.fields import PositiveOrParameter, Unit
 
@@ -41,25 +41,15 @@ LEVELS = 7  # values of each parameter that a fit is made of
 Sizes = tuple[np.ndarray, np.ndarray, np.ndarray]  # b, h, t
 
 
-class HollowRectangle(ShapedSection):
+class HollowRectangle(Rectangle):
     """A rectangular tube with walls of one thickness."""
 
-    sizes = ("height", "width")
+    proportional = ()
     ordered = (("wall", "height", 0.5), ("wall", "width", 0.5))
     shape: Literal["hollow_rectangle"]
-    width: Annotated[PositiveOrParameter, Unit("m")] = Field(
-        description="size across the plane of motion (m), in space along the third axis; or a parameter's name"
-    )
-    height: Annotated[PositiveOrParameter, Unit("m")] = Field(
-        description="size in the plane of motion (m), in space along `orientation`; or a parameter's name"
-    )
     wall: Annotated[PositiveOrParameter, Unit("m")] = Field(
         description="thickness of the walls (m), or a parameter's name"
     )
-
-    @property
-    def reach(self) -> tuple[Quantity, Quantity]:
-        return 0.5 * Quantity.of(self.height), 0.5 * Quantity.of(self.width)
 
     def area(self) -> AffineSum:
         (b, h), (b_i, h_i) = self._rectangles()
