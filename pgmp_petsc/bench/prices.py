@@ -34,6 +34,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.controllers.acting import are_stated
+from pgmp_petsc.effects import Effect, actions_of
 from pgmp_petsc.estimates.reference_motion import OF_BESIDE, carrying, found_beside
 from pgmp_petsc.full.joint_tree import count_of
 from pgmp_petsc.lanes.vectors import LANES, N_POWERS
@@ -202,7 +203,9 @@ def prospects(
     return [Prospect(one.model, one.refused) if one.refused else one for one in found]
 
 
-def choice(scene: Scene, meshes: Mapping[str, BodyShape], found: Sequence[Prospect], n_steps: int) -> str:
+def choice(
+    scene: Scene, meshes: Mapping[str, BodyShape], found: Sequence[Prospect], n_steps: int, effects: Sequence[Effect]
+) -> str:
     """Return which model to take for how many samples of so many steps, in words; among those whose error is small."""
     good = [one for one in found if not one.refused and one.error <= GOOD]
     compared = not why_refused(scene, Purpose.TRADEOFF, meshes)
@@ -216,8 +219,10 @@ def choice(scene: Scene, meshes: Mapping[str, BodyShape], found: Sequence[Prospe
     row = [row for n, row in pieces if n <= MANY][-1]
     many = duration_text(offline[row] + MANY * n_steps * online[row])
     left = [one.model for one in found if not one.refused and one.error > GOOD]
+    divided = any(action.law.edges for action in actions_of(effects))
     return (
         f"{', '.join(said)}; {MANY} samples of {n_steps} steps are predicted to take {many} with {good[row].model}"
+        + (", without the steps that contacts divide, which may be most of the time" if divided else "")
         + (f"; {', '.join(left)} is left out by its error, small with reduction.static_modes = true" if left else "")
         + ("; pgmp tradeoff measures times and errors" if compared else "")
     )

@@ -108,18 +108,24 @@ class LoopClosure:
     def rates(self, poses: np.ndarray, jacobian: np.ndarray | None = None) -> np.ndarray:
         """Return ``dP/dtheta_k`` at poses (n_bodies, n_pose, n), shape (n_bodies, n_pose, n_theta, n), with J there if
         it is known."""
-        jacobian = self.jacobian(poses) if jacobian is None else jacobian
-        unit = np.zeros((len(jacobian), jacobian.shape[1], self.n_coordinates))
+        unit = np.zeros((1, self._rows.n, self.n_coordinates))
         unit[:, -self.n_coordinates :] = np.eye(self.n_coordinates)
-        shape = len(self.mechanism.bodies), self.n_pose, self.n_coordinates, len(jacobian)
-        return np.moveaxis(self._least(poses, jacobian, unit), 0, -1).reshape(shape)
+        found = np.empty((*poses.shape[:2], self.n_coordinates, poses.shape[2]))
+        for k in self.pieces(poses.shape[2]):
+            own = self.jacobian(poses[..., k]) if jacobian is None else jacobian[k]
+            x = self._least(poses[..., k], own, np.repeat(unit, len(own), axis=0))
+            found[..., k] = np.moveaxis(x, 0, -1).reshape(found[..., k].shape)
+        return found
 
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, n_pose, n_theta, n_theta, n)."""
-        n, n_theta, unknowns = poses.shape[2], self.n_coordinates, _unknowns(poses)
-        right = self._rows.second_along(unknowns, rates.reshape(len(unknowns), n_theta, n))
-        result = -self._least(poses, self.jacobian(poses), right.reshape(n, self._rows.n, -1))
-        return np.moveaxis(result, 0, -1).reshape(-1, self.n_pose, n_theta, n_theta, n)
+        found = np.empty((*rates.shape[:3], *rates.shape[2:]))
+        for k in self.pieces(poses.shape[2]):
+            unknowns, own = _unknowns(poses[..., k]), rates[..., k]
+            right = self._rows.second_along(unknowns, own.reshape(len(unknowns), *own.shape[2:]))
+            x = self._least(poses[..., k], self.jacobian(poses[..., k]), right.reshape(own.shape[3], self._rows.n, -1))
+            found[..., k] = -np.moveaxis(x, 0, -1).reshape(found[..., k].shape)
+        return found
 
     def open_and_gap(self, poses: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how far loops at theta (n, n_theta) can still be closed, and the gap that stays, both scaled, (n,).

@@ -107,7 +107,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     if flexible_bodies:
         models = _models(scene, meshes, mechanism, patterns)
         lines += [f"  model         {one.text}" for one in models]
-        lines.append(f"  take          {choice(scene, meshes, models, scene.simulation.n_steps)}")
+        lines.append(f"  take          {choice(scene, meshes, models, scene.simulation.n_steps, effects)}")
     lines += [f"  {remark}" for remark in (*kinematics.remarks, *_drawn(scene, meshes))]
     lines.append(
         f"  outputs       {', '.join(f'{n} ({scene.system.unit(u)})' for n, u in outputs.units.items()) or 'none'}"
@@ -359,9 +359,9 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
     mechanism = Mechanism.from_scene(scene, meshes)
     kinematics, large = RigidKinematics(mechanism), any(body.to_condense for body in mechanism.bodies)
     matrices = assemble(mechanism.bodies, range(0 if large else mechanism.n_dofs))
-    models = []
+    models, effects = [], effects_of(scene, mechanism)
     if any(body.flexible for body in mechanism.bodies):
-        models = _models(scene, meshes, mechanism, patterns_of(effects_of(scene, mechanism), matrices))
+        models = _models(scene, meshes, mechanism, patterns_of(effects, matrices))
     return {
         "scene": scene.name,
         "dimension": scene.dimension,
@@ -392,7 +392,7 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
         "unknowns": mechanism.n_dofs,
         "constraints": mechanism.n_constraints,
         "models": {one.model: asdict(one) for one in models},
-        "take": choice(scene, meshes, models, scene.simulation.n_steps) if models else "",
+        "take": choice(scene, meshes, models, scene.simulation.n_steps, effects) if models else "",
         "remarks": [asdict(remark) for remark in (*scene.remarks, *_drawn(scene, meshes))],
     }
 

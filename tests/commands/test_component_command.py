@@ -85,7 +85,9 @@ def test_which_model_to_take_is_predicted_and_measured(tmp_path: Path) -> None:
     ):
         said = pgmp("check", scene).stdout
         assert taken in said and all(f"  model         {name}: " in said for name in ("mesh", "components", "reduced"))
-    assert "reduced is left out by its error" in said
+    assert "reduced is left out by its error" in said and "contacts divide" not in said
+    worn = pgmp("check", ROOT / "scenes/worn_slider_crank.toml").stdout
+    assert "with reduced, without the steps that contacts divide, which may be most of the time" in worn
     # 28 amplitudes; 7 motors and gearboxes, and 9 directors of a bearing that tilts; 6 constraints of these, one of
     # the bearing and 5 motors
     found = json.loads(pgmp("check", ROOT / "scenes/payload_arm.toml", "--json").stdout)

@@ -113,6 +113,9 @@ def test_a_slider_crank_in_space_moves_as_the_one_in_the_plane() -> None:
     rates, flat_rates = deep.rates(poses), flat.rates(planar)
     second = deep.curvatures(poses, rates)
     flat_second = flat.curvatures(planar, flat_rates)
+    many = np.repeat(poses, 400, axis=2)  # piece by piece, each as it is alone
+    np.testing.assert_array_equal(deep.rates(many), np.repeat(rates, 400, axis=3))
+    np.testing.assert_array_equal(deep.curvatures(many, deep.rates(many)), np.repeat(second, 400, axis=4))
     # the derivatives of cos phi and sin phi
     phi, turning = planar[:, 2], flat_rates[:, 2, 0]
     cos, sin = np.cos(phi), np.sin(phi)
