@@ -12,7 +12,9 @@ changes, it goes far beyond the other. The forces of a step, ``b``, and the iner
 ``A v + F(v) = b``. For v > 0 this is concave: an iterate from zero on never goes too far. One that has crossed the rate
 at which the force changes fastest (`steepest_rates`), between two at which it changes less than half as fast, is
 therefore taken up from there, as circuit simulators limit the voltage at a junction (Nagel 1975, SPICE2, section 5.2),
-and what follows is monotonic.
+and what follows is monotonic. Where friction falls with the rate, a balance in which inertia does not make up for that
+is none to stay at. The slope is taken for zero there, but where it was much the same about the iterate before: from the
+second one of a step on they go to a balance on either side, or have come near to one.
 """
 
 from __future__ import annotations
@@ -69,6 +71,7 @@ COMPLETE = True
 '''
 FOUND = "_force", "_stiffness", "_damping", "_elastic", "_stored"
 AT, CENTRE = "_at", "_centre"
+ALIKE = 0.005  # of a slope, by which that at the iterate before differs at most where it is gone by
 
 
 class Found(NamedTuple):
@@ -81,7 +84,7 @@ class Found(NamedTuple):
     #: elastic, stored: of its elastic part the force ``-dV/ds`` and the potential energy V, J
     elastic: float
     stored: float
-    about: float  # rate about which it is linearised, NaN where that was not the iterate's own
+    about: float  # rate about which it is linearised, infinite where that was not the iterate's own
 
 
 _FOUND = types.NamedUniTuple(_NUMBER, len(Found._fields), Found)
@@ -237,7 +240,13 @@ class Law(Printed):
             ]
         if limits.rates:
             evaluate.append(f"    if {AT} != rate:")
-            evaluate.append(python(limits.linearised, lambda of: [f"return {', '.join(of)}, float('nan')"], 8))
+            evaluate.append(python(limits.linearised, lambda of: [f"return {', '.join(of)}, float('inf')"], 8))
+            alike = f"if not abs({{}} - {FOUND[2]}) <= {ALIKE} * abs({FOUND[2]}):".format
+            evaluate += [
+                f"    if about == about and {FOUND[2]} < 0.0:",  # of the first iterate it is no number
+                python([limits.before], lambda of: [alike(*of)], 8),
+                f"            {FOUND[2]} = 0.0",
+            ]
         return PYTHON.format(
             name=self.name,
             stiffness=repr(stiffness),
@@ -277,7 +286,10 @@ class Law(Printed):
             lines += ["        }", "    }"]
         if limits.rates:
             lines.append(f"    if ({AT} != rate) {{")
-            lines += block(limits.linearised[:3], lambda values: filled(values, "NAN"), 8)
+            lines += block(limits.linearised[:3], lambda values: filled(values, "INFINITY"), 8)
+            lines.append("    } else if (about == about && found[2] < 0.0) { /* not at first */")
+            alike = f"if (!(fabs({{}} - found[2]) <= {ALIKE} * fabs(found[2]))) found[2] = 0.0;".format
+            lines += block([limits.before], lambda values: [alike(*values)], 8)
             lines.append("    }")
         return "\n".join([*lines, "}"])
 
@@ -287,6 +299,7 @@ class _Limits(NamedTuple):
 
     rates: list[Any]  # see `steepest_rates`
     damping: Any  # at a rate `AT`, as it is called there
+    before: Any  # damping at the rate of the iterate before
     linearised: list[Any]  # what is `Found` about it, at the iterate's own rate
 
     @classmethod
@@ -294,17 +307,18 @@ class _Limits(NamedTuple):
         """Make them of what is `Found` at a rate, a symbol."""
         import sympy as sp
 
-        at = sp.Symbol(AT, real=True)
+        at, about = (sp.Symbol(name, real=True) for name in (AT, "about"))
         there = [one.subs(rate, at) for one in found]
-        return cls(steepest_rates(found[0], rate), there[2], [there[0] - there[2] * (rate - at), *there[1:]])
+        before = there[2].subs(at, about)
+        return cls(steepest_rates(found[0], rate), there[2], before, [there[0] - there[2] * (rate - at), *there[1:]])
 
     def steepest(self) -> Iterator[tuple[Any, list[Any]]]:
         """Yield each rate, and the damping there, in which it is called `CENTRE`, and at the iterate before."""
         import sympy as sp
 
-        at, centre, about = (sp.Symbol(name, real=True) for name in (AT, CENTRE, "about"))
+        at, centre = (sp.Symbol(name, real=True) for name in (AT, CENTRE))
         for one in self.rates:
-            yield one, [self.damping.subs(at, where) for where in (centre, about)]
+            yield one, [self.damping.subs(at, centre), self.before]
 
 
 MOST_CORNERS = 4  # between which a force is looked at

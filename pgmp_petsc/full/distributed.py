@@ -131,7 +131,7 @@ class FullDistributed(FullSystem):
 
     def limited(self) -> np.ndarray:
         """Return whether a law was limited in the last correction, the same on all ranks. Collective on `comm`."""
-        return np.array([any(self.comm.allgather(bool(np.isnan(self._problem.actions.about).any())))])
+        return np.array([any(self.comm.allgather(bool(np.isinf(self._problem.actions.about).any())))])
 
     def count_turns(self, state: State) -> None:
         """Take note of the angles at an instant that is kept."""

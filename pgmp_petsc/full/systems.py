@@ -393,7 +393,7 @@ class FullBatch(FullSystem):
 
     def limited(self) -> np.ndarray:
         """Return the samples of which a law was limited in the last correction."""
-        return self._blocks.unpack(np.isnan(self._equations.problem.actions.about).any(axis=1))
+        return self._blocks.unpack(np.isinf(self._equations.problem.actions.about).any(axis=1))
 
     def turns(self, theta: np.ndarray) -> np.ndarray:
         """Return the angles that turns are counted from at coordinates (n_theta, n), rad, shape (n_turns, n)."""

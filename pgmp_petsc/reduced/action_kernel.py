@@ -30,7 +30,7 @@ from pgmp_petsc.reduced.action_frames import Frames, Places, place_nodes, pull_d
 
 POWER, STORED, FORCE = range(3)  # what is known of an action
 UNBALANCED = 1e-7  # of a law's force: what a step may leave of it out of balance
-ABOUT = 3  # of an iteration, the rate at which its law was evaluated last; NaN before that, and where it was limited
+ABOUT = 3  # of an iteration, the rate at which its law was evaluated last; NaN before that, infinite where it was limited
 
 
 class Chosen(NamedTuple):
@@ -236,7 +236,7 @@ def limited_lanes(known, samples, lanes):
     for lane in range(LANES):
         if lanes & (1 << lane):
             for action in range(known.shape[2]):
-                found |= np.int64(np.isnan(known[samples[lane], ABOUT, action])) << lane
+                found |= np.int64(np.isinf(known[samples[lane], ABOUT, action])) << lane
     return found
 
 

@@ -209,7 +209,7 @@ class ReducedSystem(SecondOrderSystem):
 
     def limited(self) -> np.ndarray:
         """Return the samples of which a law was limited in the last correction."""
-        return np.isnan(self._memory.known[:, ABOUT]).any(axis=1)
+        return np.isinf(self._memory.known[:, ABOUT]).any(axis=1)
 
     def _correct(
         self, equations: Reference, memory: Reference, room: Reference, strengths: Strengths, state: State,

@@ -120,7 +120,7 @@ def test_laws_are_their_closed_forms_in_all_languages(law: Law, in_c: ctypes.CDL
         limit, speed = as_friction(law, p, amplitude) if law in (FRICTION, CARRIED_FRICTION) else (0.0, np.inf)
         there = closed_form(law, tuple(p), amplitude, s, about)[2]
         if about * rate < 0.0 and limit / speed > 2.0 * max(abs(wanted[2]), abs(there)):
-            wanted, left = (-limit / speed * rate, 0.0, limit / speed, 0.0, 0.0), np.nan
+            wanted, left = (-limit / speed * rate, 0.0, limit / speed, 0.0, 0.0), np.inf
         else:
             left = rate
         depths = np.zeros(len(law.edges))
