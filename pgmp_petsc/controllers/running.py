@@ -8,6 +8,10 @@ rule over its sample time, between two steps (`sample`). Systems that take contr
 (`reduced.control`, `full.steps`) do the same, lane by lane (`States`), and come here with steps that are too much for
 them.
 
+A force that levels off, at a limit or by a formula, may be the same about two iterates and jump between them, so that
+they go to and fro: it is linearised at a place between them then (`Running.take_up`), as sharp laws of effects are at
+the rate where they change fastest (`effects.law`).
+
 The force that a joint carries is that of the iterate too. It goes with accelerations, and friction changes these: in
 turn they contract by about the coefficient times a lever over a length, and faster by Broyden's method
 (`follow_carried`), so that a step takes a few corrections more, until these forces are settled too (a correction of
@@ -36,6 +40,8 @@ from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import WHOLE, ControllerEntry
 
+JUMPS = 4.0  # times that a force changes between two iterates by more than its slopes about both have it
+HALVINGS, HALF = 60, 0.25  # of the way between them, until the force is as near to the mean, as a share of its change
 MOST_STARTS, SETTLED = 100, 1e-13  # of the forces carried at the start, found in turn with accelerations
 SETTLED_IN_STEP = 1e-9  # their change between two corrections, of which the next leaves the share that it contracts by
 FIRST_SECANT = 2  # correction from which on their changes say how they hang on each other
@@ -66,6 +72,9 @@ class Running:
     rates: np.ndarray  # (n_samples, n)
     c: np.ndarray  # (n_samples, n)
     room: Room
+    #: about: x of the iterate before in the same step, not a number where there is none
+    about: np.ndarray
+    before: np.ndarray  # the force of that with its slopes, as `force`
     kappa: float = 0.0
 
     @classmethod
@@ -86,7 +95,8 @@ class Running:
             reference = np.array(np.broadcast_to(np.asarray(known, dtype=float), (n_samples,)))
         room = (np.zeros((n_samples, m)) for m in (len(GIVEN) + 2 * k, n, 1 + 2 * k, n, n))
         columns, motions = slice(column, column + 3 * n + 1), slice(motion, motion + k)
-        return cls(entry, law, p, reference, columns, motions, *room, Room.of([law]))
+        last = (np.full((n_samples, m), np.nan) for m in (len(GIVEN) + 2 * k, 1 + 2 * k))
+        return cls(entry, law, p, reference, columns, motions, *room, Room.of([law]), *last)
 
     def respond(self) -> None:
         """Solve for the states, and find the force."""
@@ -94,6 +104,40 @@ class Running:
             self.law.address, self.z.shape[1], self.force.shape[1] - 1, self.p, self.x, self.c, self.kappa, self.z,
             self.rates, self.force, self.room,
         )  # fmt: skip
+
+    def take_up(self) -> np.ndarray:
+        """Linearise a force that jumped since the iterate before at a place between both, where it is about halfway;
+        return of which samples, a mask."""
+        x, force = self.x.copy(), self.force.copy()
+        way, change = x - self.about, force[:, 0] - self.before[:, 0]
+        motions = slice(N_GIVEN, None)
+
+        def along(found: np.ndarray) -> np.ndarray:
+            """Return by how much slopes have the force change over the whole way."""
+            return np.einsum("nk,nk->n", found[:, 1:], way[:, motions])
+
+        with np.errstate(invalid="ignore"):
+            flat = np.maximum(np.abs(along(force)), np.abs(along(self.before)))
+            jumped = np.abs(change) > JUMPS * flat
+        self.about[:], self.before[:] = x, force
+        if not jumped.any():
+            return jumped
+        low, high, open_ = np.zeros(len(x)), np.ones(len(x)), jumped.copy()
+        for _ in range(HALVINGS):
+            share = 0.5 * (low + high)
+            self.x[:] = np.where(open_[:, None], x + (share - 1.0)[:, None] * way, self.x)
+            self.respond()
+            beyond = (self.force[:, 0] - force[:, 0]) / np.where(jumped, change, 1.0) + 0.5
+            high, low = np.where(open_ & (beyond > 0.0), share, high), np.where(open_ & (beyond <= 0.0), share, low)
+            open_ &= (np.abs(beyond) > HALF) | (np.abs(along(self.force)) < np.abs(change))
+            if not open_.any():
+                break
+        there = self.force.copy()
+        there[:, 0] += np.einsum("nk,nk->n", there[:, 1:], (x - self.x)[:, motions])
+        self.x[:] = x
+        self.force[:] = np.where(jumped[:, None], there, force)
+        self.about[jumped] = np.nan
+        return jumped
 
     def parts(self, beside: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return z, z', Z' (n_samples, n) and the force (n_samples, 1) of the numbers beside, sharing memory."""
@@ -156,6 +200,7 @@ class Controls:
         self.clock: Callable[[float], float] = float
         self._side: int | None = None  # which part `forces` returns where it is not said; None for the mean
         self._n_samples = n_samples
+        self._taken_up = np.zeros(n_samples, dtype=bool)
         #: forces at the last instant that was reached, (n_samples, 2, n_names), before and after they jump there,
         #: and at those that are seen, which increase
         self.now = np.zeros((n_samples, 2, len(self.names)))
@@ -225,18 +270,21 @@ class Controls:
             share = step * s.gamma / (1 - s.alpha_m)
             one.c[:] = z + step * (1 - s.gamma) * auxiliary + share * (s.alpha_f * change - s.alpha_m * auxiliary)
             one.kappa, one.z[:] = kappa, one.c + kappa * change
+            one.about[:] = np.nan
 
     def act(self, time: float, state) -> None:
         """Give the mechanics the forces about an iterate."""
         self.iterates = True
         if self._continuous:
             self._look(time, state)
+        self._taken_up[:] = False
         for one, rows in zip(self.each, self._rows):
             acting = self._acting[rows]
             if one.entry.sample_time:
                 acting[0, :, 0] = one.parts(state.beside)[3][:, 0]
                 continue
             one.respond()
+            self._taken_up |= one.take_up()
             acting[0, :, 0] = one.force[:, 0]
             for k in range(one.law.n_motions):
                 acting[k, :, 1:] = -one.force[:, 1 + 2 * k : 3 + 2 * k]
@@ -355,8 +403,9 @@ class Controls:
 
     @property
     def unsettled(self) -> np.ndarray:
-        """Mask (n_samples,) of the samples in which the forces carried changed between the last two corrections."""
-        return np.any(self._changes > SETTLED_IN_STEP * np.abs(self._carried), axis=0)
+        """Mask (n_samples,) of the samples in which the forces carried changed between the last two corrections, or a
+        controller's was taken up between them."""
+        return np.any(self._changes > SETTLED_IN_STEP * np.abs(self._carried), axis=0) | self._taken_up
 
     def _find_carried(self, time: float, state) -> None:
         if self._carried.size:

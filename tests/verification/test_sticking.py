@@ -1,9 +1,13 @@
 """Friction that sticks: runs reach their end with any step, and converge with it, against a stiff solver of scipy."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from alike import assert_samples_are_those_alone
 from effect_scenes import BLOCK, run_distributed, scene_of
-from runs import full_model, reduced_model, rom_of, samples
+from exported import assert_same_in_c, needs_compiler
+from runs import full_model, motion, reduced_model, rom_of, samples
 from scipy.integrate import solve_ivp
 
 from pgmp_petsc.declare.formulas import declared
@@ -168,6 +172,39 @@ def test_formulas_that_level_off_stop_no_run(name: str, step: float) -> None:
     if name == "friction":
         friction = "effects.f.limit=5.0", "effects.f.speed=1e-3"
         np.testing.assert_allclose(end, at_end(scene_from_toml(HINGE, ".", (*friction, *entries[1:])))[1], atol=1e-9)
+
+
+SPEED_UP = "controllers.c={type='formula', measures='w', joint='j', reference=20.0, output='%s'}"
+DRIVES = {
+    "with limits": "controllers.c={type='pid', measures='w', joint='j', reference=20.0, gains={p='gain', i=50.0}, "
+    "limits=[-5.0, 5.0]}",
+    "a tangent": SPEED_UP % "5 * tanh((r - y) / 0.2 * gain / 20)",
+    "cut off": SPEED_UP % "max(-5, min(5, gain * (r - y)))",
+    "from nothing on": SPEED_UP % "5 * (1 - exp(-abs(r - y) * gain)) * sign(r - y)",
+}
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", DRIVES)
+def test_drives_that_level_off_stop_no_run(name: str, tmp_path: Path) -> None:
+    """A bar is brought to 20 rad/s by 5 N m, as a rigid one is; its light node is where the drive acts. In all models,
+    side by side and in C."""
+    drive = DRIVES[name].replace("joint='j', ref", "joint='j', constants={gain='gain'}, ref")
+    drive = DRIVES[name] if name == "with limits" else drive
+    entries = drive, "parameters.gain={nominal=20.0}", "outputs.w={type='speed', joint='j'}"
+    alone = "effects.motor.harmonic.amplitude=0.0", "effects.f.limit=0.0"
+    inertia = 2700.0 * 0.015 * 0.008 * 0.3**3 / 3
+    rigid = 20.0 * 0.15 - 20.0**2 / (2.0 * 5.0 / inertia)
+    ends = {}
+    for kind in ("full", "reduced", "components"):
+        for step in (1e-3, 1e-4):
+            run = motion(kind, scene_from_toml(HINGE, ".", (*entries, *alone, f"simulation.step={step}")))
+            assert run.outputs["q"][-1] == pytest.approx(rigid, rel=1e-2)
+            ends[kind, step] = run.outputs["q"][-1]
+    assert ends["reduced", 1e-3] == pytest.approx(ends["full", 1e-3], rel=1e-3)
+    model = reduced_model(scene_from_toml(HINGE, ".", entries))
+    assert_samples_are_those_alone(model, (0, 2), share=1e-9, gain=np.array([10.0, 20.0, 30.0]))
+    assert_same_in_c(model, tmp_path, 1e-8)
 
 
 def test_a_light_hinge_converges_with_the_second_order() -> None:

@@ -169,6 +169,7 @@ void find_depths(const struct pgmp_model *m, const double q[N], double depths[])
 void look_at_motions(const struct pgmp_model *m, const double q[N], const double v[N], struct response *at) {
     static const double none[AT_LEAST_ONE(N_STRENGTHS)];
     double r[N] = {0};
+    forget_iterates(at);
     add_actions(m, none, q, v, 0.0, 0, 0, 0, at, r, 0, 0, 0);
 }
 

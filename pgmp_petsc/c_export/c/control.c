@@ -71,10 +71,45 @@ static void solve_response(const struct control *one, const double p[], const do
     for (int i = 0; i < n; i++) at->rates[one->column + i] = law[width * (1 + i)];
 }
 
+/* By how much slopes have a force change over a way of motions and rates. */
+static double along(const struct control *one, const double found[], const double way[]) {
+    double change = 0.0;
+    for (int k = 0; k < 2 * one->n_motions; k++) change += found[1 + k] * way[k];
+    return change;
+}
+
+/* Linearises a force that jumped since the iterate before at a place between both, where it is about halfway. */
+static void take_up(int number, const double p[], const double x[], struct response *at, double found[N_SLOPES]) {
+    const struct control *one = controls + number;
+    const int n = 2 * one->n_motions;
+    double way[N_SLOPES], between[3 + N_SLOPES], there[N_SLOPES], low = 0.0, high = 1.0;
+    double *about = at->about[number], *before = at->before[number], change = found[0] - before[0];
+    for (int k = 0; k < n; k++) way[k] = x[3 + k] - about[k];
+    const int jumped = fabs(change) > JUMPS * fmax(fabs(along(one, found, way)), fabs(along(one, before, way)));
+    memcpy(about, x + 3, n * sizeof(double)), memcpy(before, found, (1 + n) * sizeof(double));
+    if (!jumped || n == 0) return;
+    memcpy(between, x, (3 + n) * sizeof(double));
+    for (int halving = 0; halving < HALVINGS; halving++) {
+        const double share = 0.5 * (low + high);
+        for (int k = 0; k < n; k++) between[3 + k] = x[3 + k] + (share - 1.0) * way[k];
+        solve_response(one, p, between, at->kappa, at, there);
+        const double beyond = (there[0] - found[0]) / change + 0.5;
+        if (beyond > 0.0) high = share;
+        else low = share;
+        if (fabs(beyond) <= HALF && fabs(along(one, there, way)) >= fabs(change)) break;
+    }
+    for (int k = 0; k < n; k++) way[k] = x[3 + k] - between[3 + k];
+    there[0] += along(one, there, way);
+    memcpy(found, there, (1 + n) * sizeof(double));
+    about[0] = NAN;
+    at->taken_up = 1;
+}
+
 /* Forces and slopes for the actions: of those that respond at the motions and rates given for every row, and of others
    the force that they hold. */
 void respond(const struct pgmp_model *m, double motions[][2], struct response *at, double given[][3]) {
     if (N_CONTROLS == 0) return;
+    if (at) at->taken_up = 0;
     for (int k = 0; k < N_CONTROLS; k++) {
         const struct control *one = controls + k;
         double x[3 + N_SLOPES], found[N_SLOPES] = {0}, beside[AT_LEAST_ONE(N_BESIDE)];
@@ -91,6 +126,7 @@ void respond(const struct pgmp_model *m, double motions[][2], struct response *a
             }
             solve_response(one, m->controls[k], x, at->who == DUE ? one->every * STEP : at->kappa, at, found);
             at->forces[k] = found[0];
+            if (at->who == CONTINUOUS) take_up(k, m->controls[k], x, at, found);
         }
         given[control_actions[one->row]][0] = found[0];
         for (int i = 0; i < one->n_motions; i++)
@@ -111,12 +147,19 @@ static void look(const struct pgmp_model *m, double time, struct response *at) {
     }
 }
 
+/* Lets no force be taken up that jumped since an iterate before. */
+void forget_iterates(struct response *at) {
+    at->taken_up = 0;
+    for (int k = 0; k < N_CONTROLS; k++) at->about[k][0] = NAN;
+}
+
 /* Begins the iteration of a step of h, or of a part of one, to a time. */
 void begin_response(const struct pgmp_model *m, const struct scheme *s, double h, double time, struct response *at) {
     const double share = h * s->gamma / (1.0 - s->alpha_m);
     at->who = CONTINUOUS;
     at->kappa = s->gamma / (s->beta * h) / ((1.0 - s->alpha_m) / ((1.0 - s->alpha_f) * s->beta * (h * h)));
     look(m, time, at);
+    forget_iterates(at);
     for (int k = 0; k < N_CONTROLS; k++)
         for (int i = controls[k].column, n = controls[k].n_states; i < controls[k].column + n; i++) {
             const double *z = m->beside + i;

@@ -207,6 +207,7 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const struct
         load_friction(m, t->carried);
 #endif
         correct(m, now, t->q, t->v, t->a, t->forces, gain_v, gain_a, fresh, kept, &t->response, &matrix, r);
+        unsettled |= t->response.taken_up;
         for (int k = 0; k < N_ACTIONS; k++) limited |= isnan(kept[k].about);
         if (limited) last = 0.0; /* nothing follows from the size of the last correction */
         for (int i = 0; i < N && isfinite(size); i++) /* what is no number is not lost to a number behind it */

@@ -44,9 +44,11 @@ struct control { int n_states, n_motions, column, row, every, function, referenc
 enum { CONTINUOUS, DUE, EVERYONE };
 #define N_SLOPES (1 + 2 * MOST_MOTIONS)
 struct response {
-    int who;
+    int who, taken_up; /* whether a force was taken up between two iterates */
     double time, kappa, references[AT_LEAST_ONE(N_CONTROLS)][2], forces[AT_LEAST_ONE(N_CONTROLS)];
     double c[AT_LEAST_ONE(N_BESIDE)], z[AT_LEAST_ONE(N_BESIDE)], rates[AT_LEAST_ONE(N_BESIDE)];
+    double about[AT_LEAST_ONE(N_CONTROLS)][N_SLOPES]; /* motions and rates of the iterate before, none where no number */
+    double before[AT_LEAST_ONE(N_CONTROLS)][N_SLOPES]; /* forces and slopes of that */
 };
 /* A part of a measure: numbers of its nodes among those of the effects, -1 on the ground. */
 struct part { int a, b; double winding[R]; struct term term; };
@@ -110,6 +112,7 @@ void add_actions(const struct pgmp_model *m, const double strengths[], const dou
 int bends(const struct pgmp_model *m, const struct iterate kept[], const double v[N], double gain_v);
 void respond(const struct pgmp_model *m, double motions[][2], struct response *at, double given[][3]);
 void begin_response(const struct pgmp_model *m, const struct scheme *s, double h, double time, struct response *at);
+void forget_iterates(struct response *at);
 void begin_sampling(const struct pgmp_model *m, int who, double time, struct response *at);
 void follow_response(struct pgmp_model *m, const struct scheme *s, const struct response *at);
 int jumps(const struct pgmp_model *m);
