@@ -23,6 +23,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import replace
 
 import numpy as np
+import scipy.spatial.transform
 
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
@@ -223,10 +224,15 @@ def _curved_strains(of_pairs: np.ndarray, projection: np.ndarray) -> np.ndarray:
 
 
 def _of_beams(body: Body, points: BeamStrains, y: np.ndarray) -> np.ndarray:
-    """Return the strains of planar beams, those of second order in the deformation among them, for unknowns (n_dofs, n)
-    in the body's frame."""
-    frames = y.reshape(body.n_nodes, body.node_dofs, -1).copy()
-    frames[:, :2] += body.mesh.nodes[:, :, None]
+    """Return the strains of beams, those of second order in the deformation among them, for unknowns (n_dofs, n) in the
+    body's frame."""
+    frames, d = y.reshape(body.n_nodes, body.node_dofs, -1).copy(), body.dimension
+    frames[:, :d] += body.mesh.nodes[:, :, None]
+    if d == 3:
+        vectors = np.moveaxis(frames[:, 3:], 1, 2)
+        turns = scipy.spatial.transform.Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix()
+        turned = np.moveaxis(turns.reshape(*vectors.shape, 3), 1, 3).swapaxes(1, 2)  # directors one after the other
+        frames = np.concatenate([frames[:, :3], turned.reshape(body.n_nodes, 9, -1)], axis=1)
     return points.of_places(frames)
 
 

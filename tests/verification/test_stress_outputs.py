@@ -409,6 +409,19 @@ def test_stresses_of_second_order_are_without_the_shortening_of_what_bends(eleme
     assert abs(found - exact) < 0.01 * shortening < 0.1 * abs(without - exact)
 
 
+@pytest.mark.parametrize("element", ["beam2d", "beam3d"])
+def test_forces_of_second_order_are_without_the_shortening_of_what_bends(element: str) -> None:
+    """Linear strains of the shortening would press a beam by 1.4 kN that its force pulls by 7 N."""
+    space = element == "beam3d"
+    axial = asked("axial", "axial_force", f"at={[0.4 * LENGTH] + [0.0] * (2 if space else 1)}")
+    scene = held(element, axial, "effects.pull.table=[[0.0, 2e3], [10.0, 2e3]]", "reduction.second_order=true")
+    meshes = {"bar": straight_beam(LENGTH, 10, 0.0, 3 if space else 2)}
+    exact, found = (motion(one(scene, meshes)).outputs["axial"][0] for one in (full_model, reduced_model))
+    slope = 12.0 * 2e3 * (0.4 - 0.5 * 0.4**2) / (210e9 * WIDTH * HEIGHT**3)
+    assert exact == pytest.approx(2e3 * slope, rel=0.02)
+    assert abs(found - exact) < 0.01 * 210e9 * WIDTH * HEIGHT * 0.5 * slope**2
+
+
 SCENE = ROOT / "scenes" / "slider_crank.toml"
 NOMINAL, THINNER, DEVIATION = 5.6e-3, 5.04e-3, 0.56e-3
 FORCES = (

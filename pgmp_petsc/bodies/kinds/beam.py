@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from operator import attrgetter
 
 import numpy as np
 import scipy.sparse as sp
@@ -62,7 +61,7 @@ class Beam(Body):
         """Whether it is in the plane."""
         return self.axes is None
 
-    strains_follow_frames = property(attrgetter("planar"))
+    strains_follow_frames = True
 
     @property
     def n_own_sections(self) -> int:
