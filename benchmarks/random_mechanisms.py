@@ -21,7 +21,7 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.effectivity import FACTOR, Case, compare, refer
-from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -380,7 +380,7 @@ def main() -> int:
                     path.write_text(make(np.random.default_rng([given.seed, number, k]), choice))
                     try:
                         lines = measure(path, given.refinement)
-                    except RunError as error:
+                    except (InputError, RunError) as error:
                         lines = [f"| {path.stem} | not built: {error} | | | |"]
                     print("\n".join(lines), flush=True)
 
