@@ -71,6 +71,7 @@ COMPLETE = True
 '''
 FOUND = "_force", "_stiffness", "_damping", "_elastic", "_stored"
 AT, CENTRE = "_at", "_centre"
+STEEPER = 2.0  # times that a slope is steeper where iterates are taken up from than about both of them
 ALIKE = 0.005  # of a slope, by which that at the iterate before differs at most where it is gone by
 
 
@@ -232,7 +233,7 @@ class Law(Printed):
             evaluate.append(f"    {AT} = float(rate)")
         for at, dampings in limits.steepest():
             crossed = f"if (about - {CENTRE}) * (rate - {CENTRE}) < 0.0 and abs({CENTRE} - about) < abs({AT} - about):"
-            steeper = "if {} > 2.0 * max(abs({}), abs({}))".format
+            steeper = f"if {{}} > {STEEPER} * max(abs({{}}), abs({{}}))".format
             evaluate += [
                 python([at], lambda of: [f"{CENTRE} = {of[0]}", crossed]),  # noqa: B023  (called at once)
                 python(dampings, lambda of: [f"{steeper(*of, FOUND[2])}:"], 8),  # noqa: B023
@@ -281,7 +282,7 @@ class Law(Printed):
             lines += block([at], lambda values: [f"const double {CENTRE} = {values[0]};"], 8)
             nearer = f"fabs({CENTRE} - about) < fabs({AT} - about)"
             lines.append(f"        if ((about - {CENTRE}) * (rate - {CENTRE}) < 0.0 && {nearer}) {{")
-            steeper = "if ({} > 2.0 * fmax(fabs({}), fabs(found[2])))".format
+            steeper = f"if ({{}} > {STEEPER} * fmax(fabs({{}}), fabs(found[2])))".format
             lines += block(dampings, lambda values: [f"{steeper(*values)} {AT} = {CENTRE};"], 12)  # noqa: B023
             lines += ["        }", "    }"]
         if limits.rates:
