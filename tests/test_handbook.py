@@ -3,6 +3,7 @@
 The blocks are really run by `scripts/check_docs`; here it is what can be known of them without running.
 """
 
+import importlib
 import os
 import re
 import shutil
@@ -74,8 +75,7 @@ def test_commands_of_blocks_are_taken(block: Block) -> None:
             with command(words[1]).make_context(words[1], arguments, obj=SimpleNamespace(json=False, quiet=False)):
                 pass
         if "-m" in words[1:2] and words[2].startswith("benchmarks"):
-            module = ROOT / words[2].replace(".", "/")
-            assert module.with_suffix(".py").exists() or (module / "__main__.py").exists(), f"{block}: {words[2]}"
+            assert runs(words[2]), f"{block}: {words[2]}"
         for word in words:
             if re.match(r"(\.\./)?(scenes|scripts|tests|benchmarks|meshes)/[\w/.]+$", word) and "%" not in word:
                 assert (ROOT / word).exists(), f"{block}: {word} does not exist"
@@ -215,14 +215,19 @@ def test_claims_have_checks() -> None:
             assert exists(check), f"{claim}: {check} does not exist"
 
 
+def runs(module: str) -> bool:
+    """Return whether there is such a benchmark, with all that it imports."""
+    found = importlib.import_module(module)
+    return not hasattr(found, "__path__") or (Path(found.__file__).parent / "__main__.py").exists()
+
+
 def exists(check: str) -> bool:
     """Return whether there is such a test, benchmark, command or script."""
     file, _, name = check.partition("::")
     if file.startswith("tests/") and file.endswith(".py"):
         return (ROOT / file).exists() and f"def {name}" in (ROOT / file).read_text(encoding="utf-8")
     if check.startswith("python -m benchmarks"):
-        module = ROOT / check.split()[2].replace(".", "/")
-        return module.with_suffix(".py").exists() or (module / "__main__.py").exists()
+        return runs(check.split()[2])
     if check.startswith("pgmp "):
         return check.split()[1] in COMMANDS
     return (ROOT / check.split()[0]).exists()

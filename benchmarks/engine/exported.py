@@ -23,7 +23,7 @@ from benchmarks.engine.floor import compiler
 from benchmarks.on_model import main
 from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.c_export.constants import MOST_CORRECTIONS, Constants, constants_of
-from pgmp_petsc.c_export.source import COMPILED, write_sources
+from pgmp_petsc.c_export.source import compiled_of, write_sources
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.studies.simulate import simulate
 
@@ -41,7 +41,7 @@ def run(path: Path, n_steps: int) -> None:
         most, *_ = _time_steps(endless, n_steps // SHARE_OF_MOST + 1, folder)
         mean, rare, worst, wall, validity = _time_steps(constants, n_steps, folder)
         n_bytes = write_sources(constants, folder)
-        command = [compiler(), "-std=c99", "-O2", "-o", "run", "main.c", *COMPILED, "-lm"]
+        command = [compiler(), "-std=c99", "-O2", "-o", "run", "main.c", *compiled_of(constants.kind), "-lm"]
         subprocess.run(command, cwd=folder, check=True)
         table = subprocess.run([f"{folder}/run"], capture_output=True, text=True, check=True).stdout
     sizes = constants.settings
@@ -61,7 +61,7 @@ def _time_steps(constants: Constants, n_steps: int, folder: str) -> Sequence[flo
     """Return what ``exported.c`` prints of so many steps of a model, written and compiled in a folder."""
     write_sources(constants, folder)
     source = str(Path(__file__).with_suffix(".c").resolve())
-    command = [compiler(), "-std=c99", "-O2", "-I.", "-o", "time", source, *COMPILED, "-lm"]
+    command = [compiler(), "-std=c99", "-O2", "-I.", "-o", "time", source, *compiled_of(constants.kind), "-lm"]
     subprocess.run(command, cwd=folder, check=True)
     done = subprocess.run([f"{folder}/time", str(n_steps)], capture_output=True, text=True, check=True)
     return [float(number) for number in done.stdout.split()]

@@ -26,7 +26,7 @@ from pgmp_petsc.stepping.second_order_system import (
 from pgmp_petsc.stepping.status import Outcome
 
 MAX_ITERATIONS = 12
-CAREFUL_ITERATIONS = 100
+CAREFUL_ITERATIONS = 80
 LONGEST = 0.2  # correction that is not shortened, in units of the mechanism's size or of 1 rad
 REFRESH_EVERY = 4  # corrections that share one factorisation
 FIRST_CONTRACTION = 0.5  # assumed where only one correction is known
