@@ -108,7 +108,7 @@ class Running:
     def take_up(self) -> np.ndarray:
         """Linearise a force that jumped since the iterate before at a place between both, where it is about halfway;
         return of which samples, a mask."""
-        x, force = self.x.copy(), self.force.copy()
+        x, z, force, rates = (part.copy() for part in (self.x, self.z, self.force, self.rates))
         way, change = x - self.about, force[:, 0] - self.before[:, 0]
         motions = slice(N_GIVEN, None)
 
@@ -117,25 +117,25 @@ class Running:
             return np.einsum("nk,nk->n", found[:, 1:], way[:, motions])
 
         with np.errstate(invalid="ignore"):
-            flat = np.maximum(np.abs(along(force)), np.abs(along(self.before)))
-            jumped = np.abs(change) > JUMPS * flat
+            jumped = np.abs(change) > JUMPS * np.maximum(np.abs(along(force)), np.abs(along(self.before)))
         self.about[:], self.before[:] = x, force
         if not jumped.any():
             return jumped
-        low, high, open_ = np.zeros(len(x)), np.ones(len(x)), jumped.copy()
+        place, there = x.copy(), force.copy()
+        low, high, going = np.zeros(len(x)), np.ones(len(x)), jumped.copy()
         for _ in range(HALVINGS):
             share = 0.5 * (low + high)
-            self.x[:] = np.where(open_[:, None], x + (share - 1.0)[:, None] * way, self.x)
+            # of each sample the same, whichever are beside it
+            self.x[:], self.z[:] = np.where(going[:, None], x + (share - 1.0)[:, None] * way, x), z
             self.respond()
-            beyond = (self.force[:, 0] - force[:, 0]) / np.where(jumped, change, 1.0) + 0.5
-            high, low = np.where(open_ & (beyond > 0.0), share, high), np.where(open_ & (beyond <= 0.0), share, low)
-            open_ &= (np.abs(beyond) > HALF) | (np.abs(along(self.force)) < np.abs(change))
-            if not open_.any():
+            place[going], there[going] = self.x[going], self.force[going]
+            beyond = (there[:, 0] - force[:, 0]) / np.where(jumped, change, 1.0) + 0.5
+            high, low = np.where(going & (beyond > 0.0), share, high), np.where(going & (beyond <= 0.0), share, low)
+            going &= (np.abs(beyond) > HALF) | (np.abs(along(there)) < np.abs(change))
+            if not going.any():
                 break
-        there = self.force.copy()
-        there[:, 0] += np.einsum("nk,nk->n", there[:, 1:], (x - self.x)[:, motions])
-        self.x[:] = x
-        self.force[:] = np.where(jumped[:, None], there, force)
+        there[:, 0] += np.einsum("nk,nk->n", there[:, 1:], (x - place)[:, motions])
+        self.x[:], self.z[:], self.force[:], self.rates[:] = x, z, there, rates
         self.about[jumped] = np.nan
         return jumped
 

@@ -243,11 +243,11 @@ def test_what_is_chosen_at_the_nominal_length_is_checked_at_both_ends() -> None:
 def test_what_does_not_do_at_an_end_is_refused_with_the_length(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, asked, choose = long_crank(*OPEN), [], length_choice.choose
 
-    def only_where_short(own: Scene, *others: object) -> Choice:
+    def only_where_short(own: Scene, *others: object, **how: object) -> Choice:
         asked.append((own.bodies["rod"].line.length, "modes" in own.reduction.model_fields_set, length_names(own)))
         if own.bodies["rod"].line.length > 0.72:
             raise InputError("reduction.tolerance = 0.1: cannot be met")
-        return choose(own, *others)
+        return choose(own, *others, **how)
 
     monkeypatch.setattr(length_choice, "choose", only_where_short)
     with pytest.raises(InputError, match="^at rod_length = 0.735: reduction.tolerance = 0.1: cannot be met"):
