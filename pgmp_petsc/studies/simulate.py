@@ -350,8 +350,9 @@ def _errors(
     absent = {name: why for name, (why,) in estimate.absent.items() if why}
     errors = EstimatedErrors(*estimate.histories[0], _largest(model, known.outputs), absent=absent)
     large = large_errors(*errors.of_one_run(), model.outputs.units, system=scene.system, length=_length(model))
-    said = (_up_to(part, "errors"), not_estimated(errors, scene), few_steps(known.time.size - 1))
-    return errors, [*large, *(one for some in said for one in some), *left_out_of_estimates(model)]
+    until = _up_to(part, "errors") if len(absent) < len(errors.outputs) else ()
+    said = [*large, *until, *not_estimated(errors, scene), *few_steps(known.time.size - 1)]
+    return errors, [*said, *left_out_of_estimates(model)]
 
 
 def _reduced_part(
