@@ -185,7 +185,7 @@ def _of_steps(sources: Sequence[Source]) -> Iterator[Line]:
     """Yield what the time step does to outputs of full-order and component runs."""
     for source, errors in step_errors(sources):
         run = source.result
-        part = "" if errors.time[-1] >= run.time[-1] * (1.0 - 1e-9) else f", up to {errors.time[-1]:.4g} s only"
+        part = f", up to {errors.time[-1]:.4g} s only" if errors.end_before(run.time[-1]) else ""
         for name in errors.outputs:
             size = [_share(source, name)] if np.isfinite(errors.share(name)) else []
             what = f"time step, {MODELS[run.model]}: {name}"
@@ -563,7 +563,7 @@ def headline_of_run(path: Path) -> str:
     worst, error = _worst(known), "errors were not estimated"
     if worst is not None:
         of = " of the time step" if run.errors.what == OF_STEP else ""
-        part = f" up to {run.errors.time[-1]:.4g} s" if of and run.errors.time[-1] < run.time[-1] * (1.0 - 1e-9) else ""
+        part = f" up to {run.errors.time[-1]:.4g} s" if of and run.errors.end_before(run.time[-1]) else ""
         error = f"estimated error{of}{part} at most {share_text(known[worst])} ({worst})"
     elif run.model == "full":
         error = "nothing was reduced"

@@ -86,6 +86,10 @@ class EstimatedErrors(Record):
         ),
     )  # fmt: skip
 
+    def end_before(self, time: float) -> bool:
+        """Return whether they are known up to an instant before a time alone, s, as those of a run that stopped."""
+        return bool(self.time[-1] < time * (1.0 - 1e-9))
+
     def maximum(self, output: str) -> float:
         """Return the largest size of an output's error, in its unit; NaN where there is no estimate."""
         return float(np.max(np.abs(self.outputs[output])))

@@ -144,8 +144,7 @@ def of_run(run: Trajectory) -> list[str]:
 def of_trajectory(errors: EstimatedErrors, units: dict[str, str], end: float) -> list[str]:
     """Return a line an output; the run ends at `end`, s, and what is estimated perhaps before."""
     what = "the time step" if errors.what == OF_STEP else "the reduction and the time step"
-    partial = errors.time[-1] < end * (1.0 - 1e-9)
-    part = f"up to {errors.time[-1]:.4g} s only" if partial else "over the run"
+    part = f"up to {errors.time[-1]:.4g} s only" if errors.end_before(end) else "over the run"
     lines = [f"  estimated errors {part}, of {what}"]
     for name in errors.outputs:
         known = _error(errors.maximum(name), errors.share(name), units.get(name, "1"))
