@@ -439,7 +439,7 @@ def _branch(branch: PoseBranch, n_bodies: int) -> np.ndarray:
     n, r = len(branch.poses), len(branch.axes)
     rates, curvatures = branch.rates.reshape(n, n_bodies, -1, r), branch.curvatures.reshape(n, n_bodies, -1, r, r)
     if r == 1:
-        step = branch.axes[0][1] - branch.axes[0][0]
+        step = branch.steps[0]
         return np.array([branch.poses, rates[..., 0] * step, curvatures[..., 0, 0] * (0.5 * step**2)])
     second = [curvatures[..., k, j] for k in range(r) for j in range(k + 1)]
     return np.array([branch.poses, *(rates[..., k] for k in range(r)), *second])
@@ -447,6 +447,7 @@ def _branch(branch: PoseBranch, n_bodies: int) -> np.ndarray:
 
 def _axes(model: ReducedModel, places: Interpolant | None) -> dict[str, list[Along]]:
     terms, periodic = model.terms, [c.periodic for c in model.kinematics.coordinates]
+    branch = model.rom.branch
     fine = [Along(0.0, 1.0, 1, 1, False)] * len(periodic) if places is None else [Along.of(a) for a in places.axes]
     return {
         "axes": [Along.of(axis) for axis in terms.terms.axes],
@@ -456,8 +457,8 @@ def _axes(model: ReducedModel, places: Interpolant | None) -> dict[str, list[Alo
         ],
         "fine_axes": fine,
         "branch_axes": [
-            Along(float(axis[0]), float(axis[1] - axis[0]), axis.size - 1, axis.size, turns)
-            for axis, turns in zip(model.rom.branch.axes, periodic)
+            Along(float(lower), float(step), n - 1, n, turns)
+            for lower, step, n, turns in zip(branch.lower, branch.steps, branch.shape.tolist(), periodic)
         ],
     }
 

@@ -86,6 +86,11 @@ class PoseBranch(Record):
         """Values of every coordinate, at equal distances, rad or m."""
         return tuple(np.linspace(lower, upper, n) for lower, upper, n in zip(self.lower, self.upper, self.shape))
 
+    @property
+    def steps(self) -> np.ndarray:
+        """Distance of the values of every coordinate: of neighbours it would have the round-off of a whole range."""
+        return (self.upper - self.lower) / (self.shape - 1)
+
     @classmethod
     def of(
         cls, closure: LoopClosure, continued: Continuation, axes: Sequence[np.ndarray], n_redundant: int
@@ -149,21 +154,21 @@ class PoseBranch(Record):
     @cached_property
     def _quintic(self) -> np.ndarray:
         """Values, first derivatives times the step and second ones times half its square, shape (3, n, n_p)."""
-        n, step = len(self.poses), self.axes[0][1] - self.axes[0][0]
+        n, step = len(self.poses), self.steps[0]
         parts = self.poses, self.rates * step, self.curvatures * (0.5 * step**2)
         return np.array([part.reshape(n, -1) for part in parts])
 
     def _between(self, theta: np.ndarray) -> np.ndarray:
-        axis, quintic = self.axes[0], self._quintic
+        quintic = self._quintic
         result = np.empty((theta.size, quintic.shape[2]))
-        _hermite(np.ascontiguousarray(theta), axis[0], axis[1] - axis[0], quintic, result)
+        _hermite(np.ascontiguousarray(theta), self.lower[0], self.steps[0], quintic, result)
         return result
 
     def _near(self, theta: np.ndarray) -> np.ndarray:
         """Continue from the nearest configuration to second order."""
         places = [
-            np.clip(np.rint((part - axis[0]) / (axis[1] - axis[0])), 0, axis.size - 1).astype(int)
-            for part, axis in zip(theta.T, self.axes)
+            np.clip(np.rint((part - axis[0]) / step), 0, axis.size - 1).astype(int)
+            for part, axis, step in zip(theta.T, self.axes, self.steps)
         ]
         away = theta - np.stack([axis[place] for axis, place in zip(self.axes, places)], axis=1)
         rows = np.ravel_multi_index(places, [axis.size for axis in self.axes])
