@@ -95,6 +95,7 @@ class UnitSystem:
         """Return what numbers are in here that would be in an SI unit, ``mm`` for ``m``, ``t/mm3`` for ``kg/m3``."""
         names = {"m": self.names[0], "kg": self.names[1], "s": self.names[2], "N": self.force, "Pa": self.pressure}
         names["J"] = self.energy or f"{self.force} {self.names[0]}"
+        names["W"] = "W" if self.energy == "J" else f"{names['J']}/{self.names[2]}"
         if "/" in names["kg"] and si != "kg":
             names["kg"] = f"({names['kg']})"  # of lbf s2/in, which is a quotient itself
         return _WORD.sub(lambda word: names.get(word[0], word[0]), si)
@@ -103,7 +104,7 @@ class UnitSystem:
         return "{}, {} and {}".format(*self.names)
 
 
-_WORD = re.compile(r"(?<![A-Za-z])(m|kg|s|N|Pa|J)(?![A-Za-z])")
+_WORD = re.compile(r"(?<![A-Za-z])(m|kg|s|N|Pa|J|W)(?![A-Za-z])")
 SI = UnitSystem(("m", "kg", "s"), energy="J")
 MM = UnitSystem(("mm", "t", "s"), 1e-3, 1e3, 1.0, "N", "MPa", "mJ")
 #: Those that a scene may say.
@@ -181,6 +182,7 @@ UNITS: dict[str, Dimension] = {
     "N m/rad": (1, 2, -2),
     "N m s": (1, 2, -1),
     "N m s/rad": (1, 2, -1),
+    "W": (1, 2, -3),
     "Pa": (1, -1, -2),
     "N/m2": (1, -1, -2),
     "kg/m": (1, -1, 0),

@@ -32,7 +32,6 @@ import numpy as np
 from pydantic import Field
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.base.units import SI
 from pgmp_petsc.effects import springs_of_joints
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupling
@@ -180,10 +179,6 @@ class Power(OfDrive):
 
     type: Literal["power"]
     unit, with_rate = "W", True
-
-    def unit_in(self, scene: Scene) -> str:
-        """Return the energy in a second, which is a W in SI units."""
-        return "W" if scene.system == SI else "J/s"
 
 
 class ControlForce(OutputEntry):

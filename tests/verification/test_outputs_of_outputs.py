@@ -62,14 +62,15 @@ CHAIN = (
     'outputs.mix={type="formula",formula="sin(swing) * place / max(place, c * t + 1) * atan2(place, 1 - 0.5 * place)"}',
     'outputs.of_mix={type="rate",of="mix"}', 'outputs.twice={type="rate",of="of_mix"}',
     'outputs.e={type="formula",formula="0.5 * m * v**2 + tanh(mix) * m * a * place",unit="J"}',
+    'outputs.given={type="formula",formula="m * a * v"}',
 )  # fmt: skip
 
 
 def test_chains_are_derivatives_along_the_motion_of_a_reduced_model() -> None:
     """In any state, of places that are differenced on a parabola within a cell of the tables."""
     model = reduced_model(cart(*CHAIN))
-    assert [model.outputs.units[name] for name in ("a", "turns", "mix", "of_mix", "e")] == [
-        "m/s2", "rad/s2", "1", "1/s", "J",
+    assert [model.outputs.units[name] for name in ("a", "turns", "mix", "of_mix", "e", "given")] == [
+        "m/s2", "rad/s2", "1", "1/s", "J", "W",
     ]  # fmt: skip
     random, n = np.random.default_rng(2), model.terms.layout.n_eta
     eta, v, a = (scale * random.normal(size=(5, n)) for scale in (1e-3, 0.02, 0.5))
