@@ -304,8 +304,8 @@ def mass_on_diagonal(problem: FullProblem, size: float) -> np.ndarray:
 
 
 def _summed(parts: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the sums of parts (n_blocks, n, n_lanes), each times a weight, in their order: numpy adds those of one lane
-    in another one, and a sample would differ alone and beside others."""
+    """Return the sums of parts (n_blocks, n, n_lanes), each times a weight, in their order: numpy adds those of one
+    lane in another one, and a sample would differ alone and beside others."""
     return np.cumsum(np.pad(parts * weights[:, None], ((0, 0), (1, 0), (0, 0))), axis=1)[:, -1]
 
 
