@@ -69,6 +69,7 @@ C = """{c}"""
 
 COMPLETE = True
 '''
+LARGEST_EXPONENT = 300  # of exp in slopes, of which a square is finite
 FOUND = "_force", "_stiffness", "_damping", "_elastic", "_stored"
 AT, CENTRE = "_at", "_centre"
 STEEPER = 2.0  # times that a slope is steeper where iterates are taken up from than about both of them
@@ -211,9 +212,9 @@ class Law(Printed):
         elastic = -sp.diff(potential, s)
         force = symbolic(self.force, {**names, "elastic": elastic})
         edges = [symbolic(edge, names) for edge in self.edges]
-        found = [force, -sp.diff(force, s), -sp.diff(force, rate), elastic, potential]
+        found = [force, -_slope(force, s), -_slope(force, rate), elastic, potential]
         limits = _Limits.of(found, rate)
-        slopes = [sp.diff(force, one) for one in (*p, amplitude)]
+        slopes = [_slope(force, one) for one in (*p, amplitude)]
         of_edges = [[sp.diff(edge, s), sp.diff(edge, s, 2), *(sp.diff(edge, one) for one in p)] for edge in edges]
         constant = all(sp.diff(one, two) == 0 for one in found[1:3] for two in (s, rate, amplitude))
         stiffness = str(found[1]) if constant and found[1] in p else ""
@@ -293,6 +294,29 @@ class Law(Printed):
             lines += block([limits.before], lambda values: [alike(*values)], 8)
             lines.append("    }")
         return "\n".join([*lines, "}"])
+
+
+def _slope(force: Any, variable: Any) -> Any:
+    """Return the derivative of a force, which is continuous, with a variable.
+
+    Where a sign is zero, as in ``(1 - exp(-abs(v) / u)) * sign(v)`` at rest, it is that of one side. It is finite where
+    exp overflows, as in ``1 / (1 + exp(-v / u))``.
+    """
+    import sympy as sp
+
+    def is_sign(part: Any) -> bool:
+        if not part.is_Piecewise or not isinstance(part.args[0].cond, sp.Gt):
+            return False
+        otherwise = part.args[1].expr
+        return otherwise.is_Piecewise and otherwise.args[0].cond == sp.Lt(*part.args[0].cond.args)
+
+    def on_both_sides(part: Any) -> Any:
+        return sp.Piecewise(part.args[1].expr.args[0], (part.args[0].expr, True))
+
+    found = sp.diff(force.replace(is_sign, on_both_sides), variable)
+    if not any(one.exp.is_negative and one.base.has(sp.exp) for one in found.atoms(sp.Pow)):
+        return found
+    return found.replace(sp.exp, lambda u: sp.exp(sp.Piecewise((u, u < LARGEST_EXPONENT), (LARGEST_EXPONENT, True))))
 
 
 class _Limits(NamedTuple):

@@ -290,18 +290,23 @@ def mass_on_diagonal(problem: FullProblem, size: float) -> np.ndarray:
     beams, masses = problem.beams, problem.masses
     d = cells.dofs.shape[2]
     line = problem.section[:, elements.body[elements.counted]]
-    total = np.einsum("kebl,b,e->kl", line[:, :, 3:5], [4 / 3, 2 / 3 * turned], elements.length[elements.counted])
-    per_lump = (problem.units[lumps.dofs[lumps.counted]] * size) ** -2
-    # a sum as one product adds in another order where there is one lane
-    total += (lumps.mass[:, lumps.counted] * per_lump[:, None]).sum(axis=1)
+    total = _summed(4 / 3 * line[:, :, 3] + 2 / 3 * turned * line[:, :, 4], elements.length[elements.counted])
+    total += _summed(lumps.mass[:, lumps.counted], (problem.units[lumps.dofs[lumps.counted]] * size) ** -2)
     volumes = d * np.trace(cells.mass[cells.counted], axis1=1, axis2=2)
-    total += np.einsum("kel,e->kl", cells.moduli[:, cells.region[cells.counted], 1], volumes)
-    line = beams.section[:, beams.body[beams.counted], N_SECTION:]
-    total += np.einsum("kebl,b,e->kl", line, [1.0, turned, turned], 2.0 * beams.length[beams.counted])
-    total += 3.0 * np.einsum("keiil,i->kl", masses.density[:, masses.counted], [1.0, turned, turned, turned])
+    total += _summed(cells.moduli[:, cells.region[cells.counted], 1], volumes)
+    mass, *inertia = np.moveaxis(beams.section[:, beams.body[beams.counted], N_SECTION:], 2, 0)
+    total += _summed(mass + turned * sum(inertia), 2.0 * beams.length[beams.counted])
+    mass, *inertia = np.moveaxis(np.diagonal(masses.density[:, masses.counted], axis1=2, axis2=3), -1, 0)
+    total += _summed(mass + turned * sum(inertia), np.full(mass.shape[1], 3.0))
     for k in np.flatnonzero(problem.floating.counted):
         total += _mass_of_floating(problem, k, turned)
     return total
+
+
+def _summed(parts: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the sums of parts (n_blocks, n, n_lanes), each times a weight, in their order: numpy adds those of one
+    lane in another one, and a sample would differ alone and beside others."""
+    return np.cumsum(np.pad(parts * weights[:, None], ((0, 0), (1, 0), (0, 0))), axis=1)[:, -1]
 
 
 def _mass_of_floating(problem: FullProblem, k: int, turned: float) -> np.ndarray:
@@ -314,9 +319,9 @@ def _mass_of_floating(problem: FullProblem, k: int, turned: float) -> np.ndarray
     at, of_mass = places_of.py_func(d, n, rows), rows[d * d * n : d * d * n + n + 1]
     columns = problem.floating.columns[first[4] : last[4]][of_mass[0] : of_mass[-1]]
     diagonal = columns == np.repeat(np.arange(n), np.diff(of_mass))
-    turning = table[:, at.squares : at.fields : d + 1].sum(axis=1)
-    own = table[:, at.both + of_mass[0] + np.flatnonzero(diagonal)].sum(axis=1)
-    return d * table[:, 0] + (1.0 if d == 2 else 3.0) * turned * turning + own
+    turning = _summed(table[:, at.squares : at.fields : d + 1], np.full(d, turned if d == 2 else 3.0 * turned))
+    own = table[:, at.both + of_mass[0] + np.flatnonzero(diagonal)]
+    return d * table[:, 0] + turning + _summed(own, np.ones(own.shape[1]))
 
 
 def _filled(part: np.ndarray, shape: tuple[int, ...], value: float) -> np.ndarray:

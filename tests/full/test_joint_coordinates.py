@@ -85,7 +85,7 @@ def test_coordinates_count_turns_as_frames_do(name: str) -> None:
     """From two revolutions on, of joints that are in the tree and of others."""
     model = MECHANISMS[name]()
     system = model.batch(samples(model.scene, 2), 2)
-    state, angles = state_of(system, *moved(system, 0.1)), system.own.joints.counted[:, 0] != -2
+    state, angles = state_of(system, *moved(system, 0.02)), system.own.joints.counted[:, 0] != -2
     state = State(*state.parts()[:4], state.turns + 4.0 * np.pi)
     in_unknowns = State(*system._in_unknowns(state).parts()[:4], state.turns.copy())  # noqa: SLF001
     system.full.count_turns(in_unknowns)

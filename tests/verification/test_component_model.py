@@ -241,6 +241,16 @@ def test_a_sample_is_the_same_alone_and_in_a_batch() -> None:
 
 
 @every_kind
+def test_masses_that_constraints_are_scaled_to_are_the_same_alone_and_in_a_batch(make) -> None:
+    """To the last bit, of thirty samples: numpy sums one column in another order than several."""
+    radii = np.linspace(4.1e-3, 6.9e-3, 30)
+    for model in models(make):
+        together = model.batch(samples(model.scene, 30, r1=radii), 30).typical_mass
+        alone = [model.batch(samples(model.scene, 1, r1=radii[[k]]), 1).typical_mass[0] for k in range(30)]
+        np.testing.assert_array_equal(together, alone)
+
+
+@every_kind
 def test_modal_damping_takes_what_a_ratio_says(make, monkeypatch: pytest.MonkeyPatch) -> None:
     """Power of the first amplitude alone, ``2 zeta omega m x'^2``, and none where the frame alone moves."""
     model = models(make, 'effects.inner={type="structural_damping", bodies=["rod"], ratios=[0.03]}')[1]

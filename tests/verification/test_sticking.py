@@ -157,6 +157,9 @@ LEVELLING = {
     "two steps": "-tanh(v - 30) - tanh(v + 30)",
     "cut off": "-max(-1, min(1, v))",
     "cases": "-where(v > 1, 1, where(v < -1, -1, v))",
+    "exponential": "-(1 - exp(-abs(v))) * sign(v)",
+    "cut off on each side": "-min(1, abs(v)) * sign(v)",
+    "logistic": "1 - 2 / (1 + exp(-v))",
 }
 
 
