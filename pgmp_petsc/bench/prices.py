@@ -28,7 +28,7 @@ prediction is of their size, and `pgmp tradeoff` measures those of a scene.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,6 +57,11 @@ BESIDE, APART = OF_BESIDE / 1e6, 4.0
 # s, of a step of a sample whose outputs are forces in joints, by the dimension of space: of the mesh and of components,
 # and in the lanes of a reduced model
 FORCES, FORCES_IN_LANES = {2: 2e-6, 3: 2.5e-5}, {2: 1e-7, 3: 1.5e-6}
+# s, of a step of a sample whose outputs are found after it (ensemble.extremes), by the dimension of space: where they
+# take rates of frames, multipliers and stresses; 3 and 20, 2 and 1, 1.6 and 5 us were measured of reduced models
+FOUND_EVERYWHERE = {
+    "rates": {2: 3e-6, 3: 2e-5}, "multipliers": {2: 2.5e-6, 3: 1e-6}, "stresses": {2: 1.6e-6, 3: 5e-6},
+}  # fmt: skip
 FORCES_APART = {2: 1.2e-4, 3: 1.2e-4}  # s, more, where samples are taken one by one: 70, 80 and 185 us were measured
 BY_ITSELF = {2: 1.5e-4, 3: 4.5e-4}  # s, more, of a run of one sample: 70 to 250 us were measured in the plane
 SETTING_UP = {2: 0.04, 3: 0.4}  # s, of a sample of lengths of its own, by the dimension of space
@@ -128,6 +133,18 @@ def _forces(scene: Scene, price: Mapping[int, float]) -> float:
     return price[scene.dimension] * any("multipliers" in output.reads for output in scene.outputs.values())
 
 
+def _found_everywhere(scene: Scene) -> float:
+    """Return what a step of a sample takes, s, as outputs are found after it, whatever the model."""
+    read = set[str]()
+    for name in scene.ensemble.with_extremes(scene.outputs):
+        output = scene.outputs[name]
+        read |= {*output.reads} | ({"rates"} if output.derivative else set())
+        joint = scene.joints.get(getattr(output, "joint", None))
+        if "multipliers" in output.reads and joint is not None and joint.gives_way:
+            read.add("rates")
+    return sum(price[scene.dimension] for kind, price in FOUND_EVERYWHERE.items() if kind in read)
+
+
 def _local(mechanism: Mechanism) -> float:
     return LOCAL_EFFECT * sum(effect.local for effect in mechanism.scene.effects.values())
 
@@ -171,6 +188,7 @@ def prospects(
     """Return what is predicted of the mesh, of component modes and of a reduced model: of its flexible coordinates, and
     of the load patterns that static modes could answer."""
     n_local = sum(effect.local for effect in scene.effects.values())
+    everywhere = _found_everywhere(scene)
     n_rigid, fields = len(scene.coordinates), amplitudes(scene, mechanism, scene.reduction.modes)
     answered = scene.reduction.static_modes or not n_loads or scene.reduction.tolerance is not None
     besides, n_carried = STRAIN * n_strains(scene, mechanism), len(scene.carried)
@@ -200,7 +218,9 @@ def prospects(
             share,
         ),
     ]  # fmt: skip
-    return [Prospect(one.model, one.refused) if one.refused else one for one in found]
+    return [
+        Prospect(one.model, one.refused) if one.refused else replace(one, step=one.step + everywhere) for one in found
+    ]
 
 
 def choice(

@@ -233,9 +233,15 @@ def test_stresses_of_bodies_of_cells_are_in_what_a_step_is_predicted_to_take() -
 
 
 def test_forces_in_joints_are_in_what_steps_are_predicted_to_take() -> None:
-    steps = []
-    for outputs in ((), ('outputs.force={type="joint_force", joint="crank_hinge"}',)):
-        scene, meshes = read_scene(ROOT / "scenes" / "slider_crank.toml", outputs, (), SELF, Purpose.CHECK)
+    """And what outputs take that are found after every step: forces and, of joints that give way and speeds, rates."""
+    steps, force = [], 'outputs.force={type="joint_force", joint="crank_hinge"}'
+    gives = "joints.crank_hinge.elastic={reference=[[1.0, 0.0]], stiffness=[1e8, 1e8]}"
+    every = force, "ensemble.extremes=true"
+    for overrides in ((), (force,), every, (*every, 'outputs.w={type="speed", joint="crank_hinge"}'), (*every, gives)):
+        scene, meshes = read_scene(ROOT / "scenes" / "slider_crank.toml", overrides, (), SELF, Purpose.CHECK)
         found = prospects(scene, meshes, Mechanism.from_scene(scene, meshes), 6, 0)
         steps.append([one.step for one in found])
-    np.testing.assert_allclose(np.diff(steps, axis=0)[0], [FORCES[2], FORCES[2], FORCES_IN_LANES[2]], rtol=1e-9)
+    more = np.array(steps)[1:4] - steps[:3]
+    np.testing.assert_allclose(more[0], [FORCES[2], FORCES[2], FORCES_IN_LANES[2]], rtol=1e-9)
+    np.testing.assert_allclose(more[1:], np.repeat([[2.5e-6], [3e-6]], 3, axis=1), rtol=1e-9)
+    assert steps[4][2] - steps[2][2] == pytest.approx(3e-6, rel=0.2), "the reduced model has as many unknowns, or more"
