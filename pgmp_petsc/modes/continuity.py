@@ -286,6 +286,11 @@ class GridBasis:
                 ) from None
             closely = max((n for n, cosine in followed.items() if cosine >= POOR_COSINE), default=n_followed)
             told = f"; with reduction.modes = {closely} they can" if closely else ""
+            if closely and n_modes < len(start):
+                told += (
+                    ", where no static answers are beside them (reduction.static_modes, reduction.inertia_modes, "
+                    "reduction.spring_modes = false); with these it has to be tried"
+                )
             raise RunError(f"{error}{told}") from None
 
     @classmethod

@@ -165,8 +165,10 @@ def test_modes_that_can_be_followed_are_told_from_the_answer_or_mode_that_cannot
             GridBasis.of(beside, np.eye(2))
         for cosines, told in (({4: 0.1, 3: 0.6, 1: 0.9}, 3), ({4: 0.1, 3: 0.4}, 4)):
             monkeypatch.setattr(continuity, "_followed_modes", lambda *_: cosines)
-            with pytest.raises(RunError, match=f"with reduction.modes = {told} they can"):
+            with pytest.raises(RunError, match=f"with reduction.modes = {told} they can$"):
                 GridBasis.of(neighbours, np.eye(2))
+            with pytest.raises(RunError, match=f"= {told} they can, where no static answers are beside them"):
+                GridBasis.of(beside, np.eye(2))
         monkeypatch.undo()
 
 
