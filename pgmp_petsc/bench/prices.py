@@ -15,8 +15,8 @@ on the tree of joints       frames in space, and the cube of all coordinates and
                             the tree leaves, whose matrix is full
 =========================== ==========================================================================
 
-Local effects come on top. Of the scenes of this project predictions were within a factor of two or three, but for
-mechanisms of few unknowns that hit a stop, which cost five times as much.
+Local effects come on top, and outputs that are found after every step. Of the scenes of this project predictions were
+within a factor of two or three, but for mechanisms of few unknowns that hit a stop, which cost five times as much.
 
 Over n coordinates a step of a reduced model evaluates ``4^n`` coefficients of each entry of its tables. Bodies in
 floating frames keep as many fields as modes are asked for, and the static answers of their joints.
