@@ -134,10 +134,12 @@ def _forces(scene: Scene, price: Mapping[int, float]) -> float:
 
 
 def _found_everywhere(scene: Scene) -> float:
-    """Return what a step of a sample takes, s, as outputs are found after it, whatever the model."""
-    read = set[str]()
-    for name in scene.ensemble.with_extremes(scene.outputs):
-        output = scene.outputs[name]
+    """Return what a step of a sample takes, s, where outputs are found after it, whatever the model: all of them, where
+    any is described by its extremes or counted."""
+    outputs, read = scene.outputs.values(), set[str]()
+    if not scene.ensemble.with_extremes(scene.outputs) and not any(one.is_counted for one in outputs):
+        return 0.0
+    for output in outputs:
         read |= {*output.reads} | ({"rates"} if output.derivative else set())
         joint = scene.joints.get(getattr(output, "joint", None))
         if "multipliers" in output.reads and joint is not None and joint.gives_way:

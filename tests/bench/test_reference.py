@@ -237,11 +237,14 @@ def test_forces_in_joints_are_in_what_steps_are_predicted_to_take() -> None:
     steps, force = [], 'outputs.force={type="joint_force", joint="crank_hinge"}'
     gives = "joints.crank_hinge.elastic={reference=[[1.0, 0.0]], stiffness=[1e8, 1e8]}"
     every = force, "ensemble.extremes=true"
-    for overrides in ((), (force,), every, (*every, 'outputs.w={type="speed", joint="crank_hinge"}'), (*every, gives)):
+    event = 'ensemble.probabilities.far={output="crank_angle", above=1.0, when="ever"}'
+    speed = 'outputs.w={type="speed", joint="crank_hinge"}'
+    for overrides in ((), (force,), every, (*every, speed), (*every, gives), (force, event)):
         scene, meshes = read_scene(ROOT / "scenes" / "slider_crank.toml", overrides, (), SELF, Purpose.CHECK)
         found = prospects(scene, meshes, Mechanism.from_scene(scene, meshes), 6, 0)
         steps.append([one.step for one in found])
     more = np.array(steps)[1:4] - steps[:3]
     np.testing.assert_allclose(more[0], [FORCES[2], FORCES[2], FORCES_IN_LANES[2]], rtol=1e-9)
     np.testing.assert_allclose(more[1:], np.repeat([[2.5e-6], [3e-6]], 3, axis=1), rtol=1e-9)
+    assert steps[5] == steps[2], "an event at any time has all outputs found after every step"
     assert steps[4][2] - steps[2][2] == pytest.approx(3e-6, rel=0.2), "the reduced model has as many unknowns, or more"
