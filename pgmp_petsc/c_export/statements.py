@@ -259,23 +259,25 @@ class Combiner:
         import sympy as sp  # takes half a second, and few models have formulas
 
         t, order = sp.Symbol("time"), max(2 - reading.depth(0), 0)
-        own, read = {TIME: t}, {}
-        lines = [f"double {name}[3] = {{0.0}};", "{"]
+        own, read, given = {TIME: t}, {}, {}
         for k, (part, inner) in enumerate(reading.parts.items()):
             own[part] = sp.Function(f"u{k}")(t)
             array = self.of(inner)
             for j in range(order + 1):
-                read[sp.Derivative(own[part], (t, j)) if j else own[part]] = sp.Symbol(f"u{k}_{j}")
-                lines.append(f"const double u{k}_{j} = {array}[{j}];")
+                symbol = read[sp.Derivative(own[part], (t, j)) if j else own[part]] = sp.Symbol(f"u{k}_{j}")
+                given[symbol] = f"{array}[{j}]"
         for k, (part, parameter) in enumerate(reading.constants.items()):
             own[part] = sp.Symbol(f"c{k}")
-            lines.append(f"const double c{k} = {self._values[parameter]};")
+            given[own[part]] = self._values[parameter]
         found = [symbolic(reading.text, own)]
         for _ in range(order):
             found.append(sp.diff(found[-1], t))
-        shared, values = printed([one.subs(list(reversed(read.items()))) for one in found], in_c=True)
-        lines += [*shared, *(f"{name}[{j}] = {value};" for j, value in enumerate(values)), "}"]
-        self.lines += lines
+        found = [one.subs(list(reversed(read.items()))) for one in found]
+        used = set().union(*(one.free_symbols for one in found))
+        lines = [f"const double {symbol} = {value};" for symbol, value in given.items() if symbol in used]
+        shared, values = printed(found, in_c=True)
+        lines = [*lines, *shared, *(f"{name}[{j}] = {value};" for j, value in enumerate(values))]
+        self.lines += [f"double {name}[3] = {{0.0}};", "{", *lines, "}"]
 
 
 def coordinates_of(kinematics: RigidKinematics, slots: Mapping[int, int]) -> list[StatementInC]:

@@ -292,6 +292,7 @@ def condensed_alone(model: ComponentModel) -> Iterator[Remark]:
 
 
 COMPARABLE = 0.05  # of a figure
+MOST_NAMED = 6  # figures of one warning
 FEWEST = 5  # checked samples that tell of a deviation
 CURE = "a smaller simulation.step or reduction.tolerance makes it smaller"
 
@@ -426,7 +427,8 @@ def _of_quantity(
 def of_figures(
     figures: Iterable[tuple[str, float, float, float]], sizes: str = "these figures", comparable: float = COMPARABLE
 ) -> tuple[Remark, ...]:
-    """Return a warning of figures to which the error is comparable, and a note of how small it is otherwise.
+    """Return a warning of figures to which the error is comparable, the worst ones first, and a note of how small it is
+    otherwise.
 
     Of each figure come what it is, its value, that without the estimated errors, and the size that differences are
     compared with: what that is in words, and the share of it from which on there is a warning.
@@ -438,7 +440,10 @@ def of_figures(
         if share > comparable:
             both = np.array([value, without])
             shown, other = (number_text(one, both, 9) for one in both)
-            told.append(f"{what}: {shown}, about {other} without the estimated errors")
+            told.append((share, f"{what}: {shown}, about {other} without the estimated errors"))
     if told:
-        return (warning(f"the reduced model's own error is a good part of {'; '.join(told)}; {CURE}"),)
+        named = [text for _, text in sorted(told, key=lambda one: -one[0])[:MOST_NAMED]]
+        if len(told) > MOST_NAMED:
+            named.append(f"and of {len(told) - MOST_NAMED} others, by a smaller share")
+        return (warning(f"the reduced model's own error is a good part of {'; '.join(named)}; {CURE}"),)
     return (note(f"errors of the reduced model are estimated at up to {100 * max(shares):.2g} % of {sizes}"),)

@@ -31,6 +31,7 @@ from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel, Separat
 AnyModel = ReducedModel | LengthLanes | ComponentModel | SeparateLengths
 NEAR, FAR = 3e-5, 2e-4  # of a parameter's size, that runs beside are away
 ENOUGH = 1e-5  # of the largest effect on an output: derivatives that may be no more off are good
+ROUND_OFF = 1e-10  # of an output's largest value: effects that are no larger are what round-off makes of runs so near
 OF_BOUNDS = 0.1  # of the width of its bounds, which its size is at least
 #: Offsets in steps, and weights of the runs there: of fourth order, what second order is off, and a share of the fourth
 #: difference that is no less than what noise, a corner or a jump makes of the derivative.
@@ -57,15 +58,17 @@ class Off(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Slopes:
     """Derivatives of one output with parameters by their names, each (n_t,), and how far each may be off, times the
-    parameters' sizes."""
+    parameters' sizes; and the output's largest value."""
 
     effects: dict[str, np.ndarray]
     away: dict[str, float]
+    size: float
 
     def offs(self, output: str) -> list[Off]:
         """Return how far they are off by parameter; none where no parameter has an effect."""
         largest = max((float(np.abs(effect).max(initial=0.0)) for effect in self.effects.values()), default=0.0)
-        return [Off(away / largest, output, name) for name, away in self.away.items()] if largest > 0.0 else []
+        felt = largest > ROUND_OFF * self.size
+        return [Off(away / largest, output, name) for name, away in self.away.items()] if felt else []
 
     def take(self, other: Slopes) -> None:
         """Take derivatives from others where these may be off by less."""
@@ -124,7 +127,8 @@ class Differences:
         """Return the derivatives of an output (n_runs, n_t)."""
         effects, *doubts = self.sizes[:, None] * (self.weights @ values)
         away = np.abs(doubts).sum(axis=0).max(axis=-1, initial=0.0)
-        return Slopes(dict(zip(self.names, effects)), dict(zip(self.names, away.tolist())))
+        size = float(np.abs(values).max(initial=0.0))
+        return Slopes(dict(zip(self.names, effects)), dict(zip(self.names, away.tolist())), size)
 
     @property
     def n_runs(self) -> int:

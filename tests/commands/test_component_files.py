@@ -239,6 +239,15 @@ def test_derivatives_are_differences_of_runs_with_their_error(tmp_path: Path, ca
     np.testing.assert_array_equal(same.derivatives["crank_angle"]["r1"], found.derivatives["crank_angle"]["r1"])
 
 
+def test_derivatives_of_what_a_drive_gives_are_no_doubt() -> None:
+    """An angle that is prescribed hangs on no parameter: differences of its round-off were five times the largest."""
+    turned = 'outputs.turned={type="angle", joint="main_bearing"}'
+    scene = SCENES / "machine_on_mounts.toml"
+    found = interface.sensitivities(scene, model="components", overrides=("simulation.duration=0.2", turned))
+    (said,) = (one.text for one in found.remarks if "differences" in one.text)
+    assert "turned" not in said
+
+
 def test_derivatives_with_controllers(capsys: pytest.CaptureFixture) -> None:
     """Run by run, as forces beside are of one sample, which is said first; against differences of single runs."""
     model = interface.build(SCENES / "servo_arm.toml", components=True, overrides=("simulation.duration=0.1",))

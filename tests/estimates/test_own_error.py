@@ -79,6 +79,10 @@ def test_errors_of_full_order_samples_are_the_steps_and_not_cured_by_full_order_
 def test_figures_are_told_from_a_share_of_their_size_on() -> None:
     (said,) = of_figures([("a", 2.0, 1.0, 2.0), ("b", 2.0, 1.99, 2.0)])
     assert said.kind == "warning" and "a: 2, about 1 without" in said.text and "b:" not in said.text
+    (said,) = of_figures([(f"c{k}", 2.0, 1.0 + 0.1 * k, 2.0) for k in range(8, -1, -1)])  # the worst ones, by shares
+    assert (
+        said.text.index("c0: ") < said.text.index("c5: ") < said.text.index("and of 3 others") and "c6" not in said.text
+    )
     (said,) = of_figures([("a", 8e-3, 8e-3 + 1e-9, 1e-9)])  # no more digits than tell both apart
     assert "a: 0.008, about 0.008000001 without" in said.text
     (said,) = of_figures([("b", 2.0, 1.99, 2.0), ("idle", 0.0, 0.0, 0.0)], "the standard errors")

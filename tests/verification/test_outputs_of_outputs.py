@@ -63,6 +63,7 @@ CHAIN = (
     'outputs.of_mix={type="rate",of="mix"}', 'outputs.twice={type="rate",of="of_mix"}',
     'outputs.e={type="formula",formula="0.5 * m * v**2 + tanh(mix) * m * a * place",unit="J"}',
     'outputs.given={type="formula",formula="m * a * v"}',
+    'outputs.stroke={type="formula",formula="where(abs(swing) > 0.1, v * bent, 0)"}',
 )  # fmt: skip
 
 
