@@ -263,7 +263,9 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
         free = model.scene.initial.coordinates == "free"
         statics = ReducedStatics(system, None if free else angles)
         theta = np.tile(model.start[0], (n_samples, 1))
-        system.settle(settle(statics, theta, search_of(model.scene, model.kinematics.mechanism)))
+        found = settle(statics, theta, search_of(model.scene, model.kinematics.mechanism))
+        # a start is said as joints measure it, which modes turn too
+        system.settle(replace(found, theta=angles.of(found.unknowns.T)) if free else found)
     if model.measures is not None:
         system.control(*_controls(model, system, own))
     return system

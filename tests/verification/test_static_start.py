@@ -113,10 +113,9 @@ def test_a_spring_holds_free_coordinates_where_its_torque_balances_the_weight() 
     full, reduced = (model.batch({}, 1).settled.theta[0, 0] for model in both(scene, BAR))
     # the bar bends by 0.7 % of its length: the weight's arm changes by its square and by the turn of the load
     assert abs(full - theta) < 2e-3
-    # the reduced coordinate is the mean turn of the bar, not that of its hinge, which is compared elsewhere
-    frames = settled_frames(reduced_of(scene, BAR))
-    np.testing.assert_allclose(frames[0, 2], full, atol=2e-4)
-    assert abs(reduced - full) < 2e-2
+    # that of the hinge, as runs say it; the reduced coordinate is the mean turn of the bar, up to 2e-2 away
+    np.testing.assert_allclose(reduced, full, atol=2e-4)
+    np.testing.assert_allclose(settled_frames(reduced_of(scene, BAR))[0, 2], reduced, rtol=0, atol=1e-12)
 
 
 def test_reduced_and_full_deformation_agree_anywhere() -> None:
@@ -324,11 +323,12 @@ def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
     found = []
     for model in (full_model(scene, meshes), ReducedModel(scene, rom)):
         with closing(model.batch({}, 1)) as system:
-            outputs = model.outputs.evaluate(model.observed(system, system.start()))
-            found.append((outputs["height"][0], outputs["sag"][0], system.settled.theta[0, 0]))
+            start = system.start()
+            outputs = model.outputs.evaluate(model.observed(system, start))
+            found.append((outputs["height"][0], outputs["sag"][0]))
     full, reduced = found
     assert full[1] != 0.0
-    lengthened = 0.3 * (1.0 - np.cos(reduced[2] - full[2]))
+    lengthened = 0.3 * (1.0 - np.cos(start.q[0, 0] - system.settled.theta[0, 0]))  # rigid and measured coordinate
     np.testing.assert_allclose(reduced[1] + lengthened, full[1], rtol=2e-3)
     np.testing.assert_allclose(reduced[0], full[0], atol=0.02 * abs(full[1]) + lengthened)
 
