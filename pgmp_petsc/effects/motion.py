@@ -5,8 +5,8 @@ A spin-up to the speed ``Omega`` in the time T is that of Simo and Vu-Quoc (1986
     theta = Omega / T (t^2 / 2 + (T / 2 pi)^2 (cos(2 pi t / T) - 1)),   then   theta = Omega (t - T / 2),
 
 whose acceleration ``Omega / T (1 - cos(2 pi t / T))`` has no jump. Tables become cubic splines at rest at both ends,
-and stay where they end; all others go on for ever. Where an acceleration jumps it is the later one: a run that begins
-at a table's first row begins with what the table does then.
+and stay where they end; all others go on for ever. Where an acceleration jumps it is that of the table: a run that
+begins at its first row, or ends at its last one, does so with what the table does then.
 
 Where the base moves, the ground's points go along a direction as given, and everything is seen from the base. In its
 frame every mass m has the force ``-m x''`` of the base's displacement x(t), as in a gravity field of the acceleration
@@ -41,6 +41,7 @@ from pgmp_petsc.scene.references import harmonic_problems, load_problems, unknow
 from pgmp_petsc.scene.uses import Use, slides
 
 N_LOOKED_AT = 33  # instants between two rows
+BEHIND = 1e-9  # of its last interval, from where on behind a spline it rests: steps end there but for round-off
 RESTS = 0.02  # of the whole way of a table, by which its spline may move between rows that are the same
 
 
@@ -186,7 +187,8 @@ def _spline(rows: TimeTable | LoadTable) -> list[Piece]:
     times, values = np.array(rows, dtype=float).T
     cubics = CubicSpline(times, values, bc_type="clamped").c[::-1].T
     between = [Piece(start, start, tuple(c)) for start, c in zip(times, cubics)]
-    return [Piece(cubic=(values[0],)), *between, Piece(times[-1], times[-1], (values[-1],))]
+    behind = times[-1] + BEHIND * (times[-1] - times[-2])
+    return [Piece(cubic=(values[0],)), *between, Piece(behind, times[-1], (values[-1],))]
 
 
 def _spin_up(entry: SpinUp) -> TimeFunction:

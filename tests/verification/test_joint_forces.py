@@ -53,6 +53,17 @@ simulation.initial.phi: position = 0.3; velocity = 2.0
 """)
 
 
+def test_a_drive_whose_table_ends_with_the_run_takes_what_it_does_there() -> None:
+    """``J phi''`` of a clamped spline of one piece, -6 J / T^2 at its end: none was said there, at rest behind it."""
+    driven = (
+        'effects={drive={type="prescribed_motion", coordinate="phi", table=[[0.0, 0.0], [0.3, 1.0]]}}',
+        "simulation={duration=0.3, step=1e-3}", 'outputs.drive={type="drive_torque", joint="hinge"}',
+    )  # fmt: skip
+    found = motion(full_model(scene_from_toml(PENDULUM, ".", driven))).outputs["drive"]
+    wanted = (0.05 + 2.0 * 0.4**2) * 6.0 / 0.3**2
+    np.testing.assert_allclose(found[[0, -1]], [wanted, -wanted], rtol=1e-9)
+
+
 @pytest.mark.parametrize("radius", [0.8, 1.0])
 def test_a_pendulum_to_second_order_from_the_first_step_on(radius: float) -> None:
     """``m a - m g`` of a solution by scipy, in the ground's axes and the body's, on both bodies."""
