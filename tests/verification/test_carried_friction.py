@@ -366,7 +366,7 @@ LENGTH = 'parameters.l={nominal=0.3,unit="m",bounds=[0.25,0.35]}', 'bodies.rod.l
 
 def test_models_of_several_lengths_rub_alike():
     """Polynomials through three lengths are a thousandth of what friction takes away from models of each."""
-    short = "simulation.duration=0.02", "outputs={theta={type='angle',joint='main'}}"
+    short = "simulation.duration=0.02", "outputs={theta={type='angle',joint='main'}}", "reduction.angles=12"
     scene = slider(*short, *LENGTH)
     model, lengths = reduced_model(scene), np.array([0.26, 0.3])
     lanes = of_samples(model, ["l"])
