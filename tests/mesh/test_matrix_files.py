@@ -133,7 +133,7 @@ MATRIX_CASES = {
 
 
 def test_arrays_with_other_numbers_in_them_are_refused(tmp_path: Path) -> None:
-    """SciPy reads where a wrong index or pointer leads, which ends the process: they are read here by one of its own."""
+    """SciPy reads where a wrong index or pointer leads, which ends the process: one of its own reads them here."""
     rng, names = np.random.default_rng(5), []
     for format in ("csr", "coo", "bsr", "dia"):
         sp.save_npz(tmp_path / "k.npz", STIFFNESS.asformat(format))

@@ -229,7 +229,6 @@ def test_models_in_c_rub_alike(make, name, share, tmp_path) -> None:
 
 
 def rubbing(joint: str, entries: str = "radius=0.01,") -> str:
-    """Return an effect of friction in a joint."""
     return f'effects.rub_{joint}={{type="joint_friction",joint="{joint}",coefficient=0.3,{entries}speed=0.1}}'
 
 

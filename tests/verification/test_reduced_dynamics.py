@@ -108,7 +108,6 @@ def energies(model: ReducedModel, every: int = 1) -> tuple[np.ndarray, float]:
 
 
 def relative_drift(found: np.ndarray) -> float:
-    """Return the largest relative change."""
     return float(np.abs(found / found[0] - 1).max())
 
 

@@ -74,7 +74,6 @@ class Curved:
 
 
 def curved(scene: Scene, theta: float, n_modes: int) -> Curved:
-    """Compute one configuration."""
     kinematics = kinematics_of(scene)
     mechanism = kinematics.mechanism
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
@@ -192,7 +191,6 @@ class OnManifold:
 
 
 def sampled(scene: Scene, theta: float) -> OnManifold:
-    """Return one sample with everything of second order."""
     kinematics = kinematics_of(scene)
     matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
     effects = effects_of(scene, kinematics.mechanism)

@@ -43,7 +43,6 @@ def reduced(text: str) -> ReducedModel:
 
 
 def said(model: ReducedModel) -> list[Remark]:
-    """Return what a run says of its start."""
     found = trajectory(model).record.remarks
     return [remark for remark in found if "starts undeformed" in remark.text]
 
