@@ -402,7 +402,7 @@ OUTPUTS = (
     'outputs.slider_position={type="position",point="rod:tip",axis="x"}',
     'outputs.slider_deformation={type="deformation",point="rod:tip",axis="x"}',
 )
-SHORT = (PUSH, "simulation.duration=0.12", "simulation.step=5e-4", "reduction.angles=32")
+SHORT = (PUSH, "simulation.duration=0.12", "simulation.step=5e-4", "reduction.angles=16")
 
 
 def test_beams_in_the_plane_are_the_same_in_space() -> None:
