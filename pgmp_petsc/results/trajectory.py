@@ -49,12 +49,11 @@ from pgmp_petsc.declare.records import (
 )
 from pgmp_petsc.files.claims import check_output, replacing
 from pgmp_petsc.files.hdf5 import RunRecord, open_file, shapes_of, take
-from pgmp_petsc.results.estimates import VALIDITY_WORDS, Balance, EstimatedErrors
+from pgmp_petsc.results.estimates import ANSWERS, VALIDITY_WORDS, Balance, EstimatedErrors
 from pgmp_petsc.results.statistics import MODELS
 
 GROUP = "fields"
 PLACES = ("at_nodes", "at_cells")
-ANSWERS = {"static_modes": "loads", "inertia_modes": "inertia forces"}
 _LENGTHS = ("positions", "nodes")  # of frames
 _VECTOR = ("frame", "node", "dimension")
 
