@@ -376,6 +376,10 @@ class LoopClosure:
             # each theta stops by itself, so that the others in the call have no part in its last digits
             open_ones = np.flatnonzero((gap >= tolerance) & np.isfinite(gap))
             if not open_ones.size:
+                # once more to the last digit, with the J that each has
+                ended = np.flatnonzero(sound)
+                if ended.size:
+                    poses[..., ended] = space.displaced(poses[..., ended], -self._again(kept, residual, ended))
                 break
             moving = poses[..., open_ones]
             if not again:
@@ -391,8 +395,7 @@ class LoopClosure:
                     kept[anew] = made
                 known[:] = False  # J serves once more at most
                 known[anew] = True
-                right = residual[:, open_ones].T[..., None] / self._scale[:, None]
-                motions = self.jacobian.by_body(self._blocks.substituted(kept, open_ones, right))[:, :, 0]
+                motions = self._again(kept, residual, open_ones)
                 odd = ~sound[open_ones]
                 if odd.any():
                     motions[..., odd] = self._step(moving[..., odd], residual[:, open_ones[odd]])[0]
@@ -416,6 +419,12 @@ class LoopClosure:
     def _form(self, n_rows: int) -> Blocks | None:
         """Return the form of J with so many rows, where it is known."""
         return self._blocks if n_rows == self._rows.n else None
+
+    def _again(self, factors: np.ndarray, residual: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        """Return the motions to be taken back, (n_bodies, n_dofs, n), by chosen ones (n,) of J that were factorised and
+        the residuals (n_rows, n_all) there."""
+        right = residual[:, chosen].T[..., None] / self._scale[:, None]
+        return self.jacobian.by_body(self._blocks.substituted(factors, chosen, right))[:, :, 0]
 
     def _least(self, jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Return the least y (n, n_dofs n_bodies, k) that comes nearest to ``J y = right``, for J and right-hand sides
@@ -452,7 +461,7 @@ class RowsOfMotions:
 
     def by_body(self, motions: np.ndarray) -> np.ndarray:
         """Return motions (n, n_dofs n_bodies, k) by bodies, (n_bodies, n_dofs, k, n)."""
-        return np.moveaxis(motions, 0, -1).reshape(self._n_bodies, self._space.n_dofs, motions.shape[2], -1)
+        return np.moveaxis(motions, 0, -1).reshape(self._n_bodies, -1, *motions.shape[2:], len(motions))
 
 
 @njit(cache=True, entry=True, error_model="numpy", counted=False)
