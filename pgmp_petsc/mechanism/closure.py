@@ -461,7 +461,8 @@ class RowsOfMotions:
 
     def by_body(self, motions: np.ndarray) -> np.ndarray:
         """Return motions (n, n_dofs n_bodies, k) by bodies, (n_bodies, n_dofs, k, n)."""
-        return np.moveaxis(motions, 0, -1).reshape(self._n_bodies, -1, *motions.shape[2:], len(motions))
+        shape = self._n_bodies, self._space.n_dofs, motions.shape[2], len(motions)
+        return np.moveaxis(motions, 0, -1).reshape(shape)
 
 
 @njit(cache=True, entry=True, error_model="numpy", counted=False)
