@@ -30,7 +30,7 @@ from pgmp_petsc.files.claims import named
 from pgmp_petsc.files.hdf5 import KINDS, RunRecord, open_file, shapes_of
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results import EffectSizes, Selection
-from pgmp_petsc.results.numbers import axis_unit, felt, share_text
+from pgmp_petsc.results.numbers import axis_unit, behind, felt, share_text
 from pgmp_petsc.results.summary import origin_of, plain, summary_of
 
 
@@ -283,7 +283,7 @@ def _report_of_differences(found: Differences, name: Path, said: object) -> str:
         factor, unit = axis_unit(one.unit, np.array([one.largest]))
         told = np.isfinite(one.share) and (one.share or not one.largest)
         share = "" if not told else f" ({share_text(one.share)} of its largest value)"
-        lines.append(f"  {output:24s}{factor * one.largest:+14.6g} {unit} {where.format(one.place)}{share}")
+        lines.append(f"  {output:24s}{factor * one.largest:+14.6g}{behind(unit)} {where.format(one.place)}{share}")
     return "\n".join([*lines, *(f"  {text}" for text in found.lacking)])
 
 
