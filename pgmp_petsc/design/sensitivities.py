@@ -190,15 +190,15 @@ def run_remarks(model: AnyModel, run: DifferentiatedRun) -> Iterator[Remark]:
 @gathered
 def corner_remarks(run: DifferentiatedRun, changes: np.ndarray) -> Iterator[Remark]:
     """Return which largest and smallest values the step does not resolve, where changes of the parameters (n, 1) do
-    something else to the instant itself."""
+    something else an instant before than an instant after."""
     told = []
     for output, values in run.outputs.items():
         rows = np.array(list(run.derivatives[output].values())) * changes
         for what, sign in (("largest", 1.0), ("smallest", -1.0)):
-            place = vertex(values, sign)
-            apart = np.abs(place.of(rows) - rows[:, place.at]).max()
-            if is_sharp(values, place.at) and apart > LEAST * np.abs(rows[:, place.at]).max():
-                told.append(f"the {what} {output} at {run.time[place.at]:.4g} s")
+            at = vertex(values, sign).at
+            near = rows[:, max(at - 1, 0) : at + 2]
+            if is_sharp(values, at) and np.ptp(near, axis=1).max() > LEAST * np.abs(rows[:, at]).max():
+                told.append(f"the {what} {output} at {run.time[at]:.4g} s")
     if told:
         yield warning(
             f"derivatives of {', '.join(told)} are unsure: there is a corner, or a vibration of fewer than 8 steps; "

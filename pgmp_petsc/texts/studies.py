@@ -10,7 +10,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import Remark, counted
 from pgmp_petsc.results.gradients import Derivatives, Design, Figure, Fit
-from pgmp_petsc.results.numbers import ROUND_OFF, behind, interval_text, percent, plain, share_text, sizes_of
+from pgmp_petsc.results.numbers import ROUND_OFF, VANISHING, behind, interval_text, percent, plain, share_text, sizes_of
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.texts.models import closing
 
@@ -48,10 +48,11 @@ def lines_of(found: Derivatives) -> Iterator[str]:
     width = max(4, *(len(_named(found.units.get(output, "1"))) for output in found.outputs))
     yield f"  {'':24s}{'':11s}{'value':>14s}{'':{width + 3}s}{'':20s}{'change':>14s}  derivative"
     sizes = sizes_of(found.outputs, found.units)
-    for output in found.outputs:
-        shown = output
+    for output, values in found.outputs.items():
+        # derivatives have 3e-9 of themselves
+        shown, none = output, max(ROUND_OFF * sizes[output], VANISHING * float(np.max(np.abs(values), initial=0.0)))
         for figure in found.figures(output):
-            yield from _rows(found, output, figure, shown, ROUND_OFF * sizes[output], width)
+            yield from _rows(found, output, figure, shown, none, width)
             shown = ""
     for name, (change, what) in found.changes.items():
         yield f"  {name:24s}{'changes by':11s}{change:14.5g}{behind(found.units.get(name, '1'))}, {what}"
