@@ -22,7 +22,7 @@ from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
-from pgmp_petsc.results.estimates import LARGE, EstimatedErrors
+from pgmp_petsc.results.estimates import ANSWERS, LARGE, EstimatedErrors
 from pgmp_petsc.results.numbers import behind, felt, nothing, number_text, share_text, sizes_of, with_unit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
@@ -223,14 +223,13 @@ def left_out_of_estimates(model: ReducedModel | LengthLanes) -> Iterator[Remark]
 @gathered
 def truncated_stresses(scene: Scene) -> Iterator[Remark]:
     """Return what a reduced basis leaves out of stresses, where outputs ask for these; nothing where it has it all."""
-    keys = [key for key in ("static_modes", "inertia_modes") if not getattr(scene.reduction, key)]
+    keys = [key for key in ANSWERS if not getattr(scene.reduction, key)]
     names = [f"outputs.{name}" for name, output in scene.outputs.items() if "stresses" in output.reads]
     if not (keys and names):
         return
-    missing = {"static_modes": "loads", "inertia_modes": "inertia forces"}
     yield note(
         f"{', '.join(names)}: stresses of {scene.reduction.modes} modes lack the static answers to "
-        f"{' and '.join(missing[key] for key in keys)} beyond these; build with "
+        f"{' and '.join(ANSWERS[key] for key in keys)} beyond these; build with "
         f"{' and '.join(f'reduction.{key} = true' for key in keys)}"
     )
 

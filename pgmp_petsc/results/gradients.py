@@ -1,12 +1,9 @@
 """Outputs of one run over time with their derivatives with parameters, as ``pgmp sensitivities`` finds them, and what
 is found by these: parameters that fit a measured history, and a design, which meets a goal best under constraints.
 
-The largest or smallest value of a smooth history is known at instants. The largest of the values themselves, ``y_k``,
-is that of one instant, and its derivative that of the history there. But between instants lies the true extreme, where
-the history has no slope: only there is the derivative of the extreme that of the history (the envelope theorem;
-Danskin 1966). At an instant next to it there is ``(t_k - t*) dy'/dp`` besides, which is of first order in the step,
-and may be larger than all else where a parameter shifts a vibration in time. The vertex of the parabola through the
-values at three equally distant instants,
+The derivative of an extreme is that of the history there (the envelope theorem; Danskin 1966) only at the true extreme,
+between instants: at an instant next to it there is ``(t_k - t*) dy'/dp`` besides, of first order in the step. The
+vertex of the parabola through the values at three equally distant instants,
 
     s = (y_{k-1} - y_{k+1}) / (2 (y_{k-1} - 2 y_k + y_{k+1})),    -1/2 <= s <= 1/2,
     y* = y_k + s (y_{k+1} - y_{k-1}) / 2 + s^2 / 2 (y_{k-1} - 2 y_k + y_{k+1}),

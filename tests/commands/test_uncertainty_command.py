@@ -243,7 +243,6 @@ def ensemble(rom: Path, output: Path, *options: object, n: int = N, seed: int = 
 
 @pytest.fixture(scope="module")
 def shards(folder: Path, rom: Path) -> list[Path]:
-    """Return the files of all shards of the random ensemble."""
     names = range(1, COUNT + 1)
     return [ensemble(rom, folder / f"random_{k}.h5", "--shard", f"{k}/{COUNT}") for k in names]
 

@@ -292,7 +292,6 @@ PENDULUM += '\n[effects.weight]\ntype = "gravity"\n'
 
 
 def resting(step: float) -> Scene:
-    """Return a pendulum that comes to rest in its friction."""
     return scene_from_toml(PENDULUM, ".", (
         "bodies.bar.line={length=0.6, elements=6}", 'bodies.bar.section={shape="circle", radius=0.005}',
         "materials.alloy={E=210e9, nu=0.3, rho=7800.0}", "effects.f.limit=0.8", "effects.f.speed=0.01",
