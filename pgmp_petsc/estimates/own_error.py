@@ -23,7 +23,7 @@ from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
 from pgmp_petsc.results.estimates import ANSWERS, LARGE, EstimatedErrors
-from pgmp_petsc.results.numbers import behind, felt, number_text, share_text, sizes_of, with_unit
+from pgmp_petsc.results.numbers import behind, felt, nothing, number_text, share_text, sizes_of, with_unit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, integrate, integrate_with_smaller_steps
@@ -113,9 +113,10 @@ def large_errors(
     said in units of the system; of an output that vanishes, the error itself. Displacements vanish beside a length of
     the mechanism too.
     """
-    found, beside, sizes = [], sizes_of(sizes, units, length), felt(sizes, units, length)
+    found, beside, none = [], sizes_of(sizes, units, length), nothing(sizes, units, length)
+    sizes = felt(sizes, units, length)
     for name, values in errors.items():
-        size, least = sizes[name], NEGLIGIBLE * beside[name]
+        size, least = sizes[name], max(NEGLIGIBLE * beside[name], none[name])
         runs = np.flatnonzero(np.isfinite(values) & ((size > 0.0) | ((size == 0.0) & (values > least) & (least > 0.0))))
         shares = np.divide(values[runs], size[runs], where=size[runs] > 0.0, out=np.full(runs.size, np.inf))
         n_large = int(np.sum(shares > LARGE))
@@ -357,6 +358,8 @@ def not_known(
     """Return why the model's own part of some figures, which are of outputs with these names, is not known."""
     if model.name == ComponentModel.name:
         why = f"errors of component modes are not estimated; take more reduction.modes, or {comparing(model.scene)}"
+        if not any(body.flexible for body in model.scene.bodies.values()):
+            why = "all bodies are rigid, so that these are errors of the time step; take half of simulation.step"
     else:
         absent = absence_of_estimates(model.scene)
         why = absent[0].text if absent or errors is None else f"{errors.why_not(names)}; {comparing(model.scene)}"

@@ -197,7 +197,11 @@ def test_what_vanishes_beside_others_of_its_unit_has_no_share(error: float, warn
     remarks = large_errors({"lift": np.array([1e-5]), "sway": np.array([error])}, sizes, dict.fromkeys(sizes, "m"))
     assert bool(remarks) == bool(warned) and all(warned in remark.text for remark in remarks)
     assert not any("has not converged" in remark.text for remark in remarks)
-    assert felt(sizes, dict.fromkeys(sizes, "m"))["sway"] == 0.0 < felt(sizes, dict.fromkeys(sizes, "1"))["sway"]
+    assert felt(sizes, dict.fromkeys(sizes, "m"))["sway"] == 0.0
+    # pure numbers are beside 1, as a damage is
+    tiny = {"whole": np.array([5.0]), "damage": np.array([1.5e-14, 2e-12])}
+    assert felt(tiny, {})["damage"].tolist() == [0.0, 2e-12]
+    assert not large_errors({"damage": np.array([1e-14, np.nan])}, {"damage": tiny["damage"]}, {})
 
 
 def test_an_output_without_an_estimate_says_why(tmp_path: Path) -> None:
