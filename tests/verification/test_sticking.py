@@ -160,6 +160,7 @@ LEVELLING = {
     "exponential": "-(1 - exp(-abs(v))) * sign(v)",
     "cut off on each side": "-min(1, abs(v)) * sign(v)",
     "logistic": "1 - 2 / (1 + exp(-v))",
+    "a ramp of logarithms": "log(1 + exp(v - 1)) - log(1 + exp(v))",
 }
 
 
