@@ -252,13 +252,12 @@ def scene_of(kind: str, feature: str) -> Scene:
         "inside": [float(described(bare.bodies[bodies[-1]]).split(":")[1]) - 0.05] + [0.0] * (2 if space else 1),
     }  # fmt: skip
     asked = tuple(entry.format(**words) for entry in FEATURES[feature])
-    extra = []
+    extra, n = [], len(bare.coordinates)
+    if n > 2 or feature != "free equilibrium":
+        extra.append(f"reduction.angles={4 if n > 2 else 5}")
     if feature != "free equilibrium":  # which may be anywhere; a short range saves nine tenths of the time
-        extra.append("reduction.angles=5")
         for name in bare.coordinates:
             extra += [f"coordinates.{name}.range=[-0.3, 0.6]", f"coordinates.{name}.periodic=false"]
-    elif len(bare.coordinates) > 2:
-        extra.append("reduction.angles=5")
     if any("strength" in entry for entry in asked):
         extra.append('parameters.strength={nominal=1.0,distribution={name="uniform",loc=0.9,scale=0.2}}')
     if any('"width"' in entry for entry in asked):

@@ -52,7 +52,7 @@ simulation: duration = 2.0; step = 2e-3
 outputs.x: type = "sliding"; joint = "shaft"
 outputs.phi: type = "angle"; joint = "shaft"
 """)
-# a bridge on a spindle of 10 mm lead, which turns 50 times for 0.5 m, and a cart across it on another one
+# a bridge on a spindle of 10 mm lead, which turns 20 times for 0.2 m, and a cart across it on another one
 _ONE_SPINDLE = HEADER + tables("""
 bodies.bridge: rigid = { mass = 3.0, inertia = [0.05, 0.06, 0.02, 0.0, 0.0, 0.0], points = { a = [0.0, 0.0, 0.0] } };
     placement = { origin = [0.007, 0.0, 0.0] }
@@ -62,7 +62,7 @@ joints.x: type = "prismatic"; connect = ["ground:origin", "bridge:a"]; axis = [1
 joints.bearing: type = "revolute"; connect = ["ground:origin", "long:b"]; axis = [1.0, 0.0, 0.0]
 joints.nut: type = "cylindrical"; connect = ["long:b", "bridge:a"]; axis = [1.0, 0.0, 0.0]
 joints.thread: type = "screw"; joint = "nut"; lead = -0.01
-coordinates.x: joint = "x"; range = [-0.5, 0.5]
+coordinates.x: joint = "x"; range = [-0.2, 0.2]
 effects.one: type = "torque"; joint = "bearing"; table = [[0.0, 0.5], [1.0, 0.5]]
 simulation: duration = 0.1; step = 5e-4
 outputs.x: type = "sliding"; joint = "x"
@@ -77,7 +77,7 @@ joints.y: type = "prismatic"; connect = ["bridge:a", "cart:a"]; axis = [0.0, 1.0
 joints.bearing2: type = "revolute"; connect = ["bridge:a", "across:a"]; axis = [0.0, 1.0, 0.0]
 joints.nut2: type = "cylindrical"; connect = ["across:a", "cart:a"]; axis = [0.0, 1.0, 0.0]
 joints.thread2: type = "screw"; joint = "nut2"; lead = -0.01
-coordinates.y: joint = "y"; range = [-0.5, 0.5]
+coordinates.y: joint = "y"; range = [-0.2, 0.2]
 effects.two: type = "torque"; joint = "bearing2"; table = [[0.0, -0.3], [1.0, -0.3]]
 outputs.y: type = "sliding"; joint = "y"
 """),

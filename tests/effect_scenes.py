@@ -102,7 +102,6 @@ def mechanism_with_lines(scene: Scene) -> Mechanism:
 
 
 def line_model(scene: Scene) -> FullModel:
-    """Return the full-order model of such a scene."""
     return FullModel(scene, line_meshes(scene))
 
 

@@ -139,7 +139,6 @@ def machine_in_space(*overrides: str) -> Scene:
 
 
 def boom(*overrides: str) -> Scene:
-    """Return a boom with a head that an elastic belt holds."""
     return scene_from_toml(BOOM, ".", overrides)
 
 
@@ -149,7 +148,6 @@ def tube(*overrides: str) -> Scene:
 
 
 def rotor(*overrides: str) -> Scene:
-    """Return a shaft with two discs in two elastic bearings."""
     return scene_from_toml(ROTOR, ".", overrides)
 
 

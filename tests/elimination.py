@@ -80,7 +80,6 @@ class Eliminated:
     load: Callable[[float], np.ndarray]  # nodal loads at a time, (n_dofs,)
 
     def accelerations(self, time: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return accelerations and multipliers."""
         mass, jacobian = self.beams.mass(), self.jacobian(q).real
         drift = (self.jacobian(q + 1j * TINY * v) @ v).imag / TINY
         n, m = self.beams.n_dofs, len(jacobian)

@@ -89,7 +89,6 @@ def derivatives_with_contacts() -> Any:
 
 
 def robust_design() -> Any:
-    """Return a design whose figures are robust ones."""
     design = synthetic.designed()
     constraint = DesignConstraint("std(crank_angle) <= 1", 0.5, -0.25, False, (-0.5, 0.25))
     return replace(
@@ -99,7 +98,6 @@ def robust_design() -> Any:
 
 
 def rare_with_design_points() -> Any:
-    """Return a rare event with its most likely points."""
     found = MostLikely(np.array([3.0]), np.array([[3.0]]), np.array([[1.0]]), {"r1": np.array([7e-3])}, True, 9)
     return replace(synthetic.rare_event(), most_likely=found, asked=5, text="end(crank_angle) > 6.5")
 

@@ -39,7 +39,6 @@ def scene_of(name: str, *overrides: str, settings: tuple[str, ...] = ()) -> Scen
 
 
 def with_scene(model: ReducedModel, scene: Scene) -> ReducedModel:
-    """Return a reduced model with another scene that its tables do not depend on."""
     return ReducedModel(scene, model.rom, model.kinematics)
 
 
@@ -152,7 +151,6 @@ class Unit:
         return found
 
     def call(self, name: str, *arguments: object) -> int:
-        """Call a function on the first instance."""
         return getattr(self._library, f"fmi{self.version}{name}")(ctypes.c_void_p(self._component), *arguments)
 
     def free(self, component: int) -> None:
@@ -168,7 +166,6 @@ class Unit:
         return next((s for name, of in (*calls, ("ExitInitializationMode", ())) if (s := self.call(name, *of))), 0)
 
     def step(self, current: float, size: float) -> int:
-        """Take a communication step."""
         times = ctypes.c_double(current), ctypes.c_double(size), 1
         if self.version == 2:
             return self.call("DoStep", *times)
@@ -178,7 +175,6 @@ class Unit:
         return status
 
     def set(self, kind: str, reference: int, value: float) -> int:
-        """Set a variable."""
         name, of = KINDS[self.version][kind]
         return self.call(f"Set{name}", *self._one(reference), (of * 1)(value), *self._count(1))
 
@@ -201,7 +197,6 @@ class Unit:
         return np.array(x)
 
     def derivatives(self, time: float, values: np.ndarray) -> np.ndarray:
-        """Return the derivatives of continuous states at a time."""
         n = len(values)
         assert self.call("SetTime", ctypes.c_double(time)) == 0
         self.states(n, values)
@@ -225,7 +220,6 @@ class Unit:
         return time if defined else None
 
     def end_step(self) -> None:
-        """Say that the integrator has taken a step."""
         of = ctypes.c_int if self.version == 2 else ctypes.c_bool
         flags = [of(1), of(1)]
         assert self.call("CompletedIntegratorStep", 1, *map(ctypes.byref, flags)) == 0

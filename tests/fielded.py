@@ -25,7 +25,6 @@ def field_of(mesh, moves: np.ndarray, deformation: float, stress: float) -> Body
 
 
 def run_of(n_frames: int = 4, **fields: BodyField) -> Trajectory:
-    """Return a run with these bodies alone."""
     run = synthetic.trajectory(n_frames=n_frames, n_times=101)
     empty = {name: {} for name in ("positions", "rotations", "nodes", "cells")}
     d = next(iter(fields.values())).nodes.shape[1]

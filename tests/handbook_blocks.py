@@ -69,7 +69,6 @@ def pages() -> list[Path]:
 
 
 def blocks_of(path: Path) -> list[Block]:
-    """Return the blocks of a page in order."""
     lines = path.read_text(encoding="utf-8").splitlines()
     page, found, k = path.relative_to(ROOT).as_posix(), [], 0
     is_list = False

@@ -54,7 +54,6 @@ def cart(*overrides: str) -> Scene:
 
 
 def rail(*overrides: str, dimension: int = 3) -> Scene:
-    """Return an arm across a rail."""
     return scene_from_toml(RAIL if dimension == 3 else IN_PLANE, ".", overrides)
 
 

@@ -30,7 +30,6 @@ def clamped_beam(*overrides: str) -> Scene:
 
 
 def offset(joint: str, **given: object) -> str:
-    """Return an override that moves or turns a joint."""
     entries = ", ".join(f"{key} = {value}" for key, value in given.items())
     return f"joints.{joint}.offset={{{entries}}}"
 

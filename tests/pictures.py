@@ -14,17 +14,14 @@ def written(folder: Path, *results: object) -> list[Path]:
 
 
 def visible(figure):
-    """Return the axes that are shown."""
     return [axes for axes in figure.axes if axes.get_visible()]
 
 
 def legend_texts(figure):
-    """Return the texts of the figure's keys."""
     return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
 
 
 def keys_of(figure):
-    """Return the artists of the figure's keys."""
     # the second name is that of matplotlib before 3.7
     names = ("legend_handles", "legendHandles")
     return [key for legend in figure.legends for key in next(getattr(legend, n) for n in names if hasattr(legend, n))]

@@ -171,7 +171,6 @@ def samples(scene: Scene, n: int, **given: object) -> dict[str, np.ndarray]:
 
 
 def with_step(scene: Scene, step: float) -> Scene:
-    """Return the scene with another time step."""
     return scene.model_copy(update={"simulation": scene.simulation.model_copy(update={"step": step})})
 
 

@@ -103,7 +103,6 @@ def four_bar(*overrides: str) -> Scene:
 
 
 def trammel(*overrides: str) -> Scene:
-    """Return an elliptic trammel with a redundant crank."""
     return scene_from_toml(TRAMMEL, ".", overrides)
 
 

@@ -23,7 +23,6 @@ SOLID = (
 
 
 def solid_slider_crank(*overrides: str) -> Scene:
-    """Return the scene of `solid_meshes`."""
     return load_scene(ROOT / "scenes" / "slider_crank.toml", (*SOLID, *overrides))
 
 

@@ -105,7 +105,6 @@ def ensemble(model: str = "full", n_samples: int = 2000, n_failed: int = 3, seed
 
 
 def estimates(outputs: dict[str, np.ndarray], n_checked: int = 20) -> dict[str, dict[str, np.ndarray]]:
-    """Return the estimated errors of the first samples."""
     n_samples = len(next(iter(outputs.values())))
     checked = np.arange(n_samples) < n_checked
     at_end = {name: np.where(checked, 1e-3 * values, np.nan) for name, values in outputs.items()}
@@ -243,7 +242,6 @@ def _angle(time: np.ndarray, r1: float) -> np.ndarray:
 
 
 def _slider(angle: np.ndarray) -> np.ndarray:
-    """Return the position of the rigid slider."""
     return CRANK * np.cos(angle) + np.sqrt(ROD**2 - (CRANK * np.sin(angle)) ** 2)
 
 

@@ -83,7 +83,6 @@ def _module(package: str, name: str) -> str:
 
 
 def packages_of(path: Path) -> set[str]:
-    """Return the packages of ours that a file imports."""
     ours = [name.split(".") for name in imports_of(path) if name.split(".")[0] == "pgmp_petsc"]
     return {parts[1] if len(parts) > 1 else "" for parts in ours}
 

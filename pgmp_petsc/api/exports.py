@@ -34,7 +34,7 @@ from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results.summary import columns_of, write_result
 from pgmp_petsc.results.trajectory import GROUP, truncated, write_xdmf
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_values
+from pgmp_petsc.scene.border import values_text
 
 FMU, XDMF = ".fmu", (".xdmf", ".xmf")
 LEFT_OUT = "note: elastic strain, change of stiffness, error estimates and energies are not in it; see pgmp simulate"
@@ -97,10 +97,9 @@ def export_model(
     steps = f"steps of {model.scene.simulation.step:g} s, {corrections}"
     scene, variable = model.scene, tunable(model.scene)
     tell(comm, f"  {steps}; tunable: {', '.join(variable) or 'no parameters'}")
-    metre, own = scene.system.unit("m"), own_values(scene)
-    fixed = ", ".join(f"{name} = {value:.6g} {metre}" for name, value in own.items() if name not in variable)
+    fixed = values_text(scene, {name: value for name, value in scene.values.items() if name not in variable})
     if fixed:
-        tell(comm, f"  note: {fixed}: its mechanism is made with it; export once more with another --set")
+        tell(comm, f"  note: {fixed}: the model is made with it; export once more with another --set")
     for note in (*filter(None, (*notes, started(model))), LEFT_OUT):
         tell(comm, f"  {note}")
     tell_remarks(comm, scene.remarks)

@@ -30,7 +30,7 @@ from pgmp_petsc.files.claims import named
 from pgmp_petsc.files.hdf5 import KINDS, RunRecord, open_file, shapes_of
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results import EffectSizes, Selection
-from pgmp_petsc.results.numbers import axis_unit, felt, share_text
+from pgmp_petsc.results.numbers import axis_unit, behind, felt, share_text
 from pgmp_petsc.results.summary import origin_of, plain, summary_of
 
 
@@ -283,7 +283,7 @@ def _report_of_differences(found: Differences, name: Path, said: object) -> str:
         factor, unit = axis_unit(one.unit, np.array([one.largest]))
         told = np.isfinite(one.share) and (one.share or not one.largest)
         share = "" if not told else f" ({share_text(one.share)} of its largest value)"
-        lines.append(f"  {output:24s}{factor * one.largest:+14.6g} {unit} {where.format(one.place)}{share}")
+        lines.append(f"  {output:24s}{factor * one.largest:+14.6g}{behind(unit)} {where.format(one.place)}{share}")
     return "\n".join([*lines, *(f"  {text}" for text in found.lacking)])
 
 
@@ -365,7 +365,8 @@ def _runs(a: Result, b: Result, names: list[str]) -> tuple[np.ndarray, Columns, 
 def _samples(a: Result, b: Result, names: list[str]) -> tuple[np.ndarray, Columns, Columns, list[str]]:
     """Return the numbers (n,) of the samples that are fine in both ensembles, their outputs, and what one lacks."""
     same = len(a.status) == len(b.status) and {*a.parameters} == {*b.parameters}
-    if not same or any(not np.array_equal(a.parameters[name], b.parameters[name]) for name in a.parameters):
+    # samples of a table (--samples) went through other units and back
+    if not same or any(not np.allclose(a.parameters[name], b.parameters[name], 1e-12, 0.0) for name in a.parameters):
         why = "they are not of the same values of parameters; give two of one scene, number and seed"
         raise InputError(f"ensembles of {len(a.status)} and {len(b.status)} samples: {why}")
     fine = np.flatnonzero((a.status == 0) & (b.status == 0))

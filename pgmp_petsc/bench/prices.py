@@ -58,9 +58,9 @@ BESIDE, APART = OF_BESIDE / 1e6, 4.0
 # and in the lanes of a reduced model
 FORCES, FORCES_IN_LANES = {2: 2e-6, 3: 2.5e-5}, {2: 1e-7, 3: 1.5e-6}
 # s, of a step of a sample whose outputs are found after it (ensemble.extremes), by the dimension of space: where they
-# take rates of frames, multipliers and stresses; 3 and 20, 2 and 1, 1.6 and 5 us were measured of reduced models
+# take rates of frames, multipliers and stresses; 3 and 8, 2 and 1, 1.6 and 5 us were measured of reduced models
 FOUND_EVERYWHERE = {
-    "rates": {2: 3e-6, 3: 2e-5}, "multipliers": {2: 2.5e-6, 3: 1e-6}, "stresses": {2: 1.6e-6, 3: 5e-6},
+    "rates": {2: 3e-6, 3: 8e-6}, "multipliers": {2: 2.5e-6, 3: 1e-6}, "stresses": {2: 1.6e-6, 3: 5e-6},
 }  # fmt: skip
 FORCES_APART = {2: 1.2e-4, 3: 1.2e-4}  # s, more, where samples are taken one by one: 70, 80 and 185 us were measured
 BY_ITSELF = {2: 1.5e-4, 3: 4.5e-4}  # s, more, of a run of one sample: 70 to 250 us were measured in the plane

@@ -18,11 +18,9 @@ free body's first n + r modes say how far to go.
 
 Coordinates of a condensed body with a scaled cross-section: those in which what a scale does to a motion is least.
 
-With the scale s (`bodies.profile`) mass and stiffness of the displacements on the mesh are affine in its powers.
-But a motion of the body is another one on the mesh for every s: the mean rotation of a section is 1/s of that on the
-mesh, linear fields with a coordinate across the axis are s of those on the mesh, and so are the axial displacements of
-bending, the turning ones of torsion, the lateral ones of stretching. What the axis does, the mean of a section, is the
-same. So
+With the scale s (`bodies.profile`) mass and stiffness of the displacements on the mesh are affine in its powers. But a
+motion of the body is another one on the mesh for every s: what goes across the axis, rotations of sections and
+bending's axial displacements are scaled, what the axis does is not. So
 
     u = V T(s) y,    T(s) = T_0 + s T_1,
 

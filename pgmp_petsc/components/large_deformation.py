@@ -2,18 +2,14 @@
 
 Foreshortening: the displacements of second order of a slender body that bends or twists.
 
-A body that bends becomes shorter. Left to the amplitudes that stretch the body, this would stiffen the bending, and a
-model of second order would need these amplitudes with all their inertia and a cubic strain energy that has no lower
-bound. Instead the body follows it at once (`stretching = "static"`): amplitudes xi represent displacements
-``Psi (xi + 1/2 xi^T c xi)``, and
+A body that bends becomes shorter, and follows that at once (docs/components.md, foreshortening): amplitudes xi
+represent displacements ``Psi (xi + 1/2 xi^T c xi)``, and
 
     c_ij = -S K^-1 W3[B e_i, B e_j, .],    S = s^2 (3 - 2 s),    s = K^-1 K_s,    B = 1 - S,
 
 with the stiffness K, the part K_s of it that resists stretching, and the third derivative W3 of the strain energy at
-rest. S picks of amplitudes what stretches the body, as in the reduced model (`modes.curvature`), and B what bends or
-twists it. The energy of third order in bending and stretching, ``1/2 W3[B xi, B xi, S xi]``, is taken away by that: a
-straight beam is as long as before. Forces at its ends and inertia forces do work on c, which is what stiffens a
-spinning or stretched body. It is ``-W3`` contracted with the body's stretching by these forces.
+rest. Left to the amplitudes that stretch the body, shortening would stiffen the bending, and take these amplitudes with
+all their inertia and a cubic strain energy that has no lower bound.
 
 It is the same for beams, whose W3 follows from strains (`bodies.matrices`), and for bodies of cells
 (`bodies.large_deformation`). The fields answer forces at frames and inertia forces of rigid motion statically, so that

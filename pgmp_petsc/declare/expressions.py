@@ -140,11 +140,22 @@ def printed(expressions: Sequence[Any], in_c: bool = False) -> tuple[list[str], 
 
     python = Quotients({"fully_qualified_modules": False})
     products = create_expand_pow_optimization(HIGHEST_POWER, base_req=lambda base: True)
-    shared, left = sp.cse([sp.sympify(one) for one in expressions], sp.numbered_symbols("_"))
+
+    def without_overflow(inside: Any) -> Any:
+        """Write ``log(a + b exp(u))`` as ``u + log(a exp(-u) + b)`` where u is positive."""
+        grows = next(iter(inside.atoms(sp.exp)), None)
+        b = 0 if grows is None else inside.coeff(grows)
+        if b == 0 or (inside - b * grows).has(sp.exp):
+            return sp.log(inside)
+        u = grows.args[0]
+        return sp.Piecewise((u + sp.log((inside - b * grows) / grows + b), u > 0), (sp.log(inside), True))
 
     def text(one: Any) -> str:
         one = products(one)
         return " ".join(sp.ccode(one).split()) if in_c else python.doprint(one)
+
+    finite = [sp.sympify(one).replace(sp.log, without_overflow) for one in expressions]
+    shared, left = sp.cse(finite, sp.numbered_symbols("_"))
 
     def is_condition(one: Any) -> bool:
         return isinstance(one, Boolean)

@@ -231,20 +231,28 @@ class _Fitting:
         lower, upper = self._limits.T / self._scale
         room = 1e-10 * (upper - lower)  # the method begins inside
         begin = np.clip(at / self._scale, lower + room, upper - room)
-        shape = self._equations(self._run(begin * self._scale), sigma)[0].shape
+        first, slopes = self._equations(self._run(begin * self._scale), sigma)
+        # along what nothing depends on the method would go to the end of its region in every step
+        felt = slopes.any(axis=0) | (not slopes.any())
+
+        def values_at(x: np.ndarray) -> np.ndarray:
+            whole = begin.copy()
+            whole[felt] = x
+            return whole * self._scale
 
         def residuals(x: np.ndarray) -> np.ndarray:
             try:
-                return self._equations(self._run(x * self._scale), sigma)[0]
+                return self._equations(self._run(values_at(x)), sigma)[0]
             except PgmpError as error:
                 self._turned_back.add(error)
-                return np.full(shape, np.nan)  # from which the method turns back
+                return np.full(first.shape, np.nan)  # from which the method turns back
 
         done = scipy.optimize.least_squares(
-            residuals, begin, lambda x: self._equations(self._run(x * self._scale), sigma)[1] * self._scale,
-            bounds=(lower, upper), xtol=1e-10, ftol=1e-10, gtol=1e-12,
+            residuals, begin[felt],
+            lambda x: (self._equations(self._run(values_at(x)), sigma)[1] * self._scale)[:, felt],
+            bounds=(lower[felt], upper[felt]), xtol=1e-10, ftol=1e-10, gtol=1e-12,
         )  # fmt: skip
-        values = done.x * self._scale
+        values = values_at(done.x)
         found = dict(zip(self._names, map(float, values)))
         return _Solution(found, self._run(values), done.status > 0, str(done.message))
 
@@ -306,7 +314,7 @@ class _Fitting:
     def _of_solution(self, solution: _Solution) -> tuple[Remark, ...]:
         near = note(
             "the fit is the nearest minimum from where it began (--set); another start may find another one, and "
-            "standard errors know of noise alone, not of what the reduced model is off"
+            "standard errors know of noise alone, not of what the model is off"
         )
         if solution.converged:
             return (near,)

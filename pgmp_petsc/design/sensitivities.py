@@ -17,8 +17,8 @@ from pgmp_petsc.gradients.differences import NEAR, AnyModel, Off, announce_runs,
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
-from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants
-from pgmp_petsc.results.numbers import share_text
+from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants, is_sharp, vertex
+from pgmp_petsc.results.numbers import nothing, share_text
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values, result_units
 from pgmp_petsc.scene.parameters import correlation_matrix
@@ -26,7 +26,6 @@ from pgmp_petsc.scene.parameters import correlation_matrix
 SHARE = 0.01  # of the value of a parameter without a distribution
 LEAST = 0.05  # of an output's largest effect: smaller ones are nothing beside it
 DOUBTFUL = 0.01  # of the largest derivative: what differences may be off by from there on is warned of
-ROUND_OFF = 1e-9  # of an output's largest value
 
 
 def chosen_parameters(scene: Scene, asked: Sequence[str], known: Iterable[str], without: str) -> tuple[str, ...]:
@@ -62,21 +61,23 @@ def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: Comm) -> Deriv
     with timings.phase("errors"):
         own = _of_own_error(model, run, names)
     units = {name: result_units(scene)[name] for name in names} | dict(model.outputs.units)
+    changes = {name: _change(scene, name) for name in names}
     idle = [name for name in names if not any(found[name].any() for found in run.derivatives.values())]
     without = [note(f"no output depends on {', '.join(idle)} in this run")] if idle else []
+    corners = corner_remarks(run, np.array([[change] for change, _ in changes.values()]))
     # zero where one has no distribution
     matrix = correlation_matrix(scene, names)
     uncertain = np.array([scene.parameters[name].distribution is not None for name in names], dtype=float)
     return Derivatives(
         RunRecord(
             scene_to_toml(scene), own_values(scene), None, comm.size, timings.as_dict(),
-            (*run_remarks(model, run), *own, *without, *scene.remarks),
+            (*run_remarks(model, run), *corners, *own, *without, *scene.remarks),
         ),
         run.time,
         run.outputs,
         run.derivatives,
         units,
-        {name: _change(scene, name) for name in names},
+        changes,
         (np.eye(len(names)) if matrix is None else matrix) * np.outer(uncertain, uncertain),
         run.steps_divided,
         _instants(run.contacts),
@@ -110,17 +111,17 @@ def _of_own_error(
     if errors is None:
         return (not_known(model, what),)
     effects, lost = [], [output for output, at_end in errors.at_end.items() if not np.isfinite(at_end).all()]
+    none = nothing(run.outputs, units, model.kinematics.size)
     for output, at_end in errors.at_end.items():
         if output in lost:
             continue
         slopes = run.derivatives[output]
         size = max(abs(slopes[name][-1] * (new - scene.values[name])) for name, new in zip(names, moved))
-        largest = float(np.max(np.abs(run.outputs[output])))
         for name, new, error in zip(names, moved, at_end[1:]):
             change = new - scene.values[name]
             slope = float(slopes[name][-1])
-            # an effect that is nothing beside the largest one, or beside the output, is not worth a word
-            if abs(slope * change) > max(LEAST * size, ROUND_OFF * largest):
+            # an effect that is nothing beside the largest one, or beside outputs, is not worth a word
+            if abs(slope * change) > max(LEAST * size, none[output]):
                 without = slope - (error - at_end[0]) / change
                 text = f"d {output} / d {name} at the end"
                 unit = scene.system.size_of(scene.parameters[name].unit or "1") / scene.system.size_of(units[output])
@@ -184,6 +185,25 @@ def run_remarks(model: AnyModel, run: DifferentiatedRun) -> Iterator[Remark]:
             "motion; where a largest value changes its place they have a corner"
         )
     yield from contact_remarks(run)
+
+
+@gathered
+def corner_remarks(run: DifferentiatedRun, changes: np.ndarray) -> Iterator[Remark]:
+    """Return which largest and smallest values the step does not resolve, where changes of the parameters (n, 1) do
+    something else an instant before than an instant after."""
+    told = []
+    for output, values in run.outputs.items():
+        rows = np.array(list(run.derivatives[output].values())) * changes
+        for what, sign in (("largest", 1.0), ("smallest", -1.0)):
+            at = vertex(values, sign).at
+            near = rows[:, max(at - 1, 0) : at + 2]
+            if is_sharp(values, at) and np.ptp(near, axis=1).max() > LEAST * np.abs(rows[:, at]).max():
+                told.append(f"the {what} {output} at {run.time[at]:.4g} s")
+    if told:
+        yield warning(
+            f"derivatives of {', '.join(told)} are unsure: there is a corner, or a vibration of fewer than 8 steps; "
+            "take a smaller simulation.step, or compare runs (--set)"
+        )
 
 
 @gathered

@@ -9,25 +9,21 @@ normal force (1975, J. Appl. Mech. 42, 440-445)
 which begins at zero, so that it is continuous in contact. All of it is a law of one scalar that is smooth everywhere,
 ``s = |e|^2``, in the middle too: the frames feel ``F ds`` with ``F = -N / (2 |e|)``.
 
-Restitution. An impact of a mass m at the speed v, with no other force, goes by ``m d'' = -K d^n (1 + c d')``. With
-``x = d'`` as the variable that is ``m x dx / (1 + c x) = -K d^n dd``, whose right side comes to nothing over the whole
-impact, from v to -e v. So ``a = c v`` and the restitution e are tied, whatever K, n and m are, by
+Restitution. By separation of ``m x dx / (1 + c x) = -K d^n dd`` from x = v to -e v the restitution e of an impact at
+the speed v follows from ``a = c v``, whatever K, n and m are,
 
     (1 + e) a = log((1 + a) / (1 - e a)).
 
-The formula ``c = 3 (1 - e^2) / (4 v)`` of Lankarani and Nikravesh (1990) agrees with it only as e goes to 1, where
-both are ``3 (1 - e) / (2 v)``, and leaves more speed than was asked for elsewhere. `RESTITUTION` is the polynomial
-``e a / (1 - e)`` of e, within 6e-5 of e. As c is constant, an impact at another speed v' has ``a' = a v' / v`` and the
-restitution of that: ``1 - 2 a' / 3`` of slow ones, ``1 / a'`` of fast ones, which all leave with the speed 1 / c.
+`RESTITUTION` is the polynomial ``e a / (1 - e)`` of e, within 6e-5 of e. As c is constant, an impact at another speed
+v' has ``a' = a v' / v`` and the restitution of that: ``1 - 2 a' / 3`` of slow ones, ``1 / a'`` of fast ones.
 
 With ``damping = "hysteresis"`` the force has in place of (1 + c d') a factor that is 1 where the contact sinks in and
 e^2 where it comes out,
 
     N = K d^n (1 + e^2 + (1 - e^2) tanh(d' / w)) / 2,    w = v / 20.
 
-It gives back the share e^2 of the energy at all speeds that are much larger than w: by the same separation ``int x dx /
-f(x)`` comes to nothing from v to -e v, which of 0.05, 0.4 and 0.7 leaves 0.136, 0.404 and 0.701 of impacts at the speed
-v, and 0.052, 0.400 and 0.700 at ten times that. The turn takes some 3 % of a contact, and no step ends there.
+It gives back the share e^2 of the energy at all speeds that are much larger than w (docs/scenes.md has figures). The
+turn takes some 3 % of a contact, and no step ends there.
 
 Friction of a pin is ``friction N tanh(v_t / friction_speed)`` against the speed v_t of its middle across e: the joint
 knows no radius of the pin, and takes it for one that is small. What turning in the joint rubs is an effect of type

@@ -20,13 +20,8 @@ from sample to sample. The frames of a body on a mesh have neither mass nor stif
 
 Rayleigh's: stresses follow ``eps + beta eps'`` instead of the strains eps (Kelvin and Voigt), and the momentum is
 braken at the rate alpha, forces ``-alpha M q'``. With eps' the rate of the beam's own strains, a rigid motion is not
-damped by beta. Modal: ratios ``zeta_i`` of the elastic modes phi_i of each free body,
-
-    -sum_i 2 zeta_i omega_i M phi_i phi_i^T M R^T q',
-
-in the body's frame, which turns with its mean rotation R (`modal_damping`); the modes are M-orthogonal to rigid
-motions, so these are not damped either. The iteration matrix of the full-order model leaves modal damping out, so that
-each correction of a step leaves up to the largest ratio of the one before: ratios beyond 0.3 or so need small steps.
+damped by beta. The iteration matrix of the full-order model leaves modal damping out, so that each correction of a step
+leaves up to the largest ratio of the one before: ratios beyond 0.3 or so need small steps.
 """
 
 from __future__ import annotations

@@ -9,10 +9,8 @@ Viscous damping in a joint: ``-c s'`` on its rotation or displacement s.
 
 Coulomb friction in a joint: ``-limit tanh(s' / speed)`` on its rotation or displacement s. Its limit is given, of a
 joint under a constant load, or hangs on the force N that the joint carries, ``coefficient radius N`` of what turns and
-``coefficient N`` of what slides. N is the size of the whole force in the joint (`outputs.joint_forces`), solved with
-the step: every correction has that of the iterate before it, until nothing changes (`controllers.running`). Not in it
-are moments that a joint holds beside that force: of a guide that is loaded askew N is less than what its ends carry
-together, and of a bearing that is bent.
+``coefficient N`` of what slides, N being the size of the whole force in the joint (docs/effects.md, friction under the
+force that a joint carries), found between the corrections of a step (`controllers.running`).
 
 Regularised, so that the force is smooth: below the speed the joint creeps instead of sticking. Where friction alone
 changes the rate by several times this speed in one step, Newton's iteration goes back and forth between sliding one way

@@ -10,13 +10,9 @@ begins at its first row, or ends at its last one, does so with what the table do
 
 Where the base moves, the ground's points go along a direction as given, and everything is seen from the base. In its
 frame every mass m has the force ``-m x''`` of the base's displacement x(t), as in a gravity field of the acceleration
-``-x''``; where bodies and points are, and their speeds, count from the base. A table of accelerations is linear between
-its rows and constant beyond them. One of displacements or velocities is a cubic spline at rest beyond its ends, whose
-derivatives are exact. The base may have any speed at the start: those of the bodies are against it.
-
-Absolute outputs add x(t) itself, which is integrated exactly: from a table of accelerations or velocities the base
-begins at time zero at x = 0, and at rest where accelerations are given; one of displacements is x. A harmonic of any of
-these is the harmonic base: its integrals have no constant, and a mean value begins as a table does.
+``-x''``; where bodies and points are, and their speeds, count from the base, which may have any speed at the start.
+What its tables and harmonics are, and where it begins, is in docs/effects.md (a base that moves); a table of
+accelerations is constant beyond its rows. Absolute outputs add x(t) itself, integrated exactly.
 """
 
 from __future__ import annotations

@@ -203,7 +203,8 @@ class _Samples:
         seen = known & np.isfinite(excess)
         beyond = np.where(true, np.fmax(excess, 0.0), np.fmin(excess, 0.0))[seen]
         limit = holds_to(beyond, largest[seen], true[seen], level)
-        error = 0.0 if origin.model == "full" else float("nan")
+        has_modes = any(body.flexible for body in origin.scene.bodies.values())
+        error = float("nan") if has_modes and origin.model != "full" else 0.0
         if origin.model == "reduced" and event.output in self.estimates["errors"]:
             errors = self.estimates["errors_at_end" if event.when == "end" else "errors"][event.output]
             shares = np.abs(errors[known]) / np.maximum(largest[known], np.finfo(float).tiny)

@@ -10,17 +10,13 @@ the border bends towards the origin; with a = 1 it follows the points, but is wi
 around is the standard normal density outside a ball (radial importance sampling: Harbitz, Structural Safety 3 (1986)
 109-115), whose weights are all ``P(|u| > r)``.
 
-The mean of ``log(phi / q)`` over points of the event is, but for a constant, how far q is from ``phi(u) / P`` (the
-cross-entropy: Rubinstein and Kroese 2004). It chooses a, the number of clusters, or the ball, on points that had no
-part in q. An error e in the mean of a cluster multiplies the variance of the weights by about ``exp(|e|^2)``: means are
-shrunk beside the slope of g (`_shrunk_mean`), and no point weighs more than sqrt(m) of m (Ionides, Journal of
-Computational and Graphical Statistics 17 (2008) 295-311), which only moves q, not what follows from samples of it. Of
-points of chains those of common ancestors make q or try it, but not both, and all their clusters count the same
-(`levelled`).
+The mean of ``log(phi / q)`` over points of the event that had no part in q, but for a constant how far q is from
+``phi(u) / P`` (the cross-entropy: Rubinstein and Kroese 2004), chooses a, the number of clusters, or the ball. Means
+are shrunk beside the slope of g (`_shrunk_mean`), and no point weighs more than sqrt(m) of m (Ionides, Journal of
+Computational and Graphical Statistics 17 (2008) 295-311), which moves q alone.
 
 A share of the samples is from kernels about points as they are, with s = 1, and a share from outside the ball (a
-defensive mixture, Hesterberg, Technometrics 37 (1995) 185-194): what the choice has missed then has no large weight.
-Weights have a finite variance for every s^2 above 1/2.
+defensive mixture, Hesterberg, Technometrics 37 (1995) 185-194). Weights have a finite variance for every s^2 above 1/2.
 """
 
 from __future__ import annotations

@@ -4,27 +4,17 @@
 Samples are of independent standard normal variables u, of which distributions make parameters. The event is ``g(u) <=
 0``. Each level's threshold on g is passed by a tenth of its samples (Au and Beck, Probabilistic Engineering Mechanics
 16 (2001) 263-277), from which conditional sampling goes on (Papaioannou, Betz, Zwirglmaier and Straub, the same 41
-(2015) 89-103): ``v = rho u + sqrt(1 - rho^2) w`` with w standard normal, kept where it passes.
+(2015) 89-103): ``v = rho u + sqrt(1 - rho^2) w`` with w standard normal, kept where it passes. Where most samples have
+the same g, those of larger deviations look for what is below it (sequential Monte Carlo: Del Moral, Doucet and Jasra,
+Journal of the Royal Statistical Society B 68 (2006) 411-436; `_Chains.from_afar`).
 
-Where nine tenths of the samples have the same g, and few or none are nearer, no threshold leads on. Samples of
-deviations up to 4.5 look for what is below that g then; their deviation falls to 1 in steps that leave half of them
-their worth, with conditional sampling at each (sequential Monte Carlo: Del Moral, Doucet and Jasra, Journal of the
-Royal Statistical Society B 68 (2006) 411-436; `_Chains.from_afar`); but where bisection finds design points that
-explain all of them, chains begin there. Where they find nothing, all runs that are left are plain samples.
-
-Rounds of independent samples follow, of a density q that the rounds before make (`importance`), a share of the first
-from where rays through the clusters of all levels enter the event (`rays`; Au, Papadimitriou and Beck, Structural
-Safety 21 (1999) 113-133): between the origin and where a plane would have `RARER` of the event's probability the event
-begins once, or bisection finds one of its beginnings. Of each round but the first the mean of ``1[g <= 0] phi(u) /
-q(u)`` is unbiased given those before, so that variances add; rounds count as the square roots of their numbers (Owen
-and Zhou, arXiv 1903.11908). The interval is that of the central limit theorem.
-
-Searches lead to design points (`design_points`) from there, and from all points whose g no plane that touches it
-elsewhere explains. Of every round a share is from beyond these planes, in proportion to their probabilities, whose
-weights are the sum of those over the number of planes that a sample is beyond (Owen, Maximov and Chertkov, Electronic
-Journal of Statistics 13 (2019) 231-254). The share is that of the least variance (Neyman), by what of the event lies
-before all planes. Where searches still found new ones when samples for them ended nothing is decided: the interval goes
-on to what the levels alone leave open.
+Rounds of independent samples follow, of a density q that the rounds before make (`importance`), about where rays enter
+the event (`entrances`; Au, Papadimitriou and Beck, Structural Safety 21 (1999) 113-133), about design points, and from
+beyond the planes there, with the sum of their probabilities over the number of planes that a sample is beyond as weight
+(Owen, Maximov and Chertkov, Electronic Journal of Statistics 13 (2019) 231-254). Of each round but the first the mean
+of ``1[g <= 0] phi(u) / q(u)`` is unbiased given those before, so that variances add; rounds count as the square roots
+of their numbers (Owen and Zhou, arXiv 1903.11908). The interval is that of the central limit theorem; where searches
+for design points still found new ones at their end it goes on to what the levels alone leave open.
 """
 
 from __future__ import annotations

@@ -6,21 +6,11 @@ The text behind ``--until`` is a rule:
     figure  = ("mean" | "std") "(" quantity ")"  |  "P" "(" label ")"  |  "P" "(" quantity ("<" | ">") number ")"
     precision = "<" number "%"  |  ("+-" | "±") number ["%"]
 
-Rules (docs/uncertainty.md, until a figure is known) are tested on all samples so far, n, 2 n, 4 n, ...: the same stop
-on any ranks and after a resume. A budget decides on the size of the last stage from the time of the one before; the
-value of no sample decides with it, so that intervals hold. As the precision gets finer, the stop is more and more
-surely one of two neighbouring looks (Anscombe, Mathematical Proceedings of the Cambridge Philosophical Society 48
-(1952) 600-607; Chow and Robbins, Annals of Mathematical Statistics 36 (1965) 457-462).
-
-Errors at n and 2 n samples, Z_1 and Z_2 in deviations of their own, are jointly normal with the correlation ``1 /
-sqrt(2)``. Widths at n are jointly normal with Z_1 too, in whatever way, and know nothing of the samples after n. One
-stops where they all are small enough, a convex set, so that the share s(z) of the ensembles with ``Z_1 = z`` that stop
-is log-concave (Prekopa, Acta Scientiarum Mathematicarum 34 (1973) 335-343), a mixture of intervals of z. The interval
-at the stop misses with the probability
-
-    P(|Z_2| > z) + E[s(Z_1) (1[|Z_1| > z] - P(|Z_2| > z | Z_1))],
-
-and no interval of Z_1 makes more of that than ``Z_1 > z``: with ``P(|Z| > z) = a`` it is at most
+Rules (docs/uncertainty.md, until a figure is known) are tested on all samples so far, n, 2 n, 4 n, ...; a budget
+decides on the size of the last stage from the time of the one before, so that no value of a sample does. Errors at n
+and 2 n samples, Z_1 and Z_2 in deviations of their own, are jointly normal with the correlation ``1 / sqrt(2)``. Widths
+at n may hang on Z_1 in any way; the share of the ensembles that stop there is log-concave in it (Prekopa, Acta
+Scientiarum Mathematicarum 34 (1973) 335-343). With ``P(|Z| > z) = a`` the interval at the stop misses with at most
 
     a + a / 2 - P(Z_1 > z, |Z_2| > z) = alpha,
 

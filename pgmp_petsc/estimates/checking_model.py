@@ -15,14 +15,10 @@ deformation, ties hold between both, and the error that is solved for has the di
 **The error from the residual** (`ErrorSystem`).
 
 With a motion ``q_r(t)`` of the unknowns, its velocities and its accelerations, ``q = q_r + e`` solves the full-order
-equations (docs/method.md, error indicator). Runs start undeformed with e = 0; from static equilibrium, or with the
-stress that joints that are off build in, each model starts in its own state, and e and e' are the differences.
-
-At e = 0 what these leave is the residual of the motion; the error is what it sets off. The residual varies slowly, as
-the motion does, and so does e: its rigid part follows the residual's force on the mechanism over time, its flexible
-part follows by its static answer and vibrates where it is driven at its own frequencies. Both come out of a time
-integration with the run's own steps, or longer ones (generalised-alpha, `reference_motion`). For the integrator the
-unknown is e.
+equations (docs/method.md, error indicator). From static equilibrium, or with the stress that joints that are off build
+in, each model starts in its own state, and e and e' are the differences; else they are 0. The residual at e = 0 varies
+slowly, and what it sets off follows from a time integration with the run's own steps, or longer ones
+(generalised-alpha, `reference_motion`), whose unknown is e.
 """
 
 from __future__ import annotations

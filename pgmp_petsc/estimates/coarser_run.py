@@ -1,27 +1,18 @@
 """Error of the time step in a full-order or component run, from a second run of the system with a coarser step.
 
-A run with the step h and one with r h, whose outputs are y and z, differ by ``d = z - y``. Three regimes:
+A run with the step h and one with r h, whose outputs are y and z, differ by ``d = z - y`` (docs/method.md, the time
+step of full-order and component runs: how d is read, and how well).
 
-**Resolved.** The scheme is of second order, and the error of the run is ``d / (r^2 - 1)`` (Richardson; Hairer, Norsett
-and Wanner 1993, section II.4).
+**Resolved.** The error of the run is ``d / (r^2 - 1)`` (Richardson; Hairer, Norsett and Wanner 1993, section II.4).
 
-**Vibrations that the coarser run loses.** Where d is as large as the vibration itself, in a band of frequencies, their
-phases have parted, and Richardson's quotient is too small, up to ``r^2 - 1`` times. There the error follows from the
-scheme alone: its amplification of a free vibration is an eigenvalue lambda of a step for ``omega h``, exact would be
-``exp(i omega h)``, so that a vibration of amplitude a goes off by ``a |i omega h - log lambda|`` in each step (Hughes
-2000, section 9.1), up to 2 a, opposite phases. Amplitudes, and frequencies as the run has them, ``arg lambda``, are
-those of a short-time Fourier transform of y. Bands count whose d is `LOST` of y and more, and none by more than d.
-Phases that have parted meet again after a whole turn: a band goes on to count until the coarser run would have left the
-other by `MET` since d was large.
-The largest of many points has kinks where another point takes over, and a kink is in all bands, of which the coarser
-run has none of the highest: there a band counts where it is `PEAK` times those around it.
+**Vibrations that the coarser run loses**, in bands of a short-time Fourier transform of y whose d is `LOST` of y and
+more. With the eigenvalue lambda of a step for ``omega h`` a vibration of amplitude a goes off by ``a |i omega h - log
+lambda|`` in each step (Hughes 2000, section 9.1), up to 2 a, and none by more than d. A band goes on to count until the
+coarser run would have left the other by `MET` since d was large, as phases that have parted meet again. The largest of
+many points has kinks, which are in all bands: there a band counts where it is `PEAK` times those around it.
 
-**Lower order.** Friction turns a vibration that is lost into slow motion, and a contact of a few steps pushes by what
-the steps happen to see of it: the order is anything below two. What is left of d counts a seventh then (`ROUGH`), and
-the estimate is unsure. Where a force jumps over time, or a formula does, the order is one.
-
-How many steps the coarser run has (`times_of`), what is done where one fails, and where the run is given up (`most_of`)
-and the estimate ends: docs/method.md, the time step of full-order and component runs.
+**Lower order**, where friction or short contacts act: what is left of d counts a seventh (`ROUGH`), and the estimate is
+unsure. Where a force jumps over time, or a formula does, the order is one.
 """
 
 from __future__ import annotations

@@ -5,15 +5,12 @@
 - `checking_model`: all that the full-order equations say against that run. This is what the reduction leaves out
   (modes, terms, parameters, interpolation). `sampled_load`: what loads do between two steps.
 
-Nothing is linearised about the motion, so that ``q_reduced - error`` is an estimate of the full-order motion itself,
-and outputs are evaluated there. The equations are solved at two sets of instants and more, until two of them agree
-(`reference_motion`); where none do, the output has no estimate.
+The equations are solved at two sets of instants and more, until two of them agree (`reference_motion`), and outputs are
+evaluated at ``q_reduced - error``; where no two agree, the output has no estimate (docs/method.md, error indicator).
 
-Samples side by side follow tables that are polynomials of the lengths, rigid inertia included, and their outputs are
-polynomials through those of several mechanisms (`models.lengths`). A sample's reduced coordinates are those of the
-model of its own lengths, whose kinematics are exact: with these the motion is put into the full-order equations, and
-the outputs of the corrected motion are compared with what the sample said. So what the polynomials are off by is in the
-estimate, with all the rest.
+Samples side by side follow tables that are polynomials of the lengths, and so are their outputs (`models.lengths`).
+Their motion is that of the exact kinematics of a sample's own lengths, and outputs of the corrected motion are compared
+with what the sample said: what the polynomials are off by is in the estimate.
 """
 
 from __future__ import annotations

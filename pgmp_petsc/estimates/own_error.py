@@ -22,8 +22,8 @@ from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
-from pgmp_petsc.results.estimates import LARGE, EstimatedErrors
-from pgmp_petsc.results.numbers import behind, felt, number_text, share_text, sizes_of, with_unit
+from pgmp_petsc.results.estimates import ANSWERS, LARGE, EstimatedErrors
+from pgmp_petsc.results.numbers import behind, felt, nothing, number_text, share_text, sizes_of, with_unit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, integrate, integrate_with_smaller_steps
@@ -113,9 +113,10 @@ def large_errors(
     said in units of the system; of an output that vanishes, the error itself. Displacements vanish beside a length of
     the mechanism too.
     """
-    found, beside, sizes = [], sizes_of(sizes, units, length), felt(sizes, units, length)
+    found, beside, none = [], sizes_of(sizes, units, length), nothing(sizes, units, length)
+    sizes = felt(sizes, units, length)
     for name, values in errors.items():
-        size, least = sizes[name], NEGLIGIBLE * beside[name]
+        size, least = sizes[name], max(NEGLIGIBLE * beside[name], none[name])
         runs = np.flatnonzero(np.isfinite(values) & ((size > 0.0) | ((size == 0.0) & (values > least) & (least > 0.0))))
         shares = np.divide(values[runs], size[runs], where=size[runs] > 0.0, out=np.full(runs.size, np.inf))
         n_large = int(np.sum(shares > LARGE))
@@ -222,14 +223,13 @@ def left_out_of_estimates(model: ReducedModel | LengthLanes) -> Iterator[Remark]
 @gathered
 def truncated_stresses(scene: Scene) -> Iterator[Remark]:
     """Return what a reduced basis leaves out of stresses, where outputs ask for these; nothing where it has it all."""
-    keys = [key for key in ("static_modes", "inertia_modes") if not getattr(scene.reduction, key)]
+    keys = [key for key in ANSWERS if not getattr(scene.reduction, key)]
     names = [f"outputs.{name}" for name, output in scene.outputs.items() if "stresses" in output.reads]
     if not (keys and names):
         return
-    missing = {"static_modes": "loads", "inertia_modes": "inertia forces"}
     yield note(
         f"{', '.join(names)}: stresses of {scene.reduction.modes} modes lack the static answers to "
-        f"{' and '.join(missing[key] for key in keys)} beyond these; build with "
+        f"{' and '.join(ANSWERS[key] for key in keys)} beyond these; build with "
         f"{' and '.join(f'reduction.{key} = true' for key in keys)}"
     )
 
@@ -359,6 +359,8 @@ def not_known(
     """Return why the model's own part of some figures, which are of outputs with these names, is not known."""
     if model.name == ComponentModel.name:
         why = f"errors of component modes are not estimated; take more reduction.modes, or {comparing(model.scene)}"
+        if not any(body.flexible for body in model.scene.bodies.values()):
+            why = "all bodies are rigid, so that these are errors of the time step; take half of simulation.step"
     else:
         absent = absence_of_estimates(model.scene)
         why = absent[0].text if absent or errors is None else f"{errors.why_not(names)}; {comparing(model.scene)}"

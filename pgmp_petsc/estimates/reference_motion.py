@@ -4,18 +4,12 @@ A reduced state gives the unknowns ``q(eta)`` by back-transformation (`reduction
 accelerations that belong to it are the derivatives along the path ``eta + tau eta' + 1/2 tau^2 eta''`` at tau = 0,
 taken as differences of fourth order. All of the chain rule is in them, also what the reduced equations leave out.
 
-A path stays where a difference is good: neither the mechanism turns far on it nor do bodies bend by large rotations.
-Where stiff springs or loads act on undeformed bodies at once, flexible accelerations would lead hundreds of radians
-away within the time in which the mechanism turns by little.
+A path stays where a difference is good: the mechanism does not turn far on it, nor do bodies bend by large rotations.
 
 At which steps of a run its error is evaluated, until two sets of instants agree, and why at these: docs/method.md,
 error indicator. Every interval is a whole number of steps, the same throughout; one that is not would move the motion
-by up to half a step in time from one evaluation to the next. Seen at the rate 1/T, a residual of frequency f looks like
-one of frequency ``|f - k / T|``, and what ought to average out drives the mechanism for a long time (aliasing): the
-strides s and 2 s - 1 of long or costly runs have no common factor.
-
-Where controllers, or what joints carry, are found between corrections, all intervals are equal and samplings are at
-evaluations: the strides are the shortest that the price allows, and there may be too few of them for an estimate.
+by up to half a step in time from one evaluation to the next. Where controllers, or what joints carry, are found between
+corrections, samplings are at evaluations: there may be too few strides for an estimate.
 """
 
 from __future__ import annotations

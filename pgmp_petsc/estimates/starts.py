@@ -19,11 +19,10 @@ before where the mechanism is let go and what held it was a large torque.
 
 **Differences**, from a second run of the model.
 
-Where joints have room, each impact makes differences larger, and many of them leave nothing of what a run began with. A
-run from coordinates that are off by `OFF` of the range in which each of them moves says by how much: with G(t) the
-largest difference of an output up to t, as a share of its range, over `OFF`, a start that is known to the share p is
-lost where ``p G`` is one. Speeds, accelerations and forces do not count: they jump with an impact, and are off by as
-much as that where it is a little earlier.
+Where joints have room, each impact makes differences larger. A run from coordinates that are off by `OFF` of the range
+in which each of them moves says by how much: with G(t) the largest difference of an output up to t, as a share of its
+range, over `OFF`, a start that is known to the share p is lost where ``p G`` is one. Speeds, accelerations and forces
+do not count, as they jump with an impact.
 """
 
 from __future__ import annotations

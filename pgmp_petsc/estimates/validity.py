@@ -1,20 +1,15 @@
 """How far a reduced run leaves what a linear reduced basis assumes; looked at in every run and every sample.
 
-Every second step is looked at. Changes of stiffness are followed there; rotations and strains are evaluated in the most
-deformed states only, one of every twentieth part of the run: those with the largest strain energy, and that in which
-elastic joints give way most.
+What is looked at, when, and from which size on it counts: docs/method.md, validity.
 
-**Elastic rotation**: the largest rotation of a node, or of a frame of a continuum body, less that of its rigid body.
-What elastic joints give way is in it: their motion is linear in the model, and has to be as small. Without terms of
-second order forces do not turn with it, so that a rotation phi is a share phi of what they do: said from 2 % on.
-
-**Elastic strain**: the largest strain along the outermost fibre of a beam, ``|eps| + c |kappa|`` with c its distance
-from the axis (`half_height`). Not known of continuum bodies.
+**Elastic rotation**, rad: of a node, or of a frame of a continuum body, less that of its rigid body; with what elastic
+joints give way. Without terms of second order forces do not turn with it, so that a rotation phi is a share phi of what
+they do: said from 2 % on. **Elastic strain**: ``|eps| + c |kappa|`` with c the distance of the outermost fibre of a
+beam from its axis (`half_height`). Both are evaluated in the most deformed states only, one of every twentieth part of
+the run: those with the largest strain energy, and that in which elastic joints give way most.
 
 **Stiffness gained and lost**: the largest and the least share by which the forces in the bodies change the stiffness of
-a mode (`reduction.tables.StiffnessChanges`), from loads, local forces and the inertia forces of the rigid motion at
-that instant: what geometric stiffening does, or would do where the model has none. -1 is buckling. Of continuum bodies
-it is known where the model has terms of second order.
+a mode (`reduction.tables.StiffnessChanges`); -1 is buckling.
 
 What is looked at in every second step is compiled, LANES samples side by side. At the sampled configuration next to a
 state, with the weights w of a sample's own parameters and packed lower triangles of the stiffness, halved on the

@@ -124,8 +124,8 @@ class Differences:
         return cls(tuple(names), dict(zip(values, np.array(columns).T)), weights, np.array(sizes))
 
     def slopes(self, values: np.ndarray) -> Slopes:
-        """Return the derivatives of an output (n_runs, n_t)."""
-        effects, *doubts = self.sizes[:, None] * (self.weights @ values)
+        """Return the derivatives of an output (n_runs, n_t); zero where runs are the same."""
+        effects, *doubts = self.sizes[:, None] * (self.weights @ (values - values[:1]))
         away = np.abs(doubts).sum(axis=0).max(axis=-1, initial=0.0)
         size = float(np.abs(values).max(initial=0.0))
         return Slopes(dict(zip(self.names, effects)), dict(zip(self.names, away.tolist())), size)

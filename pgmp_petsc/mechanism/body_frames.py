@@ -34,6 +34,7 @@ from scipy.linalg import block_diag
 
 from pgmp_petsc.mechanism.joints import Attached
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
+from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, StatementRows
 
 
@@ -98,7 +99,7 @@ class BodyStatements:
         points = np.array([side.point - side.arm for side in sides]).reshape(-1, space.dimension)
         self._points = [(body, points[self._bodies == body]) for body in np.unique(self._bodies)]
         self.nodal = np.array([side.dofs for side in sides], dtype=int).ravel()
-        self.linear = not (held and (self._rows.curvature_pattern[0].size or space.n_tied))
+        self.linear = not (held and (self._rows.curvature_pattern[0].size or space is SPATIAL))
         # terms of a row may be about one node, and both sides of a statement too
         of, columns = self._rows.jacobian_pattern
         pairs, own = np.unique(of * len(sides) + columns // space.n_pose, return_inverse=True)
@@ -143,10 +144,8 @@ class BodyStatements:
 
     def _generic(self, n_bodies: int) -> np.ndarray:
         """Return poses that no mechanism comes to."""
-        poses, d = np.random.default_rng(0).normal(size=(n_bodies, self._space.n_pose)), self._space.dimension
-        if self._space.n_tied:  # directors
-            poses[:, d:] = np.linalg.qr(poses[:, d:].reshape(n_bodies, d, d))[0].reshape(n_bodies, d * d)
-        return poses
+        poses = np.random.default_rng(0).normal(size=(n_bodies, self._space.n_pose, 1))
+        return self._space.straightened(poses)[..., 0]
 
 
 class ConstraintJacobian:

@@ -4,34 +4,35 @@ The poses P solve the loop closure together with the coordinates' definition,
 
     c(P) = 0,    theta_k(P) = theta_k,
 
-by Newton's method. With J the Jacobian of both, implicit differentiation gives ``J dP/dtheta_k = e_k`` and
-``J d2P/dtheta_k dtheta_l = -(d2c/dP2)[dP_k, dP_l]``.
+by Newton's method. Its unknowns are displacements and turns y of the bodies, along the inertial axes, so that bodies
+stay rigid: ``dP = T y``, with the second derivatives P_kl in space where y is constant. With J the derivatives of both
+in y, implicit differentiation gives
+
+    J y_k = e_k,    dP/dtheta_k = T y_k,
+    J y_kl = (d2c/dP2)[dP_k, dP_l] + (dc/dP) P_kl,    d2P/dtheta_k dtheta_l = P_kl - T y_kl.
 
 Redundant constraints (the same statement twice) are allowed: J then has more rows than columns and full column rank.
-Where they do not agree to the last digit, as axes that are a little off, the loops are closed in least squares: bodies
-stay rigid, and what is left over of c, the gap, lies in the left null space of J. With the tangent T of rigid motion,
-``c_o(P) = 0`` the statements that make poses rigid and r the residual of all others, a step of the Gauss-Newton method
-is
-
-    x = x_o - T y,    J_o x_o = -c_o  (the least such x_o),    |W (r + J (x_o - T y))| -> min,
-
-lengths in W in units of the mechanism's size. It has converged where ``W J T y`` is small, whatever is left of r.
+Where they do not agree to the last digit, as axes that are a little off, the loops are closed in least squares, and
+what is left over of c, the gap, lies in the left null space of J. With the residual r a step of the Gauss-Newton method
+is the y of ``|W (r + J y)| -> min``, lengths in W in units of the mechanism's size. It has converged where ``W J y`` is
+small, whatever is left of r.
 
 What elastic joints allow beside the motion of the coordinates: `ReleasedClosure`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import scipy
 import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.block_solves import Blocks, solved, triangular_blocks
-from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupling
+from pgmp_petsc.mechanism.joints import Attached, Connection, Coupling
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statement_rows import StatementRows
@@ -40,7 +41,7 @@ from pgmp_petsc.mechanism.statements import Combination, Statement
 MAX_ITERATIONS = 25
 NEAR = 1e-9  # scaled residual, left by a step of 3e-5, of which the same J leaves 3e-14
 RELEASED_TOLERANCE = 1e-8  # of a released direction's whole change, what of it is independent of others and allowed
-STIFF = 1e3  # weight of rigid bodies and given coordinates against joints, where these cannot all hold
+STIFF = 1e3  # weight of given coordinates against joints, where these cannot all hold
 NO_GAP = 1e-9  # of the mechanism's size
 CROOKED = 0.02  # singular values of constraints over the largest, above SINGULAR_TOLERANCE: a degree off
 NEAREST = 1e-3  # share of a gap that can still be closed, where it is known to be as small as it can be
@@ -58,7 +59,8 @@ class LoopClosure:
     `size` is a length that is typical of it, the largest extent of a body, m; `scales`, shape (n_theta,), what small
     changes of its `n_coordinates` independent coordinates are measured against, 1 rad or the size. `equations` are all
     that its solutions depend on; what is the same has the same. `jacobian` leads from poses (n_bodies, n_pose, n) to
-    d(residual)/dP, shape (n, n_constraints + n_theta, n_pose n_bodies). `has_redundant` says whether joints and
+    the derivatives J of the residual in displacements and turns of bodies, shape (n, n_constraints + n_theta, n_dofs
+    n_bodies). `has_redundant` says whether joints and
     coordinates say more than poses can obey, so that a gap may be left.
     """
 
@@ -67,23 +69,20 @@ class LoopClosure:
         self.size = size_of(mechanism)
         self.n_coordinates = len(mechanism.coordinates)
         self.scales = np.array([c.scale(self.size) for c in mechanism.coordinates])
-        self.n_pose = mechanism.space.n_pose
-        origin = np.zeros(mechanism.space.dimension)
-        parts, wanted = mechanism.holding([Attachment(k, -1, origin, origin) for k in range(len(mechanism.bodies))])
+        space, (parts, wanted) = mechanism.space, mechanism.holding([])
         self.n_constraints = len(parts)
         parts += [(c.statement, c.sides) for c in mechanism.coordinates]
-        self._rows = StatementRows.on_poses(parts, mechanism.space)
-        self.jacobian = _jacobian_of(self._rows, self.n_pose * len(mechanism.bodies))
+        self._rows = StatementRows.on_poses(parts, space)
+        self.jacobian = RowsOfMotions(self._rows, mechanism)
         self._wanted = np.concatenate([wanted, np.zeros(self.n_coordinates)])
         periodic = [c.periodic for c in mechanism.coordinates]
         counted = len(mechanism.bodies), mechanism.n_constraints, len(mechanism.couplings)
         self.equations = self._rows.parts, wanted, periodic, counted, self.size
-        self._units = np.tile(mechanism.space.units(self.size), len(mechanism.bodies))
+        self._units = np.tile(
+            np.where(np.arange(space.n_dofs) < space.dimension, self.size, 1.0), len(mechanism.bodies)
+        )
         self._scale = _scales(parts, self.size)
-        # those that make poses rigid are no joints
-        self._tied = slice(mechanism.n_constraints, self.n_constraints)
-        n_tied, n_bodies = mechanism.space.n_tied * len(mechanism.bodies), len(mechanism.bodies)
-        self.has_redundant = self._rows.n - n_tied > mechanism.space.n_dofs * n_bodies
+        self.has_redundant = self._rows.n > self._units.size
 
     def describe(self, theta: np.ndarray) -> str:
         """Name a configuration (n_theta,): ``theta = 0.1 rad``."""
@@ -100,7 +99,7 @@ class LoopClosure:
         return self._rows.values(_unknowns(poses), wanted) - wanted
 
     def scaled(self, jacobian: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
-        """Return J (..., n_rows, n_pose n_bodies) with lengths in units of the size, those of rows by a scale (n_rows,)
+        """Return J (..., n_rows, n_dofs n_bodies) with lengths in units of the size, those of rows by a scale (n_rows,)
         of their own if it is given: singular values then do not depend on the unit."""
         scale = self._scale[: jacobian.shape[1]] if scale is None else scale
         return jacobian * self._units / scale[:, None]
@@ -113,30 +112,36 @@ class LoopClosure:
         found = np.empty((*poses.shape[:2], self.n_coordinates, poses.shape[2]))
         for k in self.pieces(poses.shape[2]):
             own = self.jacobian(poses[..., k]) if jacobian is None else jacobian[k]
-            x = self._least(poses[..., k], own, np.repeat(unit, len(own), axis=0))
-            found[..., k] = np.moveaxis(x, 0, -1).reshape(found[..., k].shape)
+            motions = self._least(own, np.repeat(unit, len(own), axis=0))
+            found[..., k] = self.mechanism.space.changes(poses[..., k], self.jacobian.by_body(motions))
         return found
 
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, n_pose, n_theta, n_theta, n)."""
-        found = np.empty((*rates.shape[:3], *rates.shape[2:]))
+        space, found = self.mechanism.space, []
         for k in self.pieces(poses.shape[2]):
-            unknowns, own = _unknowns(poses[..., k]), rates[..., k]
+            at, own, unknowns = poses[..., k], rates[..., k], _unknowns(poses[..., k])
+            bends = space.bends(at, own)
             right = self._rows.second_along(unknowns, own.reshape(len(unknowns), *own.shape[2:]))
-            x = self._least(poses[..., k], self.jacobian(poses[..., k]), right.reshape(own.shape[3], self._rows.n, -1))
-            found[..., k] = -np.moveaxis(x, 0, -1).reshape(found[..., k].shape)
-        return found
+            right = right.reshape(own.shape[3], self._rows.n, -1)
+            flat = bends.reshape(*bends.shape[:2], -1, bends.shape[-1])
+            motions = self._least(self.jacobian(at), right + self.jacobian.along(at, flat))
+            found.append(flat - space.changes(at, self.jacobian.by_body(motions)))
+        return np.concatenate(found, axis=-1).reshape(*rates.shape[:3], *rates.shape[2:])
 
     def open_and_gap(self, poses: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how far loops at theta (n, n_theta) can still be closed, and the gap that stays, both scaled, (n,).
 
-        Without redundant constraints all that is open can be closed; nor is a large gap one that they explain.
+        Without redundant constraints all that is open can be closed; nor is a large gap one that they explain. Open are
+        bodies too that are not rigid.
         """
         found = []
         for k in self.pieces(len(theta)):
             residual = self.residual(poses[..., k], theta[k])
-            found.append(self._split(residual, self.newton_step(poses[..., k], residual)[1]))
-        return tuple(np.concatenate(part) for part in zip(*found))
+            found.append(self._split(residual, self._step(poses[..., k], residual)[1]))
+        still_open, gap = (np.concatenate(part) for part in zip(*found))
+        bent = np.abs(self.mechanism.space.straightened(poses) - poses).max(axis=(0, 1))
+        return np.maximum(still_open, bent), gap
 
     def _split(self, residual: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return `open_and_gap` of a residual (n_rows, n), of which a step leaves a part."""
@@ -204,7 +209,7 @@ class LoopClosure:
         Loops that do not reach are as near as they can come too, in a configuration in which J is singular.
         """
         residual, jacobian = self.residual(poses, theta), self.jacobian(poses)
-        left = self.newton_step(poses, residual)[1]
+        left = self._step(poses, residual)[1]
         values = np.linalg.svd(self.scaled(jacobian)[0], compute_uv=False)
         nearest = self._largest(residual - left)[0] < NEAREST * self._largest(left)[0]
         return self.has_redundant and nearest and values[-1] > SINGULAR_TOLERANCE * values[0]
@@ -223,7 +228,7 @@ class LoopClosure:
     def crooked(self, poses: np.ndarray, rank: int) -> str:
         """Name the joint that gives the constraints at poses (n_bodies, n_pose, 1) more than a rank, by little; empty
         where they have no more, or by much."""
-        rows, rank = slice(self.n_constraints), rank + self.mechanism.space.n_tied * len(self.mechanism.bodies)
+        rows = slice(self.n_constraints)
         left, values, _ = np.linalg.svd(self.scaled(self.jacobian(poses)[:, rows])[0])
         share = values[rank] / values[0] if values.size > rank else 0.0
         if not SINGULAR_TOLERANCE < share < CROOKED:
@@ -241,19 +246,16 @@ class LoopClosure:
         mechanism turns it about the axis that it should have. Empty of others, and where the rest moves freely."""
         if self.mechanism.space is not SPATIAL or joint in self.mechanism.couplings:
             return ""
-        turning = [k for k, part in enumerate(joint.statements) if not part.is_length]
-        rows = np.delete(np.arange(self.n_constraints), joint.rows.start + np.array(turning, dtype=int))
+        angles = [k for k, part in enumerate(joint.statements) if not part.is_length]
+        rows = np.delete(np.arange(self.n_constraints), joint.rows.start + np.array(angles, dtype=int))
         _, values, motions = np.linalg.svd(self.scaled(self.jacobian(poses)[:, rows])[0])
-        if len(turning) != 2 or values.size < rank or values[rank - 1] < SINGULAR_TOLERANCE * values[0]:
+        if len(angles) != 2 or values.size < rank or values[rank - 1] < SINGULAR_TOLERANCE * values[0]:
             return ""
         spins, frames = [], []
         for side in joint.sides:
-            own = slice(self.n_pose * side.body + 3, self.n_pose * (side.body + 1))
-            directors, rates = np.eye(3), np.zeros((3, 3))
-            if not side.on_ground:
-                directors, rates = (part.ravel()[own].reshape(3, 3) for part in (poses, motions[rank] * self._units))
-            spins.append(0.5 * np.cross(directors, rates).sum(axis=0))
-            frames.append(directors)
+            turning = slice(6 * side.body + 3, 6 * side.body + 6)
+            spins.append(np.zeros(3) if side.on_ground else motions[rank, turning])
+            frames.append(np.eye(3) if side.on_ground else poses[side.body, 3:, 0].reshape(3, 3))
         spin, given = frames[0] @ (spins[1] - spins[0]), joint.axes[0][:, 0]
         axis = spin / np.linalg.norm(spin) * np.sign(spin @ given)
         sine = np.cross(axis, given)
@@ -270,7 +272,7 @@ class LoopClosure:
     def _closed_from(self, start: np.ndarray, nearest: np.ndarray, theta: np.ndarray, tries: int) -> np.ndarray | None:
         """Return poses (n_bodies, n_pose, 1) at which the joints close at theta (1, n_theta), None if none are found:
         from the nearest ones, and from bodies that are moved by chance."""
-        rng, far = np.random.default_rng(0), self._units.reshape(len(start), self.n_pose, 1)
+        rng, far = np.random.default_rng(0), self.mechanism.space.units(self.size)[:, None]
         for guess in (nearest, *(start + far * rng.normal(size=start.shape) for _ in range(tries))):
             closed, gap = self.newton(guess, theta)
             if gap[0] < CLOSURE_TOLERANCE:
@@ -307,15 +309,17 @@ class LoopClosure:
         """Return poses (n_bodies, n_pose, 1) of rigid bodies whose joints come as near as they can, from such poses at
         theta (1, n_theta)."""
         weights = STIFF / self._scale
-        weights[: self.mechanism.n_constraints] /= STIFF
+        weights[: self.n_constraints] /= STIFF
+        space, start = self.mechanism.space, self.mechanism.space.straightened(poses)
 
-        def weighted(unknowns: np.ndarray) -> np.ndarray:
-            return weights * self.residual(unknowns.reshape(poses.shape), theta)[:, 0]
+        def moved(motions: np.ndarray) -> np.ndarray:
+            return space.displaced(start, motions.reshape(len(poses), space.n_dofs, 1))
 
-        def slopes(unknowns: np.ndarray) -> np.ndarray:
-            return weights[:, None] * self.jacobian(unknowns.reshape(poses.shape))[0]
+        def weighted(motions: np.ndarray) -> np.ndarray:
+            return weights * self.residual(moved(motions), theta)[:, 0]
 
-        return scipy.optimize.least_squares(weighted, poses.ravel(), slopes, x_scale=self._units).x.reshape(poses.shape)
+        origin = np.zeros(self._units.size)
+        return moved(scipy.optimize.least_squares(weighted, origin, "3-point", x_scale=self._units).x)
 
     def closed_freely(self, poses: np.ndarray) -> np.ndarray:
         """Close the loops near poses (n_bodies, n_pose, n) wherever the coordinates then are; best effort."""
@@ -327,17 +331,22 @@ class LoopClosure:
         rows = StatementRows.on_poses(parts, self.mechanism.space)
         _, values, right = np.linalg.svd(self.scaled(self.jacobian(poses))[0])
         free = right[np.sum(values > SINGULAR_TOLERANCE * values[0]) :]
-        slopes = (_jacobian_of(rows, self._units.size)(poses)[0] * self._units) @ free.T
+        slopes = (RowsOfMotions(rows, self.mechanism)(poses)[0] * self._units) @ free.T
         scale = _scales(parts, self.size)
         return np.abs(slopes).max(axis=1, initial=0.0) > SINGULAR_TOLERANCE * scale
 
-    def newton_step(self, poses: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what to take off the poses, and what it then leaves of the residual (n_rows, n) at first order; of the
-        closure alone, if the residual has no driving rows."""
+    def corrected(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Return poses (n_bodies, n_pose, n) that close the loops at theta (n, n_theta), after one step more: to the
+        last digit."""
+        motions, _ = self._step(poses, self.residual(poses, theta))
+        return self.mechanism.space.displaced(poses, -motions)
+
+    def _step(self, poses: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the motions of bodies to be taken back, (n_bodies, n_dofs, n), and what then is left of the residual
+        (n_rows, n) at first order; of the closure alone, if the residual has no driving rows."""
         jacobian = self.jacobian(poses)[:, : len(residual)]
-        step = self._least(poses, jacobian, residual.T[..., None])
-        left = residual - (jacobian @ step)[..., 0].T
-        return np.moveaxis(step[..., 0], 0, -1).reshape(poses.shape), left
+        motions = self._least(jacobian, residual.T[..., None])
+        return self.jacobian.by_body(motions)[:, :, 0], residual - (jacobian @ motions)[..., 0].T
 
     def pieces(self, n: int) -> list[slice]:
         """Return pieces of n configurations whose dense Jacobians stay in a cache, if these are not few."""
@@ -355,10 +364,11 @@ class LoopClosure:
 
     def _newton(self, poses: np.ndarray, theta: np.ndarray | None, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
         """Run `newton` of a few configurations."""
-        poses, n_rows = poses.copy(), self.n_constraints if theta is None else self._rows.n
+        space, n_rows = self.mechanism.space, self.n_constraints if theta is None else self._rows.n
+        poses = space.straightened(poses)
         closed, known, sound = np.zeros((3, poses.shape[2]), dtype=bool)
         # where nothing but J^-1 makes a step it serves the next one too, which by then is too small to need its own
-        again, kept = self._form(n_rows) is not None and not self.has_redundant, []
+        again, kept = self._form(n_rows) is not None and not self.has_redundant, np.empty((0, 0, 0))
         for _ in range(MAX_ITERATIONS):
             wanted = self.measured(poses).T if theta is None else theta
             residual = self.residual(poses, wanted)[:n_rows]
@@ -366,101 +376,108 @@ class LoopClosure:
             # each theta stops by itself, so that the others in the call have no part in its last digits
             open_ones = np.flatnonzero((gap >= tolerance) & np.isfinite(gap))
             if not open_ones.size:
+                # once more to the last digit, with the J that each has
+                ended = np.flatnonzero(sound)
+                if ended.size:
+                    poses[..., ended] = space.displaced(poses[..., ended], -self._again(kept, residual, ended))
                 break
             moving = poses[..., open_ones]
             if not again:
-                step, left = self.newton_step(moving, residual[:, open_ones])
+                motions, left = self._step(moving, residual[:, open_ones])
                 gap[open_ones] = self._split(residual[:, open_ones], left)[0]
                 closed[open_ones] = gap[open_ones] < tolerance
             else:
                 anew = open_ones[~known[open_ones] | (gap[open_ones] > NEAR)]
                 if anew.size:
-                    made = self._parted(poses[..., anew], self.jacobian(poses[..., anew]))
-                    sound[anew] = self._blocks.factorise(made[-1])
-                    kept = kept or [np.empty((known.size, *part.shape[1:])) for part in made]
-                    for of_all, part in zip(kept, made):
-                        of_all[anew] = part
+                    made = self.jacobian(poses[..., anew]) / self._scale[:, None]
+                    sound[anew] = self._blocks.factorise(made)
+                    kept = kept if kept.size else np.empty((known.size, *made.shape[1:]))
+                    kept[anew] = made
                 known[:] = False  # J serves once more at most
                 known[anew] = True
-                parts = kept[:-1] if open_ones.size == known.size else [part[open_ones] for part in kept[:-1]]
-                step = self._joined(
-                    parts, residual[:, open_ones].T[..., None], partial(self._blocks.substituted, kept[-1], open_ones)
-                )
-                step = np.moveaxis(step[..., 0], 0, -1).reshape(moving.shape)
+                motions = self._again(kept, residual, open_ones)
                 odd = ~sound[open_ones]
                 if odd.any():
-                    step[..., odd] = self.newton_step(moving[..., odd], residual[:, open_ones[odd]])[0]
+                    motions[..., odd] = self._step(moving[..., odd], residual[:, open_ones[odd]])[0]
             # far from the solution a whole step can throw a body around; no more than half a radian at once
-            turn = np.max(self.mechanism.space.turns(step), axis=0)
-            poses[..., open_ones] = moving - step * np.minimum(1.0, 0.5 / np.maximum(turn, 1e-300))
+            turn = np.abs(motions[:, space.dimension :]).max(axis=(0, 1))
+            poses[..., open_ones] = space.displaced(moving, -motions * np.minimum(1.0, 0.5 / np.maximum(turn, 1e-300)))
         return poses, gap
 
     @cached_property
     def _blocks(self) -> Blocks | None:
         """Statements and motions that follow together; None where there are not as many of one as of the other."""
         rows, dofs = self._rows, self._rows.dofs
-        tied = np.zeros(rows.n, dtype=bool)
-        tied[self._tied] = True
         bodies = np.zeros((rows.n, len(self.mechanism.bodies)), dtype=bool)
         felt = dofs >= 0
-        bodies[np.broadcast_to(rows.row_of[:, None], dofs.shape)[felt], dofs[felt] // self.n_pose] = True
-        pattern = np.repeat(bodies[~tied], self.mechanism.space.n_dofs, axis=1)
+        bodies[np.broadcast_to(rows.row_of[:, None], dofs.shape)[felt], dofs[felt] // self.mechanism.space.n_pose] = (
+            True
+        )
+        pattern = np.repeat(bodies, self.mechanism.space.n_dofs, axis=1)
         return Blocks.of(triangular_blocks(pattern)) if pattern.shape[0] == pattern.shape[1] else None
 
     def _form(self, n_rows: int) -> Blocks | None:
         """Return the form of J with so many rows, where it is known."""
         return self._blocks if n_rows == self._rows.n else None
 
-    def _least(self, poses: np.ndarray, jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Return the x (n, n_pose n_bodies, k) that keeps bodies rigid and comes nearest to ``J x = right``, for J at
-        poses (n_bodies, n_pose, n) and right-hand sides (n, n_rows, k)."""
-        *parts, moved = self._parted(poses, jacobian)
-        return self._joined(parts, right, partial(solved, moved, blocks=self._form(jacobian.shape[1])))
+    def _again(self, factors: np.ndarray, residual: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        """Return the motions to be taken back, (n_bodies, n_dofs, n), by chosen ones (n,) of J that were factorised and
+        the residuals (n_rows, n_all) there."""
+        right = residual[:, chosen].T[..., None] / self._scale[:, None]
+        return self.jacobian.by_body(self._blocks.substituted(factors, chosen, right))[:, :, 0]
 
-    def _parted(self, poses: np.ndarray, jacobian: np.ndarray) -> list[np.ndarray]:
-        """Return what makes `_joined` of J (n, n_rows, n_pose n_bodies) at poses: in space J_o^-1, W J and T, and last
-        ``W J T``, W J in the plane; each with n as its first axis."""
-        space, n_rows, tied = self.mechanism.space, jacobian.shape[1], self._tied
-        if not space.n_tied:
-            return [jacobian / self._scale[:n_rows, None]]
-        n, n_bodies = len(jacobian), len(poses)
-        own = jacobian[:, tied].reshape(n, n_bodies, space.n_tied, n_bodies, self.n_pose)
-        own = own[:, np.arange(n_bodies), :, np.arange(n_bodies)].swapaxes(0, 1)  # statements of a body about itself
-        inverse = own.swapaxes(2, 3) @ np.linalg.inv(own @ own.swapaxes(2, 3))
-        others, tangent = np.r_[: tied.start, tied.stop : n_rows], space.tangent(poses)
-        rest = jacobian[:, others] / self._scale[others, None]
-        by_body = rest.reshape(n, others.size, n_bodies, self.n_pose).swapaxes(1, 2)
-        return [inverse, rest, tangent, (by_body @ tangent).swapaxes(1, 2).reshape(n, others.size, -1)]
-
-    def _joined(
-        self, parts: Sequence[np.ndarray], right: np.ndarray, moving: Callable[[np.ndarray], np.ndarray]
-    ) -> np.ndarray:
-        """Return `_least` from `_parted`, where `moving` solves with the last of it."""
-        n, n_rows, tied = len(right), right.shape[1], self._tied
-        if not parts:
-            return moving(right / self._scale[:n_rows, None])
-        inverse, rest, tangent = parts
-        x = (inverse @ right[:, tied].reshape(n, len(self.mechanism.bodies), -1, right.shape[2])).reshape(
-            n, -1, right.shape[2]
-        )
-        others = np.r_[: tied.start, tied.stop : n_rows]
-        y = moving(right[:, others] / self._scale[others, None] - rest @ x)
-        return x + (tangent @ y.reshape(*tangent.shape[:2], tangent.shape[3], -1)).reshape(x.shape)
+    def _least(self, jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Return the least y (n, n_dofs n_bodies, k) that comes nearest to ``J y = right``, for J and right-hand sides
+        (n, n_rows, k)."""
+        scale = self._scale[: jacobian.shape[1], None]
+        return solved(jacobian / scale, right / scale, self._form(jacobian.shape[1]))
 
 
-def _jacobian_of(rows: StatementRows, n: int) -> Callable[[np.ndarray], np.ndarray]:
-    """Return what gives the derivatives of statements in n unknowns of poses (n_bodies, n_pose, n_samples), shape
-    (n_samples, n_rows, n)."""
-    of, columns = rows.jacobian_pattern
-    # terms of a row may have one unknown in common
-    adding = sp.csr_matrix((np.ones(of.size), (n * of + columns, np.arange(of.size))), shape=(rows.n * n, of.size))
-    return partial(_jacobian, rows, adding)
+class RowsOfMotions:
+    """Derivatives of statements in displacements and turns of rigid bodies, along the inertial axes, those of one body
+    after the other.
+
+    Called with poses (n_bodies, n_pose, n) it returns them, shape (n, n_rows, n_dofs n_bodies).
+    """
+
+    def __init__(self, rows: StatementRows, mechanism: Mechanism) -> None:
+        self._rows, self._space, self._n_bodies = rows, mechanism.space, len(mechanism.bodies)
+        of, columns = rows.jacobian_pattern
+        self._pattern = of, *np.divmod(columns, self._space.n_pose)
+        self._sums = sp.csr_matrix((np.ones(of.size), (of, np.arange(of.size))), shape=(rows.n, of.size))
+
+    def __call__(self, poses: np.ndarray) -> np.ndarray:
+        found = np.zeros((poses.shape[2], self._rows.n, self._space.n_dofs * self._n_bodies))
+        values = self._rows.jacobian_values(_unknowns(poses))
+        _fill(values, *self._pattern, np.ascontiguousarray(poses), self._space.n_dofs, found)
+        return found
+
+    def along(self, poses: np.ndarray, changes: np.ndarray) -> np.ndarray:
+        """Return how statements change with changes of poses (n_bodies, n_pose, k, n), shape (n, n_rows, k)."""
+        of, body, place = self._pattern
+        values = self._rows.jacobian_values(_unknowns(poses))
+        parts = [self._sums @ (values * changes[body, place, k]) for k in range(changes.shape[2])]
+        return np.stack(parts, axis=-1).swapaxes(0, 1)
+
+    def by_body(self, motions: np.ndarray) -> np.ndarray:
+        """Return motions (n, n_dofs n_bodies, k) by bodies, (n_bodies, n_dofs, k, n)."""
+        shape = self._n_bodies, self._space.n_dofs, motions.shape[2], len(motions)
+        return np.moveaxis(motions, 0, -1).reshape(shape)
 
 
-def _jacobian(rows: StatementRows, adding: sp.csr_matrix, poses: np.ndarray) -> np.ndarray:
-    unknowns = _unknowns(poses)
-    values = adding @ rows.jacobian_values(unknowns)
-    return np.ascontiguousarray(values.T).reshape(poses.shape[2], rows.n, len(unknowns))
+@njit(cache=True, entry=True, error_model="numpy", counted=False)
+def _fill(values, of, body, place, poses, n_dofs, found):
+    """Add derivatives (n_entries, n), of rows in numbers of poses, in displacements and turns of bodies."""
+    for number in range(poses.shape[2]):
+        for entry in range(of.size):
+            slope, row, first, at = values[entry, number], of[entry], n_dofs * body[entry], place[entry]
+            if at < 3:
+                found[number, row, first + at] += slope
+            else:  # of a director, which turns by (phi x d)_c = phi_c+1 d_c+2 - phi_c+2 d_c+1
+                c, start = at % 3, at - at % 3
+                one, other = (c + 1) % 3, (c + 2) % 3
+                found[number, row, first + 3 + one] += slope * poses[body[entry], start + other, number]
+                found[number, row, first + 3 + other] -= slope * poses[body[entry], start + one, number]
 
 
 def size_of(mechanism: Mechanism) -> float:
@@ -500,9 +517,7 @@ class ReleasedClosure:
     def __init__(self, closure: LoopClosure) -> None:
         mechanism = closure.mechanism
         self._closure = closure
-        origin = np.zeros(mechanism.space.dimension)
-        frames = [Attachment(k, -1, origin, origin) for k in range(len(mechanism.bodies))]
-        parts = mechanism.holding(frames, moving=True)[0] + [(c.statement, c.sides) for c in mechanism.coordinates]
+        parts = mechanism.holding([], moving=True)[0] + [(c.statement, c.sides) for c in mechanism.coordinates]
         self._n_held = len(parts)
         parts += [(part.statement, c.sides) for c in mechanism.connections for part in c.released]
         carries = [part.key != "clearance" for c in mechanism.connections for part in c.released]
@@ -511,7 +526,7 @@ class ReleasedClosure:
         carries += [any(function.breaks.size for _, function in terms) for terms in turning]
         self._carries = np.array([False] * self._n_held + carries, dtype=bool)
         self._rows = StatementRows.on_poses(parts, mechanism.space)
-        self._jacobian_at = _jacobian_of(self._rows, closure.n_pose * len(mechanism.bodies))
+        self._jacobian_at = RowsOfMotions(self._rows, mechanism)
         self._scale = _scales(parts, closure.size)
         self._chosen: np.ndarray | None = None  # numbers of the rows, all that are held and the chosen released ones
 
@@ -527,7 +542,8 @@ class ReleasedClosure:
         n_released = self._chosen.size - self._n_held
         unit = np.zeros((n, self._chosen.size, n_released))
         unit[:, self._n_held :] = np.eye(n_released)
-        return np.moveaxis(solved(jacobian[:, self._chosen], unit), 0, -1).reshape(n_bodies, n_pose, n_released, n)
+        motions = self._jacobian_at.by_body(solved(jacobian[:, self._chosen], unit))
+        return self._closure.mechanism.space.changes(poses, motions)
 
     @property
     def carries(self) -> np.ndarray:

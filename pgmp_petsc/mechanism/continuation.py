@@ -127,7 +127,7 @@ class PoseBranch(Record):
         theta, found = _grid(axes), []
         for k in closure.pieces(len(theta)):
             # one step more, to the last digit: all later poses are interpolated between these
-            own = poses[..., k] - closure.newton_step(poses[..., k], closure.residual(poses[..., k], theta[k]))[0]
+            own = closure.corrected(poses[..., k], theta[k])
             rates = closure.rates(own)
             found.append([np.moveaxis(part, -1, 0) for part in (own, rates, closure.curvatures(own, rates))])
         parts = (np.concatenate(part) for part in zip(*found))
@@ -304,7 +304,7 @@ class _Front:
     closure: LoopClosure
     theta: np.ndarray  # shape (n, n_theta)
     poses: np.ndarray  # shape (n_bodies, n_pose, n)
-    jacobian: np.ndarray  # j there, shape (n, n_rows, n_pose n_bodies)
+    jacobian: np.ndarray  # j there, shape (n, n_rows, n_dofs n_bodies)
 
     @classmethod
     def begun(cls, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> _Front:
@@ -411,12 +411,12 @@ def _leading(gap: np.ndarray, n: int) -> int:
 
 
 def _singular_values(closure: LoopClosure, jacobian: np.ndarray) -> np.ndarray:
-    """Return the singular values of the scaled J, descending, shape (n, n_pose n_bodies)."""
+    """Return the singular values of the scaled J, descending, shape (n, n_dofs n_bodies)."""
     return np.linalg.svd(closure.scaled(jacobian), compute_uv=False)
 
 
 def _keeps_orientation(closure: LoopClosure, jacobian: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return where J has the orientation of another one, both (n, n_rows, n_pose n_bodies), shape (n,)."""
+    """Return where J has the orientation of another one, both (n, n_rows, n_dofs n_bodies), shape (n,)."""
     product = np.swapaxes(closure.scaled(other), 1, 2) @ closure.scaled(jacobian)
     return np.linalg.slogdet(product)[0] > 0
 

@@ -321,7 +321,7 @@ class RigidKinematics:
     ) -> tuple[list[int], list[np.ndarray]]:
         """Return numbers of the first configuration and axes on which no body in space turns far from one value of one
         coordinate to the next, as a spindle does: in between the table has polynomials of directors."""
-        if len(axes) > 1 or not self.mechanism.space.n_tied:
+        if len(axes) > 1 or self.mechanism.space is not SPATIAL:
             return start, axes
         turn = self.mechanism.space.turns(self.rates(assembled)[:, :, 0]).max() * (axes[0][1] - axes[0][0])
         parts = int(np.clip(np.ceil(turn / FURTHEST_TURN), 1, max(MOST_PLACES // axes[0].size, 1)))
@@ -379,7 +379,7 @@ class RigidKinematics:
         Returns the number of constraints that follow from the others.
         """
         space, n_bodies = self.mechanism.space, len(self.mechanism.bodies)
-        n_poses = (space.n_pose - space.n_tied) * n_bodies
+        n_poses = space.n_dofs * n_bodies
         rank = self._rank(poses)
         if n_poses - rank != self.n_coordinates:
             if rank < n_poses - self.n_coordinates == self._rank(self._elsewhere(poses)):
@@ -408,10 +408,10 @@ class RigidKinematics:
 
     def _left_loose(self, poses: np.ndarray) -> str:
         """Say which bodies can move while all others, and the coordinates, rest, and what holds them; empty if none."""
-        jacobian, n_pose = self._closure.scaled(self._closure.jacobian(poses))[0], self.mechanism.space.n_pose
+        jacobian, n_dofs = self._closure.scaled(self._closure.jacobian(poses))[0], self.mechanism.space.n_dofs
         texts = []
         for number, body in enumerate(self.mechanism.bodies):
-            values = np.linalg.svd(jacobian[:, number * n_pose : (number + 1) * n_pose], compute_uv=False)
+            values = np.linalg.svd(jacobian[:, number * n_dofs : (number + 1) * n_dofs], compute_uv=False)
             if values[-1] > SINGULAR_TOLERANCE * values[0]:
                 continue
             own = [c for c in self.mechanism.connections if number in (c.a.body, c.b.body)]
@@ -471,9 +471,7 @@ class RigidKinematics:
         """Return the number of independent constraints by joints at poses (n_bodies, n_pose, 1)."""
         rows = slice(self._closure.n_constraints)
         values = np.linalg.svd(self._closure.scaled(self._closure.jacobian(poses)[:, rows])[0], compute_uv=False)
-        # those that make poses rigid are no joints
-        n_tied = self.mechanism.space.n_tied * len(self.mechanism.bodies)
-        return int(np.sum(values > SINGULAR_TOLERANCE * values[0])) - n_tied if values.size else 0
+        return int(np.sum(values > SINGULAR_TOLERANCE * values[0])) if values.size else 0
 
     def _elsewhere(self, poses: np.ndarray) -> np.ndarray:
         """Return other poses near these at which the mechanism is closed, if there are any; best effort."""

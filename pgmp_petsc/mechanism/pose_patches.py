@@ -81,7 +81,7 @@ class PosePatches:
         theta = (middles + halves * self._points).reshape(-1, 2)
         poses, gap = closure.newton(self._branch.guess(theta), theta)
         # one step more, to the last digit, as all others are interpolated between these
-        poses = poses - closure.newton_step(poses, closure.residual(poses, theta))[0]
+        poses = closure.corrected(poses, theta)
         values = np.moveaxis(poses, -1, 0).reshape(len(patches), POINTS, POINTS, self._n_poses)
         # one by one: sums over many at once may be in another order
         to = self._to_coefficients

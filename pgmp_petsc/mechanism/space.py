@@ -28,7 +28,6 @@ class Plane:
     dimension = 2
     n_pose = 3  # numbers of a pose; 12 in space
     n_dofs = 3  # displacements and rotations of a node; 6 in space
-    n_tied = 0  # numbers of a pose that depend on others; 6 in space
     identity = np.zeros(3)  # the pose of a body at rest in the ground's frame, shape (n_pose,)
 
     def units(self, size: float) -> np.ndarray:
@@ -51,6 +50,25 @@ class Plane:
         """Return poses (n_bodies, n_pose, n) after a change of them of first order, or of first and second: in space
         bodies turn by the vector that belongs to it, however far."""
         return poses + change
+
+    def displaced(self, poses: np.ndarray, motions: np.ndarray) -> np.ndarray:
+        """Return poses (n_bodies, n_pose, n) after displacements and turns of bodies, along the inertial axes, shape
+        (n_bodies, n_dofs, n): in space by rotation vectors, however long."""
+        return poses + motions
+
+    def changes(self, poses: np.ndarray, motions: np.ndarray) -> np.ndarray:
+        """Return the changes of poses (n_bodies, n_pose, n) of first order with such motions (n_bodies, n_dofs, k, n),
+        shape (n_bodies, n_pose, k, n)."""
+        return motions
+
+    def bends(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """Return the second derivatives of poses (n_bodies, n_pose, n) that change by given rates (n_bodies, n_pose, k,
+        n) and by nothing else, shape (n_bodies, n_pose, k, k, n)."""
+        return np.zeros((*rates.shape[:3], *rates.shape[2:]))
+
+    def straightened(self, poses: np.ndarray) -> np.ndarray:
+        """Return a copy of poses (n_bodies, n_pose, n) with directors at right angles, where they are not."""
+        return poses.copy()
 
     def winding(self, change: np.ndarray) -> np.ndarray:
         """Return the whole turns in a change of poses (n_bodies, n_pose), shape (n_bodies,), that poses count."""
@@ -107,7 +125,7 @@ class Plane:
 class Spatial:
     """Space; what is not said here is said of `Plane`."""
 
-    dimension, n_pose, n_dofs, n_tied = 3, 12, 6, 6
+    dimension, n_pose, n_dofs = 3, 12, 6
     identity = np.concatenate([np.zeros(3), np.eye(3).ravel()])
 
     def units(self, size: float) -> np.ndarray:
@@ -122,15 +140,38 @@ class Spatial:
         return statement.value(self.natural(a), self.natural(b), turned)
 
     def moved(self, poses: np.ndarray, change: np.ndarray) -> np.ndarray:
-        found = poses + change
         axes = poses[:, 3:].reshape(len(poses), 3, 3, -1)
-        vector = 0.5 * np.cross(axes, change[:, 3:].reshape(axes.shape), axis=2).sum(axis=1)[:, None]
+        vector = 0.5 * np.cross(axes, change[:, 3:].reshape(axes.shape), axis=2).sum(axis=1)
+        return self.displaced(poses, np.concatenate([change[:, :3], vector], axis=1))
+
+    def displaced(self, poses: np.ndarray, motions: np.ndarray) -> np.ndarray:
+        axes, vector = poses[:, 3:].reshape(len(poses), 3, 3, -1), motions[:, None, 3:]
         angle = np.linalg.norm(vector, axis=2, keepdims=True)
         once, twice = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
         across = np.cross(vector, axes, axis=2)
         turned = axes + once * across + twice * np.cross(vector, across, axis=2)
-        found[:, 3:] = turned.reshape(found[:, 3:].shape)
-        return found
+        return np.concatenate([poses[:, :3] + motions[:, :3], turned.reshape(poses[:, 3:].shape)], axis=1)
+
+    def changes(self, poses: np.ndarray, motions: np.ndarray) -> np.ndarray:
+        n_bodies, _, k, n = motions.shape
+        axes = poses[:, 3:].reshape(n_bodies, 3, 3, 1, n)
+        turned = np.cross(motions[:, None, 3:], axes, axis=2)
+        return np.concatenate([motions[:, :3], turned.reshape(n_bodies, 9, k, n)], axis=1)
+
+    def bends(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """Return the least that keeps directors a rotation, ``d_i'' = -sum_j (d_i' . d_j') d_j``."""
+        n_bodies, _, k, n = rates.shape
+        moving = rates[:, 3:].reshape(n_bodies, 3, 3, k, n)
+        product = np.einsum("bickn,bjcln->bijkln", moving, moving)
+        product = -0.5 * (product + product.swapaxes(3, 4))
+        turned = np.einsum("bijkln,bjcn->bickln", product, poses[:, 3:].reshape(n_bodies, 3, 3, n))
+        return np.concatenate([np.zeros((n_bodies, 3, k, k, n)), turned.reshape(n_bodies, 9, k, k, n)], axis=1)
+
+    def straightened(self, poses: np.ndarray) -> np.ndarray:
+        first, second = poses[:, 3:6], poses[:, 6:9]
+        third = np.cross(first, second, axis=1)
+        axes = [first, np.cross(third, first, axis=1), third]
+        return np.concatenate([poses[:, :3], *(one / np.linalg.norm(one, axis=1)[:, None] for one in axes)], axis=1)
 
     def winding(self, change: np.ndarray) -> np.ndarray:
         return np.zeros(len(change))
@@ -153,17 +194,6 @@ class Spatial:
         for k, axis in enumerate(np.eye(3)):
             gradient[3 + 3 * k : 6 + 3 * k, 3:] = -turn @ cross_matrix(axis)
         return gradient
-
-    def tangent(self, poses: np.ndarray) -> np.ndarray:
-        """Return rigid displacements of bodies as changes of their poses (n_bodies, n_pose, n), orthonormal, shape (n,
-        n_bodies, n_pose, n_dofs): unit vectors for positions, and ``e_i x d_k`` over the root of two for directors."""
-        n_bodies, _, n = poses.shape
-        found = np.zeros((n, n_bodies, 12, 6))
-        found[:, :, :3, :3] = np.eye(3)
-        turning = np.array([cross_matrix(axis) for axis in np.eye(3)]) / np.sqrt(2.0)
-        turned = np.einsum("ice,bken->nbkci", turning, poses[:, 3:].reshape(n_bodies, 3, 3, n))
-        found[:, :, 3:, 3:] = turned.reshape(n, n_bodies, 9, 3)
-        return found
 
     def frame_curvature(self, pose: np.ndarray, slopes: np.ndarray) -> np.ndarray:
         """Return the part of ``exp(phi) e_k`` of second order, ``1/2 phi x (phi x e_k)``, times the slopes."""

@@ -21,6 +21,8 @@ import numpy as np
 from pgmp_petsc.declare.records import Record, array, attribute, derived
 
 OF_REDUCED, OF_STEP = "reduced less full-order", "of the time step"
+#: Static answers that a reduction may be without, and stresses with it, by its entries.
+ANSWERS = {"static_modes": "loads", "inertia_modes": "inertia forces"}
 LARGE = 0.05  # error as a share of an output's largest value, from which on a run warns of it
 # rad. Displacements linear in the deformation turn a length by phi and make it longer by phi^2 / 2 of itself, which is
 # the relative error of a linear strain measure: one per cent here.

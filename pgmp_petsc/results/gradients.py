@@ -1,18 +1,19 @@
 """Outputs of one run over time with their derivatives with parameters, as ``pgmp sensitivities`` finds them, and what
 is found by these: parameters that fit a measured history, and a design, which meets a goal best under constraints.
 
-The largest or smallest value of a smooth history is known at instants. The largest of the values themselves, ``y_k``,
-is that of one instant, and its derivative that of the history there. But between instants lies the true extreme, where
-the history has no slope: only there is the derivative of the extreme that of the history (the envelope theorem;
-Danskin 1966). At an instant next to it there is ``(t_k - t*) dy'/dp`` besides, which is of first order in the step,
-and may be larger than all else where a parameter shifts a vibration in time. The vertex of the parabola through the
-values at three equally distant instants,
+The derivative of an extreme is that of the history there (the envelope theorem; Danskin 1966) only at the true extreme,
+between instants: at an instant next to it there is ``(t_k - t*) dy'/dp`` besides, of first order in the step. The
+vertex of the parabola through the values at three equally distant instants,
 
     s = (y_{k-1} - y_{k+1}) / (2 (y_{k-1} - 2 y_k + y_{k+1})),    -1/2 <= s <= 1/2,
     y* = y_k + s (y_{k+1} - y_{k-1}) / 2 + s^2 / 2 (y_{k-1} - 2 y_k + y_{k+1}),
 
 does not move with s to first order, so that its derivative is the same expression of the derivatives: exact for y*, and
 of second order in the step for the extreme of the history.
+
+Between two instants a history that bends one way is below the straight lines through two instants before and behind.
+A parabola that is above where these meet, on both sides of its instant, is refuted: there is a corner (a stop,
+friction, a limit), which is taken to be where the lines meet, on the side where that is higher.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ from pgmp_petsc.declare.records import (
 from pgmp_petsc.files.hdf5 import RunRecord, take
 from pgmp_petsc.results.statistics import UNKNOWN
 
+STRAIGHT = 0.3  # of the bend at an extreme: vibrations of 8 steps have 0.41 of it a step beside, or more
 DEVIATION, PERCENT = "one standard deviation", "1 % of its value"
 
 
@@ -197,16 +199,22 @@ class Derivatives(Result):
 
 @dataclass(frozen=True)
 class Vertex:
-    """The vertex of the parabola through a value and those before and after it."""
+    """The vertex of the parabola through a value and those before and after it, or a corner of two straight lines."""
 
     at: int  # number of the instant
-    offset: float  # by how much of a step the vertex is later, from -1/2 to 1/2; 0 at both ends of a history
+    offset: float  # by how much of a step it is later, from -1/2 to 1/2, of a corner to 1; 0 at both ends of a history
+    beyond: float | None = None  # of a corner: share that the line through the two instants beyond it has in it
 
     def of(self, histories: np.ndarray) -> np.ndarray:
         """Return what the parabolas through histories have there, shape (...) for histories of shape (..., n_t)."""
         here = histories[..., self.at]
         if self.offset == 0.0:
             return here
+        if self.beyond is not None:
+            side, way = int(np.copysign(1, self.offset)), abs(self.offset)
+            near, far, last = (histories[..., self.at + number * side] for number in (-1, 1, 2))
+            ahead, back = here + way * (here - near), far + (1.0 - way) * (far - last)
+            return (1.0 - self.beyond) * ahead + self.beyond * back
         before, after = histories[..., self.at - 1], histories[..., self.at + 1]
         return here + 0.5 * self.offset * (after - before) + 0.5 * self.offset**2 * (before - 2.0 * here + after)
 
@@ -219,7 +227,27 @@ def vertex(values: np.ndarray, sign: float) -> Vertex:
         return Vertex(at, 0.0)
     before, here, after = values[at - 1 : at + 2]
     bend = before - 2.0 * here + after
-    return Vertex(at, float(0.5 * (before - after) / bend) if bend != 0.0 else 0.0)
+    smooth = Vertex(at, float(0.5 * (before - after) / bend) if bend != 0.0 else 0.0)
+    size = sign * values
+    if not (1 < at < len(values) - 2 and size[at - 2] <= size[at - 1] and size[at + 1] >= size[at + 2]):
+        return smooth
+    corner = max((_corner(size, at, side) for side in (1, -1)), key=lambda one: one.of(size))
+    return min(smooth, corner, key=lambda one: one.of(size))
+
+
+def is_sharp(values: np.ndarray, at: int) -> bool:
+    """Return whether a history bends much less a step beside its extreme than there, so that no parabola is known to
+    follow it."""
+    bends = np.diff(values[max(at - 2, 0) : at + 3], 2)
+    return bends.size == 3 and bool(min(bends[0] * bends[1], bends[2] * bends[1]) < STRAIGHT * bends[1] ** 2)
+
+
+def _corner(values: np.ndarray, at: int, side: int) -> Vertex:
+    """Return where straight lines through the values before and behind an interval at the largest one meet."""
+    near, here, far, last = (float(values[at + number * side]) for number in (-1, 0, 1, 2))
+    rise, fall = here - near, far - last
+    way = min(far + fall - here, rise + fall)
+    return Vertex(at, side * way / (rise + fall), rise / (rise + fall)) if way > 0.0 else Vertex(at, 0.0, 0.0)
 
 
 @dataclass(frozen=True)

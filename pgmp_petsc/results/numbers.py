@@ -27,22 +27,27 @@ _largest: ContextVar[Mapping[str, float]] = ContextVar("largest", default={})
 
 
 def sizes_of(outputs: Mapping[str, np.ndarray], units: Mapping[str, str], length: float = 0.0) -> dict[str, float]:
-    """Return beside what each output is round-off: the largest one in its unit, at least 1 rad and a length."""
-    of_units = {"rad": 1.0, **dict.fromkeys(LENGTHS, length)}
+    """Return beside what each output is round-off: the largest one in its unit, at least 1 rad and a length. Pure
+    numbers are not beside others: damages may be tiny."""
+    kinds = {name: (units.get(name, "1"), name if units.get(name, "1") == "1" else "") for name in outputs}
+    found = {kind: {"rad": 1.0, **dict.fromkeys(LENGTHS, length)}.get(kind[0], 0.0) for kind in kinds.values()}
     for name, values in outputs.items():
-        unit, sizes = units.get(name, "1"), np.abs(values)
-        of_units[unit] = max(of_units.get(unit, 0.0), float(np.max(sizes[np.isfinite(sizes)], initial=0.0)))
-    return {name: of_units[units.get(name, "1")] for name in outputs}
+        sizes = np.abs(values)
+        found[kinds[name]] = max(found[kinds[name]], float(np.max(sizes[np.isfinite(sizes)], initial=0.0)))
+    return {name: found[kind] for name, kind in kinds.items()}
+
+
+def nothing(sizes: Mapping[str, np.ndarray], units: Mapping[str, str], length: float = 0.0) -> dict[str, float]:
+    """Return below which size each output is none: what round-off leaves beside others of its unit, as a symmetric
+    machine does of a motion; of pure numbers a share of 1, as of a damage, with which a part fails."""
+    beside = sizes_of(sizes, units, length)
+    return {name: ROUND_OFF if units.get(name, "1") == "1" else VANISHING * beside[name] for name in sizes}
 
 
 def felt(sizes: Mapping[str, np.ndarray], units: Mapping[str, str], length: float = 0.0) -> dict[str, np.ndarray]:
-    """Return largest sizes of outputs, each of one shape, with zero where an output vanishes beside others of its unit,
-    as what a symmetric machine leaves of a motion does. Pure numbers are not beside others: damages may be tiny."""
-    beside = sizes_of(sizes, units, length)
-    return {
-        name: np.where((size <= VANISHING * beside[name]) & (units.get(name, "1") != "1"), 0.0, size)
-        for name, size in sizes.items()
-    }
+    """Return largest sizes of outputs, each of one shape, with zero where they are `nothing`."""
+    least = nothing(sizes, units, length)
+    return {name: np.where(size <= least[name], 0.0, size) for name, size in sizes.items()}
 
 
 def plain(value: float, digits: int = 2, sign: str = "") -> str:

@@ -204,6 +204,8 @@ class Tradeoff(Result):
             words = ["component modes", f"for {at['component_modes']} modes"]
         if self.families[row] == "reduced":
             words = ["reduced", f"{self.modes(row)} modes", f"{at['angles']} angles", str(at["interpolation"])]
+            # else two settings may read the same
+            words += ["inertia modes alone"] if at["inertia_modes"] and not at["static_modes"] else []
             words += ["second order"] if at["second_order"] else []
         words.append(f"{1e3 * at['step']:.4g} ms")
         words += [f"cells / {at['refinement']}"] if at["refinement"] > 1 else []

@@ -15,8 +15,8 @@ than one coordinate the configurations are a grid over all of them, the last run
 
 For ParaView, an XDMF file (version 3, https://www.xdmf.org) keeps the description in XML and points into the
 trajectory's own HDF5 file, so nothing is copied: each array is named as ``<file>:<dataset>``, with the file relative to
-the XDMF file. The XML is written here because meshio's writer of time series stores its arrays in ``F.h5`` beside
-``F.xdmf``, which would overwrite the trajectory. The two files have to stay together.
+the XDMF file. Meshio's writer of time
+series would overwrite the trajectory. The two files have to stay together.
 """
 
 from __future__ import annotations
@@ -49,12 +49,11 @@ from pgmp_petsc.declare.records import (
 )
 from pgmp_petsc.files.claims import check_output, replacing
 from pgmp_petsc.files.hdf5 import RunRecord, open_file, shapes_of, take
-from pgmp_petsc.results.estimates import VALIDITY_WORDS, Balance, EstimatedErrors
+from pgmp_petsc.results.estimates import ANSWERS, VALIDITY_WORDS, Balance, EstimatedErrors
 from pgmp_petsc.results.statistics import MODELS
 
 GROUP = "fields"
 PLACES = ("at_nodes", "at_cells")
-ANSWERS = {"static_modes": "loads", "inertia_modes": "inertia forces"}
 _LENGTHS = ("positions", "nodes")  # of frames
 _VECTOR = ("frame", "node", "dimension")
 

@@ -28,6 +28,7 @@ from pgmp_petsc.stepping.status import Outcome
 MAX_ITERATIONS = 12
 CAREFUL_ITERATIONS = 80
 LONGEST = 0.2  # correction that is not shortened, in units of the mechanism's size or of 1 rad
+HOPELESS = 1e30  # correction that no shortening makes one, in the same units: of a load that is absurd
 REFRESH_EVERY = 4  # corrections that share one factorisation
 FIRST_CONTRACTION = 0.5  # assumed where only one correction is known
 PROBED_EVERY = 10  # steps, of which one is corrected twice at least, to see how the iteration contracts
@@ -222,8 +223,9 @@ class AlphaStep:
                 beside.act(time, state)
             size = self._system.correct(time, state, scheme, active, True)
             self.count(active.sum(), 0, 1)
-            lost |= active & ~np.isfinite(size)
-            active &= np.isfinite(size)
+            near = size < HOPELESS  # and a number
+            lost |= active & ~near
+            active &= near
             # by halves, together: rarely more than a few samples come here
             while True:
                 long = active & (size > LONGEST)

@@ -17,9 +17,8 @@ would matter.
 
 ``effects = "auto"``: the effects of a scene that matter, by the estimate of `effect_sizes`.
 
-Left out are named effects whose share is below the tolerance, other than those that a scene is about (loads that drive
-it, masses, stops). Of the reduced model's own terms, forces by velocities and what is of second order in the
-deformation come and go by their size. No load is ever added that the scene does not name: the report warns of those.
+What comes and goes by its size is in docs/effects.md, which effects matter. No load is ever added that the scene does
+not name: the report warns of those.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.results.estimates import OF_STEP
-from pgmp_petsc.results.numbers import ROUND_OFF, axis_unit, plain, share_text, sizes_of
+from pgmp_petsc.results.numbers import ROUND_OFF, axis_unit, behind, plain, share_text, sizes_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.base.errors import Remark
@@ -39,14 +39,14 @@ def report_of_run(trajectory: Trajectory, path: Path, said: Sequence[Remark] = (
     for name, values in trajectory.outputs.items():
         values = np.where(np.abs(values) <= ROUND_OFF * sizes[name], 0.0, values)
         factor, unit = axis_unit(trajectory.units[name], values)
-        end = f"{factor * values[-1]:16.8g} {unit}"
+        end = f"{factor * values[-1]:16.8g}{behind(unit)}"
         known = np.abs(np.nan_to_num(values))
         most = int(np.argmax(known))
         width = max(9, LARGEST + 16 - len(end))
         largest = f"{factor * values[most]:>{width}.5g} at {trajectory.time[most]:.4g} s"
         lines.append(f"  {name:24s}{end}{largest if np.isfinite(values).any() else ''}")
         if np.isfinite(values).any():
-            peaks.append(f"{name} {factor * values[most]:.4g}{'' if unit == '1' else f' {unit}'}")
+            peaks.append(f"{name} {factor * values[most]:.4g}{behind(unit)}")
     first = f"{path}: {trajectory.model} model, {len(trajectory.time) - 1} steps to {trajectory.time[-1]:g} s"
     more = f", and {len(peaks) - IN_LINE} more" if len(peaks) > IN_LINE else ""
     lines[0] = f"{first}; at most {', '.join(peaks[-IN_LINE:])}{more}" if peaks else first
@@ -165,7 +165,7 @@ def of_ensemble(ensemble: Ensemble) -> list[str]:
             s = ensemble.statistics.get(name)
             factor, unit = axis_unit(ensemble.units[name], known if s is None or not s.count else s.quantiles)
             median, most = (f"{plain(factor * value):>14s}" for value in (np.median(known), np.max(known)))
-            lines.append(f"  {name:24s}{median}{most} {unit}")
+            lines.append(f"  {name:24s}{median}{most}{behind(unit)}")
     worst = {name: float(known[np.argmax(np.abs(known))]) for name, known in _known(ensemble.validity)}
     return [*lines, of_validity(worst)] if worst else lines
 
@@ -205,5 +205,5 @@ def _error(maximum: float, share: float, unit: str) -> str:
     relative = f" ({share_text(share)} of its largest value)" if share <= 1.0 else ""
     factor, shown = axis_unit(unit, np.array([maximum / share if 0.0 < share <= 1.0 else maximum]))
     if share > 1.0:  # an output that is zero but for round-off, or one that is not computed at all
-        relative = f" (its largest value is {plain(factor * maximum / share)} {shown})"
-    return f"{plain(factor * maximum):>16s} {shown}{relative}"
+        relative = f" (its largest value is {plain(factor * maximum / share)}{behind(shown)})"
+    return f"{plain(factor * maximum):>16s}{behind(shown)}{relative}"

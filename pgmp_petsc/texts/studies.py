@@ -10,7 +10,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import Remark, counted
 from pgmp_petsc.results.gradients import Derivatives, Design, Figure, Fit
-from pgmp_petsc.results.numbers import behind, interval_text, percent, plain, share_text
+from pgmp_petsc.results.numbers import ROUND_OFF, VANISHING, behind, interval_text, percent, plain, share_text, sizes_of
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.texts.models import closing
 
@@ -33,7 +33,7 @@ def report_of_derivatives(found: Derivatives, path: Path, said: Sequence[Remark]
 
 
 def report_of_fit(found: Fit, path: Path, said: Sequence[Remark] = ()) -> str:
-    first = f"{path}: {len(found.time)} instants of {', '.join(found.outputs)}, {found.n_runs} runs"
+    first = f"{path}: {len(found.time)} instants of {', '.join(found.outputs)}, {counted(found.n_runs, 'run')}"
     return "\n".join([first, *fit_lines(found), *closing(found.record, said)])
 
 
@@ -45,27 +45,37 @@ def report_of_design(found: Design, path: Path, said: Sequence[Remark] = ()) -> 
 def lines_of(found: Derivatives) -> Iterator[str]:
     """Yield the table of effects, the largest first."""
     yield "  what a change of each parameter does, to first order"
-    yield f"  {'':24s}{'':11s}{'value':>14s}{'':7s}{'':20s}{'change':>14s}  derivative"
-    for output in found.outputs:
-        shown = output
+    width = max(4, *(len(_named(found.units.get(output, "1"))) for output in found.outputs))
+    yield f"  {'':24s}{'':11s}{'value':>14s}{'':{width + 3}s}{'':20s}{'change':>14s}  derivative"
+    sizes = sizes_of(found.outputs, found.units)
+    for output, values in found.outputs.items():
+        # derivatives have 3e-9 of themselves
+        shown, none = output, max(ROUND_OFF * sizes[output], VANISHING * float(np.max(np.abs(values), initial=0.0)))
         for figure in found.figures(output):
-            yield from _rows(found, output, figure, shown)
+            yield from _rows(found, output, figure, shown, none, width)
             shown = ""
     for name, (change, what) in found.changes.items():
         yield f"  {name:24s}{'changes by':11s}{change:14.5g}{behind(found.units.get(name, '1'))}, {what}"
 
 
-def _rows(found: Derivatives, output: str, figure: Figure, shown: str) -> Iterator[str]:
-    unit = _named(found.units.get(output, "1"))
+def _rows(found: Derivatives, output: str, figure: Figure, shown: str, none: float, width: int) -> Iterator[str]:
+    """Yield the rows of a figure, without effects that are `none`: round-off."""
+    unit = f"{_named(found.units.get(output, '1')):{width}s}"
     effects = found.effects(figure)
-    for k, place in enumerate(np.argsort(-np.abs(effects), kind="stable")):
+    value = f"{shown:24s}{figure.name:11s}{figure.value if abs(figure.value) > none else 0.0:14.6g} {unit}"
+    felt = [place for place in np.argsort(-np.abs(effects), kind="stable") if abs(effects[place]) > none]
+    for place in felt:
         name = found.parameters[place]
-        value = f"{shown:24s}{figure.name:11s}{figure.value:14.6g} {unit:4s}" if k == 0 else " " * 54
         slope = f"{figure.derivatives[place]:.6g} {found.unit(output, name)}"
-        yield f"  {value}  {name:20s}{effects[place]:+14.5g} {unit:4s} {slope}".rstrip()
-    if np.count_nonzero(np.diag(found.correlation)) > 1:
+        yield f"  {value}  {name:20s}{effects[place]:+14.5g} {unit} {slope}".rstrip()
+        value = " " * len(value)
+    if len(felt) < len(effects):
+        idle = ", ".join(name for place, name in enumerate(found.parameters) if place not in felt)
+        yield f"  {value}  nothing with {idle}"
+    if felt and np.count_nonzero(np.diag(found.correlation)) > 1:
         together = found.deviation(figure)
-        yield f"  {'':56s}{'together':20s}{together:14.5g} {unit:4s} standard deviation of all distributions".rstrip()
+        blank = " " * len(value)
+        yield f"  {blank}  {'together':20s}{together:14.5g} {unit} standard deviation of all distributions".rstrip()
 
 
 def _named(unit: str) -> str:

@@ -196,7 +196,6 @@ def searched(
     coarsest: int = 32,
     **more: int,
 ) -> StepSearch:
-    """Return the search after it ran."""
     search = StepSearch(compare, first, allowed, coarsest, **more)
     search.advance(most)
     return search

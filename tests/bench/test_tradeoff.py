@@ -124,9 +124,8 @@ def test_several_parameters() -> None:
 
 
 def test_a_length_is_held_and_its_study_is_that_of_the_number() -> None:
-    run = "reduction.angles=24", "ensemble.batch=16"
-    named = long_crank(*SMALL, *run, settings=("rod_length=0.68",))
-    number = numbered(0.68, *SMALL, *run, "parameters.rod_length={nominal=0.7}")
+    named = long_crank(*SMALL, "ensemble.batch=16", settings=("rod_length=0.68",))
+    number = numbered(0.68, *SMALL, "ensemble.batch=16", "parameters.rod_length={nominal=0.7}")
     one, other = (
         measure_tradeoff(scene, meshes_of(scene), LEAST, 1000, True, MPI.COMM_SELF) for scene in (named, number)
     )

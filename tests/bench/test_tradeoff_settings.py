@@ -297,7 +297,6 @@ def test_it_stops_at_the_finest_step_that_is_allowed() -> None:
 
 
 def begun(most: int, constant: float = 1.0) -> ReferenceSequence:
-    """Return a sequence with its first two runs."""
     sequence = ReferenceSequence(40, most, FLOORS)
     for n_steps in (40, 80):
         sequence.add(n_steps, run(n_steps, constant=constant))

@@ -28,7 +28,6 @@ def kernel(u: np.ndarray, alpha: float = ALPHA, section: np.ndarray = SECTION) -
 
 
 def at_rest(alpha: float) -> np.ndarray:
-    """Return the unknowns at rest in the mesh."""
     return np.array([0.2, 0.1, 0.0, 0.2 + LENGTH * np.cos(alpha), 0.1 + LENGTH * np.sin(alpha), 0.0])
 
 

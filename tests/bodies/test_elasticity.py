@@ -51,7 +51,6 @@ def rates_of(places: np.ndarray) -> np.ndarray:
 
 
 def turned(places: np.ndarray, angle: float) -> np.ndarray:
-    """Return the nodes after a rigid motion."""
     d = places.shape[2]
     axis = np.array([0.36, 0.48, 0.8]) if d == 3 else np.array([0.0, 0.0, 1.0])
     return places @ Rotation.from_rotvec(angle * axis).as_matrix()[:d, :d].T + np.array([5.0, -2.0, 1.0])[:d]

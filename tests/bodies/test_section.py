@@ -27,7 +27,6 @@ R2, R4 = Monomial((("r1", 2),)), Monomial((("r1", 4),))
 
 
 def in_plane(section: SectionEntry, material: Material) -> BeamSection:
-    """Return the coefficients of a planar beam."""
     return section.coefficients(2, material, {}, dict)
 
 

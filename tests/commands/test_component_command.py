@@ -78,7 +78,7 @@ def test_sizes_of_effects_over_many_coordinates_are_refused_with_what_helps() ->
 
 
 def test_which_model_to_take_is_predicted_and_measured(tmp_path: Path) -> None:
-    """By sizes for scenes of one, three and four coordinates; measured without a reduced model where no grid goes."""
+    """By sizes for scenes of one, three and six coordinates; measured without a reduced model where no grid goes."""
     for scene, taken in (
         (ROOT / "scenes/slider_crank.toml", "take          mesh, reduced from"),
         (DELTA, "take          mesh; 10000"),  # fewer unknowns than component modes and what its loops leave
@@ -93,10 +93,10 @@ def test_which_model_to_take_is_predicted_and_measured(tmp_path: Path) -> None:
     found = json.loads(pgmp("check", ROOT / "scenes/payload_arm.toml", "--json").stdout)
     assert found["models"]["components"]["unknowns"] == 28 + 7 + 9 + 12 and found["take"].startswith("components; ")
     quick = overridden(
-        "simulation.duration=0.02", "simulation.step=1e-3", "reduction.modes=1", "initial={}", "ensemble.batch=4"
+        "simulation.duration=0.01", "simulation.step=1e-3", "reduction.modes=1", "initial={}", "ensemble.batch=4"
     )
-    said = pgmp("tradeoff", PALLETIZER, "--quick", *quick, "-o", tmp_path / "costs.h5").stdout
-    assert "no reduced model is compared: coordinates: waist, shoulder, drive, wrist" in said
+    said = pgmp("tradeoff", ARM, "--quick", *quick, "-o", tmp_path / "costs.h5").stdout
+    assert "no reduced model is compared: coordinates: waist, shoulder, elbow, wrist_roll, wrist_bend, hand" in said
     assert "Which model, for 1 % in every output: component modes" in said
     assert set(Tradeoff.read(tmp_path / "costs.h5").families) == {"components", "full", "surface"}
 

@@ -109,6 +109,17 @@ def test_a_run_that_ends_before_the_other_is_not_within(tmp_path: Path) -> None:
     assert status == 1 and "  one of the two ends at 0.5 s, the other at 1 s\n" in text
 
 
+def test_samples_that_went_through_other_units_are_the_same(tmp_path: Path) -> None:
+    """`--samples` of an ensemble in mm: its values are those to the last bit but one."""
+    one = synthetic.ensemble("full", 20)
+    one.write(tmp_path / "one.h5")
+    for share in (3e-16, 1e-9):
+        moved = {name: values * (1.0 + share) for name, values in one.parameters.items()}
+        replace(one, parameters=moved).write(tmp_path / f"{share}.h5")
+    assert pgmp.diff(tmp_path / "one.h5", tmp_path / "3e-16.h5", tolerance=0.0).is_within
+    assert "same values of parameters" in refusal(pgmp.diff, tmp_path / "one.h5", tmp_path / "1e-09.h5")
+
+
 def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
     synthetic.trajectory("reduced", n_frames=4).write(tmp_path / "run.h5")
     synthetic.ensemble("full", 20).write(tmp_path / "twenty.h5")

@@ -27,7 +27,6 @@ STEPS = ("check", "build", "simulate", "compare", "mesh", "ensemble", "report")
 
 
 def told(out: str) -> dict[str, list[str]]:
-    """Return the lines by their steps."""
     lines: dict[str, list[str]] = {}
     for line in out.splitlines():
         name, _, text = line.partition(" ")

@@ -211,6 +211,9 @@ def test_failed_samples_belong_to_the_probability_on_the_line_in_json_and_in_the
     assert chance.estimate < true - 0.05
     of_event = json.loads(pgmp("info", tmp_path / "many.h5", "--json").stdout)["probabilities"]["far"]
     assert of_event["failed"] == n_failed and of_event["interval"] == [low, high] and of_event["decided"] is True
+    assert (
+        "note: w = 0.5: the model is made with it" in pgmp("export", tmp_path / "bar.h5", "-o", tmp_path / "c").stdout
+    )
     # the hinge stands still
     assert found.statistics["still"].constant and "still" not in found.sobol
     assert next(line for line in said.splitlines() if line.split()[:1] == ["still"]).split()[2] == "constant"
@@ -240,7 +243,6 @@ def ensemble(rom: Path, output: Path, *options: object, n: int = N, seed: int = 
 
 @pytest.fixture(scope="module")
 def shards(folder: Path, rom: Path) -> list[Path]:
-    """Return the files of all shards of the random ensemble."""
     names = range(1, COUNT + 1)
     return [ensemble(rom, folder / f"random_{k}.h5", "--shard", f"{k}/{COUNT}") for k in names]
 

@@ -20,7 +20,6 @@ FEW = ("reduction.modes=3", *STIFFENING, TIP)
 
 
 def floating(scene, meshes) -> FloatingBody:
-    """Return the cantilever of a scene in its floating frame."""
     bodies = Mechanism.from_scene(scene, meshes).bodies
     return floating_shapes(scene, meshes, bodies, MPI.COMM_SELF)["beam"]
 

@@ -45,7 +45,6 @@ STATES = {
 
 
 def as_friction(law: Law, p: tuple[float, ...], amplitude: float) -> tuple[float, ...]:
-    """Return limit and speed of friction."""
     return tuple(p) if law is FRICTION else (p[1] * p[2] * (p[0] + amplitude), p[3])
 
 
@@ -313,7 +312,6 @@ class LocalForces:
         return act(self._actions, (0.0,), 0, np.array([1.5]), q, v, self.turns, gain_v, True)
 
     def add_forces(self, now: Acted, total: np.ndarray) -> None:
-        """Add the forces to those on all unknowns."""
         moving = self._dofs >= 0
         np.add.at(total, self._dofs[moving], now.forces[moving])
 

@@ -33,7 +33,6 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter:
 
 
 def run_both(scene: Scene) -> None:
-    """Run both forms of the full-order model."""
     run_distributed(scene)
     run_batch(scene)
 

@@ -235,5 +235,4 @@ def test_changes_of_stiffness_are_those_of_the_static_deformation(scene: Scene) 
 
 
 def rom_actions(scene: Scene) -> int:
-    """Return the number of local forces of a scene."""
     return len(actions_of(effects_of(scene, mechanism_of(scene))))

@@ -273,7 +273,6 @@ def planar_table(n: int = 6, n_modes: int = 3, reduced: float | None = 1.0002):
 
 
 def planar_run():
-    """Return a run over two coordinates."""
     run = synthetic.trajectory(n_frames=3)
     return replace(
         run, coordinates=np.column_stack([run.coordinates[:, 0], np.sin(run.time)]), coordinate_units=PLANE,
@@ -282,7 +281,6 @@ def planar_run():
 
 
 def half_rigid():
-    """Return a run whose crank is rigid."""
     run = synthetic.trajectory(n_frames=20)
     return replace(run, frames=replace(run.frames, rigid=frozenset({"crank"})))
 

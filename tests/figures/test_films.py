@@ -40,7 +40,6 @@ def command(*arguments: object) -> Result:
 
 
 def refused(*arguments: object) -> str:
-    """Return the message of bad input."""
     done = command(*arguments)
     assert isinstance(done.exception, InputError), done
     return str(done.exception)

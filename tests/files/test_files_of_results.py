@@ -26,7 +26,6 @@ RECORD = RunRecord('[scene]\nname = "x"\n', {"r1": 5.6e-3}, 7, 3, {"write": 0.5,
 
 @pytest.fixture
 def good(tmp_path):
-    """Return the path of a small whole file."""
     path = tmp_path / "good.h5"
     with write_file(path, "modes", {"colour": "red"}) as file:
         RECORD.write(file)

@@ -53,7 +53,6 @@ def directors_of(system: JointBatch) -> np.ndarray:
 
 
 def state_of(system: JointBatch, *parts: np.ndarray) -> State:
-    """Return a state of coordinates and their rates."""
     begun = system.start()
     return State(*(system.pack(part) for part in parts), np.zeros_like(begun.multipliers), begun.turns)
 

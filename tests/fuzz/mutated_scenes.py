@@ -185,7 +185,6 @@ def bases() -> list[dict[str, Any]]:
 
 
 def case_of(seed: int, number: int, scenes: list[dict[str, Any]]) -> Case:
-    """Return a case; the same for the same numbers."""
     rng = random.Random(f"{seed}:{number}")
     data = copy.deepcopy(rng.choice(scenes))
     kind = rng.random()

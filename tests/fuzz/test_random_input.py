@@ -49,7 +49,6 @@ class Verdict:
         return any(remark.kind == "warning" for remark in self.reduced.record.remarks)
 
     def excess(self, output: str) -> float:
-        """Return the error of an output over what was promised for it."""
         n = min(len(self.reduced.time), len(self.full.time))
         exact = self.full.outputs[output][:n]
         error = float(np.max(np.abs(self.reduced.outputs[output][:n] - exact)))

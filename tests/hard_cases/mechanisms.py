@@ -50,7 +50,6 @@ def start(position: float, velocity: float = 0.0) -> tuple[str, str]:
 
 
 def run_for(duration: float, step: float) -> tuple[str, str]:
-    """Return the overrides of duration and step (s)."""
     return f"simulation.duration={duration}", f"simulation.step={step}"
 
 
@@ -94,7 +93,6 @@ def with_flywheel(*overrides: str) -> Scene:
 
 
 def flywheel_meshes(scene: Scene, length: float = 0.25, differ: float = 0.0) -> dict[str, LineMesh]:
-    """Return the meshes of `with_flywheel`."""
     return {"crank": flywheel(length, differ), "rod": meshes_of(scene)["rod"]}
 
 

@@ -33,7 +33,6 @@ APART = 1e-4  # eigenvalues of one cluster agree to this share
 def build(
     scene: Scene, length: float = 0.25, differ: float = 0.0, scramble: Callable[[ModeSet], ModeSet] = lambda m: m
 ) -> ReducedOrderModel:
-    """Return the reduced-order model of the slider-crank with blades."""
     return build_rom(
         scene, mechanisms.flywheel_meshes(scene, length, differ), RankGroup.split(MPI.COMM_SELF, 1), scramble
     )
@@ -135,7 +134,6 @@ def test_a_mode_that_crosses_a_pair() -> None:
 
 @lru_cache(maxsize=None)
 def built_at(r1: float, angles: int = 96) -> ReducedOrderModel:
-    """Return the accurate model for a nominal radius."""
     return rom_of(mechanisms.accurate(f"parameters.r1.nominal={r1}", angles=angles))
 
 

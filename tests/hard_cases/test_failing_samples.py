@@ -14,6 +14,7 @@ from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.ensemble.watchers import RangeWatch
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.stepping.alpha_step import CAREFUL_ITERATIONS
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.status import Status
@@ -58,6 +59,12 @@ def test_a_sample_that_diverges_leaves_the_others_alone(name: str, at: int, push
     assert np.isfinite(q[at]).all()  # it stays where it was before the step
     np.testing.assert_array_equal(np.delete(status, at), Status.FINE)
     np.testing.assert_array_equal(np.delete(q, at, axis=0), expected)
+
+
+def test_an_absurd_load_is_given_up_at_once() -> None:
+    """Its corrections were halved a thousand times each, of `CAREFUL_ITERATIONS` an attempt."""
+    _, done = run_model(model_of("full"), 1, {"r1": np.array([RADIUS]), "push": np.array([1e300])})
+    assert done.status[0] == Status.NOT_CONVERGED and done.n_iterations < CAREFUL_ITERATIONS
 
 
 def test_a_sample_that_leaves_the_sampled_range_leaves_the_others_alone() -> None:

@@ -48,7 +48,6 @@ def placed(places: np.ndarray, frame: FaceFrame, angle: float, shift: tuple[floa
 
 
 def anywhere(n: int, *samples: int) -> np.ndarray:
-    """Return unknowns that do not obey the constraints."""
     return np.random.default_rng(1).normal(0.0, 0.7, (n, *samples))
 
 
@@ -118,7 +117,6 @@ def bent_ties(d: int) -> tuple[FrameTies, np.ndarray, int]:
 
 
 def dense(pattern: tuple[np.ndarray, np.ndarray], values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Return a matrix from entries that may repeat."""
     full = np.zeros(shape)
     np.add.at(full, pattern, values)
     return full

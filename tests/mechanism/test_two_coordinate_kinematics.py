@@ -198,7 +198,6 @@ def test_reach() -> None:
 
 
 def limited(name: str, lower: float, upper: float) -> tuple[str, ...]:
-    """Return overrides that limit the range of a coordinate."""
     return (
         f"coordinates.{name}.range=[{lower},{upper}]",
         f"coordinates.{name}.periodic=false",
@@ -207,7 +206,6 @@ def limited(name: str, lower: float, upper: float) -> tuple[str, ...]:
 
 
 def configuration(message: str) -> np.ndarray:
-    """Read the configuration that a message names."""
     return np.array(
         [float(message.split(f"{name} = ")[1].split(",")[0].split(" ")[0]) for name in ("theta1", "theta2")]
     )

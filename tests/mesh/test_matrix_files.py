@@ -132,22 +132,19 @@ MATRIX_CASES = {
 }
 
 
-@pytest.mark.parametrize("format", ["csr", "coo", "bsr", "dia"])
-def test_arrays_with_other_numbers_in_them_are_refused(format: str, tmp_path: Path) -> None:
-    """SciPy reads where a wrong index or pointer leads, which ends the process: each is read here by one of its own."""
-    sp.save_npz(tmp_path / "k.npz", STIFFNESS.asformat(format))
-    with np.load(tmp_path / "k.npz") as file:
-        arrays = {name: file[name] for name in file.files}
+def test_arrays_with_other_numbers_in_them_are_refused(tmp_path: Path) -> None:
+    """SciPy reads where a wrong index or pointer leads, which ends the process: one of its own reads them here."""
     rng, names = np.random.default_rng(5), []
-    for name in {"indices", "indptr", "row", "col", "shape"} & set(arrays):
-        for number in (-1, -(2**31), 10**6, 2**31 - 1, 2**62):
-            changed = arrays[name].astype(np.int64)
-            changed[rng.integers(changed.size)] = number
-            names.append(tmp_path / f"{name}_{number}.npz")
-            np.savez(names[-1], **{**arrays, name: changed})
-    if not names:  # diagonals
-        names = [tmp_path / "k.npz"]
-        np.savez(names[0], **{**arrays, "shape": np.array([2**31, 2**31])})
+    for format in ("csr", "coo", "bsr", "dia"):
+        sp.save_npz(tmp_path / "k.npz", STIFFNESS.asformat(format))
+        with np.load(tmp_path / "k.npz") as file:
+            arrays = {name: file[name] for name in file.files}
+        for name in sorted({"indices", "indptr", "row", "col", "shape"} & set(arrays)):
+            for number in (-1, -(2**31), 10**6, 2**31 - 1, 2**62):
+                changed = arrays[name].astype(np.int64)
+                changed[rng.integers(changed.size)] = number
+                names.append(tmp_path / f"{format}_{name}_{number}.npz")
+                np.savez(names[-1], **{**arrays, name: changed})
     read = f"import sys; sys.path[:0] = {sys.path}; from test_matrix_files import refused; refused(sys.argv[1:])"
     done = subprocess.run(
         [sys.executable, "-c", read, *names], capture_output=True, text=True, timeout=TIMEOUT_SECONDS,

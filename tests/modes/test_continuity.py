@@ -32,7 +32,6 @@ def orthogonal(n: int, seed: int = 0, reflected: bool = False) -> np.ndarray:
 
 
 def basis(n_rows: int, n_columns: int, seed: int = 0) -> np.ndarray:
-    """Return a random orthonormal basis."""
     return np.linalg.qr(np.random.default_rng(seed).normal(size=(n_rows, n_columns)))[0]
 
 
@@ -254,7 +253,6 @@ def moebius(value: float, *lowest: float) -> np.ndarray:
 
 
 def circle(n: int) -> np.ndarray:
-    """Return n angles over a revolution."""
     return 2 * np.pi / n * np.arange(n)
 
 

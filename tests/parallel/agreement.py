@@ -17,12 +17,10 @@ class LocatedError(RunError):
 
 
 def fail_with(error: Exception) -> None:
-    """Raise."""
     raise error
 
 
 def run(case: str, comm: MPI.Comm) -> object:
-    """Run a case and return what it gives."""
     last = comm.size - 1
     if case == "fine":
         with agreed(comm, "nothing"):

@@ -50,7 +50,6 @@ def rom(folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def expected(folder: Path, rom: Path) -> Ensemble:
-    """Return the ensemble of one rank and one batch."""
     path = folder / "expected.h5"
     pgmp("montecarlo", rom, "-n", N, "--seed", SEED, *CHECKED, "-o", path)
     return Ensemble.read(path)

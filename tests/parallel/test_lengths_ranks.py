@@ -66,6 +66,7 @@ def test_two_ranks_take_angles_and_values_of_the_nominal_lengths_as_one_does(mpi
     path.write_text(SLIDER_CRANK, encoding="utf-8")
     settings = (
         "reduction.parameter_modes=2", "reduction.length_points=2", "reduction.second_order=false", "reduction.modes=2",
+        "reduction.angles=12",
     )  # fmt: skip
     mpirun(2, *PGMP, "build", path, *overridden(*settings), "-o", rom)
     found, own = ReducedOrderModel.read(rom), rom_of(long_crank(*settings))

@@ -296,7 +296,6 @@ def test_energies_are_those_of_the_full_tensors(second: bool) -> None:
 
 
 def unloaded_terms() -> ReducedTerms:
-    """Return terms without loads on the rigid coordinates."""
     terms = terms_of()
     load = terms.tables.load.copy()
     load[:, :, :2] = 0.0

@@ -26,7 +26,6 @@ from scenes import HEADER, RADIUS, slider_crank, tables
 
 
 def asked(name: str, quantity: str, place: str, body: str) -> str:
-    """Return the override that adds a stress output."""
     return f'outputs.{name}={{type="stress", body="{body}", quantity="{quantity}", {place}}}'
 
 

@@ -23,7 +23,6 @@ def smooth(theta: np.ndarray) -> np.ndarray:
 
 
 def smooth_slope(theta: np.ndarray) -> np.ndarray:
-    """Return the derivative of `smooth`."""
     return np.stack([np.cos(theta) * np.exp(np.sin(theta)), -2 * np.sin(2 * theta + 0.3)], axis=-1)
 
 
@@ -33,7 +32,6 @@ def analytic(theta: np.ndarray) -> np.ndarray:
 
 
 def analytic_slope(theta: np.ndarray) -> np.ndarray:
-    """Return the derivative of `analytic`."""
     return -np.sin(theta) / (1.25 - np.cos(theta)) ** 2
 
 
@@ -49,7 +47,6 @@ def uneven(n: int, periodic: bool) -> Samples:
 
 
 def step_of(samples: Samples) -> float:
-    """Return the distance of uniform samples."""
     return float(samples.theta[1] - samples.theta[0])
 
 

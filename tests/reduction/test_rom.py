@@ -42,7 +42,6 @@ def rom() -> ReducedOrderModel:
 
 
 def assert_same_samples(found: SampleGrid, expected: SampleGrid) -> None:
-    """Check that samples are the same to the last bit."""
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one.theta, other.theta)
         for name in ("lower", "upper", "periodic"):
@@ -183,8 +182,6 @@ def test_chebyshev_points_and_static_modes_come_back(tmp_path: Path) -> None:
 
 
 def remove(name: str) -> Callable[[h5py.File], None]:
-    """Return a change that removes an entry."""
-
     def change(file: h5py.File) -> None:
         del file[name]
 

@@ -454,7 +454,6 @@ def test_tables_that_are_cut_say_so(folder: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def rows_of(tree: Element, title: str) -> list[list[str]]:
-    """Return the rows of the table below a heading."""
     section = next(item for item in tree.iter("section") if any(words(h) == title for h in item.findall("h2")))
     return [[words(cell) for cell in row] for row in next(section.iter("tbody"))]
 

@@ -45,7 +45,6 @@ def described(path: Path) -> str:
 
 
 def whole_shard(path: Path) -> None:
-    """Read a shard with all of its arrays."""
     with read_shard(path) as found:
         for arrays in (found.columns, found.bands):
             assert all(values.ndim for values in arrays.values())

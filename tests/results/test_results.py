@@ -14,7 +14,7 @@ from synthetic import assert_same
 from pgmp_petsc import results
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.results import Ensemble, Trajectory
-from pgmp_petsc.results.gradients import Vertex, vertex
+from pgmp_petsc.results.gradients import Vertex, is_sharp, vertex
 from pgmp_petsc.results.numbers import (
     end_texts,
     interval_text,
@@ -228,6 +228,22 @@ def test_the_derivative_is_that_of_the_vertex() -> None:
     for row in slopes:
         ahead, behind = (vertex(v, 1.0).of(v) for v in (values + h * row, values - h * row))
         assert vertex(values, 1.0).of(row) == pytest.approx((ahead - behind) / (2.0 * h), rel=1e-7, abs=1e-8)
+
+
+@pytest.mark.parametrize("corner", [0.05, 0.12, 0.3, 0.95])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_corner_is_where_straight_lines_meet(sign: float, corner: float) -> None:
+    """Speed up to a stop, at a share of a step: a parabola is up to 0.58 above what either side allows."""
+    steps = np.arange(-6.0, 7.0)
+
+    def speed(rate: float) -> np.ndarray:
+        late = corner / rate
+        return sign * np.where(steps < late, 20.0 + rate * (steps - late), 20.0 - 8.0 * (steps - late))
+
+    row, place = (speed(1.0 + 1e-6) - speed(1.0 - 1e-6)) / 2e-6, vertex(speed(1.0), sign)
+    assert is_sharp(speed(1.0), place.at)
+    assert place.of(speed(1.0)) == pytest.approx(sign * 20.0, rel=1e-12)
+    assert place.of(row) == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(

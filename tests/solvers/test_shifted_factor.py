@@ -53,7 +53,6 @@ def laplacian() -> Iterator[tuple[PETSc.Mat, PETSc.Mat]]:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return where files of factors go."""
     monkeypatch.setenv("MUMPS_OOC_TMPDIR", str(tmp_path))
     return tmp_path
 
@@ -74,7 +73,6 @@ def options() -> Iterator[PETSc.Options]:
 
 
 def eigenvalues() -> np.ndarray:
-    """Return the eigenvalues of the cube, ascending."""
     line = 2.0 - 2.0 * np.cos(np.pi * np.arange(SIDE) / SIDE)
     return np.sort((line[:, None, None] + line[:, None] + line).ravel())
 

@@ -13,7 +13,6 @@ TIMES = (-0.1, 0.0, 0.03, 0.1, 0.17, 0.2, 0.5)
 
 
 def scene_with(over_time: str, *overrides: str) -> Scene:
-    """Return the slider-crank with a torque over time."""
     motor = f'effects.motor={{type="torque",joint="crank_hinge",{over_time}}}'
     return slider_crank(*PARAMETERS, motor, "simulation.duration=0.5", "simulation.step=1e-3", *overrides)
 

@@ -142,6 +142,8 @@ def test_settings_have_names() -> None:
     ]  # fmt: skip
     failed = study.columns | {"coordinates": np.zeros(11, dtype=int), "second_order": np.ones(11, dtype=bool)}
     assert replace(study, columns=failed).name(1) == "reduced, 7 + static modes, 48 angles, spline, second order, 1 ms"
+    inertia = failed | {"inertia_modes": failed["static_modes"], "static_modes": failed["inertia_modes"]}
+    assert "spline, inertia modes alone, second order" in replace(study, columns=inertia).name(1)
 
 
 def test_one_output_is_not_every_output() -> None:

@@ -367,7 +367,6 @@ def test_what_is_no_body_is_refused_in_one_message_on_any_number_of_ranks(folder
 
 
 def read_other(folder: Path) -> None:
-    """Read matrices with nodes of another body."""
     other = 'matrices={stiffness="rod_k_abaqus.mtx", mass="rod_m_abaqus.mtx", nodes="other.csv"}'
     rows = (folder / "rod.inp").read_text().partition("*NODE\n")[2].partition("*ELEMENT")[0]
     (folder / "other.csv").write_text(rows.replace("10, ", "11, ", 1))

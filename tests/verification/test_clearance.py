@@ -411,7 +411,6 @@ compiled_inertia, compiled_force = njit(cache=True)(inertia), njit(cache=True)(f
 
 @njit(cache=True)
 def answer(masses, one, other, third):
-    """Return the velocities that an impulse makes."""
     first, both, second = masses
     share = first * second - both**2
     return (second * one - both * other) / share, (first * other - both * one) / share, third / J3

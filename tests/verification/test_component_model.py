@@ -54,14 +54,12 @@ def solids(*overrides: str) -> tuple[Scene, dict]:
 
 
 def space(*overrides: str) -> tuple[Scene, None]:
-    """Return the slider-crank of beams in space."""
     overrides = [entry.replace(GRAVITY, FALLING) for entry in overrides]
     return slider_crank_of_beams("reduction.modes=6", *OUTPUTS, *SHORT, *overrides), None
 
 
 @cache
 def models(make: Callable, *overrides: str) -> tuple[FullModel, ComponentModel]:
-    """Return the full-order and the component model of a slider-crank."""
     scene, meshes = make(*overrides)
     return full_model(scene, meshes), components_model(scene, meshes)
 

@@ -38,7 +38,6 @@ KINDS = {
 
 
 def planar(text: str, *overrides: str) -> tuple[Scene, dict]:
-    """Return a cantilever of beams in the plane."""
     scene = scene_of(CANTILEVER, text, "bodies.beam.line.elements=16", *overrides)
     return scene, line_meshes(scene)
 

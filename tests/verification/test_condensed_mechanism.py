@@ -143,7 +143,6 @@ def full_run(scene: Scene, n_per_metre: int = 20) -> Trajectory:
 
 
 def both(scene: Scene) -> tuple[Trajectory, Trajectory]:
-    """Return the full-order run and the reduced one."""
     return full_run(scene), motion("reduced", scene, solid_meshes("quad8", 20))
 
 
@@ -234,7 +233,6 @@ def frequencies(scene: Scene, shapes: Mapping[str, BodyShape], n: int) -> np.nda
 
 
 def both_models(scene: Scene, shapes: Mapping[str, BodyShape]) -> tuple[Trajectory, Trajectory]:
-    """Return the full-order run and the reduced one."""
     return motion("full", scene, shapes), motion("reduced", scene, shapes)
 
 

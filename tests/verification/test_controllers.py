@@ -43,6 +43,7 @@ from pgmp_petsc.studies.simulate import simulate
 from scenes import HEADER, meshes_of, slider_crank, tables
 
 SERVO_ARM = ROOT / "pgmp_petsc" / "scene" / "templates" / "servo.toml"
+FEW = "reduction.angles=12"
 INERTIA, G = 0.1, 9.80665
 WHEEL = HEADER + tables("""
 bodies.wheel: rigid = { mass = 2.0, inertia = 0.1, points = { hub = [0.0, 0.0] } }
@@ -212,7 +213,7 @@ def test_samples_in_lanes_are_those_alone(entries: tuple[str, ...]) -> None:
 def test_an_arm_that_a_controller_takes_over_starts_deformed(model: str) -> None:
     """Held level as by a brake, its tip hangs down by q L^4 / (8 E I) + m g L^3 / (3 E I); the torque begins with what
     that is off the reference."""
-    entries = 'effects.weight={type="gravity"}', "initial.equilibrium=true", "simulation.duration=0.02"
+    entries = 'effects.weight={type="gravity"}', "initial.equilibrium=true", "simulation.duration=0.02", FEW
     torque = 'outputs.torque={type="control_force",controller="servo"}'
     found = motion(model, load_scene(SERVO_ARM, (*entries, torque))).outputs
     stiffness, weight = 70e9 * 0.03 * 0.012**3 / 12.0, 2700.0 * 0.03 * 0.012 * G
@@ -401,7 +402,7 @@ def test_errors_of_the_step_under_control(every: int, known: bool) -> None:
 def test_too_many_samplings_have_no_estimated_errors() -> None:
     """Of a reduced run whose evaluations would have to be at each of them."""
     scene = load_scene(
-        SERVO_ARM, ("simulation.step=1e-5", "controllers.servo.sample_time=1e-5", "simulation.duration=0.06")
+        SERVO_ARM, (FEW, "simulation.step=1e-5", "controllers.servo.sample_time=1e-5", "simulation.duration=0.06")
     )
     model = reduced_model(scene)
     found = simulate(model, MPI.COMM_SELF)
@@ -757,7 +758,7 @@ def test_a_reduction_is_chosen_under_control(entries: tuple[str, ...]) -> None:
 def test_sizes_of_effects_are_those_of_the_motion_under_control() -> None:
     """Of the rigid arm under its controller, whose speed is that of the flexible one but for 2 % of vibrations; a
     build that chooses effects takes them."""
-    scene = load_scene(SERVO_ARM, ("simulation.duration=0.5", 'reduction.effects="auto"'))
+    scene = load_scene(SERVO_ARM, ("simulation.duration=0.5", 'reduction.effects="auto"', FEW))
     sizes, (times, found) = estimate_effects(scene, meshes_of(scene)), run(scene, "full")
     fastest = np.abs(np.gradient(found["tip_angle"], times)).max()
     assert sizes.largest_speed["theta"] == pytest.approx(fastest, rel=0.05)

@@ -37,7 +37,6 @@ reduction: modes = 2; angles = 24; interpolation = "spline"
 
 
 def build(scene: Scene) -> ReducedModel:
-    """Build the reduced model of a scene whose bodies are lines."""
     return reduced_model(scene)
 
 

@@ -51,7 +51,6 @@ SEEN = (
 
 
 def estimated(model: ReducedModel, values: Mapping[str, np.ndarray], n: int) -> Estimate:
-    """Run all samples and estimate their errors."""
     system = model.batch(values, n)
     watched = ErrorIndicator(model).watch(system, np.arange(n))
     run = integrate(system, model.scene.simulation, observer=watched)
@@ -394,13 +393,11 @@ def kept_rom(made: Made, directory: Path) -> ReducedOrderModel:
 
 
 def finer(made: Made, parts: int) -> Scene:
-    """Return the scene with the steps of the reference."""
     simulation = made[0].simulation
     return made[0].model_copy(update={"simulation": simulation.model_copy(update={"step": simulation.step / parts})})
 
 
 def platform(*overrides: str) -> Made:
-    """Return a loop with three coordinates."""
     scene = load_scene(ROOT / "scenes" / "platform_3rrr.toml", overrides)
     return scene, meshes_of(scene)
 

@@ -52,7 +52,6 @@ def slider_crank() -> ReducedModel:
 
 @pytest.fixture(scope="module")
 def fmus(slider_crank, tmp_path_factory) -> dict[int, Path]:
-    """Return an FMU of each version."""
     folder, found = tmp_path_factory.mktemp("fmus"), constants_of(slider_crank, "it")
     named = {version: write_fmu(found, folder / f"{version}.fmu", version) for version in VERSIONS}
     assert named == {2: "linux64", 3: "x86_64-linux"}

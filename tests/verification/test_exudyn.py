@@ -62,7 +62,6 @@ IN_MOTION = np.array([
 
 
 def crooked(mesh: int, key: str, *more: str) -> Scene:
-    """Return the linkage on a mesh with an offset at C."""
     elements = (f"bodies.{body}.line.elements={mesh * n}" for body, n in (("crank", 2), ("coupler", 4), ("rocker", 2)))
     turning = "coordinates.theta={joint='A',range=[0.0,6.283185307179586],periodic=true}"
     return spatial_four_bar(offset("C", **{key: OFF[key]}), turning, *elements, *more)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import full_model, history, reduced_model, samples
+from runs import components_model, full_model, history, reduced_model, samples
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
@@ -17,8 +17,22 @@ from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Fit
 from pgmp_petsc.results.gradients import FittedParameter
-from scenes import slider_crank
+from pgmp_petsc.scene import scene_from_toml
+from scenes import HEADER, slider_crank, tables
 
+IDLE = HEADER + tables("""
+bodies.wheel: rigid = { mass = 2.0, inertia = 0.1, points = { hub = [0.0, 0.0] } }
+joints.hinge: type = "revolute"; connect = ["ground:origin", "wheel:hub"]
+coordinates.theta: joint = "hinge"; range = [-1.5, 1.5]
+effects.spring: type = "spring_damper"; joint = "hinge"; stiffness = "k"; damping = "c"
+outputs.angle: type = "angle"; joint = "hinge"
+outputs.other: type = "formula"; formula = "angle + idle"; unit = "rad"
+parameters.k: nominal = 40.0; bounds = [20.0, 60.0]
+parameters.c: nominal = 0.2; bounds = [0.05, 0.6]
+parameters.idle: nominal = 3.0; bounds = [2.0, 4.0]
+simulation: duration = 1.0; step = 1e-3
+simulation.initial.theta: velocity = 2.0
+""")
 MODES = (
     "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
     'reduction.interpolation="spline"', "reduction.second_order=true",
@@ -33,6 +47,24 @@ SCENE = (
 TRUE = {"r1": 6.1e-3, "c": 0.03}
 NOISE = {"angle": 2e-3, "bend": 2e-6}
 EVERY = 3
+
+
+def test_what_nothing_depends_on_stays_where_it_began() -> None:
+    """A free vibration, ``exp(-c t / 2 I) sin(omega t)``, and a parameter of another output; the method went to the end
+    of its region along it in every step, and took 35 runs."""
+    time, damping = np.arange(0.0, 1.0, 5e-3), 0.3 / (2.0 * 0.1)
+    omega = np.sqrt(43.0 / 0.1 - damping**2)
+    exact = 2.0 / omega * np.exp(-damping * time) * np.sin(omega * time)
+    angle = exact + 1e-3 * np.random.default_rng(3).normal(size=time.size)
+    model, history = components_model(scene_from_toml(IDLE, ".")), MeasuredHistory(time, {"angle": angle})
+    found = fit(model, history, ["k", "c", "idle"], {}, MPI.COMM_SELF)
+    assert found is not None and found.n_runs < 15
+    assert of(found)["idle"].estimate == 3.0 and np.isinf(of(found)["idle"].error)
+    for name, true in (("k", 43.0), ("c", 0.3)):
+        assert abs(of(found)[name].estimate - true) < 4.0 * of(found)[name].error
+    assert "all bodies are rigid, so that these are errors of the time step" in " ".join(
+        r.text for r in found.record.remarks
+    )
 
 
 @pytest.fixture(scope="module")

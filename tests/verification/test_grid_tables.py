@@ -46,7 +46,6 @@ def elsewhere(samples: SampleGrid, n: int = 20) -> np.ndarray:
 
 
 def exact_hz(scene: Scene, values: dict[str, float], n: int, theta: np.ndarray) -> np.ndarray:
-    """Return the first n frequencies at configurations."""
     with ModalProblem(kinematics_of(scene), values, n, MPI.COMM_SELF) as problem:
         return np.array([problem.solve(at).frequencies_hz for at in theta])
 

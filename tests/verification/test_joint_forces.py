@@ -458,7 +458,7 @@ def test_shipped_scenes_have_forces_of_second_order(name: str) -> None:
 @pytest.mark.parametrize("added", [(), STIFFENED])
 def test_derivatives_of_forces_are_central_differences(added: tuple[str, ...]) -> None:
     loads = ("parameters.pull={nominal=1.0}", 'effects.motor.scale="pull"', "simulation.duration=0.05")
-    model = reduced_model(slider_crank(*BASIS, *ALL, *added, *loads))
+    model = reduced_model(slider_crank(*BASIS, *ALL, *added, *loads, "reduction.angles=16"))
     # axial accelerations have what Newton's iteration leaves, which terms of second order see
     model.batch = lambda *given, batch=model.batch: ToRoundOff(batch(*given))
     compare(model, SHARES, "pull", "r1")
@@ -483,7 +483,7 @@ def test_forces_and_moments_of_reduced_models_in_space() -> None:
     pull = 'effects.w={type="force", point="rod:hinge", direction=[0.1, 0.2, -1.0], table=[[0.0, 0.0], [0.15, 3.0]]}'
     wanted = (*outputs("crank_hinge", **along("x", "y", "z")), *outputs("elbow", radial='component="radial"'))
     moments = outputs("crank_hinge", MOMENT, about_x='component="x", frame="body"', about_y='component="y"')
-    short = ("reduction.angles=48", "simulation.duration=0.15", pull)
+    short = ("reduction.angles=32", "simulation.duration=0.15", pull)
     scene = slider_crank_of_beams(*BASIS, *short, *wanted, *moments)
     both = (motion(kind, scene).outputs for kind in ("full", "reduced"))
     assert_groups_alike(*both, 5e-3, ("x", "y", "z", "radial"), ("about_x", "about_y"))

@@ -95,14 +95,14 @@ def test_magnitudes_and_stresses_have_no_corners_between_the_models() -> None:
 
 def test_springs_on_places_of_the_ground_that_are_parameters() -> None:
     spring = ACTING[len(SMALL) + 1].replace("50.0", "5e3")
-    entries = *SMALL, "reduction.angles=48", "reduction.length_points=5", *GUIDE, spring
+    entries = *SMALL, "reduction.length_points=5", *GUIDE, spring
     assert_as_alone(reduced_model(long_crank(*entries)), height=np.array([0.005, 0.033]))
 
 
 @pytest.mark.parametrize("beside", list(BESIDE))
 def test_controllers_friction_and_elastic_joints_do_not_mind_lengths(beside: str) -> None:
     losses = 'effects.losses={type="structural_damping", stiffness=1e-5, mass=0.2}'
-    assert_as_alone(reduced_model(long_crank(*SMALL, "reduction.angles=24", losses, PIN, *BESIDE[beside])))
+    assert_as_alone(reduced_model(long_crank(*SMALL, losses, PIN, *BESIDE[beside])))
 
 
 def assert_as_alone(model: ReducedModel, **lengths: np.ndarray) -> None:

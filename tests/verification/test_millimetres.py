@@ -347,7 +347,6 @@ def _assert_same_numbers(si: Path, mm: Path) -> None:
 
 
 def _assert_same_dataset(si: Path, mm: Path) -> None:
-    """What Python has of a file is in its units."""
     one, other = (read(path).to_xarray() for path in (si, mm))
     assert set(one.variables) == set(other.variables)
     for name, values in one.variables.items():

@@ -348,7 +348,6 @@ CONFIGURATIONS = np.array([[0.0, 0.0], [0.3, 1.7], [4.0, -2.5], [2.0, np.pi]])
 
 
 def driven(scene: Scene, *prescribed: str) -> Mechanism:
-    """Return the mechanism of a scene with some coordinates prescribed."""
     mechanism = mechanism_of(scene)
     coordinates = (replace(c, prescribed=c.name in prescribed) for c in mechanism.coordinates)
     return replace(mechanism, coordinates=tuple(coordinates))

@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import exported
@@ -26,7 +25,7 @@ from offset_scenes import (
     offset,
     spatial_four_bar,
 )
-from runs import PGMP, built_rom, full_model, motion, overridden, reduced_model, refused
+from runs import built_rom, full_model, in_turn, motion, overridden, pgmp, reduced_model, refused
 from scipy.optimize import brentq
 from scipy.stats import norm
 from solid_scenes import solid_meshes, solid_slider_crank
@@ -220,20 +219,20 @@ def test_a_scene_in_millimetres_is_that_in_metres(tmp_path: Path) -> None:
         assert of_mm["middle"] == pytest.approx(outputs["middle"], rel=1e-12)
 
 
-def test_commands(mpirun: Callable, tmp_path: Path) -> None:
+def test_commands(tmp_path: Path) -> None:
     """Build and samples on three ranks, and the probability of an event on one."""
     scene, rom, found = tmp_path / "clamped.toml", tmp_path / "rom.h5", tmp_path / "samples.h5"
     scene.write_text(UNCERTAIN)
-    done = mpirun(3, *PGMP, "build", scene, *ASKED, "-o", rom)
-    assert "1 of joints that are off" in done.stdout
-    done = mpirun(3, *PGMP, "montecarlo", rom, "-n", "16", "--seed", "1", "-o", found)
+    samples_of = ["montecarlo", rom, "-n", "16", "--seed", "1", "-o", found]
+    statuses, done = in_turn(3, [["build", scene, *ASKED, "-o", rom], samples_of])
+    assert statuses == [[0] * 3] * 2 and "1 of joints that are off" in done.stdout
     assert "starts with the stress that joints that are off build in" in " ".join(done.stdout.split())
     samples = Ensemble.read(found)
     # the middle of the beam follows half of its end; the estimates are of every sample's own mesh
     np.testing.assert_allclose(samples.outputs["middle"], 0.5 * samples.parameters["d"], rtol=1e-6)
     assert np.nanmax(samples.errors["middle"]) < 1e-6 * np.max(samples.outputs["middle"])
     asked = ("--rare", "middle > 6.5e-6", "-n", "2000", "--seed", "1")
-    done = mpirun(1, *PGMP, "montecarlo", rom, *asked, "--json", "-o", tmp_path / "rare.h5")
+    done = pgmp("montecarlo", rom, *asked, "--json", "-o", tmp_path / "rare.h5")
     assert json.loads(done.stdout)["estimate"] == pytest.approx(norm.sf(3.0), rel=0.1)
 
 

@@ -74,7 +74,6 @@ class Curved:
 
 
 def curved(scene: Scene, theta: float, n_modes: int) -> Curved:
-    """Compute one configuration."""
     kinematics = kinematics_of(scene)
     mechanism = kinematics.mechanism
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
@@ -192,7 +191,6 @@ class OnManifold:
 
 
 def sampled(scene: Scene, theta: float) -> OnManifold:
-    """Return one sample with everything of second order."""
     kinematics = kinematics_of(scene)
     matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
     effects = effects_of(scene, kinematics.mechanism)
@@ -404,7 +402,7 @@ OUTPUTS = (
     'outputs.slider_position={type="position",point="rod:tip",axis="x"}',
     'outputs.slider_deformation={type="deformation",point="rod:tip",axis="x"}',
 )
-SHORT = (PUSH, "simulation.duration=0.12", "simulation.step=5e-4", "reduction.angles=32")
+SHORT = (PUSH, "simulation.duration=0.12", "simulation.step=5e-4", "reduction.angles=16")
 
 
 def test_beams_in_the_plane_are_the_same_in_space() -> None:

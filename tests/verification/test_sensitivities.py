@@ -89,7 +89,7 @@ SCENES = {
         "simulation.initial={theta1={position=0.4,velocity=2.0},theta2={position=-0.3,velocity=-1.0}}",
         'outputs.elbow={type="angle",joint="elbow"}', 'outputs.x={type="position",point="lower:tip",axis="x"}',),
     "a loop with two coordinates": five_bar(
-        *RUN, "reduction.second_order=true", *WEIGHT, 'parameters.r={nominal=4e-3}', 'bodies.first.section.radius="r"',
+        *RUN, "reduction.angles=6", "reduction.second_order=true", *WEIGHT, 'parameters.r={nominal=4e-3}', 'bodies.first.section.radius="r"',
         'coordinates.theta1={joint="left_hinge",range=[1.6,2.6]}',
         'coordinates.theta2={joint="right_hinge",range=[0.6,1.6]}',
         "simulation.initial={theta1={position=2.0,velocity=3.0},theta2={position=1.0,velocity=-2.0}}",
@@ -481,3 +481,16 @@ def test_the_softest_stop_that_is_entered_no_deeper(bouncing: ReducedModel) -> N
     share = (np.sqrt(expected / inertia(bouncing)) * 1e-3) ** 2
     assert found.converged and found.parameters[0].value == pytest.approx(expected, rel=share)
     assert any("effects.stop is met or left" in remark.text for remark in found.record.remarks)
+
+
+def test_the_largest_speed_before_a_stop_is_at_a_corner_and_said_to_be_unsure() -> None:
+    """From ``I v^2 / 2 = I v0^2 / 2 + M theta``: the speed at the stop rises by ``theta / (I v)`` with the torque. A
+    parabola through the corner said 3.3 times that."""
+    torque = "parameters.m={nominal=10.0}", 'effects.push={type="torque",joint="hinge",table=[[0.0,"m"],[1.0,"m"]]}'
+    stop = "parameters.k={nominal=1e6}", 'outputs.speed={type="speed",joint="hinge"}', "simulation.step=1e-3"
+    model = reduced_model(scene_from_toml(FALLING_BAR, ".", (STIFF, *torque, *stop)))
+    found = sensitivities(model, ["m"], MPI.COMM_SELF)
+    largest = found.extremes["speed"]
+    # of first order in the step, which is a twentieth of the way
+    assert largest.max_derivatives[0] == pytest.approx(PLACE / (inertia(model) * largest.max), rel=0.25)
+    assert any("the largest speed at 0.02 s" in remark.text for remark in found.record.remarks)

@@ -126,7 +126,7 @@ def test_the_distance_of_two_points_is_a_coordinate() -> None:
 
 
 def test_files_and_summaries_have_the_coordinate_in_metres() -> None:
-    scene = cart("simulation.duration=0.01")
+    scene = cart("simulation.duration=0.01", "reduction.angles=6")
     reduced = reduced_model(scene)
     full = motion("full", scene)
     for trajectory in (full, motion(reduced)):

@@ -118,7 +118,6 @@ SPATIAL = RigidBars((spatial.CRANK, spatial.ROD, 0.05), spatial_places)
 
 
 def arm_places(theta: np.ndarray) -> list[Place]:
-    """Return the places of both bars of the arm."""
     upper = Rotation.from_rotvec([0.0, 0.0, theta[0]]).as_matrix()
     lower = upper @ Rotation.from_rotvec(theta[1] * spatial.SECOND_AXIS).as_matrix()
     return [(upper, np.zeros(3)), (lower, spatial.UPPER * upper[:, 0])]
@@ -149,7 +148,6 @@ PUSH, PULL = (f"effects.{name}.table=[[0.0,1.0],[1.0,1.0]]" for name in ("push",
 
 
 def stiff_scene(*overrides: str) -> Scene:
-    """Return the spatial slider-crank of stiff bars."""
     return spatial.spatial_slider_crank(*EFFECTS, "parameters.E1={nominal=2.1e14}", *STIFF, *WITHIN, *overrides)
 
 
@@ -160,7 +158,6 @@ def stiff_model() -> tuple[ReducedOrderModel, RigidKinematics]:
 
 
 def run_stiff(*overrides: str) -> Trajectory:
-    """Run the stiff slider-crank."""
     return motion(ReducedModel(stiff_scene(*overrides), *stiff_model()))
 
 

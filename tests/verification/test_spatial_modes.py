@@ -243,7 +243,6 @@ def crossing_scene() -> Scene:
 
 
 def build(scene: Scene, scramble: Callable[[ModeSet], ModeSet] = lambda modes: modes) -> ReducedOrderModel:
-    """Return the reduced-order model of the slider-crank of solid rods."""
     return build_rom(scene, round_rods()[1], group(), scramble)
 
 

@@ -43,7 +43,6 @@ def reduced(text: str) -> ReducedModel:
 
 
 def said(model: ReducedModel) -> list[Remark]:
-    """Return what a run says of its start."""
     found = trajectory(model).record.remarks
     return [remark for remark in found if "starts undeformed" in remark.text]
 
@@ -131,7 +130,7 @@ joints.hinge: type = "revolute"; connect = ["ground:origin", "arm:hinge"]
 coordinates.theta: joint = "hinge"; range = [0.0, 6.283185307179586]; periodic = true
 effects.motor: type = "torque"; joint = "hinge"; table = [[0.0, 1.0], [1.0, 1.0]]
 effects.loss: type = "structural_damping"; stiffness = 3e-5
-reduction: modes = 4; static_modes = true
+reduction: modes = 4; static_modes = true; angles = 12
 simulation: duration = 0.1; step = 1e-3
 outputs.angle: type = "angle"; joint = "hinge"
 outputs.moment: type = "stress"; body = "arm"; quantity = "bending_moment"; at = [0.05, 0.0]

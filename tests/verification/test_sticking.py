@@ -160,6 +160,7 @@ LEVELLING = {
     "exponential": "-(1 - exp(-abs(v))) * sign(v)",
     "cut off on each side": "-min(1, abs(v)) * sign(v)",
     "logistic": "1 - 2 / (1 + exp(-v))",
+    "a ramp of logarithms": "log(1 + exp(v - 1)) - log(1 + exp(v))",
 }
 
 
@@ -292,7 +293,6 @@ PENDULUM += '\n[effects.weight]\ntype = "gravity"\n'
 
 
 def resting(step: float) -> Scene:
-    """Return a pendulum that comes to rest in its friction."""
     return scene_from_toml(PENDULUM, ".", (
         "bodies.bar.line={length=0.6, elements=6}", 'bodies.bar.section={shape="circle", radius=0.005}',
         "materials.alloy={E=210e9, nu=0.3, rho=7800.0}", "effects.f.limit=0.8", "effects.f.speed=0.01",

@@ -74,7 +74,6 @@ def held(element: str, *overrides: str, direction: tuple[float, ...] = (0.0, -1.
 
 
 def asked(name: str, quantity: str, place: str = "", body: str = "bar") -> str:
-    """Return the override that adds a stress output."""
     return f'outputs.{name}={{type="stress", body="{body}", quantity="{quantity}"{place and ", " + place}}}'
 
 

@@ -50,7 +50,6 @@ class Chosen:
     exact: dict[tuple[Table, int], History] = field(default_factory=dict)
 
     def under(self, table: Table) -> Scene:
-        """Return the chosen scene under another torque."""
         motor = self.choice.scene.effects["motor"].model_copy(update={"table": table})
         return self.choice.scene.model_copy(update={"effects": {"motor": motor}})
 
@@ -74,7 +73,6 @@ class Chosen:
 
 
 def chosen(*overrides: str) -> Chosen:
-    """Choose everything of the slider-crank."""
     scene = paper_scene(*overrides)
     return Chosen(scene, choose(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)))
 
