@@ -253,6 +253,20 @@ def test_what_parts_are_sized_by(tmp_path: Path) -> None:
     assert motor[1] == "theta" and motor[5:] == ["", "not known"]
     assert_stored(tmp_path, tree)
 
+    # an ensemble that was asked for no quantiles
+    read = Ensemble.read(tmp_path / "many.h5")
+    cut = ("probabilities", "quantiles", "quantile_intervals", "quantile_bounds")
+    bare = {name: replace(s, **{of: getattr(s, of)[:0] for of in cut}) for name, s in read.statistics.items()}
+    known = {name: of for name, of in read.outputs.items() if name in bare}
+    few = replace(read, statistics=bare, probabilities={})
+    few.write(tmp_path / "few.h5")
+    tree = page_of(tmp_path / "run.h5", tmp_path / "few.h5")
+    rows = {words(row[0]): [words(cell) for cell in row] for row in tree.iter("tr") if len(row) == len(heads)}
+    assert rows["output"][4] == "no quantile" and rows["pin_x"][3:5] == [x[3], ""]
+    assert "crank_angle at the end has the mean " in words(verdict_of(tree))
+    assert not any("quantiles at the end" in line for line in lines_of(replace(few, outputs=known)))
+    assert_stored(tmp_path, tree)
+
 
 def test_what_is_constant_has_no_deviation_and_no_density(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
