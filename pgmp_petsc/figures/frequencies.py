@@ -40,7 +40,9 @@ def frequencies(
     """
     labels = labels_of(tables) if labels is None else labels
     colours = style.distinct_colours(len(tables))
-    n_modes = _n_drawn(tables, n_modes)
+    n_modes = min(n_modes, max(table.full_hz.shape[1] for table in tables))
+    if n_modes == 0:
+        raise InputError("the tables have no flexible modes to draw: every body is rigid")
     figure, blocks = style.panel_grid(n_modes, (4.2, 2.45), 0.75, columns=COLUMNS, sharex=True)
     for mode, axes in enumerate(blocks[:, 0]):
         for table, colour in zip(tables, colours):
@@ -78,13 +80,6 @@ def _draw_mode(axes, table: ModesTable, mode: int, colour: str) -> None:
         axes.plot(theta[::step], table.reduced_hz[::step, mode], color=colour, **style.CROSSES)
 
 
-def _n_drawn(tables: Sequence[ModesTable], most: int) -> int:
-    found = min(most, max(table.full_hz.shape[1] for table in tables))
-    if not found:
-        raise InputError("the tables have no flexible modes to draw: every body is rigid")
-    return found
-
-
 def _abscissa(table: ModesTable) -> tuple[np.ndarray, str, str]:
     """Return values, name and unit of the horizontal axis; with several coordinates a running number."""
     if table.theta.ndim == 1:
@@ -103,12 +98,12 @@ def frequency_maps(table: ModesTable, label: str = "") -> Figure:
     """Draw the first flexible eigenfrequencies over the grid of two coordinates, one map each.
 
     With a reduced model beside the full order, each title says by how much its frequencies differ at most. The label
-    tells the table from others. Raises `InputError` if the table has not two coordinates, or no flexible mode.
+    tells the table from others. Raises `InputError` if the table has not two coordinates.
     """
     if len(table.coordinate_units) != 2:
         raise InputError(f"maps of frequencies need two coordinates, the table has {len(table.coordinate_units)}")
     first, second = (np.unique(theta) for theta in table.theta)
-    n_modes = _n_drawn([table], MAPS)
+    n_modes = min(MAPS, table.full_hz.shape[1])
     figure, blocks = style.panel_grid(n_modes, (4.2, 3.1), 0.5, columns=COLUMNS, sharex=True, sharey=True)
     (x_name, x_unit), (y_name, y_unit) = table.coordinate_units.items()
     for mode, axes in enumerate(blocks[:, 0]):

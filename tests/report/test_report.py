@@ -203,10 +203,13 @@ def test_a_probability_within_the_model_error_has_no_figure_in_the_verdict(tmp_p
 SIZED = tables("""
 joints.pin: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
 coordinates.theta: joint = "pin"
+coordinates.reach: points = ["ground:origin", "rod:tip"]
+effects.out: type = "prescribed_motion"; coordinate = "reach"
 effects.drive: type = "prescribed_motion"; coordinate = "theta"
 outputs.pin_x: type = "joint_force"; joint = "pin"; component = "x"
 outputs.pin_y: type = "joint_force"; joint = "pin"; component = "y"
 outputs.motor: type = "drive_torque"; coordinate = "theta"
+outputs.hold: type = "drive_torque"; joint = "pin"
 outputs.stress: type = "stress"; body = "rod"
 outputs.damage: type = "rainflow"; of = "stress"
 ensemble.probabilities.late: output = "pin_x"; above = 5.0; when = "ever"
@@ -217,8 +220,16 @@ def test_what_parts_are_sized_by(tmp_path: Path) -> None:
     """Forces as polar diagrams, torque over speed, cycles, and which joint carries how much, decided by what."""
     run = synthetic.trajectory("reduced")
     wave = np.sin(3.0 * run.time)
-    forces = {"pin_x": 3e3 * wave, "pin_y": -4e3 * wave**2, "motor": 7.0 * wave, "stress": 1e6 * wave}
-    units = run.units | {"pin_x": "N", "pin_y": "N", "motor": "N m", "stress": "Pa", "damage": "1", "theta": "rad"}
+    forces = {"pin_x": 3e3 * wave, "pin_y": -4e3 * wave**2, "motor": 7.0 * wave, "stress": 1e6 * wave, "hold": wave}
+    units = run.units | {
+        "pin_x": "N",
+        "pin_y": "N",
+        "motor": "N m",
+        "hold": "N m",
+        "stress": "Pa",
+        "damage": "1",
+        "theta": "rad",
+    }
     record = replace(run.record, scene_toml=run.record.scene_toml + SIZED)
     outputs = run.outputs | forces | {"damage": run.time}
     run = replace(run, record=record, outputs=outputs, units=units, coordinate_units={"theta": "rad"})
@@ -242,7 +253,7 @@ def test_what_parts_are_sized_by(tmp_path: Path) -> None:
     ).write(tmp_path / "many.h5")
     tree = page_of(tmp_path / "run.h5", tmp_path / "many.h5")
     titles = [words(item) for item in tree.iter("figcaption")]
-    assert {"pin (kN), polar", "motor over speed", "stress, rainflow matrix"} <= set(titles)
+    assert {"pin (kN), polar", "motor over speed", "hold over speed", "stress, rainflow matrix"} <= set(titles)
     heads = next([words(cell) for cell in row] for row in tree.iter("tr") if "largest in the run" in words(row))
     assert heads[3:] == ["largest in samples, mean", "exceeded in 5 %", "probability", "which parameter decides it"]
     rows = {words(row[0]): [words(cell) for cell in row] for row in tree.iter("tr") if len(row) == len(heads)}
