@@ -202,7 +202,7 @@ class Body(ABC):
         """Return the body in words: nodes and cells, and its size in units of a system."""
         n = len(self.mesh.cells)
         length = self.mesh.lengths.sum()
-        return f"{self.n_nodes} nodes, {counted(n, "element")}, {system.text(length, 'm', '.6g')}"
+        return f"{self.n_nodes} nodes, {counted(n, 'element')}, {system.text(length, 'm', '.6g')}"
 
     @property
     @abstractmethod
