@@ -531,8 +531,9 @@ def _commands(sources: Sequence[Source]) -> list[str]:
             continue
         model = {"full": "scene.toml --full", "components": components}.get(result.model, rom)
         if isinstance(result, Ensemble):
-            seed = "" if result.record.seed is None else f" --seed {result.record.seed}"
-            found.append(f"pgmp montecarlo {model} -n {len(result.status)}{seed} -o {target}")
+            seed = result.record.seed
+            asked = "--samples SAMPLES.csv" if seed is None else f"-n {len(result.status)} --seed {seed}"
+            found.append(f"pgmp montecarlo {model} {asked} -o {target}")
         elif isinstance(result, RareEvent):
             asked = f"-n {result.asked} --seed {result.record.seed} --rare {shlex.quote(result.text or 'EVENT')}"
             found.append(f"pgmp montecarlo {model} {asked} -o {target}")

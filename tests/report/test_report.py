@@ -721,3 +721,11 @@ def test_steps_of_a_run_on_another_mesh_are_not_said_once_more(monkeypatch: pyte
     assert [source for source, _ in budget.step_errors([own, other])] == [own]
     _, simulate, run_again = _commands([own, other])
     assert simulate.startswith("pgmp simulate scene.toml --full") and run_again.endswith("another mesh, here other.h5")
+
+
+@pytest.mark.parametrize(("seed", "asked"), [(3, "-n 20 --seed 3"), (None, "--samples SAMPLES.csv")])
+def test_commands_draw_the_same_samples(seed: int | None, asked: str) -> None:
+    """Those of a file have no seed."""
+    many = synthetic.ensemble("full", 20)
+    source = Source("many.h5", replace(many, record=replace(many.record, seed=seed)), "", Path("many.h5"))
+    assert _commands([source])[1] == f"pgmp montecarlo scene.toml --full {asked} -o many.h5"
