@@ -12,8 +12,7 @@ coarser run would have left the other by `MET` since d was large, as phases that
 many points has kinks, which are in all bands: there a band counts where it is `PEAK` times those around it.
 
 **Lower order**, where friction or short contacts act: what is left of d counts a seventh for r = 5 (`rough`), and the
-estimate is unsure. Where a force jumps over time, a formula does, or friction at samplings of a controller, the order is
-one.
+estimate is unsure. Where a force jumps (over time, in a formula, of friction as a held one does) the order is one.
 """
 
 from __future__ import annotations
