@@ -533,6 +533,8 @@ def _commands(sources: Sequence[Source]) -> list[str]:
         if isinstance(result, Ensemble):
             seed = result.record.seed
             asked = "--samples SAMPLES.csv" if seed is None else f"-n {len(result.status)} --seed {seed}"
+            better = {} if result.joined is None else result.joined.status
+            asked += "".join(f" --correct {shlex.quote(name)}={status.size}" for name, status in better.items())
             found.append(f"pgmp montecarlo {model} {asked} -o {target}")
         elif isinstance(result, RareEvent):
             asked = f"-n {result.asked} --seed {result.record.seed} --rare {shlex.quote(result.text or 'EVENT')}"
