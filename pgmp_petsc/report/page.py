@@ -505,7 +505,7 @@ def _origins(sources: Sequence[Source]) -> Table:
 
 def _commands(sources: Sequence[Source]) -> list[str]:
     """Return commands that repeat the results, from the scene that they carry."""
-    any_reduced = any(getattr(source.result, "model", "") == "reduced" for source in sources)
+    any_reduced = any(isinstance(one.result, Fit) or getattr(one.result, "model", "") == "reduced" for one in sources)
     builds = {source.result.kind: shlex.quote(source.name) for source in of_kind(sources, Build)}
     rom = builds.get("rom", "rom.h5")
     found = [f"pgmp info {shlex.quote(str(sources[0].path))} --scene > scene.toml"]

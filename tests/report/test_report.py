@@ -732,3 +732,8 @@ def test_commands_draw_the_same_samples(seed: int | None, asked: str) -> None:
         result = replace(many, record=replace(many.record, seed=seed), joined=better)
         said = _commands([Source("many.h5", result, "", Path("many.h5"))])[1]
         assert said == f"pgmp montecarlo scene.toml --full {asked}{option} -o many.h5"
+
+
+def test_commands_build_the_model_of_a_fit() -> None:
+    build, again = _commands([Source("fit.h5", synthetic.fitted(), "", Path("fit.h5"))])[1:]
+    assert (build, again) == ("pgmp build scene.toml -o rom.h5", "pgmp fit rom.h5 MEASURED.csv -o fit.h5")
