@@ -336,28 +336,9 @@ class RigidKinematics:
                 return place, self._closure.close(guess, theta, placed=True)
             except InputError as error:
                 failure = failure or error
-            led = self._led(guess, theta) if self.mechanism.couplings else None
-            if led is not None:
-                return place, led
         # two coordinates of a mechanism with one degree of freedom close nowhere: the count says why
         self._check_count(self._closure.closed_freely(guess))
         raise failure
-
-    def _led(self, guess: np.ndarray, theta: np.ndarray) -> np.ndarray | None:
-        """Return poses at theta (1, n_theta), to which a mechanism goes in small turns from where it closes next to a
-        guess: on the way to it a spindle may turn often. None where it does not close there."""
-        poses = self._closure.closed_freely(guess)
-        way = theta - self._closure.measured(poses).T
-        try:
-            change = np.einsum("bpkn,nk->bpn", self.rates(self._closure.close(poses, theta - way)), way)
-            n = int(np.clip(np.ceil(self.mechanism.space.turns(change).max() / FURTHEST_TURN), 1, MOST_PLACES))
-            for k in range(n):
-                change = np.einsum("bpkn,nk->bpn", self.rates(poses), way / n)
-                guess = self.mechanism.space.moved(poses, change)
-                poses = self._closure.close(guess, theta - way * (1.0 - (k + 1) / n))
-        except InputError:
-            return None
-        return poses
 
     def _places(self, axes: Sequence[np.ndarray]) -> list[list[int]]:
         """Return the configurations at which to try the assembly, by their numbers along the axes."""
