@@ -14,10 +14,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from math import ceil
-from pathlib import Path
 from typing import Any, NoReturn
 
-import h5py
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, RunError
@@ -398,10 +396,6 @@ class Choice:
     scene: Scene  # the scene with everything given and without tolerances
     rom: ReducedOrderModel | None  # the reduced model, on the first rank; None elsewhere
     selection: Selection  # for the file
-
-    def write(self, path: Path, *parts: Callable[[h5py.File], None]) -> None:
-        """Write the reduced model with what was chosen, and what the parts add; by one process."""
-        self.rom.write(path, self.selection.put, *parts)
 
 
 def leaves_open(scene: Scene) -> bool:

@@ -373,11 +373,6 @@ class SectionCoordinates:
                 found[place] = found.get(place, 0.0) + scale.coefficient * part
         return found
 
-    @property
-    def parts(self) -> tuple[np.ndarray, np.ndarray]:
-        """T_0 and T_1, of the powers 0 and 1 of s."""
-        return self.constant, self.linear
-
     def at(self, values: Mapping[str, float]) -> np.ndarray:
         """Return T."""
         return self.constant + self.factor.at(values) * self.linear
