@@ -28,7 +28,7 @@ from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.candidates import MOST_CONDENSED, Limits
 from pgmp_petsc.bench.cases import Training
 from pgmp_petsc.bench.history import Errors, Trial
-from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, kept_text, refuse, refuse_basis, shares_of
+from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, refuse, refuse_basis, shares_of
 from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, distance_from_mesh
 from pgmp_petsc.bench.step_choice import (
     AHEAD,
@@ -324,7 +324,8 @@ class ReductionChoice:
                 hints = [f"the tables change too fast over the range for {most} angles: take more reduction.angles"]
                 refuse("reduction.tolerance", self.tolerance, "interpolation", self.allowed, self._ledger, hints)
         kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
-        last = [kept_text(kept)] if kept else []
+        given = ", ".join(f"reduction.{name} = {json.dumps(value)}" for name, value in kept.items())
+        last = [f"kept as given: {given}; leave them out to have them chosen"] if kept else []
         more_known = self._reduction.sampling_tolerance is None and self._finer["angles"] <= self._angles[-1]
         if more is MoreAngles.GIVEN and more_known and self._is_affordable(best, self._finer):
             self._apart(best, self._grid, self._finer)  # noted: what twice the angles that are given would change

@@ -552,17 +552,13 @@ class _Member:
                 if kind == "frames":
                     found = self._evaluate(np.concatenate([frames_at(far).reshape(-1, far.size), self._behind]))
                 else:
-                    found = self._on_line(name, far, changes, kind)
+                    values, cells = self._values | {name: self._values[name] + far}, self._states.q
+                    stresses, at = kind == "stresses", _moved(self._states, far, changes)
+                    observed = self._model.observed_of(self._times, at, values, None if stresses else cells)
+                    found = self._evaluate(observed) if stresses else self._model.outputs.evaluate(observed)
                 for output in names:
                     total[output] = total.get(output, 0.0) + found[output] / (2.0 * far)
         return {output: total[output] for output in self.outputs}
-
-    def _on_line(self, name: str, far: np.ndarray, changes: np.ndarray, kind: str) -> dict[str, np.ndarray]:
-        """Return the outputs where a parameter is by so much (n_t,) from its value, and the states that follow it."""
-        model, cells = self._model, None if kind == "stresses" else self._states.q
-        at = _moved(self._states, far, changes)
-        observed = model.observed_of(self._times, at, self._values | {name: self._values[name] + far}, cells)
-        return self._evaluate(observed) if kind == "stresses" else model.outputs.evaluate(observed)
 
 
 def _moved(states: State, far: np.ndarray, changes: np.ndarray) -> State:

@@ -258,10 +258,6 @@ class Served:
         """Return a value as messages have it."""
         return f"{self.to_own * value:.6g}"
 
-    def widened(self, value: float) -> tuple[float, float]:
-        """Return low and high in the units of the scene, no narrower than a value in these."""
-        return min(self.to_own * self.low, value), max(self.to_own * self.high, value)
-
     @property
     def range(self) -> str:
         """What is served, in messages."""

@@ -241,7 +241,9 @@ def _rigid(scene: Scene, name: str, _: LineMesh) -> Size:
 def _solid(scene: Scene, name: str, mesh: SolidMesh) -> Size:
     body, extents = scene.bodies[name], np.sort(np.ptp(mesh.nodes, axis=0))[::-1]
     length, thickness = float(extents[0]), float(extents[-1])
-    density, speed = _material(scene, body)
+    material = scene.materials[body.material]
+    density = scene.number(material.rho)
+    speed = math.sqrt(scene.number(material.E) / density)
     # of the box around it, which it fills in part
     volume = float(np.prod(extents)) * (1.0 if body.thickness is None else scene.number(body.thickness))
     frequency = 0.5 * math.pi * thickness / math.sqrt(12.0) * speed / length**2 if body.flexible else 0.0
@@ -283,9 +285,3 @@ def matrix_findings(scene: Scene, meshes: Mapping[str, BodyShape], system: UnitS
             heavy = f"with these, {name} has {shown.text(mass, 'kg')} in a box of {shown.text(box, 'm3')}"
             most = f"more than solids have (up to {plain(shown.shown(densest, 'kg/m3'))} {shown.unit('kg/m3')})"
             yield doubt(entry, f"{heavy}, {most}; {cure}", units)
-
-
-def _material(scene: Scene, body: Body) -> tuple[float, float]:
-    material = scene.materials[body.material]
-    density = scene.number(material.rho)
-    return density, math.sqrt(scene.number(material.E) / density)
