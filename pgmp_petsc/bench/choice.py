@@ -622,7 +622,14 @@ def choose_over_lengths(
     say(f"tolerances: what they leave open is chosen at {at}, and checked at the ends of the range")
     found = _chosen_at(scene, nominal, meshes, group, say=say, finished=finished)
     chosen = scene.with_entries(reduction=found.scene.reduction, simulation=found.scene.simulation)
-    asked, remarks = _asked_again(scene, chosen), []
+    # with its tolerances, and with everything given that was chosen
+    update: dict[str, Reduction | Simulation] = {"simulation": chosen.simulation}
+    of_reduction, of_step = ({"tolerance": table.tolerance} for table in (scene.reduction, scene.simulation))
+    if scene.reduction.tolerance is not None:
+        update["reduction"] = Reduction(**chosen.reduction.model_dump(exclude_none=True) | of_reduction)
+    if scene.simulation.tolerance is not None:
+        update["simulation"] = Simulation(**chosen.simulation.model_dump() | of_step)
+    asked, remarks = scene.with_entries(**update), []
     for lengths in extremes(scene):
         check = _chosen_at(asked, lengths, meshes, group)
         parts = {attempt.part: attempt.largest for attempt in check.selection.attempts}
@@ -641,14 +648,3 @@ def _chosen_at(
         return choose(with_numbers(scene, lengths), shapes, group, **how)
     except (InputError, RunError) as error:
         raise type(error)(f"at {values_text(scene, lengths)}: {error}") from error
-
-
-def _asked_again(scene: Scene, chosen: Scene) -> Scene:
-    """Return a scene with its tolerances in which everything is given that was chosen."""
-    update: dict[str, Reduction | Simulation] = {"simulation": chosen.simulation}
-    of_reduction, of_step = ({"tolerance": table.tolerance} for table in (scene.reduction, scene.simulation))
-    if scene.reduction.tolerance is not None:
-        update["reduction"] = Reduction(**chosen.reduction.model_dump(exclude_none=True) | of_reduction)
-    if scene.simulation.tolerance is not None:
-        update["simulation"] = Simulation(**chosen.simulation.model_dump() | of_step)
-    return scene.with_entries(**update)

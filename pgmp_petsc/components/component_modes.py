@@ -164,7 +164,10 @@ def _serve(
     chosen = np.unique(np.linspace(0, middles.size - 1, min(N_TESTS, middles.size)).round().astype(int))
     waiting, largest, rounds = list(middles[chosen]), 0.0, 0
     while waiting:
-        residual = _residual(subspace, loads, waiting[-1])
+        # P^T - (K - lambda M) V x with the Galerkin answer x
+        reduced = subspace.inner(subspace.vectors, subspace.images) - waiting[-1] * np.eye(subspace.n)
+        x = np.linalg.solve(reduced, subspace.inner(subspace.vectors, loads))
+        residual = loads - (subspace.images @ x - waiting[-1] * (subspace.mass_vectors @ x))
         answer = problem.answers(residual)
         error = float(np.max(np.abs(np.diag(subspace.inner(residual, answer))) / scale))
         if error < TOLERANCE:
@@ -178,14 +181,6 @@ def _serve(
         else:
             rounds += 1
     return largest
-
-
-def _residual(subspace: Subspace, loads: np.ndarray, test: float) -> np.ndarray:
-    """Return ``P^T - (K - lambda M) V x`` with the Galerkin answer x, local rows."""
-    v = subspace
-    reduced = v.inner(v.vectors, v.images) - test * np.eye(v.n)
-    x = np.linalg.solve(reduced, v.inner(v.vectors, loads))
-    return loads - (v.images @ x - test * (v.mass_vectors @ x))
 
 
 def _condensed(

@@ -211,7 +211,12 @@ def _counted(
     by_name = {name: counted_changes(counts, times, outputs, found, values, name) for name, found in by_name.items()}
     outputs = counted_after(counts, times, outputs, values)
     derivatives = {output: {name: found[output] for name, found in by_name.items()} for output in outputs}
-    _require_finite(outputs, derivatives, times)
+    for output, whole in outputs.items():
+        for name, found in {"": whole, **derivatives[output]}.items():
+            if not np.isfinite(found).all():
+                at = times[int(np.argmin(np.isfinite(found)))]
+                what = f"its derivative with {name} " if name else ""
+                raise RunError(f"outputs.{output}: {what}is no finite number from {at:.6g} s on")
     return outputs, derivatives
 
 
@@ -257,21 +262,6 @@ def _propagated(
 
 def _part(states: State, part: slice) -> State:
     return State(states.q[part], states.v[part], states.a[part], states.multipliers)
-
-
-def _require_finite(
-    outputs: Mapping[str, np.ndarray], derivatives: Mapping[str, Mapping[str, np.ndarray]], times: np.ndarray
-) -> None:
-    """Refuse outputs that are no finite numbers, or have no derivatives.
-
-    Raises `RunError`, naming the output, the parameter and the instant.
-    """
-    for output, values in outputs.items():
-        for name, found in {"": values, **derivatives[output]}.items():
-            if not np.isfinite(found).all():
-                at = times[int(np.argmin(np.isfinite(found)))]
-                what = f"its derivative with {name} " if name else ""
-                raise RunError(f"outputs.{output}: {what}is no finite number from {at:.6g} s on")
 
 
 @njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
@@ -483,16 +473,13 @@ class ObservedChanges:
         parts = [member.changes(name, changes) for member in self._members]
         parts += [member.outputs for member in self._members]
         found = blended([*shares, *slopes], parts)
-        return self._through_formulas(name, found | self._of_stresses(name, changes))
-
-    def _of_stresses(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the derivatives of stresses that the model has by itself."""
         far = OF_STRESSES / _largest(self._model, changes, self._values[name])
         ahead, behind = (
             self._model.stressed(_moved(self._states, step, changes), self._values | {name: self._values[name] + step})
             for step in (far, -far)
         )
-        return {output: (ahead[output] - behind[output]) / (2.0 * far) for output in ahead}
+        stresses = {output: (ahead[output] - behind[output]) / (2.0 * far) for output in ahead}
+        return self._through_formulas(name, found | stresses)
 
     def _through_formulas(self, name: str, found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Return derivatives with those of formulas by differences along what they are made of."""

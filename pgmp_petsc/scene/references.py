@@ -272,21 +272,16 @@ def impulse_of(table: Sequence[tuple[float, float]], duration: float, n_steps: i
 
     at_knots, at_ends = np.interp(knots, times, values), np.interp(ends, times, values)
     exact, seen = _trapezoid(at_knots, knots), _trapezoid(at_ends, ends)
-    return Impulse(exact, seen, _magnitude(at_knots, knots), float(np.max(np.abs(at_ends))))
+    # the magnitude of what is linear between knots: two triangles where the sign changes
+    a, b = at_knots[:-1], at_knots[1:]
+    turns, total = a * b < 0.0, np.abs(a) + np.abs(b)
+    share = np.where(turns, (a * a + b * b) / np.where(turns, total, 1.0), total)
+    magnitude = float(0.5 * np.sum(share * np.diff(knots)))
+    return Impulse(exact, seen, magnitude, float(np.max(np.abs(at_ends))))
 
 
 def _trapezoid(values: np.ndarray, at: np.ndarray) -> float:
     return float(0.5 * np.sum((values[1:] + values[:-1]) * np.diff(at)))
-
-
-def _magnitude(values: np.ndarray, at: np.ndarray) -> float:
-    """Integrate the magnitude of what is linear between `at`, changes of sign included."""
-    a, b = values[:-1], values[1:]
-    turns = a * b < 0.0
-    total = np.abs(a) + np.abs(b)
-    # two triangles where the sign changes
-    share = np.where(turns, (a * a + b * b) / np.where(turns, total, 1.0), total)
-    return float(0.5 * np.sum(share * np.diff(at)))
 
 
 PLACES = ("at", "group", "region")
