@@ -225,7 +225,6 @@ def _parts_of(own: JointEquations, equations: FullEquations) -> Parts:
 
 
 def _bodies(own: JointEquations) -> Iterator[str]:
-    """Yield the bodies of the tree in C."""
     tree, floating = own.joints.tree, own.problem.floating
     for k, kind in enumerate(tree.kinds.tolist()):
         on, held, base = tree.nodes[k]

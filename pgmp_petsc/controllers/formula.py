@@ -136,7 +136,6 @@ class FormulaController(JointController):
         return not self._named and any("v" in self._declared(text)[1] for text in (*self.states.values(), self.output))
 
     def law(self) -> ControlLaw:
-        """Return its law."""
         states = tuple((_own(name), self._declared(text)[0]) for name, text in self.states.items())
         force, constants, starts = self._declared(self.output)[0], (*self.constants,), (*self.initial,)
         return law_of(states, force, constants, starts, (*self.measured,))

@@ -195,7 +195,6 @@ class ErrorSystem(SecondOrderSystem):
         return self.full.steps_between_looks(every)
 
     def take_steps(self, asked: StepsAsked) -> StepsTaken:
-        """Take steps of the error; see `FullBatch.take_steps`."""
         return self.full.take_steps(asked, self._motion.over(round(asked.ends[0] / self._interval), asked.ends.size))
 
     def count_turns(self, state: State) -> None:

@@ -606,7 +606,6 @@ codegen.JITCPUCodegen._library_class = Library
 
 
 def _note(problem: str) -> None:
-    """Keep a problem."""
     _problems.append(problem)
 
 

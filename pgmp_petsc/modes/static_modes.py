@@ -96,7 +96,6 @@ def _extended(
 
 
 def _beside(problem: ModalProblem, basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return what a basis misses of vectors."""
     for _ in range(2):
         vectors = vectors - problem.onto(basis, vectors)
     return vectors

@@ -102,7 +102,6 @@ class Rainflow(OutputEntry):
         return {self.of: "of"}
 
     def unit_in(self, scene: Scene) -> str:
-        """Return that of its quantity."""
         return "s" if self.quantity == "life" else "1"
 
     def uses(self, scene: Scene, entry: str) -> Iterator[Use]:

@@ -395,7 +395,6 @@ class _Sampling:
 
 
 def _over_turns(found: OverSamples, samples: SampleGrid, basis: ContinuousBasis) -> OverSamples:
-    """Return tables of one turn over the turns of a basis."""
     for axis in np.flatnonzero(basis.flipped.any(axis=1)):
         signs = flipping_signs(basis.tables.n_modes, basis.flipped[axis])
         found = samples.doubled(axis, found, signs)

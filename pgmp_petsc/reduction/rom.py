@@ -114,7 +114,6 @@ class ReducedOrderModel(Tabulated):
 
     @classmethod
     def _of(cls, found: ModelFile, record: RunRecord) -> ReducedOrderModel:
-        """Return the model that a file has."""
         meshes = {name: body.shape for name, body in found.mesh.items()}
         return cls(**_alike(found), meshes=meshes, record=record)
 
@@ -214,7 +213,6 @@ class LengthFamily:
 
 
 def _alike(model: Tabulated) -> dict[str, Any]:
-    """Return what a model and its file have alike."""
     return {one.name: getattr(model, one.name) for one in declared(Tabulated)}
 
 

@@ -337,7 +337,6 @@ class _ImplicitStep(AlphaStep):
     """Steps whose displacements and velocities follow from the accelerations at their ends alone."""
 
     def scheme(self, step: float) -> Scheme:
-        """Return the coefficients for a step."""
         return Scheme(0.0, 0.0, 0.5, 1.0, gain_v=2.0 / step, gain_a=2.0 / step**2)
 
 

@@ -90,7 +90,6 @@ class Rectangle(ShapedSection):
         return (10 * (1 + nu) / (12 + 11 * nu) * self.area(),) * 2
 
     def torsion(self, nominal: Mapping[str, float], spans: Spans) -> AffineSum:
-        """See the module."""
         sides = Quantity.of(self.width), Quantity.of(self.height)
         short, long = sorted(sides, key=lambda side: float(side.at(nominal)))
         ratio = float(short.at(nominal) / long.at(nominal))
