@@ -296,20 +296,16 @@ def why_no_full_model(scene: Scene) -> str:
     return f"there is no full-order model with {', '.join(given)}" if given else ""
 
 
-def _along_each(scene: Scene) -> int:
-    """Return the angles along each coordinate of a grid. A choice by a tolerance finds them, and is priced as a scene
-    that says nothing; adaptive sampling halves their distances at least once."""
-    reduction, n = scene.reduction, len(scene.coordinates)
-    is_open = reduction.tolerance is not None and "angles" not in reduction.model_fields_set
-    angles = ANGLES_OF_SEVERAL.get(n, reduction.angles) if is_open else reduction.angles
-    return angles * (1 if reduction.sampling_tolerance is None else 2)
-
-
 def why_no_grid(scene: Scene, mechanism: Mechanism) -> str:
     """Return why the coordinates of a scene are not sampled on a grid, with the price and the cure; empty where they
     can be."""
-    n, names, angles = len(scene.coordinates), ", ".join(scene.coordinates), _along_each(scene)
-    n_modes, count = scene.reduction.modes, float(angles) ** n
+    reduction, n, names = scene.reduction, len(scene.coordinates), ", ".join(scene.coordinates)
+    # a choice by a tolerance finds them, and is priced as a scene that says nothing; adaptive sampling halves their
+    # distances at least once
+    is_open = reduction.tolerance is not None and "angles" not in reduction.model_fields_set
+    angles = ANGLES_OF_SEVERAL.get(n, reduction.angles) if is_open else reduction.angles
+    angles *= 1 if reduction.sampling_tolerance is None else 2
+    n_modes, count = reduction.modes, float(angles) ** n
     tables = len(mechanism.mass_weights) * ((n + n_modes) ** 2 + n * n * n_modes)
     tables += len(mechanism.stiffness_weights) * n_modes**2
     n_bytes = count * (tables + mechanism.n_dofs * n_modes) * BYTES

@@ -154,7 +154,11 @@ def body_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem) -
             why = "errors of elements fall with the square of their length; so many only lose digits and time"
             yield doubt(where, why, n)
         if body.flexible and n < FEW_ELEMENTS:
-            yield doubt(where, _too_few(n), n)
+            excess, enough = (100.0 * (bending_excess(number) - 1.0) for number in (n, ENOUGH_ELEMENTS))
+            high = f"its first bending frequency is {excess:.0f} % too high"
+            what = f"{high if math.isfinite(excess) else 'it does not bend'} between hinged ends"
+            cure = f"take more elements ({ENOUGH_ELEMENTS}: {enough:.0f} %), or make the body rigid"
+            yield doubt(where, f"{what}; {cure}", n)
 
 
 def _drawn_inertia(scene: Scene, entry: str, rigid: Rigid) -> Iterator[Finding]:
@@ -185,12 +189,6 @@ def bending_excess(n_elements: int) -> float:
     t = math.pi / (2 * n_elements)
     squared = 16 * n_elements**4 * (math.tan(t) * math.sin(t)) ** 2 * 3 / (2 + math.cos(2 * t))
     return math.sqrt(squared) / math.pi**2
-
-
-def _too_few(n_elements: int) -> str:
-    excess, enough = (100.0 * (bending_excess(n) - 1.0) for n in (n_elements, ENOUGH_ELEMENTS))
-    what = f"its first bending frequency is {excess:.0f} % too high" if math.isfinite(excess) else "it does not bend"
-    return f"{what} between hinged ends; take more elements ({ENOUGH_ELEMENTS}: {enough:.0f} %), or make the body rigid"
 
 
 def _slenderness(scene: Scene, name: str, size: Size) -> Iterator[Finding]:
