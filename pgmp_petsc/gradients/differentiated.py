@@ -479,13 +479,10 @@ class ObservedChanges:
             for step in (far, -far)
         )
         stresses = {output: (ahead[output] - behind[output]) / (2.0 * far) for output in ahead}
-        return self._through_formulas(name, found | stresses)
-
-    def _through_formulas(self, name: str, found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return derivatives with those of formulas by differences along what they are made of."""
-        model, value = self._model, self._values[name]
+        found, model, value = found | stresses, self._model, self._values[name]
         if not model.formulas:
             return found
+        # those of formulas by differences along what they are made of
         sizes = {one: np.abs(values).max() for one, values in self._made_of.items()}
         shares = [np.full((1, self._times.size), 1.0 / abs(value) if value else 0.0)]
         shares += [np.abs(np.atleast_2d(found[one])) / size for one, size in sizes.items() if size]

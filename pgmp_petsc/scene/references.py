@@ -54,7 +54,15 @@ def effect_problems(scene: AnyScene) -> Iterator[str]:
             others = [other for other, rival in scene.effects.items() if type(rival) is type(effect)]
             if name != others[0]:
                 yield problem(f"effects.{name}", f"effects.{others[0]} is of the same type; a scene has one at most")
-    yield from _ends_apart(scene)
+    for entry, other, lower, upper, share in ordered_ends(scene):
+        if any(isinstance(end, str) and end not in scene.parameters for end in (lower, upper)):
+            continue  # said elsewhere
+        for values in (scene.nominal, scene.values):
+            low, high = scene.number(lower, values), share * scene.number(upper, values)
+            if not low < high:
+                behind = f", not {low:g}" if isinstance(lower, str) else ""
+                yield problem(entry, f"must be below {other} = {high:g}{behind}", lower)
+                break
 
 
 def _place_problems(scene: AnyScene, entry: str, table: EffectEntry | OutputEntry) -> Iterator[str]:
@@ -200,19 +208,6 @@ def _impulse_problems(scene: AnyScene, entry: str, effect: OverTime) -> Iterator
             f"has an impulse of {found.exact:.4g} {effect.strength_unit} s, but {found.seen:.4g} with a {effect.type} "
             f"read every {run.step:g} s; take a smaller simulation.step, or a pulse that lasts several steps",
         )
-
-
-def _ends_apart(scene: AnyScene) -> Iterator[str]:
-    """Check that entries that are in order are, nominally and in a single run."""
-    for entry, other, lower, upper, share in ordered_ends(scene):
-        if any(isinstance(end, str) and end not in scene.parameters for end in (lower, upper)):
-            continue  # said elsewhere
-        for values in (scene.nominal, scene.values):
-            low, high = scene.number(lower, values), share * scene.number(upper, values)
-            if not low < high:
-                behind = f", not {low:g}" if isinstance(lower, str) else ""
-                yield problem(entry, f"must be below {other} = {high:g}{behind}", lower)
-                break
 
 
 def parts_of(name: str, effect: EffectEntry) -> dict[str, EffectEntry]:
