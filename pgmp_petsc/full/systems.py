@@ -285,9 +285,7 @@ class FullBatch(FullSystem):
         sources = equations.sources(effects, tuple(motions.values()))
         super().__init__(equations, alone(), n_samples, sources, settled, built_in)
         self.n_events = len(equations.edges)
-        #: see `SecondOrderSystem`, for steps that no edge ends
-        self.edgeless_at_once = max(1, min(STEPS_AT_ONCE, LARGEST // (self.n_dofs * self.n_samples)))
-        self.steps_at_once = min(BEFORE_EDGES, self.edgeless_at_once) if self.n_events else self.edgeless_at_once
+        self._bound_calls()
         n = self.n_dofs + self.n_constraints
         self._factors = Factors(
             aligned_zeros((blocks.n_blocks, n + equations.layout.n_lower, blocks.n_lanes)),
@@ -295,6 +293,12 @@ class FullBatch(FullSystem):
         )
         self._itself = np.empty((blocks.n_blocks, 0, blocks.n_lanes))  # no residual but c
         self._typical_mass = mass_on_diagonal(equations.problem, equations.size) / self.n_dofs
+
+    def _bound_calls(self) -> None:
+        """Find how many steps are taken in a call, with and without edges that may end them."""
+        #: see `SecondOrderSystem`, for steps that no edge ends
+        self.edgeless_at_once = max(1, min(STEPS_AT_ONCE, LARGEST // (self.n_dofs * self.n_samples)))
+        self.steps_at_once = min(BEFORE_EDGES, self.edgeless_at_once) if self.n_events else self.edgeless_at_once
 
     @property
     def typical_mass(self) -> np.ndarray:
