@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
+from pgmp_petsc.base.errors import counted
 from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import TURNS, linear_fields
@@ -201,7 +202,7 @@ class Body(ABC):
         """Return the body in words: nodes and cells, and its size in units of a system."""
         n = len(self.mesh.cells)
         length = self.mesh.lengths.sum()
-        return f"{self.n_nodes} nodes, {n} element{'s' * (n > 1)}, {system.text(length, 'm', '.6g')}"
+        return f"{self.n_nodes} nodes, {counted(n, 'element')}, {system.text(length, 'm', '.6g')}"
 
     @property
     @abstractmethod

@@ -106,11 +106,11 @@ class PrescribedMotion(Driving):
         self, scene: Scene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
     ) -> Iterator[Finding]:
         """Yield a table that begins after the run, or whose spline moves between rows that say that it rests."""
-        duration, rows = scene.simulation.duration, self.table or ()
+        duration, rows, motion = scene.simulation.duration, self.table or (), self.motion(entry)
         travel = np.ptp([value for _, value in rows]) if rows else 0.0
-        for (begins, value), (ends, after) in pairwise(rows):
-            off = np.max(np.abs(self.motion(entry).at(np.linspace(begins, ends, N_LOOKED_AT)).angle - value))
-            if value == after and off > RESTS * travel:
+        for (begins, value), (ends, _) in (pair for pair in pairwise(rows) if pair[0][1] == pair[1][1]):
+            off = np.max(np.abs(motion.at(np.linspace(begins, ends, N_LOOKED_AT)).angle - value))
+            if off > RESTS * travel:
                 moves = f"from {begins:g} to {ends:g} s the spline moves by {100 * off / travel:.2g} % of its whole way"
                 yield doubt(f"{entry}.table", f"{moves}, where both rows are the same; more rows there let it rest")
         if self.table is not None and self.table[0][0] > duration:

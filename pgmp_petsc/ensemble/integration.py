@@ -89,7 +89,8 @@ class Integration:
         `RunError` if the system fails to write."""
         model, group, comm, first = self.model, self._group, self.comm, self.plan.samples[0]
         todo = missing([(first, n)], self._finished.samples)
-        to_check = within(checked(self._watching.share, n, self._watching.block), first, n)
+        whole = n if self.plan.shard is None else self.plan.n_samples  # of which a shard has a part
+        to_check = within(checked(self._watching.share, whole, self._watching.block), first, n)
         to_check = missing(to_check, self._finished.checked)
         dealt = pieces(todo, to_check, group.count, model.largest_batch if group.comm.size == 1 else 1)
         n_samples, n_todo = n - first, sum(end - begin for begin, end in todo)

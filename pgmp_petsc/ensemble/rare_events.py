@@ -526,7 +526,7 @@ class _Chains:
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
         """Return g of points (n, d), shape (n,), and keep both."""
-        found = self.limit_state(points)
+        found = self.limit_state(points) if len(points) else np.zeros(0)
         self.points.append(points)
         self.values.append(found)
         return found

@@ -419,7 +419,8 @@ def refuse_drawn(scene: Scene, settings: Sequence[str]) -> None:
         name = setting.partition("=")[0].strip()
         parameter = scene.parameters[name]
         if parameter.distribution is not None:
-            held = f"{{nominal={parameter.nominal:g}, value={parameter.current:g}}}"
+            nominal, value = own_values(scene, {name: [parameter.nominal, parameter.current]})[name]
+            held = f"{{nominal={nominal!r}, value={value!r}}}"
             raise InputError(
                 f"--set {setting}: every sample draws '{name}' from parameters.{name}.distribution, so a value has no "
                 f"part in an ensemble; to move the distribution, --override parameters.{name}.distribution.loc=...; to "

@@ -31,11 +31,12 @@ import scipy
 
 from pgmp_petsc.base.errors import InputError, Remark, gathered, nearest_name, note, warning
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.base.units import times
+from pgmp_petsc.base.units import UnitSystem, times
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.ensemble.statistics import came_true, describe, of_event, quantity
 from pgmp_petsc.results.ensemble import DESCRIBED, Ensemble, Stopping, reach_of
+from pgmp_petsc.results.numbers import behind
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 from pgmp_petsc.scene.numerics import Event
@@ -302,7 +303,7 @@ def stages(
 def stopped(ensemble: Ensemble, scene: Scene, plan: Plan, stop: Stop, history: list[Seen]) -> Ensemble:
     """Return an ensemble with why it ended, and what is to be said of that."""
     found, record = stopping_of(stop, history, plan, ensemble.units), ensemble.record
-    remarks = (*record.remarks, *stopping_remarks(found, scene.ensemble.confidence))
+    remarks = (*record.remarks, *stopping_remarks(found, scene.ensemble.confidence, scene.system))
     return replace(ensemble, stopping=found, record=replace(record, remarks=remarks))
 
 
@@ -331,11 +332,17 @@ def stopping_of(stop: Stop, history: list[Seen], plan: Plan, units: dict[str, st
 
 
 @gathered
-def stopping_remarks(stopping: Stopping, confidence: float) -> Iterator[Remark]:
+def stopping_remarks(stopping: Stopping, confidence: float, system: UnitSystem) -> Iterator[Remark]:
     """Return what is to be said of intervals after looks, of rules that are not met, and of times that decided."""
-    for text, met, reached, relative in zip(stopping.rules, stopping.met, stopping.reached[:, -1], stopping.relative):
+    looks = zip(stopping.rules, stopping.units, stopping.met, stopping.reached[:, -1], stopping.relative)
+    for text, unit, met, reached, relative in looks:
         if not met:
-            shown = f"+- {100 * reached:.3g} % was reached" if relative else f"+- {reached:.3g} was reached"
+            reach = (
+                f"{100 * reached:.3g} %"
+                if relative
+                else f"{system.shown(reached, unit):.3g}{behind(system.unit(unit))}"
+            )
+            shown = f"+- {reach} was reached"
             shown = shown if np.isfinite(reached) else "its figure is not known yet from so few samples"
             yield warning(
                 f'--until "{text}" is not met: {stopping.why}, and {shown}; --resume with '

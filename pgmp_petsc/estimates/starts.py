@@ -37,7 +37,6 @@ from pgmp_petsc.models import OutputRecord, ReducedModel
 from pgmp_petsc.models.model import search_of
 from pgmp_petsc.models.reduced_statics import ReducedStatics
 from pgmp_petsc.reduced.system import ReducedSystem
-from pgmp_petsc.scene.controllers import derivatives_read
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.outputs import models_alone
 from pgmp_petsc.scene.references import parts_of
@@ -139,7 +138,7 @@ def growth_of(
     """Return G (n_t,) of a run with coordinates (n_t, n_eta) and outputs; None where a run from beside its start does
     not end, or nothing moves."""
     scene = model.scene
-    smooth = [name for name in scene.outputs if not models_alone(scene, name) and not derivatives_read(scene, name)]
+    smooth = [k for k, one in scene.outputs.items() if not (models_alone(scene, k) or one.derivatives_in(scene))]
     size = model.kinematics.size
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
     system = model.batch(values, 1)

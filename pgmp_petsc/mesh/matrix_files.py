@@ -374,7 +374,7 @@ def _of_table(path: Path, received: str) -> tuple[np.ndarray, np.ndarray, dict]:
     """Read lines of a node's number and coordinates; a line of names may come first."""
     lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
     rows = [re.split(r"[,;\s]+", line.rstrip(",; ")) for line in lines if line and not line.startswith("#")]
-    if rows and not rows[0][0].replace(".", "").isdecimal():
+    if rows and not re.match(r"[-+.\d]", rows[0][0]):
         rows = rows[1:]
     if not rows or {len(row) for row in rows} not in ({3}, {4}):
         raise InputError(f"{received}: lines of a node's number and its two or three coordinates are needed")

@@ -45,6 +45,7 @@ FARTHEST = 1e15  # of a coordinate, in any unit; third powers and more of it are
 MAX_REASON = 200  # characters of meshio's reason
 ABAQUS = ".inp"
 MOST_MEMBERS = 10_000_000  # of a set that a range makes
+MAKING = "NGEN NFILL NCOPY NMAP ELGEN ELCOPY SYSTEM".split()  # nodes and elements of others, or in axes of their own
 #: meshio's types of cells by family and number of nodes, whose order is meshio's too.
 FAMILIES = {
     "plane": {3: "triangle", 6: "triangle6", 4: "quad", 8: "quad8", 9: "quad9"},
@@ -218,6 +219,10 @@ class _Deck:
 
     def take(self, keyword: str, options: Mapping[str, str], lines: list[str]) -> None:
         """Take a card in; cards of other keywords have no part."""
+        placed = keyword == "NODE" and options.get("SYSTEM", "R").upper() != "R"
+        if lines and (placed or keyword in MAKING):  # a card SYSTEM without any ends what one did
+            cure = "write all nodes, at places along x, y and z, and all elements"
+            raise InputError(f"{self._received}: what a card {keyword} makes is not read; {cure}")
         if keyword == "NODE":
             self._take_nodes(options, lines)
         elif keyword == "ELEMENT":

@@ -150,12 +150,6 @@ class ControllerEntry(Table):
 Controller = Annotated[ControllerEntry, Found(CONTROLLERS)]
 
 
-def derivatives_read(scene: AnyScene, name: str) -> int:
-    """Return which derivative of places an output takes: 0 of places, 1 of speeds, 2 of accelerations."""
-    entry = scene.outputs[name]
-    return entry.derivative + max((derivatives_read(scene, one) for one in entry.made_in(scene)), default=0)
-
-
 def controller_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each entry of a controller that does not fit."""
     for name, one in scene.controllers.items():
@@ -190,7 +184,7 @@ def _measure(scene: AnyScene, entry: str, measured: str, needs_rate: bool) -> It
             measured,
         )
     else:
-        order = derivatives_read(scene, measured)
+        order = scene.outputs[measured].derivatives_in(scene)
         if order + needs_rate > 1:
             what = "accelerations" if order > 1 else "speeds, and its rate accelerations"
             cure = "measure a place, an angle or a speed" if order > 1 else "give a gain d a filter, or leave it out"

@@ -145,12 +145,15 @@ class OutputEntry(Table):
         """Whether it is the largest at many points: its history has kinks where another point takes over."""
         return any(scene.outputs[one].kinked_in(scene) for one in self.made_in(scene))
 
+    def derivatives_in(self, scene: AnyScene) -> int:
+        """Return which derivative of places it takes: 0 of places, 1 of speeds, 2 of accelerations."""
+        others = (scene.outputs[one].derivatives_in(scene) for one in self.made_in(scene))
+        return self.derivative + max(others, default=0)
+
     def jumps_in(self, scene: AnyScene) -> bool:
         """Whether it jumps with the forces of controllers that are sampled."""
-        others = [scene.outputs[one] for one in self.made_in(scene)]
-        order = self.derivative + max((one.derivative for one in others), default=0)
-        of_forces = order > 1 or not {"beside", "multipliers"}.isdisjoint(self.reads)
-        jumps = of_forces or any(one.jumps_in(scene) for one in others)
+        of_forces = self.derivatives_in(scene) > 1 or not {"beside", "multipliers"}.isdisjoint(self.reads)
+        jumps = of_forces or any(scene.outputs[one].jumps_in(scene) for one in self.made_in(scene))
         return jumps and any(one.sample_time for one in scene.controllers.values())
 
     def uses(self, scene: AnyScene, entry: str) -> Iterator[Use]:

@@ -71,6 +71,8 @@ def _place_problems(scene: AnyScene, entry: str, table: EffectEntry | OutputEntr
         fitting = joints_with(*table.joints, dimension=scene.dimension)
         yield from joint_problems(scene, f"{entry}.joint", table.joint, fitting)
         yield from motion_problems(scene, entry, table, table.joints)
+    elif table.joints and getattr(table, "motion", None) is not None:
+        yield problem(f"{entry}.motion", "without effect, as no joint is named; leave it out", table.motion)
     for key, ground_allowed in (("point", False), ("towards", True)):
         point = getattr(table, key, None)
         if point is not None:

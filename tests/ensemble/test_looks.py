@@ -1,6 +1,7 @@
 """Looks at ensembles that go on: the schedule, the level of intervals, the budget, and how often stops hold."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -11,6 +12,7 @@ from refusals import refusal
 from runs import paper_scene
 from scipy import stats
 
+from pgmp_petsc.base.units import MM, SI
 from pgmp_petsc.ensemble import stopping
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
@@ -123,9 +125,12 @@ def test_a_rule_that_is_not_met_says_what_was_reached(scene: Scene) -> None:
     assert not found.is_met and found.why == "these are all samples (-n 200)"
     half = 0.5 * np.ptp(found.intervals[0, -1]) / found.estimates[0, -1]
     assert found.reached[0, -1] == pytest.approx(half)
-    said = [remark.text for remark in stopping_remarks(found, 0.95)]
+    said = [remark.text for remark in stopping_remarks(found, 0.95, MM)]
     assert said[0].startswith(f'--until "{rule}" is not met: these are all samples (-n 200), and +- {100 * half:.3g} %')
     assert "96.28 %" in said[1]
+    lengths = replace(found, units=("m",), relative=np.zeros(1, dtype=bool))
+    reached = f"and +- {1e3 * lengths.reached[0, -1]:.3g} mm was reached"
+    assert reached in stopping_remarks(lengths, 0.95, MM)[0].text
     assert any("NOT MET" in line for line in found.lines())
 
 
@@ -146,7 +151,7 @@ def test_a_budget_ends_between_two_looks(scene: Scene, monkeypatch: pytest.Monke
     assert [seen.n for seen in history[:-1]] == [64, 128, 256, 512]
     found = stopping_of(stop, history, Plan(10**9, 0, is_limited=False), {})
     assert found.is_met and found.why == "the budget of 10 s is spent"
-    assert "another run may have another" in stopping_remarks(found, 0.95)[0].text
+    assert "another run may have another" in stopping_remarks(found, 0.95, SI)[0].text
     with h5py.File(tmp_path / "stopping.h5", "w") as file:
         found.put(file)
         file.flush()  # readers look at how large the file is

@@ -256,6 +256,12 @@ def test_few_samples_for_many_parameters_end_with_a_bound(d: int, n: int) -> Non
         one = rare_events.find(plane(d, float(norm.isf(1e-9))), d, n, seed)
         low, high = one.interval(0.95)
         assert one.limit_state.size <= n and low < 1e-9 < high
+
+    def steps(u: np.ndarray) -> np.ndarray:
+        assert len(u)  # as runs have it: samples that look for steps may leave none
+        return np.round(plane(d, 4.0)(u))
+
+    assert rare_events.find(steps, d, n, 1).limit_state.size <= n
     assert not rare_events._Chains(plane(2, 3.0), 1, 2, 7).weigh(
         np.ones((3, 2)), np.ones(3), np.arange(3), np.ones((0, 2)), 0.0, None
     )

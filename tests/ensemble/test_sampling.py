@@ -437,3 +437,10 @@ def test_bad_data_sets(uncertain: Scene, tmp_path: Path, content: dict, message:
             file[name] = values
     with pytest.raises(InputError, match=message):
         read_samples(tmp_path / "s.h5", uncertain, None)
+
+
+def test_a_drawn_parameter_is_held_in_the_units_of_the_scene(scene: Scene) -> None:
+    r1 = scene.parameters["r1"].model_copy(update={"unit": "m", "value": 5.1234567e-3})
+    in_mm = scene.with_entries(scene={"units": "mm"}, parameters={**scene.parameters, "r1": r1})
+    with pytest.raises(InputError, match=r"'parameters.r1=\{nominal=5.6, value=5.1234567\}'"):
+        sampling.refuse_drawn(in_mm, ["r1=5.1234567"])

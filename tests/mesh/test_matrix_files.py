@@ -68,6 +68,13 @@ def test_a_list_of_rows_says_where_they_belong(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found(read_matrix(tmp_path / "m.npz", "matrix"), rows=rows), MASS.toarray())
 
 
+@pytest.mark.parametrize("head", ["", "node,x,y\n", ",x,y\n", "# node x y\n"])
+@pytest.mark.parametrize("first", ["1", "1.0", "+1", "1.000e+00", "-1"])
+def test_a_first_line_of_numbers_is_a_node(head: str, first: str, tmp_path: Path) -> None:
+    (tmp_path / "n.csv").write_text(f"{head}{first},0,0\n2,1.0e+00,0\n")
+    assert read_nodes(tmp_path / "n.csv", 2, "nodes").labels.tolist() == [int(float(first)), 2]
+
+
 @pytest.mark.parametrize("mesh", [MESH, IN_SPACE], ids=["plane", "space"])
 @pytest.mark.parametrize("suffix", [".inp", ".csv", ".npz"])
 def test_every_file_of_nodes_has_the_same_nodes(mesh, suffix: str, tmp_path: Path) -> None:

@@ -216,7 +216,7 @@ def test_sets_of_element_cards(tmp_path: Path) -> None:
         ("", "", "*NSET, NSET=LEFT\n2\n*NSET, NSET=all\n Left, 5\n", {}, {"left": 2, "all": 3}),
         ("", ON_B, "", {"b": 1}, {}),
         (ON_A, ON_B, "*ELSET, ELSET=ba\nb\na\n", {"a": 1, "b": 1, "ba": 2}, {}),
-        ("", "", "*INCLUDE, INPUT=more.inp\n", {"most": 2}, {"bottom": 2}),
+        ("", "", "*SYSTEM\n*INCLUDE, INPUT=more.inp\n", {"most": 2}, {"bottom": 2}),
     ],
 )
 def test_sets_of_abaqus_in_pieces_of_others_and_included(
@@ -236,6 +236,8 @@ def test_sets_of_abaqus_in_pieces_of_others_and_included(
         ("*ELEMENT, TYPE=CPS4\n2, 1, 2, 5, 4\n", "element 2 is there twice"),
         ("*ELSET, ELSET=a\nb\n", 'a set is made from the set "b", which is not there before it'),
         ("*NSET, NSET=a, GENERATE\n1, 99999999999\n", "a set has 99999999999 members"),
+        ("*ELGEN\n1, 2, 1, 1\n", "what a card ELGEN makes is not read; write all nodes"),
+        ("*NODE, SYSTEM=C\n90, 1, 45\n", "what a card NODE makes is not read"),
         ("*INCLUDE, INPUT=none.inp\n", "INCLUDE = .*none.inp.*: no such file"),
         ("*INCLUDE, INPUT=plates.inp\n", "INCLUDE = .*plates.inp.*: the file includes itself"),
         ("*ELEMENT, TYPE=\n7, 1\n", "elements of type none, which are not known"),

@@ -94,6 +94,10 @@ bodies.crank.element='beam4d' -> = "beam4d": unknown; did you mean 'beam3d'? (al
 outputs.slider_position.axis='w' -> = "w": unknown (allowed: x, y, z)
 outputs.slider_position.axis='z' -> = "z": x or y is needed in the plane
 outputs.slider_position.axis=1 -> = 1: unknown (allowed: x, y, z)
+outputs.v={type="speed",point="rod:tip",axis="x",motion="turning"} -> outputs.v.motion = "turning": without effect, as \
+    no joint is named; leave it out
+effects.e={type="law",points=["rod:tip","ground:origin"],motion="turning",force="-s"} -> effects.e.motion = "turning": \
+    without effect, as no joint is named
 effects.motor=3 -> = 3: a table is needed
 bodies.rod.placement=3 -> = 3: a table is needed, with origin, angle
 effects.motor={} -> effects.motor.type: missing

@@ -95,6 +95,14 @@ def test_chains_are_derivatives_along_the_motion_of_a_reduced_model() -> None:
         np.testing.assert_allclose(at[2][name], wanted, rtol=0, atol=1e-8 if order == 1 else 3e-5, err_msg=name)
 
 
+def test_accelerations_jump_with_forces_whatever_they_are_made_of() -> None:
+    sampled = 'controllers.c={type="pid",joint="rail",measures="swing",gains={p=1.0},sample_time=2e-3}'
+    scene = cart(*CHAIN, sampled, "simulation.step=1e-3", "simulation.duration=0.02", 'outputs.f={type="rate",of="e"}')
+    found = {name for name, output in scene.outputs.items() if output.jumps_in(scene)}
+    assert found == {"a", "jolts", "turns", "twice", "e", "given", "f"}
+    assert not any(output.jumps_in(cart(*CHAIN)) for output in cart(*CHAIN).outputs.values())
+
+
 @needs_compiler
 @pytest.mark.usefixtures("short_tables")
 def test_chains_in_c(tmp_path: Path) -> None:
