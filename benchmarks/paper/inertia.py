@@ -45,5 +45,5 @@ def uncoupled(tables: ReducedTables, scheme: str) -> ReducedTables:
     derivative.
     """
     samples = tables.samples.axes[0]
-    slope = interpolant(samples, tables.mass[:, :, 0, 1:], scheme).slope(samples.theta)
+    slope = interpolant(samples, tables.mass[:, :, 0, 1:], scheme)(samples.theta, 0)
     return replace(tables, inertia=slope[:, :, None, None, :])

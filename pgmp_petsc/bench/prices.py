@@ -265,16 +265,16 @@ def quicker(found: Sequence[Prospect]) -> tuple[str, str]:
 def cheapest_from(offline: np.ndarray, online: np.ndarray) -> list[tuple[int, int]]:
     """Return from how many samples on which way is the cheapest: pairs of the number of samples and the way, beginning
     with one sample, of what ways take before and for each sample, shape (n,), s; of as cheap ones the first."""
-    n, pieces = 1, []
+    n, left, pieces = 1, np.arange(online.size), []
     while True:
-        now = int(np.lexsort((online, offline + n * online))[0])
+        now = int(left[np.lexsort((online[left], (offline + n * online)[left]))[0]])
         pieces.append((n, now))
-        cheaper = np.flatnonzero(online < online[now])
-        if not cheaper.size:
+        left = np.flatnonzero(online < online[now])
+        if not left.size:
             return pieces
         # where the lines cross: the first whole number of samples at which the cheaper one is
-        crossing = (offline[cheaper] - offline[now]) / (online[now] - online[cheaper])
-        n = int(np.floor(crossing.min())) + 1
+        crossing = (offline[left] - offline[now]) / (online[now] - online[left])
+        n = max(n, int(np.floor(crossing.min()))) + 1
 
 
 def amplitudes(scene: Scene, mechanism: Mechanism, n_modes: int) -> dict[str, int]:

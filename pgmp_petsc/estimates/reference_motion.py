@@ -227,7 +227,7 @@ def fill_path(states, tau, eta):
     Parameters
     ----------
     states
-        As of `ReferenceMotion`, shape (n, 4, n_samples, n_eta).
+        As of `ReferenceMotion`, shape (n, 3, n_samples, n_eta).
     tau
         Steps of the differences, shape (n, n_samples), s.
     eta

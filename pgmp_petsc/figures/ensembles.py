@@ -124,7 +124,7 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
     if len(block) > 1:
         axes.tick_params(labelbottom=False)
         block[1].sharex(axes)
-        difference = 100.0 * (heights[1] - heights[0]) / heights[0].max()
+        difference = 100.0 * (heights[1] - heights[0]) / (heights[0].max() or np.nan)  # constant: no peak
         block[1].fill_between(places, difference, color=colours[1], linewidth=0)
         block[1].axhline(0.0, color=style.QUIET, linewidth=0.8)
         block[1].set_ylabel("difference\n(% of peak)")

@@ -128,7 +128,7 @@ def draw_torque(axes: Axes, run: Trajectory, load: Load) -> str:
     scene, (name,) = style.scene_of(run.record), load.names
     entry, moved = scene["outputs"][name], scene["coordinates"]
     given = {one["coordinate"] for one in scene["effects"].values() if one["type"] == "prescribed_motion"}
-    wanted = entry.get("coordinate") or next(k for k in given if moved[k]["joint"] == entry["joint"])
+    wanted = entry.get("coordinate") or next(k for k in given if moved[k].get("joint") == entry["joint"])
     k = list(run.coordinate_units).index(wanted)
     speed = np.gradient(run.coordinates[:, k], run.time, edge_order=2)
     factor, unit = style.axis_unit(run.units.get(name, "1"), run.outputs[name])

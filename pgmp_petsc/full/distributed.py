@@ -32,7 +32,6 @@ from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.full.energy import energies_of
 from pgmp_petsc.full.forces import act
 from pgmp_petsc.full.kernel import count_turns, evaluate
-from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.full.parts import mass_on_diagonal
 from pgmp_petsc.full.problem import FullEquations, Sources
 from pgmp_petsc.full.rank_solver import RankSolver
@@ -60,7 +59,6 @@ class FullDistributed(FullSystem):
         sources = Sources(equations.loads, equations.actions, tuple(motions.values()))
         super().__init__(equations, comm, 1, sources, settled, built_in)
         self.rows, layout, self._problem = equations.rows, equations.layout, equations.problem
-        self._actions = Reference(self._problem.actions)
         n, n_all = layout.n_unknowns, layout.needed.size
         self._n, self._own = n, np.searchsorted(layout.needed, np.arange(self.rows.start, self.rows.stop))
         self._multipliers = n + np.flatnonzero(equations.owned_constraints)

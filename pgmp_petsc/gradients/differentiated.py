@@ -36,8 +36,9 @@ All outputs but stresses are smooth functions of poses and of displacements in b
 what outputs make of them and of the rigid kinematics is differentiated along the line (theta + h S_theta, u + h du/dp)
 by central differences, which cross no cells of the tables and close no loops but those that the outputs themselves ask
 for (`RigidKinematics.near`). Stresses have central differences along the whole line, and so has what reads rates,
-accelerations or parameters, in the cells that the run is in. Where outputs are polynomials of lengths through those of
-several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p + dL_p/dl y_p``."""
+accelerations or parameters, in the cells that the run is in; formulas of outputs have the chain rule. Where outputs are
+polynomials of lengths through those of several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p +
+dL_p/dl y_p``."""
 
 from __future__ import annotations
 
@@ -57,6 +58,8 @@ from pgmp_petsc.lanes.lane_items import eliminate
 from pgmp_petsc.models import LengthLanes, OutputRecord, ReducedModel
 from pgmp_petsc.models.lengths import blended
 from pgmp_petsc.models.reduced_statics import JointAngles
+from pgmp_petsc.outputs.of_outputs import FormulaOfOutputs
+from pgmp_petsc.outputs.outputs import in_order
 from pgmp_petsc.outputs.rainflow import counted_after, counted_changes
 from pgmp_petsc.scene.uses import offset_directions, velocity_names
 from pgmp_petsc.stepping.alpha_step import LENGTHS, WEIGHTS, First, first_accelerations, goes_on_resolved
@@ -465,6 +468,11 @@ class ObservedChanges:
         self._made_of = blended(shares, [member.outputs for member in self._members])
         self._made_of |= model.stressed(states, self._values)
         self.outputs = model.composed(self._made_of, times, self._values, times.size)  # each of shape (n_t,)
+        entries = {one: model.scene.outputs[one] for one in in_order(model.scene)}
+        self._combined = {
+            one: entry.combined(one, dict.fromkeys(entry.made_in(model.scene)), model.scene)
+            for one, entry in entries.items() if isinstance(entry, FormulaOfOutputs)
+        }  # fmt: skip
 
     def of(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
         """Return the derivatives of all outputs with a parameter, each (n_t,), for those of eta, its rates and
@@ -479,10 +487,18 @@ class ObservedChanges:
             for step in (far, -far)
         )
         stresses = {output: (ahead[output] - behind[output]) / (2.0 * far) for output in ahead}
-        found, model, value = found | stresses, self._model, self._values[name]
+        found = self._through_formulas(name, found | stresses)
+        for output, formula in self._combined.items():
+            exact = formula.change(name, self.outputs, found, self._times, self._values)
+            # the slope of a root at zero is infinite
+            found[output] = np.where(np.isfinite(exact), exact, found[output])
+        return found
+
+    def _through_formulas(self, name: str, found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return derivatives with those of formulas by differences along what they are made of."""
+        model, value = self._model, self._values[name]
         if not model.formulas:
             return found
-        # those of formulas by differences along what they are made of
         sizes = {one: np.abs(values).max() for one, values in self._made_of.items()}
         shares = [np.full((1, self._times.size), 1.0 / abs(value) if value else 0.0)]
         shares += [np.abs(np.atleast_2d(found[one])) / size for one, size in sizes.items() if size]

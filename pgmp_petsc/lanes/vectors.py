@@ -174,21 +174,6 @@ def spread(typing, x):
     return vector(types.float64), lambda context, builder, sig, args: spread_number(builder, args[0])
 
 
-def _unary(name: str) -> Callable:
-    @intrinsic
-    def function(typing, x):
-        def build(context, builder, sig, args):
-            of = ir.FunctionType(DOUBLES, [DOUBLES])
-            return builder.call(cgutils.get_or_insert_function(builder.module, of, f"llvm.{name}.v{LANES}f64"), args)
-
-        return vector(vector), build
-
-    return function
-
-
-floor, absolute = _unary("floor"), _unary("fabs")
-
-
 @intrinsic
 def larger(typing, x, y):
     """Return the larger of two numbers in every lane, NaN where the first one is."""

@@ -140,8 +140,6 @@ FEATURES = (
         cure='give it a number (--override), or leave reduction.effects = "auto" out',
     ),
     Feature(_reduction("second_order"), OF_THE_REDUCTION, third_derivative=True),
-    Feature(_reduction("sampling_tolerance"), OF_THE_REDUCTION),
-    Feature(_reduction("tolerance"), OF_THE_REDUCTION),
     Feature(
         lambda scene: _given("simulation.tolerance", scene.simulation.tolerance),
         EVERYWHERE - {Purpose.MODES},

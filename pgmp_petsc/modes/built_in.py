@@ -139,14 +139,8 @@ class BuiltIn:
     def _pairs(self) -> dict[tuple[int, int], list[StatementRows]]:
         """The constraints about no offset, with two offsets of one joint forwards or backwards, by their numbers; those
         of different joints add up."""
-        joints = [
-            {
-                joint
-                for joint, entry in self._scene.joints.items()
-                if entry.offset is not None and entry.offset.has(name)
-            }
-            for name in self._by
-        ]
+        entries = {joint: entry.offset for joint, entry in self._scene.joints.items() if entry.offset is not None}
+        joints = [{joint for joint, offset in entries.items() if offset.has(name)} for name in self._by]
         found = {}
         for i, j in zip(*np.tril_indices(self.n)):
             if joints[i] & joints[j]:

@@ -23,7 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.vectors import N_POWERS, absolute, blend, exceeding, floor, larger, load, number_at, spread, store
+from pgmp_petsc.lanes.lane_items import absolute, floor
+from pgmp_petsc.lanes.vectors import N_POWERS, blend, exceeding, larger, load, number_at, spread, store
 from pgmp_petsc.reduction.cell_products import N_ROWS, OVERHAUSER, Axis, count_rows, stencil
 from pgmp_petsc.reduction.interpolation import Interpolant
 

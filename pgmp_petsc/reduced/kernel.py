@@ -12,11 +12,11 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import absolute
 from pgmp_petsc.lanes.vectors import (
     EVERY_LANE,
     LANES,
     N_POWERS,
-    absolute,
     add,
     add_product,
     add_to_row,

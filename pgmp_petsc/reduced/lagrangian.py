@@ -431,7 +431,7 @@ def load_powers(
     """Return each effect's power per unit amplitude, ``Q.eta' + sum_k theta_k' (d_k Q_delta).delta``, shape (n,), W."""
     tables, r, n_eta = terms.tables, terms.tables.n_coordinates, terms.layout.n_eta
     theta, delta, rate = q[:, :r], np.ascontiguousarray(q[:, r:]), np.ascontiguousarray(v[:, r:])
-    load, slopes = terms.load(theta), [terms.load.slope(theta, k) for k in range(r)]
+    load, slopes = terms.load(theta), [terms.load(theta, k) for k in range(r)]
     power = np.einsum("nli,ni->ln", load[:, :, :n_eta], v)
     for k, slope in enumerate(slopes):
         power += v[:, k] * np.einsum("nli,ni->ln", slope[:, :, r:n_eta], delta)

@@ -269,12 +269,16 @@ class ReducedSystem(SecondOrderSystem):
 
         In the rows of prescribed coordinates it is the force (N m) that drives them.
         """
-        return self.residuals_at(np.full(self.n_samples, time), state)
+        return self.residuals_at(np.full(self.n_samples, time), state, self._amplitudes(np.array([time])))
 
-    def residuals_at(self, times: np.ndarray, state: State) -> np.ndarray:
-        """Return the residuals of samples that are each at a time of its own, (n_samples,), s; see `residual`."""
-        everyone, strengths = np.ones(self.n_samples, dtype=bool), self._strengths.over(times)
-        self._known(times[:1], np.array([[state.q, state.v]]), everyone, amplitudes=strengths.actions[None])
+    def residuals_at(self, times: np.ndarray, state: State, amplitudes: np.ndarray | None = None) -> np.ndarray:
+        """Return the residuals of samples that are each at a time of its own, (n_samples,), s; see `residual`.
+
+        Amplitudes of the actions are those of the times, or given, (1, 1 or n_samples, n_actions).
+        """
+        strengths = self._strengths.over(times)
+        given = strengths.actions[None] if amplitudes is None else amplitudes
+        self._known(times[:1], np.array([[state.q, state.v]]), amplitudes=given)
         result = np.empty_like(state.q)
         parts = tuple(np.ascontiguousarray(part) for part in _parts(state))  # one layout, one compiled function
         evaluate_residual(*self._passed, self._lanes.packed(strengths.loads.T), parts, result)
@@ -340,7 +344,9 @@ class ReducedSystem(SecondOrderSystem):
                 )
                 many.put_forces(np.tile(own, (k, 1)))
             state = State(*np.moveaxis(trail[some], 1, 0).reshape(3, k * n, -1), np.zeros(0))
-            found[some] = many.residuals_at(np.repeat(times[some], n), state).reshape(k, n, -1)
+            acting = np.broadcast_to(self._amplitudes(times[some]), (k, n, len(self._actions.actions)))
+            acting = acting.reshape(1, k * n, acting.shape[2])
+            found[some] = many.residuals_at(np.repeat(times[some], n), state, acting).reshape(k, n, -1)
         return found
 
     @property
@@ -461,17 +467,22 @@ class ReducedSystem(SecondOrderSystem):
         n_samples, 3, n_actions), as of `act`. Amplitudes are those of the times, or given, (n_t, 1 or n_samples,
         n_actions)."""
         lanes = self._lanes.sets(np.ones(self.n_samples, dtype=bool) if active is None else active)
-        actions = self._actions.actions
-        found = np.zeros((times.size, self.n_samples, 3, len(actions)))
+        found = np.zeros((times.size, self.n_samples, 3, len(self._actions.actions)))
         if found.size:
-            given = amplitudes_over(actions, times)[:, None] if amplitudes is None else amplitudes
-            if self.beside is not None and not self.beside.iterates:
-                given = np.repeat(given, self.n_samples // given.shape[1], axis=1)
-                given[:, :, self._led] += self.beside.forces(times)
+            given = self._amplitudes(times) if amplitudes is None else amplitudes
             act_on(
                 *self._passed, self._lanes.packed_over(given), np.ascontiguousarray(trail), lanes, gain_v,
                 np.bool_(with_tangent), found,
             )  # fmt: skip
+        return found
+
+    def _amplitudes(self, times: np.ndarray) -> np.ndarray:
+        """Return the amplitudes of the actions at times (n_t,), forces of controllers with them, (n_t, 1 or n_samples,
+        n_actions)."""
+        found = amplitudes_over(self._actions.actions, times)[:, None]
+        if self.beside is not None and not self.beside.iterates:
+            found = np.repeat(found, self.n_samples, axis=1)
+            found[:, :, self._led] += self.beside.forces(times)
         return found
 
 

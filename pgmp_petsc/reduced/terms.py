@@ -145,7 +145,7 @@ class ReducedTerms:
         if tables.second_order is not None:
             bent, changes = tables.second_order, tables.changes
             parts.append(_spread(pack_cubic(bent.cubic), tables.stiffness_weights, weights))
-            swing, gyroscopic = pack(swing_of(tables, scheme)), pack_skew(changes.gyroscopic)
+            swing, gyroscopic = pack(swing_of(tables, scheme)), pack(changes.gyroscopic, -1)
             # pairs of rigid coordinates, or these, one after the other
             for part in (swing, gyroscopic, pack(bent.curved_mass)):
                 side_by_side = part.reshape(*part.shape[:2], math.prod(part.shape[2:]))
@@ -205,7 +205,7 @@ def coupling_of(tables: ReducedTables, scheme: str) -> np.ndarray:
     """
     r, at = tables.n_coordinates, tables.samples.theta
     block = interpolant(tables.samples, np.ascontiguousarray(tables.mass[:, :, :r, r:]), scheme)
-    slopes = [block.slope(at, k) for k in range(r)]
+    slopes = [block(at, k) for k in range(r)]
     pairs = [
         0.5 * (slopes[j][:, :, k] + slopes[k][:, :, j]) - tables.inertia[:, :, k, j]
         for k in range(r)
@@ -224,7 +224,7 @@ def swing_of(tables: ReducedTables, scheme: str) -> np.ndarray:
     swing = bent.curved_inertia - tables.changes.spread
     if bent.curved_mass.shape[2]:
         momenta = interpolant(tables.samples, bent.curved_mass, scheme)
-        slopes = [momenta.slope(at, k) for k in range(r)]
+        slopes = [momenta(at, k) for k in range(r)]
         for pair, (k, j) in enumerate(zip(*np.tril_indices(r))):
             swing[:, :, pair] -= 0.5 * (slopes[j][:, :, k] + slopes[k][:, :, j])
     return swing
@@ -237,15 +237,9 @@ def _spread(table: np.ndarray, own: tuple[Monomial, ...], weights: tuple[Monomia
     return result
 
 
-def pack(matrices: np.ndarray) -> np.ndarray:
-    """Pack symmetric matrices (..., n, n) as lower triangles row by row."""
-    rows, columns = np.tril_indices(matrices.shape[-1])
-    return np.ascontiguousarray(matrices[..., rows, columns])
-
-
-def pack_skew(matrices: np.ndarray) -> np.ndarray:
-    """Pack skew matrices (..., n, n) as strict lower triangles row by row."""
-    rows, columns = np.tril_indices(matrices.shape[-1], -1)
+def pack(matrices: np.ndarray, diagonal: int = 0) -> np.ndarray:
+    """Pack symmetric matrices (..., n, n) as lower triangles row by row, skew ones up to the diagonal -1."""
+    rows, columns = np.tril_indices(matrices.shape[-1], diagonal)
     return np.ascontiguousarray(matrices[..., rows, columns])
 
 

@@ -20,7 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, floor, load, store
+from pgmp_petsc.lanes.lane_items import floor
+from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, load, store
 
 N_ROWS = 4
 OVERHAUSER, B_SPLINE = 0, 1

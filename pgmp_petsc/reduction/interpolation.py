@@ -63,10 +63,6 @@ class Interpolant:
         _add_rows(self._points(theta), self.axes, derivative, table, result)
         return result.reshape(len(theta), *self.shape)
 
-    def slope(self, theta: np.ndarray, coordinate: int = 0) -> np.ndarray:
-        """Return the derivative with one of the coordinates, shape (k, ...)."""
-        return self(theta, coordinate)
-
     def product(self, theta: np.ndarray, vectors: np.ndarray, derivative: int = -1) -> np.ndarray:
         """Return factors (k, n_in) times the values at theta, matrices of shape (n_in, n_out); shape (k, n_out).
 

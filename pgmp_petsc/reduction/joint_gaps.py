@@ -116,8 +116,8 @@ class JointGaps(Record):
         m, r = both.spread.shape[-1] - self.rows.size, both.gyroscopic.shape[2]
         inertia, spread = interpolant(samples, self.mass[..., -m:], scheme), both.spread[..., m:, :m].copy()
         for pair, (k, j) in enumerate(zip(*np.tril_indices(r))):
-            slope = interpolant(samples, inertia.slope(samples.theta, k), scheme)
-            spread[:, :, pair] -= 0.5 * slope.slope(samples.theta, j)
+            slope = interpolant(samples, inertia(samples.theta, k), scheme)
+            spread[:, :, pair] -= 0.5 * slope(samples.theta, j)
         return replace(self, gyroscopic=both.gyroscopic[..., m:, :m], spread=spread)
 
     def of_rows(self, rows: np.ndarray) -> JointGaps:

@@ -143,7 +143,7 @@ def mode_changes(
     """
     mechanism, r = kinematics.mechanism, kinematics.n_coordinates
     over = interpolant(samples, projection, scheme)
-    slopes = np.array([over.slope(samples.theta, k) for k in range(r)])
+    slopes = np.array([over(samples.theta, k) for k in range(r)])
     bodies = [(body.dofs, inertia_moments(body)) for body in mechanism.bodies]
     n, _, m = projection.shape
     own = m - n_given

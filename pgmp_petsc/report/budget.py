@@ -418,8 +418,9 @@ def _of_ensemble(source: Source, several: bool, error: ModelError | None, stops:
         if s is None or not s.count:
             continue
         mean, factor, unit = mean_of(source, name)
-        if s.constant:
-            yield [f"{ahead}{name} at the end is constant: ", *mean, f"{unit}."]
+        if s.constant or not s.probabilities.size:
+            what = "is constant: " if s.constant else "has the mean "
+            yield [f"{ahead}{name} at the end {what}", *mean, f"{unit}."]
             continue
         place = Place(source.name, f"/statistics/{name}")
         low, high = int(np.argmin(s.probabilities)), int(np.argmax(s.probabilities))

@@ -313,7 +313,7 @@ def _distributions(scene: Mapping[str, Any], ensembles: Sequence[Source]) -> Ite
                 level = None
             if which and level is None:
                 known = (ensemble.statistics.get(one, s) for one in (name, output))
-                if np.ptp(values) < HARDLY * max(np.abs(one.quantiles).max() for one in known):
+                if np.ptp(values) < HARDLY * max(np.abs(one.quantiles).max(initial=0.0) for one in known):
                     continue
             unit = ensemble.units.get(name, "1")
             found = charts.distribution(name, unit, values, ensemble.model, level, lost, of_input)
@@ -346,8 +346,9 @@ def _sizing(run: Source, ensembles: Sequence[Source]) -> Table:
     source = next((one for one in ensembles if one.result.extremes), None)
     head = ["output", "joint", "largest in the run"]
     if source is not None:
-        beyond = 100.0 * (1.0 - max(next(iter(source.result.statistics.values())).probabilities))
-        head += ["largest in samples, mean", f"exceeded in {beyond:.3g} %", "probability", "which parameter decides it"]
+        highest = sorted(next(iter(source.result.statistics.values())).probabilities)[-1:]
+        exceeded = [f"exceeded in {100.0 * (1.0 - p):.3g} %" for p in highest] or ["no quantile"]
+        head += ["largest in samples, mean", *exceeded, "probability", "which parameter decides it"]
     for name, entry in outputs_of(run.result, OF_JOINTS).items():
         values = run.result.outputs[name]
         most = int(np.argmax(np.abs(values)))
@@ -378,9 +379,10 @@ def _over_samples(source: Source, name: str, negative: bool) -> list[Sentence]:
     mean, factor, unit = mean_of(source, which)
     if s.constant:
         return [[*mean, unit], ["constant"], [], []]
-    k = int(np.argmin(s.probabilities) if negative else np.argmax(s.probabilities))
-    place = Place(source.name, f"/statistics/{which}")
-    high = place.figure("quantiles", s.quantiles[k], "quantile_intervals", s.quantile_intervals[k], factor, str(k))
+    place, high = Place(source.name, f"/statistics/{which}"), []
+    if s.probabilities.size:
+        k = int(np.argmin(s.probabilities) if negative else np.argmax(s.probabilities))
+        high = place.figure("quantiles", s.quantiles[k], "quantile_intervals", s.quantile_intervals[k], factor, str(k))
     chances: list[str | Datum | Interval] = []
     for label, event in scene_of(source.record).get("ensemble", {}).get("probabilities", {}).items():
         chance = ensemble.probabilities.get(label)
@@ -394,7 +396,7 @@ def _over_samples(source: Source, name: str, negative: bool) -> list[Sentence]:
         for j in shown[:MOST_DECIDING]:
             share = Datum(found.first[j], f"{100 * found.first[j]:.0f} %", source.name, f"/sobol/{which}/S1", str(j))
             decided += [", " if decided else "", f"{found.parameters[j]} ", share]
-    figures = [[figure[0], unit, *figure[1:]] for figure in (mean, high)]
+    figures = [[figure[0], unit, *figure[1:]] if figure else [] for figure in (mean, high)]
     return [*figures, chances, decided or ["not known" if found is None else "none by itself"]]
 
 
@@ -528,8 +530,9 @@ def _commands(sources: Sequence[Source]) -> list[str]:
             continue
         model = {"full": "scene.toml --full", "components": components}.get(result.model, rom)
         if isinstance(result, Ensemble):
-            seed = "" if result.record.seed is None else f" --seed {result.record.seed}"
-            found.append(f"pgmp montecarlo {model} -n {len(result.status)}{seed} -o {target}")
+            seed = result.record.seed
+            asked = "--samples SAMPLES.csv" if seed is None else f"-n {len(result.status)} --seed {seed}"
+            found.append(f"pgmp montecarlo {model} {asked} -o {target}")
         elif isinstance(result, RareEvent):
             asked = f"-n {result.asked} --seed {result.record.seed} --rare {shlex.quote(result.text or 'EVENT')}"
             found.append(f"pgmp montecarlo {model} {asked} -o {target}")

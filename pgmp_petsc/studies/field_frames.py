@@ -263,8 +263,7 @@ def _modes(model: ReducedModel, theta: np.ndarray) -> tuple[np.ndarray, np.ndarr
     try:
         values, vectors = eigh(stiffness * scale * scale[:, None], mass * scale * scale[:, None])
     except LinAlgError as error:
-        place = ", ".join(f"{c.name} = {angle:g}" for c, angle in zip(model.kinematics.coordinates, theta))
-        why = f"--at {place}: the interpolated mass matrix is not positive definite there"
+        why = f"--at {words_of(model.kinematics.coordinates, theta)}: the interpolated mass matrix is not positive definite there"
         raise InputError(f"{why}; build with {smoother(scheme)}, or take a sampled angle") from error
     n_rigid = free.size + tables.unstrained.size
     return np.sqrt(np.maximum(values[n_rigid:], 0.0)) / (2.0 * np.pi), scale[:, None] * vectors[:, n_rigid:]

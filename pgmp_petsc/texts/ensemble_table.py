@@ -83,7 +83,7 @@ def _quantiles(ensemble: Ensemble) -> Iterator[str]:
     known = [(name, ensemble.statistics[name]) for name in ensemble.outputs]
     bounded = [name for name, s in known if failed and np.isfinite(s.quantile_bounds).any()]
     known = [(name, s) for name, s in known if name in bounded or (s.count and not s.constant)]
-    if known:
+    if known and known[0][1].probabilities.size:
         yield f"  quantiles at the end, {_percent(known[0][1].confidence)} intervals of sampling"
     for name, s in known:
         factor, unit = _unit(ensemble, name)

@@ -317,6 +317,7 @@ def test_many_effects_are_told_apart():
 REFUSED = [
     (lambda: energies(synthetic.trajectory()), "holds no energies"),
     (lambda: frequency_maps(synthetic.modes_table()), "two coordinates, the table has 1"),
+    (lambda: frequencies([planar_table(n_modes=0, reduced=None)]), "no flexible modes"),
     (lambda: coordinate_path(synthetic.trajectory()), "two coordinates, the run has 1"),
     (
         lambda: portraits.portrait(synthetic.trajectory(n_frames=0), portraits.Portrait("", "crank_angle")),

@@ -5,10 +5,10 @@ import pytest
 from numpy.polynomial import polynomial as series
 
 from pgmp_petsc.lanes.compiled import njit
+from pgmp_petsc.lanes.lane_items import absolute, floor
 from pgmp_petsc.lanes.vectors import (
     LANES,
     N_POWERS,
-    absolute,
     aligned_zeros,
     blend,
     count_lanes,
@@ -16,7 +16,6 @@ from pgmp_petsc.lanes.vectors import (
     equal,
     exceeding,
     first_lane,
-    floor,
     larger,
     load,
     load_rows,

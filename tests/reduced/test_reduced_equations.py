@@ -29,7 +29,6 @@ from pgmp_petsc.reduced.terms import (
     grid_of,
     pack,
     pack_cubic,
-    pack_skew,
 )
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -104,7 +103,7 @@ def terms_of(
     parts = [pack(tables.mass), coupling, pack(tables.stiffness)]
     if second:
         cubic, swing, skew, momenta, bent = of_second_order(grid.theta)
-        across = pack(swing), pack_skew(skew), pack(driven * momenta)
+        across = pack(swing), pack(skew, -1), pack(driven * momenta)
         parts += [pack_cubic(cubic), *(part.reshape(n, 1, -1) for part in across)]
         load = np.concatenate([load, pack(bent)], axis=2)
     else:
@@ -448,11 +447,13 @@ def test_loads_are_absent_where_the_scene_has_none() -> None:
 
 def test_the_slope_of_the_rigid_inertia_is_twice_velocity_times_acceleration(rom: ReducedOrderModel) -> None:
     scene, step = slider_crank(), 1e-4
-    weights, slope = rom.tables.mass_weights, rigid_of(rom).slope
+    weights, inertia = rom.tables.mass_weights, rigid_of(rom)
     for theta in (0.3, 2.0, 4.4):
         ahead, behind = direct_inertia(scene, theta + step), direct_inertia(scene, theta - step)
         expected = np.array([(ahead[w] - behind[w]) / (2 * step) for w in weights])
-        np.testing.assert_allclose(slope(np.array([theta]))[0, :, 0], expected, rtol=0, atol=1e-7 * max(ahead.values()))
+        np.testing.assert_allclose(
+            inertia(np.array([theta]), 0)[0, :, 0], expected, rtol=0, atol=1e-7 * max(ahead.values())
+        )
 
 
 @pytest.mark.parametrize("angles", [9, 24, 60])

@@ -56,11 +56,11 @@ def random_table(n: int, *shape: int) -> np.ndarray:
 
 def errors(samples: Samples, scheme: str, exact=smooth, slope=smooth_slope, theta: np.ndarray = THETA) -> np.ndarray:
     found = interpolant(samples, exact(samples.theta), scheme)
-    return np.array([np.abs(found(theta) - exact(theta)).max(), np.abs(found.slope(theta) - slope(theta)).max()])
+    return np.array([np.abs(found(theta) - exact(theta)).max(), np.abs(found(theta, 0) - slope(theta)).max()])
 
 
 def values_and_slopes(interpolated: Interpolant, theta: np.ndarray) -> np.ndarray:
-    return np.stack([interpolated(theta), interpolated.slope(theta)])
+    return np.stack([interpolated(theta), interpolated(theta, 0)])
 
 
 @pytest.mark.parametrize("periodic", PERIODIC)
@@ -111,7 +111,7 @@ def test_a_spline_of_uniform_samples_is_exact(periodic: bool, n: int) -> None:
     # to 1e-13 of values and slopes, but for the round-off of scipy's own
     np.testing.assert_allclose(found(THETA), expected(THETA), rtol=0, atol=1e-13 * np.abs(expected(THETA)).max())
     slopes = expected(THETA, 1)
-    np.testing.assert_allclose(found.slope(THETA), slopes, rtol=0, atol=1e-13 * max(1.0, np.abs(slopes).max()))
+    np.testing.assert_allclose(found(THETA, 0), slopes, rtol=0, atol=1e-13 * max(1.0, np.abs(slopes).max()))
 
 
 @pytest.mark.parametrize("periodic", PERIODIC)
@@ -124,7 +124,7 @@ def test_the_slope_is_the_derivative_of_the_interpolant(periodic: bool, scheme: 
     theta = axis.lower + axis.step * (cells[:, None] + np.array([0.01, 0.3, 0.5, 0.9, 0.99])).ravel()
     difference = (found(theta + step) - found(theta - step)) / (2 * step)
     # a cubic's central difference errs by step^2 times its third derivative over 6; round-off by 1e-16 over the step
-    np.testing.assert_allclose(found.slope(theta), difference, rtol=0, atol=1e-5 if axis.n < 10 else 1e-7)
+    np.testing.assert_allclose(found(theta, 0), difference, rtol=0, atol=1e-5 if axis.n < 10 else 1e-7)
 
 
 @pytest.mark.parametrize("n", [3, 4, 7])
@@ -133,7 +133,7 @@ def test_quadratics_are_exact_up_to_the_ends_of_a_range(n: int) -> None:
     theta = np.linspace(-1.0, 2.0, 61)
     found = interpolant(samples, 2.0 - 3.0 * samples.theta + 0.5 * samples.theta**2, "overhauser")
     np.testing.assert_allclose(found(theta), 2.0 - 3.0 * theta + 0.5 * theta**2, atol=1e-13)
-    np.testing.assert_allclose(found.slope(theta), -3.0 + theta, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found(theta, 0), -3.0 + theta, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_cubics_are_exact_up_to_the_ends_of_a_range(scheme: str, samples: Sample
     found = interpolant(samples, cubic(samples.theta), scheme)
     np.testing.assert_allclose(found(theta), cubic(theta), rtol=0, atol=1e-12)
     # of the fine grid, round-off over its step
-    np.testing.assert_allclose(found.slope(theta), cubic.deriv()(theta), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(found(theta, 0), cubic.deriv()(theta), rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("n", [7, 8])
@@ -169,7 +169,7 @@ def test_the_tangent_at_a_sample_is_the_central_difference() -> None:
     # (20) of the paper is misprinted: its tangent would scale with the step
     samples, table = uniform(10, periodic=True), random_table(10)
     central = (np.roll(table, -1) - np.roll(table, 1)) / (2 * step_of(samples))
-    slope = interpolant(samples, table, "overhauser").slope(samples.theta)
+    slope = interpolant(samples, table, "overhauser")(samples.theta, 0)
     np.testing.assert_allclose(slope, central, rtol=0, atol=1e-11)
 
 
@@ -241,7 +241,7 @@ def test_products_are_of_the_values(scheme: str, periodic: bool) -> None:
     tolerance = 1e-13 * (1.0 + np.abs(expected).max())
     np.testing.assert_allclose(found.product(theta, factors), expected, rtol=0, atol=tolerance)
     np.testing.assert_array_equal(found.product(theta, vectors), found.product(theta, factors))
-    expected = np.einsum("ki,kij->kj", factors, found.slope(theta))
+    expected = np.einsum("ki,kij->kj", factors, found(theta, 0))
     tolerance = 1e-13 * (1.0 + np.abs(expected).max())
     np.testing.assert_allclose(found.product(theta, vectors, 0), expected, rtol=0, atol=tolerance)
 

@@ -203,10 +203,13 @@ def test_a_probability_within_the_model_error_has_no_figure_in_the_verdict(tmp_p
 SIZED = tables("""
 joints.pin: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
 coordinates.theta: joint = "pin"
+coordinates.reach: points = ["ground:origin", "rod:tip"]
+effects.out: type = "prescribed_motion"; coordinate = "reach"
 effects.drive: type = "prescribed_motion"; coordinate = "theta"
 outputs.pin_x: type = "joint_force"; joint = "pin"; component = "x"
 outputs.pin_y: type = "joint_force"; joint = "pin"; component = "y"
 outputs.motor: type = "drive_torque"; coordinate = "theta"
+outputs.hold: type = "drive_torque"; joint = "pin"
 outputs.stress: type = "stress"; body = "rod"
 outputs.damage: type = "rainflow"; of = "stress"
 ensemble.probabilities.late: output = "pin_x"; above = 5.0; when = "ever"
@@ -217,8 +220,16 @@ def test_what_parts_are_sized_by(tmp_path: Path) -> None:
     """Forces as polar diagrams, torque over speed, cycles, and which joint carries how much, decided by what."""
     run = synthetic.trajectory("reduced")
     wave = np.sin(3.0 * run.time)
-    forces = {"pin_x": 3e3 * wave, "pin_y": -4e3 * wave**2, "motor": 7.0 * wave, "stress": 1e6 * wave}
-    units = run.units | {"pin_x": "N", "pin_y": "N", "motor": "N m", "stress": "Pa", "damage": "1", "theta": "rad"}
+    forces = {"pin_x": 3e3 * wave, "pin_y": -4e3 * wave**2, "motor": 7.0 * wave, "stress": 1e6 * wave, "hold": wave}
+    units = run.units | {
+        "pin_x": "N",
+        "pin_y": "N",
+        "motor": "N m",
+        "hold": "N m",
+        "stress": "Pa",
+        "damage": "1",
+        "theta": "rad",
+    }
     record = replace(run.record, scene_toml=run.record.scene_toml + SIZED)
     outputs = run.outputs | forces | {"damage": run.time}
     run = replace(run, record=record, outputs=outputs, units=units, coordinate_units={"theta": "rad"})
@@ -242,7 +253,7 @@ def test_what_parts_are_sized_by(tmp_path: Path) -> None:
     ).write(tmp_path / "many.h5")
     tree = page_of(tmp_path / "run.h5", tmp_path / "many.h5")
     titles = [words(item) for item in tree.iter("figcaption")]
-    assert {"pin (kN), polar", "motor over speed", "stress, rainflow matrix"} <= set(titles)
+    assert {"pin (kN), polar", "motor over speed", "hold over speed", "stress, rainflow matrix"} <= set(titles)
     heads = next([words(cell) for cell in row] for row in tree.iter("tr") if "largest in the run" in words(row))
     assert heads[3:] == ["largest in samples, mean", "exceeded in 5 %", "probability", "which parameter decides it"]
     rows = {words(row[0]): [words(cell) for cell in row] for row in tree.iter("tr") if len(row) == len(heads)}
@@ -251,6 +262,20 @@ def test_what_parts_are_sized_by(tmp_path: Path) -> None:
     assert x[5] == "P(late) = 5.26 % [1, 20]" and x[6] == "r1 70 %, push 20 %"
     assert y[2].startswith("-4 kN at ") and y[4].startswith("2.91 kN [") and y[5:] == ["", "none by itself"]
     assert motor[1] == "theta" and motor[5:] == ["", "not known"]
+    assert_stored(tmp_path, tree)
+
+    # an ensemble that was asked for no quantiles
+    read = Ensemble.read(tmp_path / "many.h5")
+    cut = ("probabilities", "quantiles", "quantile_intervals", "quantile_bounds")
+    bare = {name: replace(s, **{of: getattr(s, of)[:0] for of in cut}) for name, s in read.statistics.items()}
+    known = {name: of for name, of in read.outputs.items() if name in bare}
+    few = replace(read, statistics=bare, probabilities={})
+    few.write(tmp_path / "few.h5")
+    tree = page_of(tmp_path / "run.h5", tmp_path / "few.h5")
+    rows = {words(row[0]): [words(cell) for cell in row] for row in tree.iter("tr") if len(row) == len(heads)}
+    assert rows["output"][4] == "no quantile" and rows["pin_x"][3:5] == [x[3], ""]
+    assert "crank_angle at the end has the mean " in words(verdict_of(tree))
+    assert not any("quantiles at the end" in line for line in lines_of(replace(few, outputs=known)))
     assert_stored(tmp_path, tree)
 
 
@@ -696,3 +721,11 @@ def test_steps_of_a_run_on_another_mesh_are_not_said_once_more(monkeypatch: pyte
     assert [source for source, _ in budget.step_errors([own, other])] == [own]
     _, simulate, run_again = _commands([own, other])
     assert simulate.startswith("pgmp simulate scene.toml --full") and run_again.endswith("another mesh, here other.h5")
+
+
+@pytest.mark.parametrize(("seed", "asked"), [(3, "-n 20 --seed 3"), (None, "--samples SAMPLES.csv")])
+def test_commands_draw_the_same_samples(seed: int | None, asked: str) -> None:
+    """Those of a file have no seed."""
+    many = synthetic.ensemble("full", 20)
+    source = Source("many.h5", replace(many, record=replace(many.record, seed=seed)), "", Path("many.h5"))
+    assert _commands([source])[1] == f"pgmp montecarlo scene.toml --full {asked} -o many.h5"

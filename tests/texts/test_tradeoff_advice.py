@@ -6,6 +6,7 @@ import numpy as np
 import synthetic
 
 from pgmp_petsc.bench.advice import Sizes, advise, cheapest, envelope
+from pgmp_petsc.bench.prices import cheapest_from
 from pgmp_petsc.results.tradeoff import MeshErrors, Tradeoff, pareto_front
 from pgmp_petsc.texts.studies import WIDTH, shown_rows, summary
 
@@ -43,6 +44,13 @@ def test_from_how_many_samples_on_a_build_pays() -> None:
         "1 % in every output: below 126 samples take full order, 1 ms; from 126 samples on, take reduced, 7 + 1 "
         "modes, 48 angles, spline, 2 ms."
     )
+
+
+def test_ways_that_cost_the_same_at_a_whole_number_of_samples() -> None:
+    """2.2 + 0.25 n and 2.9 + 0.24 n at n = 70, and 0.2 + 0.22 n and 0.8 + 0.21 n at 60, as far as numbers tell."""
+    assert cheapest_from(np.array([2.2, 2.9000000000000004]), np.array([0.25, 0.24])) == [(1, 0), (70, 1)]
+    offline, online = np.array([0.2, 1.2000000000000002, 0.8]), np.array([0.22, 0.22, 0.21])
+    assert cheapest_from(offline, online) == [(1, 0), (60, 2)]
 
 
 def test_a_surface_goes_through_runs_of_the_reference() -> None:

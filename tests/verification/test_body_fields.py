@@ -255,5 +255,5 @@ def test_a_mode_where_the_interpolated_mass_is_none_is_refused() -> None:
     mass[..., 1, 2] = mass[..., 2, 1] = 10.0 * np.abs(mass).max()
     broken = copy(model)
     broken.rom = replace(model.rom, tables=replace(model.rom.tables, mass=mass))
-    with pytest.raises(InputError, match="--at theta = 0.7: the interpolated mass matrix is not positive definite"):
+    with pytest.raises(InputError, match="--at theta = 0.7 rad: the interpolated mass matrix is not positive definite"):
         mode_shape(broken, 1, {"theta": 0.7})
