@@ -92,7 +92,11 @@ class RigidKinematics:
         if branch is None and (over_range or self.n_coordinates <= MOST_FOLLOWED):
             self.branch = self._continued()
         if self.branch is None:
-            self._walk, self.n_redundant = self._started()
+            near = self._closure.closed_freely(self.mechanism.first_guess[:, :, None])
+            theta = self._closure.measured(near).T
+            assembled = self._closure.close(near, theta)
+            self._walk = Walk(self._closure, theta[0], assembled)
+            self.n_redundant = self._check_count(assembled)
         else:
             self.n_redundant = self.branch.n_redundant
         self._patches = PosePatches(self.branch) if self.branch is not None and self.n_coordinates == 2 else None
@@ -156,14 +160,6 @@ class RigidKinematics:
             if len(_KEPT) > MOST_KEPT:
                 del _KEPT[next(iter(_KEPT))]
         return _KEPT[key]
-
-    def _started(self) -> tuple[Walk, int]:
-        """Assemble near the first guess; return where, and the number of constraints that follow from the others."""
-        guess = self.mechanism.first_guess[:, :, None]
-        near = self._closure.closed_freely(guess)
-        theta = self._closure.measured(near).T
-        assembled = self._closure.close(near, theta)
-        return Walk(self._closure, theta[0], assembled), self._check_count(assembled)
 
     def follow(self, theta: np.ndarray) -> None:
         """Compute the motion at configurations (n, n_theta) together, for `motion` to be asked one by one."""
