@@ -46,7 +46,6 @@ from pgmp_petsc.report.sources import (
     mean_of,
     of_kind,
     read_sources,
-    sentence_case,
 )
 from pgmp_petsc.results import Ensemble, Fit, Tradeoff, Trajectory
 from pgmp_petsc.results.numbers import ROUND_OFF, behind, one_unit_each, plain
@@ -505,7 +504,7 @@ def _origins(sources: Sequence[Source]) -> Table:
 
 def _commands(sources: Sequence[Source]) -> list[str]:
     """Return commands that repeat the results, from the scene that they carry."""
-    any_reduced = any(getattr(source.result, "model", "") == "reduced" for source in sources)
+    any_reduced = any(isinstance(one.result, Fit) or getattr(one.result, "model", "") == "reduced" for one in sources)
     builds = {source.result.kind: shlex.quote(source.name) for source in of_kind(sources, Build)}
     rom = builds.get("rom", "rom.h5")
     found = [f"pgmp info {shlex.quote(str(sources[0].path))} --scene > scene.toml"]
@@ -533,6 +532,8 @@ def _commands(sources: Sequence[Source]) -> list[str]:
         if isinstance(result, Ensemble):
             seed = result.record.seed
             asked = "--samples SAMPLES.csv" if seed is None else f"-n {len(result.status)} --seed {seed}"
+            better = {} if result.joined is None else result.joined.status
+            asked += "".join(f" --correct {shlex.quote(name)}={status.size}" for name, status in better.items())
             found.append(f"pgmp montecarlo {model} {asked} -o {target}")
         elif isinstance(result, RareEvent):
             asked = f"-n {result.asked} --seed {result.record.seed} --rare {shlex.quote(result.text or 'EVENT')}"
@@ -658,7 +659,7 @@ def page_of(scenes: Sequence[Sequence], lines: Sequence[str]) -> str:
         loader=PackageLoader("pgmp_petsc.report", "page"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
-    environment.filters |= {"compact": compact_json, "sentence_case": sentence_case}
+    environment.filters |= {"compact": compact_json, "sentence_case": lambda text: text[:1].upper() + text[1:]}
     with one_unit_each(_largest_of_units([source.result for sources in scenes for source in sources])):
         sections = [section_of(sources) for sources in scenes]
         beside = beside_each_other([source for sources in scenes for source in sources])
