@@ -48,6 +48,7 @@ class Contact:
     #: to grazing
     turning: float
     derivatives: np.ndarray  # of the time with the parameters, shape (n_parameters,), s per unit
+    entry: str  # of the scene, that the stop is of
 
 
 class Contacts:
@@ -131,17 +132,18 @@ class Contacts:
         """Return the derivatives of the length of a part with the parameters, and note the contact."""
         edge = self._linearisation.edge(part.edge, part.end, part.state)
         rate = float(edge.gradient @ with_length)
+        entry = next(effect.entry for effect in self._model.effects if effect.name == edge.effect)
         turning = min(abs(rate), abs(edge.rate)) / max(abs(edge.acceleration), TINY)
         if not turning > GRAZING * self._step:
             cure = "end the run before (simulation.duration), move the stop, or change a parameter (--set)"
             if part.end < self._times[1]:
                 cure = "start away from the stop, or as deep in it as what rests on it is (simulation.initial)"
             raise InputError(
-                f"effects.{edge.effect}: at {part.end:.6g} s the run grazes this stop: its path turns back within "
+                f"{entry}: at {part.end:.6g} s the run grazes this stop: its path turns back within "
                 f"{turning:.2g} s, less than {GRAZING:g} of a step, so that the least change of a parameter decides "
                 f"whether they meet, and the instant has no derivative; {cure}"
             )
-        self.found.append(Contact(edge.effect, edge.rate > 0.0, part.end, turning, np.zeros(len(along))))
+        self.found.append(Contact(edge.effect, edge.rate > 0.0, part.end, turning, np.zeros(len(along)), entry))
         return -(along @ edge.gradient + edge.by_parameters) / rate
 
     def _through_part(

@@ -208,7 +208,9 @@ def _joints(mechanism: Mechanism, n_redundant: int, n_rigid: int) -> list[str]:
     for connection in mechanism.connections:
         if connection.released:
             n, how = counted(len(connection.released), "direction"), mechanism.scene.joints[connection.name].gives_way
-            lines.append(f"  {how:12}  {connection.name}: {n} of {len(connection.statements)} give way in the motion")
+            lines.append(
+                f"  {how:12}  {connection.name}: gives way in {n} of {len(connection.statements)}, in the motion"
+            )
     loose = [(one.name, mechanism.scene.joints[one.name].gives_way) for one in mechanism.couplings if one.elastic]
     lines += [f"  {how:12}  {name}: gives way in the motion" for name, how in loose]
     return lines
