@@ -40,9 +40,9 @@ ENDINGS = (".mp4", ".gif")
     ),
     mode=Argument("Mode K of a reduced model.", word="K", allowed=Range(1)),
     at=Argument(
-        "Coordinate (rad) of the configuration of the mode. Those at the start where not given.", word="NAME=VALUE",
-        allowed="angles (rad) by the names of coordinates, such as {'theta': 0.5}",
-        read=numbers_by_name("--at", "needed is NAME=VALUE, a coordinate and its angle (rad)"),
+        "Coordinate (rad, or a length) where the mode is seen. Those at the start where not given.", word="NAME=VALUE",
+        allowed="angles (rad), lengths of what slides, by the names of coordinates, such as {'theta': 0.5}",
+        read=numbers_by_name("--at", "needed is NAME=VALUE, a coordinate and its value (rad, or a length)"),
     ),
     field=Argument(
         "What the colours are: mises (von Mises stress; of beams in the outermost fibres), deformation, displacement "
@@ -92,7 +92,7 @@ def animate(
 def _angles(at: Mapping[str, float]) -> dict[str, float]:
     for name, angle in at.items():
         if isinstance(angle, bool) or not isinstance(angle, (int, float)) or not math.isfinite(angle):
-            raise InputError(f"at[{name!r}] = {angle!r}: allowed is an angle (rad), a finite number")
+            raise InputError(f"at[{name!r}] = {angle!r}: allowed is a finite number (rad, or a length)")
     return {str(name): float(angle) for name, angle in at.items()}
 
 

@@ -64,6 +64,7 @@ class DesignFigures:
         self.missed: list[list[float]] = []  # by how much those tried miss each constraint
         self.turned_back = TurnedBack()
         self._known: dict[bytes, list[Dual]] = {}
+        self._sides: list[float] = []
         self.count: Callable[[int], object] = lambda n: None
         self.off = Off()
         self.of_samples = np.zeros((0, 1 + len(question.constraints)))
@@ -159,6 +160,8 @@ class DesignFigures:
     def _of_sample(self, design: np.ndarray, sample: int) -> list[Dual]:
         question, values = self._question, self._values_of(design, sample)
         outcome = Outcome(self._run(values, sample), values, question.names)
+        if sample == 0:  # of rank 0
+            self._sides = [abs(constraint.right(outcome).value) for constraint in question.constraints]
         found = [_signed(question.goal.sense, question.goal.expression(outcome))]
         for constraint in question.constraints:
             left, right = constraint.left(outcome), constraint.right(outcome)
@@ -203,13 +206,10 @@ class DesignFigures:
         times = self._question.deviations
         return np.array([of_mean_and_deviations(one, times, confidence) for one in self.of_samples.T])
 
-    def size_of(self, number: int, design: np.ndarray) -> float:
-        """Return the size of a constraint: that of its right-hand side at a design, or of what it misses."""
-        question, values = self._question, self._values_of(design, 0)
-        with agreed(self._comm, "size of a constraint"):
-            run = self._run(values, 0)
-            size = abs(question.constraints[number].right(Outcome(run, values, question.names)).value)
-        return size or abs(self.at(design)[1 + number].value) or 1.0
+    def sizes(self, duals: Sequence[Dual]) -> np.ndarray:
+        """Return the sizes of constraints at the last design: of their right-hand sides, or of what is missed there."""
+        sides = self._comm.bcast(self._sides)
+        return np.array([size or abs(dual.value) or 1.0 for size, dual in zip(sides, duals)])
 
     def nominal_run(self, design: np.ndarray, comm: Comm) -> DifferentiatedRun:
         """Return the run of a design without deviations. Collective on `comm`."""

@@ -68,7 +68,7 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
         figures.count = bar.update
         start = figures.start
         first = figures.at(start)
-        sizes = np.array([figures.size_of(k, start) for k in range(len(question.constraints))])
+        sizes = figures.sizes(first[1:])
         done, best = _searched(figures, abs(first[0].value) or 1.0, sizes)
         last = figures.at(best)
     missed = [k for k in range(len(sizes)) if last[1 + k].value > MET * sizes[k]]

@@ -36,7 +36,6 @@ from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.ensemble.statistics import came_true, describe, of_event, quantity
 from pgmp_petsc.results.ensemble import DESCRIBED, Ensemble, Stopping, reach_of
-from pgmp_petsc.results.numbers import behind
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import LARGEST, SMALLEST
 from pgmp_petsc.scene.numerics import Event
@@ -337,11 +336,7 @@ def stopping_remarks(stopping: Stopping, confidence: float, system: UnitSystem) 
     looks = zip(stopping.rules, stopping.units, stopping.met, stopping.reached[:, -1], stopping.relative)
     for text, unit, met, reached, relative in looks:
         if not met:
-            reach = (
-                f"{100 * reached:.3g} %"
-                if relative
-                else f"{system.shown(reached, unit):.3g}{behind(system.unit(unit))}"
-            )
+            reach = f"{100 * reached:.3g} %" if relative else system.text(reached, unit).removesuffix(" 1")
             shown = f"+- {reach} was reached"
             shown = shown if np.isfinite(reached) else "its figure is not known yet from so few samples"
             yield warning(

@@ -11,8 +11,8 @@ lambda|`` in each step (Hughes 2000, section 9.1), up to 2 a, and none by more t
 coarser run would have left the other by `MET` since d was large, as phases that have parted meet again. The largest of
 many points has kinks, which are in all bands: there a band counts where it is `PEAK` times those around it.
 
-**Lower order**, where friction or short contacts act: what is left of d counts a seventh (`ROUGH`), and the estimate is
-unsure. Where a force jumps over time, or a formula does, the order is one.
+**Lower order**, where friction or short contacts act: what is left of d counts a seventh for r = 5 (`rough`), and the
+estimate is unsure. Where a force jumps (over time, in a formula, of friction as a held one does) the order is one.
 """
 
 from __future__ import annotations
@@ -49,7 +49,6 @@ PEAK, AROUND = 1.3, 17  # of a vibration over the median of so many bands around
 TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations are worth naming
 RUBS = 0.015  # of it, from which on they move what has friction or stops, and their cycles count
 BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
-ROUGH = 7.0  # the mean, on a logarithmic scale, of 24 and 2
 SOME = 0.1  # of the steps, taken in parts, from which on an estimate is unsure
 RELIED_ON = 0.9  # of a run that fails: before it does, it runs away
 CROWDED = 0.5  # of `APART` of them, from which on it ends: changes of step set off what is seen then
@@ -153,6 +152,11 @@ def most_of(times: int) -> float:
     return MOST / times
 
 
+def rough(ratio: float) -> float:
+    """Return the mean, on a logarithmic scale, of what d counts by with order two and half of that with order one."""
+    return float(np.sqrt(0.5 * (ratio**2 - 1.0) * (ratio - 1.0)))
+
+
 def fewest_steps(times: int) -> int:
     """Return how many steps a run has at least whose coarser one tells anything."""
     return (FEWEST - 1) * times + 1
@@ -189,10 +193,12 @@ def step_errors(
     lost = {name: np.interp(at, places, own) for name, own in zip(outputs, off.T)}
     shares = off.max(axis=0) / np.maximum(np.abs(fine).max(axis=0), np.finfo(float).tiny)
     loudest, lost_hz = float(shares.max()), float(turns[shares.argmax()] / (2.0 * np.pi * step))
-    edged = any(effect.edged for effect in scene.effects.values())
+    edged = [f"effects.{name}" for name, effect in scene.effects.items() if effect.edged]
     acting = {f"effects.{name}": one for name, one in scene.effects.items()}
     acting |= {f"controllers.{name}": one for name, one in scene.controllers.items()}
     at_once = [name for name, one in acting.items() if one.jumps_within(other.step)]
+    if any(one.sample_time for one in scene.controllers.values()):  # friction turns at once with a force that jumps
+        at_once += [name for name in edged if not acting[name].stiff_by and name not in at_once]
     unsure, order = "", ratio**2 - 1.0
     if other.divided[sample] > SOME:
         unsure = f"{share_text(float(other.divided[sample]))} of the coarser steps failed and were taken as the run's"
@@ -201,7 +207,7 @@ def step_errors(
     elif edged and (loudest > RUBS or other.status[sample] != Status.FINE):
         unsure = "friction or stops act with vibrations that a coarser step loses"
     if unsure:
-        order = ROUGH
+        order = rough(ratio)
     elif at_once:
         unsure = f"errors fall as the step, not as its square, where a force jumps ({', '.join(at_once)})"
         order = ratio - 1.0

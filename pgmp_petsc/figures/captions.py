@@ -27,10 +27,7 @@ MOST, LONGEST = 3, 220  # a picture has room for so many, of so many characters;
 
 def planned_end(run: Trajectory) -> float:
     """Return the instant (s) at which the scene ends, the run's own end where it says none."""
-    try:
-        return max(float(scene_of(run.record)["simulation"]["duration"]), float(run.time[-1]))
-    except (KeyError, TypeError, ValueError):
-        return float(run.time[-1])
+    return max(scene_of(run.record).get("simulation", {}).get("duration", 0.0), float(run.time[-1]))
 
 
 def ended_early(run: Trajectory) -> bool:
@@ -214,7 +211,4 @@ def _entry(name: str, value: Any) -> str:
 
 
 def _parameter_unit(record: RunRecord, name: str) -> str:
-    try:
-        return str(scene_of(record)["parameters"][name]["unit"])
-    except (KeyError, TypeError):
-        return "1"
+    return str(scene_of(record).get("parameters", {}).get(name, {}).get("unit", "1"))

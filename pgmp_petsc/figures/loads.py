@@ -224,5 +224,4 @@ def loads(run: Trajectory, kind: str, label: str = "") -> Figure:
     look = {"color": style.QUIET, "linestyle": "none", "marker": "o", "markersize": 4.0}
     keys = [Line2D([], [], label=diagram.mark, **look)] if diagram.mark else []
     what = style.heading(f"{diagram.title}, {style.MODELS[run.model]}", run.record, label)
-    style.top_legend(figure, keys, what, captions.of_runs([run], [label]))
-    return figure
+    return style.top_legend(figure, keys, what, captions.of_runs([run], [label]))

@@ -9,7 +9,7 @@ import ctypes
 import os
 import subprocess
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -110,7 +110,7 @@ def view_of(points: np.ndarray, flat: bool) -> np.ndarray:
     return np.array([right, np.cross(eye, right), eye])
 
 
-class Stage(AbstractContextManager):
+class Stage:
     """Bodies in front of a camera that sees all of their motion, in a picture of so many pixels; to be closed.
 
     `metre` is in pixels a metre across the line of sight.
@@ -155,9 +155,6 @@ class Stage(AbstractContextManager):
     def close(self) -> None:
         """Free what VTK holds."""
         self._plotter.close()
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def bounds_of(motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -300,7 +297,7 @@ def still(motion: Motion, number: int, why: str = "") -> Figure:
     """Return the picture of an instant; `why` follows its caption."""
     motion = motion.only(number)
     frame = Surround(motion, motion.captions[0] + why)
-    with Stage(motion, *frame.size) as stage:
+    with closing(Stage(motion, *frame.size)) as stage:
         frame.measure(stage.metre, motion.metre)
         frame.axes.imshow(stage.picture(0), interpolation="antialiased", aspect="auto")
     return frame.figure
@@ -315,7 +312,7 @@ def images(motion: Motion, numbers: np.ndarray, resolution: int = RESOLUTION) ->
 
 
 def _images(motion: Motion, numbers: np.ndarray, frame: Surround) -> Iterator[np.ndarray]:
-    with Stage(motion, *frame.size) as stage:
+    with closing(Stage(motion, *frame.size)) as stage:
         frame.measure(stage.metre, motion.metre)
         for number in numbers:
             yield frame.around(stage.picture(number), motion.captions[number])

@@ -234,10 +234,7 @@ def scene_of(record: RunRecord) -> dict[str, Any]:
 
 
 def scene_name(record: RunRecord) -> str:
-    try:
-        return str(scene_of(record)["scene"]["name"])
-    except (KeyError, TypeError):
-        return ""
+    return str(scene_of(record).get("scene", {}).get("name", ""))
 
 
 def heading(what: str, record: RunRecord, label: str = "") -> str:

@@ -373,11 +373,9 @@ def residuals(axes: Axes, found: Fit, name: str) -> None:
 def with_error(parameter: FittedParameter) -> str:
     """Return ``r1 = 6.001 ± 0.005 mm``."""
     factor, unit = style.axis_unit(parameter.unit, np.array([parameter.estimate]))
-    shown = f"{parameter.name} = {factor * parameter.estimate:.4g}"
-    if not np.isfinite(parameter.error):
-        return f"{shown}, not identifiable"
-    shown = f"{shown} ± {factor * parameter.error:.1g}"
-    return shown + behind(unit)
+    error = f" ± {factor * parameter.error:.1g}{behind(unit)}"
+    error = error if np.isfinite(parameter.error) else ", not identifiable"
+    return f"{parameter.name} = {factor * parameter.estimate:.4g}{error}"
 
 
 @style.styled

@@ -36,8 +36,9 @@ All outputs but stresses are smooth functions of poses and of displacements in b
 what outputs make of them and of the rigid kinematics is differentiated along the line (theta + h S_theta, u + h du/dp)
 by central differences, which cross no cells of the tables and close no loops but those that the outputs themselves ask
 for (`RigidKinematics.near`). Stresses have central differences along the whole line, and so has what reads rates,
-accelerations or parameters, in the cells that the run is in. Where outputs are polynomials of lengths through those of
-several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p + dL_p/dl y_p``."""
+accelerations or parameters, in the cells that the run is in; formulas of outputs have the chain rule. Where outputs are
+polynomials of lengths through those of several models, ``y = sum_p L_p(l) y_p``, their derivative is ``sum_p L_p dy_p +
+dL_p/dl y_p``."""
 
 from __future__ import annotations
 
@@ -57,6 +58,8 @@ from pgmp_petsc.lanes.lane_items import eliminate
 from pgmp_petsc.models import LengthLanes, OutputRecord, ReducedModel
 from pgmp_petsc.models.lengths import blended
 from pgmp_petsc.models.reduced_statics import JointAngles
+from pgmp_petsc.outputs.of_outputs import FormulaOfOutputs
+from pgmp_petsc.outputs.outputs import in_order
 from pgmp_petsc.outputs.rainflow import counted_after, counted_changes
 from pgmp_petsc.scene.uses import offset_directions, velocity_names
 from pgmp_petsc.stepping.alpha_step import LENGTHS, WEIGHTS, First, first_accelerations, goes_on_resolved
@@ -475,6 +478,11 @@ class ObservedChanges:
         self._made_of = blended(shares, [member.outputs for member in self._members])
         self._made_of |= model.stressed(states, self._values)
         self.outputs = model.composed(self._made_of, times, self._values, times.size)  # each of shape (n_t,)
+        entries = {one: model.scene.outputs[one] for one in in_order(model.scene)}
+        self._combined = {
+            one: entry.combined(one, dict.fromkeys(entry.made_in(model.scene)), model.scene)
+            for one, entry in entries.items() if isinstance(entry, FormulaOfOutputs)
+        }  # fmt: skip
 
     def of(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
         """Return the derivatives of all outputs with a parameter, each (n_t,), for those of eta, its rates and
@@ -483,7 +491,12 @@ class ObservedChanges:
         parts = [member.changes(name, changes) for member in self._members]
         parts += [member.outputs for member in self._members]
         found = blended([*shares, *slopes], parts)
-        return self._through_formulas(name, found | self._of_stresses(name, changes))
+        found = self._through_formulas(name, found | self._of_stresses(name, changes))
+        for output, formula in self._combined.items():
+            exact = formula.change(name, self.outputs, found, self._times, self._values)
+            # the slope of a root at zero is infinite
+            found[output] = np.where(np.isfinite(exact), exact, found[output])
+        return found
 
     def _of_stresses(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
         """Return the derivatives of stresses that the model has by itself."""

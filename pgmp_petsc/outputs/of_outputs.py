@@ -315,11 +315,22 @@ class Combined:
         """Return the formula with its derivatives."""
         n = next(iter(seen.frames[0].values())).shape[1] if seen.frames[0] else seen.n
         zero, one = np.zeros(n), np.ones(n)
-        names = {name: Series(part.jet(seen, order)[: order + 1]) for name, part in self.parts.items()}
-        for name, parameter in self.constants.items():
-            names[name] = Series([seen.values[parameter] * one, zero, zero][: order + 1])
-        if self.reads_time:
-            names[TIME] = Series([seen.time, one, zero][: order + 1])
+        jets = {name: part.jet(seen, order) for name, part in self.parts.items()}
+        jets |= {name: [seen.values[parameter] * one, zero, zero] for name, parameter in self.constants.items()}
+        jets[TIME] = [seen.time if self.reads_time else zero, one, zero]
+        return [np.broadcast_to(part, n) for part in self._of(jets, order)]
+
+    def change(
+        self, parameter: str, outputs: Mapping[str, np.ndarray], changes: Mapping[str, np.ndarray], time: np.ndarray,
+        values: Mapping[str, float],
+    ) -> np.ndarray:  # fmt: skip
+        """Return its derivative with a parameter by the chain rule, (n,), for outputs and their derivatives with it."""
+        zero = np.zeros_like(time)
+        jets = {name: [of[name.removeprefix("of_")] for of in (outputs, changes)] for name in self.parts}
+        jets |= {name: [values[one] + zero, zero + (one == parameter)] for name, one in self.constants.items()}
+        return self._of(jets | {TIME: [time, zero]}, 1)[1] + zero
+
+    def _of(self, jets: Mapping[str, Jet], order: int) -> Jet:
+        names = {name: Series(jet[: order + 1]) for name, jet in jets.items()}
         with np.errstate(all="ignore"):  # what is no finite number is found where outputs are looked at
-            found = evaluated(self.text, names, SeriesAlgebra(order))
-        return [np.broadcast_to(part, n) for part in found.parts]
+            return evaluated(self.text, names, SeriesAlgebra(order)).parts

@@ -505,7 +505,7 @@ def _origins(sources: Sequence[Source]) -> Table:
 
 def _commands(sources: Sequence[Source]) -> list[str]:
     """Return commands that repeat the results, from the scene that they carry."""
-    any_reduced = any(getattr(source.result, "model", "") == "reduced" for source in sources)
+    any_reduced = any(isinstance(one.result, Fit) or getattr(one.result, "model", "") == "reduced" for one in sources)
     builds = {source.result.kind: shlex.quote(source.name) for source in of_kind(sources, Build)}
     rom = builds.get("rom", "rom.h5")
     found = [f"pgmp info {shlex.quote(str(sources[0].path))} --scene > scene.toml"]
@@ -533,6 +533,8 @@ def _commands(sources: Sequence[Source]) -> list[str]:
         if isinstance(result, Ensemble):
             seed = result.record.seed
             asked = "--samples SAMPLES.csv" if seed is None else f"-n {len(result.status)} --seed {seed}"
+            better = {} if result.joined is None else result.joined.status
+            asked += "".join(f" --correct {shlex.quote(name)}={status.size}" for name, status in better.items())
             found.append(f"pgmp montecarlo {model} {asked} -o {target}")
         elif isinstance(result, RareEvent):
             asked = f"-n {result.asked} --seed {result.record.seed} --rare {shlex.quote(result.text or 'EVENT')}"

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 BYTES = 8
 ROUND_OFF = 1e-12  # of the largest moment of inertia
+RELAXED = 1e-9  # rad, m or mm, that a spring without force is off by round-off
 QUANTILES = np.array([0.2, 0.8])  # of what is drawn, at which a mechanism is put together
 AWAY = 1e-3  # rad, or of the mechanism's size, from which on a start is elsewhere than bodies are placed
 
@@ -247,7 +248,7 @@ def _weights(mechanism: Mechanism, kind: str) -> list[Monomial]:
 
 def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> list[str]:
     lines = [
-        f"  controller    {name}: {one.type}, measures {one.measures}, acts in {one.joint}, "
+        f"  controller    {name}: {one.type}, measures {', '.join(one.measured.values())}, acts in {one.joint}, "
         + (f"sampled every {one.sample_time:g} s" if one.sample_time else "continuous")
         for name, one in scene.controllers.items()
     ]
@@ -280,11 +281,12 @@ def _start(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load], kinem
         if action.amplitude is not None:
             acts = np.any(action.amplitude(np.zeros(1)))
         else:
-            acts = action.stiffness and spring_force(action, mechanism, poses, theta, scene.values) != 0.0
+            force = spring_force(action, mechanism, poses, theta, scene.values) if action.stiffness else 0.0
+            acts = force and abs(force) > RELAXED * action.stiffness.at(scene.values)
         acting |= {action.effect} if acts else set()
-    if not acting:
-        return []
     names = ", ".join(name for name, effect in scene.effects.items() if not acting.isdisjoint(parts_of(name, effect)))
+    if not names:
+        return []
     cure = "where the mechanism is held or driven, initial.equilibrium = true starts with it"
     return [
         f"  start         undeformed, with {names} acting at once: bodies swing about their static deformation, up to "

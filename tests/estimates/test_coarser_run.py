@@ -1,6 +1,7 @@
 """The error of a time step from a coarser run: free vibrations, whose exact and scheme's motion are known."""
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -131,7 +132,7 @@ def test_brief_contacts_and_steps_that_failed_make_it_unsure(changes: dict, why:
     assert not sure.unsure and found.unsure.startswith(why)
     many = replace(other, shortest=np.full(1, 11.0 * coarser_run.TIMES * STEP))  # contacts of many steps are resolved
     assert not coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, many).unsure
-    order = coarser_run.ROUGH * (1.0 - changes.get("divided", np.zeros(1))[0])
+    order = np.sqrt(24.0 * 2.0) * (1.0 - changes.get("divided", np.zeros(1))[0])
     # where no vibration is lost, the difference counts by the order alone
     np.testing.assert_allclose(found.outputs["x"] * order, sure.outputs["x"] * (coarser_run.TIMES**2 - 1.0), rtol=1e-12)
 
@@ -154,6 +155,61 @@ def test_errors_fall_as_the_step_where_a_force_jumps(entries: str, jumps: bool) 
     r = coarser_run.TIMES
     order = r - 1.0 if jumps else r**2 - 1.0
     np.testing.assert_allclose(found.outputs["x"] * order, sure.outputs["x"] * (r**2 - 1.0), rtol=1e-12)
+
+
+CARRIAGE = """
+[scene]
+name = "carriage"
+[bodies.mass]
+rigid = { mass = 1.0, inertia = 1.0, points = { c = [0.0, 0.0] } }
+[joints.rail]
+type = "prismatic"
+connect = ["ground:origin", "mass:c"]
+axis = [1.0, 0.0]
+[coordinates.x]
+joint = "rail"
+range = [-2.0, 2.0]
+[controllers.servo]
+type = "pid"
+measures = "x"
+joint = "rail"
+reference = 1.0
+gains = { p = 40.0 }
+sample_time = 0.02
+[effects.oil]
+type = "joint_damping"
+joint = "rail"
+coefficient = 4.0
+[effects.rubs]
+type = "joint_friction"
+joint = "rail"
+limit = 3.0
+speed = 0.05
+[simulation]
+duration = 0.5
+[outputs.x]
+type = "sliding"
+joint = "rail"
+"""
+
+
+@pytest.mark.parametrize("step", [1e-2, 5e-3, 2.5e-3])
+def test_friction_turns_at_once_with_a_force_that_is_held(tmp_path: Path, step: float) -> None:
+    """With two or four steps in a coarser one, a sixth of the error was estimated."""
+    path = tmp_path / "carriage.toml"
+    path.write_text(CARRIAGE)
+    times = round(step / 1.25e-4)
+    exact, found = (
+        simulate(full_model(load_scene(path, [f"simulation.step={h}"])), MPI.COMM_SELF) for h in (step / times, step)
+    )
+    error = np.abs(found.outputs["x"] - exact.outputs["x"][::times]).max()
+    assert error / 3.0 < np.abs(found.errors.outputs["x"]).max() < 3.0 * error
+
+
+@pytest.mark.parametrize("ratio", [2.0, 3.0, 4.0, 5.0])
+def test_what_is_unsure_counts_more_than_what_is_resolved(ratio: float) -> None:
+    """Of a run with two steps in a coarser one, it counted less than half of it."""
+    assert 0.5 * (ratio - 1.0) < coarser_run.rough(ratio) < 0.5 * (ratio**2 - 1.0)
 
 
 def test_what_is_unsure_is_a_note_where_it_is_small() -> None:

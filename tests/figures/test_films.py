@@ -3,6 +3,7 @@
 import ctypes
 import sys
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -91,7 +92,7 @@ def test_a_run_without_what_is_asked_for() -> None:
 
 
 def test_a_flat_body_is_where_it_is_in_its_colours() -> None:
-    with Stage(motion_of(flat_run(), scale=1.0), WIDE, HIGH) as stage:
+    with closing(Stage(motion_of(flat_run(), scale=1.0), WIDE, HIGH)) as stage:
         first, last = stage.picture(0), stage.picture(3)
         metre = stage.metre
     rows, columns = np.nonzero(coloured(last))
@@ -111,7 +112,7 @@ def test_a_flat_body_is_where_it_is_in_its_colours() -> None:
 def test_a_solid_is_lit_and_a_rigid_one_grey() -> None:
     motion = motion_of(block_run(), scale=1.0)
     assert [skin.values is None for skin in motion.skins] == [False, True]
-    with Stage(motion, WIDE, HIGH) as stage:
+    with closing(Stage(motion, WIDE, HIGH)) as stage:
         picture = stage.picture(3)
     shown = coloured(picture)
     grey = (np.ptp(picture.astype(int), axis=2) < 25) & (picture.max(axis=2) < 235)
@@ -125,7 +126,7 @@ def test_a_solid_is_lit_and_a_rigid_one_grey() -> None:
 def test_beams_are_tubes_of_their_section() -> None:
     motion = motion_of(rod_run(2e6, radius=0.05))
     assert motion.largest == pytest.approx(2.0) and "outermost fibres" in motion.notes[-1]
-    with Stage(motion, WIDE, HIGH) as stage:
+    with closing(Stage(motion, WIDE, HIGH)) as stage:
         shown = coloured(stage.picture(0))
     assert np.ptp(np.nonzero(shown)[0]) == pytest.approx(0.1 * stage.metre, abs=5)
 

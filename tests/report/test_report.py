@@ -26,7 +26,7 @@ from pgmp_petsc.report.charts import Curve, Level, distribution, output_over_tim
 from pgmp_petsc.report.page import _commands, _largest_of_units, downloads_of, write_report
 from pgmp_petsc.report.sources import Source, read_sources
 from pgmp_petsc.results import Attempt, Balance, Ensemble, Selection, Trajectory
-from pgmp_petsc.results.ensemble import EXTREMES
+from pgmp_petsc.results.ensemble import EXTREMES, Joined
 from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.numbers import one_unit_each
 from pgmp_petsc.results.summary import summary_of
@@ -725,7 +725,15 @@ def test_steps_of_a_run_on_another_mesh_are_not_said_once_more(monkeypatch: pyte
 
 @pytest.mark.parametrize(("seed", "asked"), [(3, "-n 20 --seed 3"), (None, "--samples SAMPLES.csv")])
 def test_commands_draw_the_same_samples(seed: int | None, asked: str) -> None:
-    """Those of a file have no seed."""
+    """Those of a file have no seed, and those of a better model are taken again too."""
     many = synthetic.ensemble("full", 20)
-    source = Source("many.h5", replace(many, record=replace(many.record, seed=seed)), "", Path("many.h5"))
-    assert _commands([source])[1] == f"pgmp montecarlo scene.toml --full {asked} -o many.h5"
+    joined = Joined(("full/2", "full"), 0.95, {}, {"full/2": {}}, {"full/2": np.zeros(8, dtype=int)})
+    for better, option in ((None, ""), (joined, " --correct full/2=8")):
+        result = replace(many, record=replace(many.record, seed=seed), joined=better)
+        said = _commands([Source("many.h5", result, "", Path("many.h5"))])[1]
+        assert said == f"pgmp montecarlo scene.toml --full {asked}{option} -o many.h5"
+
+
+def test_commands_build_the_model_of_a_fit() -> None:
+    build, again = _commands([Source("fit.h5", synthetic.fitted(), "", Path("fit.h5"))])[1:]
+    assert (build, again) == ("pgmp build scene.toml -o rom.h5", "pgmp fit rom.h5 MEASURED.csv -o fit.h5")

@@ -123,6 +123,17 @@ def test_derivatives_of_chains_are_central_differences() -> None:
     assert not run.derivatives["a"]["m"].any() and np.abs(run.derivatives["twice"]["c"]).max() > 0.0
 
 
+def test_formulas_of_small_outputs_have_the_chain_rule() -> None:
+    """Differences along a ten-thousandth of the mechanism's size lose what bends by a hundred thousandth."""
+    size = 'outputs.size={type="formula",formula="sqrt(bent**2)"}'
+    more = ("parameters.E={nominal=210e9}", 'materials.steel.E="E"', "simulation.duration=0.03", "reduction.angles=6")
+    model = reduced_model(cart(*CHAIN, *more, size, "simulation.initial.swing={position=-0.4,velocity=1.0}"))
+    run = differentiate(model, model.scene.values, ["E"])
+    bent, change, found = run.outputs["bent"], run.derivatives["bent"]["E"], run.derivatives["size"]["E"]
+    assert 0.0 < np.abs(bent).max() < 1e-4
+    np.testing.assert_allclose(found, np.sign(bent) * change, rtol=0, atol=1e-12 * np.abs(change).max())
+
+
 @pytest.mark.parametrize("text", [
     *(f"{name}({', '.join(['u * w', 'w + 0.3 * u', 'u - w'][:n])})" for name, (n, _) in FUNCTIONS.items()),
     "u ** 3 / w", "u ** -2", "u ** 0.5", "u ** w", "-u + 2 * (u > w) - t", "(u + t) ** 2",

@@ -9,6 +9,7 @@ from pgmp_petsc.estimates.starts import jump_remarks
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import scene_from_toml
+from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.simulate import balance_remarks
 from scenes import HEADER, meshes_of, slider_crank, tables
 
@@ -40,6 +41,15 @@ FALLING = (RHO * AREA * G) ** 2 * LENGTH**5 / (3360 * YOUNG * SECOND_MOMENT)
 def reduced(text: str) -> ReducedModel:
     scene = scene_from_toml(BAR + text, ".")
     return reduced_model(scene)
+
+
+@pytest.mark.parametrize(("rest", "loaded"), [(0.1, True), (0.3 + 1e-15, False)])
+def test_a_check_names_springs_that_act_at_the_start(rest: float, loaded: bool) -> None:
+    """A spring at rest but for round-off acts on nothing, nor do elastic joints, which are placed so."""
+    gives = "\n[joints.hinge.elastic]\nreference = [[1.0, 0.0]]\nstiffness = [1e6, 1e6]\nturning_stiffness = [0.0]\n"
+    scene = scene_from_toml(BAR + PULLED.replace("rest = 0.1", f"rest = {rest}") + gives, ".")
+    lines = [line for line in describe_scene(scene, meshes_of(scene)).splitlines() if line.startswith("  start")]
+    assert [line[16:47] for line in lines] == ["undeformed, with cord acting at"] * loaded
 
 
 def said(model: ReducedModel) -> list[Remark]:
