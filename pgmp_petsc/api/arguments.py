@@ -120,7 +120,8 @@ def overrides_of(overrides: object) -> tuple[str, ...]:
 def settings_of(parameters: object) -> tuple[str, ...]:
     """Return values of parameters as a command takes them, to the last bit; raises `InputError`."""
     if isinstance(parameters, Mapping):
-        return tuple(f"{name}={_number(value)}" for name, value in parameters.items())
+        numbers = (int, float, np.number)
+        return tuple(f"{k}={float(v)!r}" if isinstance(v, numbers) else f"{k}={v!s}" for k, v in parameters.items())
     return _texts(
         "parameters", parameters, "a mapping of names to numbers, such as {'r1': 5e-3}, or a list of texts such as "
         "['r1=5e-3']",
@@ -133,10 +134,6 @@ def _texts(name: str, given: object, allowed: str) -> tuple[str, ...]:
     if not isinstance(given, (list, tuple)) or not all(isinstance(text, str) for text in given):
         raise InputError(f"{name} = {given!r}: allowed are {allowed}")
     return tuple(given)
-
-
-def _number(value: object) -> str:
-    return repr(float(value)) if isinstance(value, (int, float, np.number)) else str(value)
 
 
 def plain(value: object) -> Any:

@@ -62,10 +62,6 @@ def _report(found: Checked, name: Path, said: object, strict: bool) -> str:
     return "\n".join([*lines, *([] if found.sizes is None else found.sizes.lines())])
 
 
-def _figures(found: Checked, strict: bool) -> dict[str, Any]:
-    return found.summary() | ({"trial": found.trial} if found.tried else {})
-
-
 def _status(found: Checked, strict: bool) -> int:
     if strict and found.scene.remarks:
         warnings = counted(len(found.scene.remarks), "warning")
@@ -74,7 +70,8 @@ def _status(found: Checked, strict: bool) -> int:
 
 
 @command(
-    "check", "Validate a scene and say what is in it.", 30, report=_report, figures=_figures, status=_status,
+    "check", "Validate a scene and say what is in it.", 30, report=_report, status=_status,
+    figures=lambda found, strict: found.summary() | ({"trial": found.trial} if found.tried else {}),
     scene=SCENE,
     effects=Argument("Also estimate the size of every available effect: what to keep, what to leave."),
     trial=Argument("Also factorise the largest continuum body, and predict time and memory."),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
@@ -177,7 +178,7 @@ def _write_table(file: Path, output: Path) -> tuple[int, int]:
     kind = _kind_of(file)
     if kind not in TABULAR:
         known = f"a table can be made of {', '.join(map(named, TABULAR))}"
-        cure = f"'pgmp info {file} --json' has its figures"
+        cure = f"'pgmp info {shlex.quote(str(file))} --json' has its figures"
         raise InputError(f"output '{output}': {named(kind)} ('{file}') has no rows and columns; {known}; {cure}")
     result = READERS[kind].read(file)
     check_output(output, TABLE, (file,))

@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from os import PathLike
@@ -225,12 +224,9 @@ def _datasets(found: Contents) -> str:
     return "\n".join("  ".join(row).rstrip() for row in padded)
 
 
-def _figures(found: Contents, scene: bool) -> Mapping[str, object]:
-    return found.scene if scene else found.summary()
-
-
 @command(
-    "info", "Say what a result file holds.", 170, petsc=False, report=describe, figures=_figures,
+    "info", "Say what a result file holds.", 170, petsc=False, report=describe,
+    figures=lambda found, scene: found.scene if scene else found.summary(),
     path=Argument("Result file of any kind.", word="FILE"),
     shell={"scene": Argument("Print the scene that the file was made from, as TOML.")},
 )  # fmt: skip

@@ -148,13 +148,9 @@ def _draw(
     n = write_film(motion, output, pace)
     of = f"{n} of {len(motion.captions)} instants" if n < len(motion.captions) else f"{n} pictures"
     enlarged = f", deformation enlarged {motion.scale:g} times" if motion.scale != 1.0 else ""
-    said = [f"{output}: {of}, {pace.seconds:.3g} s{enlarged}", *map(_indented, motion.notes)]
+    notes = (text if text.startswith("warning: ") else f"note: {text}" for text in motion.notes)
+    said = [f"{output}: {of}, {pace.seconds:.3g} s{enlarged}", *(f"  {text}" for text in notes)]
     return said if shape is not None else [*said, *stopped_runs(file)]
-
-
-def _indented(text: str) -> str:
-    """Return what the film has under its title as a line; warnings of its run say that they are."""
-    return f"  {text}" if text.startswith("warning: ") else f"  note: {text}"
 
 
 @command(

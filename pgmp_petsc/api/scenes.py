@@ -83,13 +83,12 @@ def compose(tables: Mapping[str, Any], directory: str | PathLike[str] = ".", *, 
     return found
 
 
-def _templates() -> dict[str, str]:
-    return {name: describe_template(name) for name in template_names()}
-
-
 @command(
     "new", "Write a commented scene that runs, to begin with.", 10, petsc=False,
-    template=Argument("Name of the scene to begin with; with `source` the scene's file.", listed=_templates),
+    template=Argument(
+        "Name of the scene to begin with; with `source` the scene's file.",
+        listed=lambda: {name: describe_template(name) for name in template_names()},
+    ),
     file=Argument("The scene's file; TEMPLATE.toml if not given.", word="FILE.toml", by_last_place=True),
     source=Argument("Make the scene of this part of CAD, or robot.", "--from", "PART.step|ROBOT.urdf"),
     force=Argument("Replace files that exist."),
@@ -146,13 +145,9 @@ def _write_made(source: Path, file: Path, force: bool) -> tuple[list[Path], list
     return [file, picture], made.lines, "run {}"
 
 
-def _shown(text: str, path: Path | None, said: object) -> str:
-    """Return a schema where there is no file that has it."""
-    return text.rstrip() if path is None else ""
-
-
 @command(
-    "schema", "What a scene may say, for editors or as a page.", 180, petsc=False, report=_shown, figures=None,
+    "schema", "What a scene may say, for editors or as a page.", 180, petsc=False, figures=None,
+    report=lambda text, path, said: text.rstrip() if path is None else "",  # not where a file has it
     output=Argument(
         "File to write; standard output has the JSON schema if it is not given.", "-o --output", "FILE.json|FILE.md"
     ),

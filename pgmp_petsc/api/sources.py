@@ -178,15 +178,11 @@ def scene_of_built(
     else:
         check_capabilities(scene, Purpose.REDUCED)
         said = check_served(served_ranges(built, made), scene)
-    return _step_left_open(built, scene).with_remarks((*plausibility(scene), *said))
-
-
-def _step_left_open(built: Scene, scene: Scene) -> Scene:
-    """Forget the step that a file carries where a tolerance for the step is given, but no other step."""
-    simulation = scene.simulation
-    if simulation.tolerance is None or simulation.step != built.simulation.step:
-        return scene
-    return scene.with_entries(simulation=Simulation(**simulation.model_dump(exclude={"step"})))
+    remarks, simulation = (*plausibility(scene), *said), scene.simulation
+    if simulation.tolerance is not None and simulation.step == built.simulation.step:
+        # no step but the file's is given beside the tolerance for one
+        scene = scene.with_entries(simulation=Simulation(**simulation.model_dump(exclude={"step"})))
+    return scene.with_remarks(remarks)
 
 
 def _check_tables_hold(built: Scene, scene: Scene, name: object) -> None:

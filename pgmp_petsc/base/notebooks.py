@@ -37,12 +37,9 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     if not rows:
         return ""
     heads = "".join(f'<th style="{_CELL}">{escape(one.replace("_", " "))}</th>' for one in head)
-    body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
+    cells = ("".join(f'<td style="{_CELL}">{escape(_text(value))}</td>' for value in row) for row in rows)
+    body = "".join(f"<tr>{row}</tr>" for row in cells)
     return f"<table>{f'<tr>{heads}</tr>' if head else ''}{body}</table>"
-
-
-def _cell(value: object) -> str:
-    return f'<td style="{_CELL}">{escape(_text(value))}</td>'
 
 
 def _text(value: object) -> str:

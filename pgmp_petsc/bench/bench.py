@@ -244,7 +244,9 @@ class Bench:
         if not todo:
             return
         model = self._model(setting)[0]
-        if self._on_all_ranks:
+        large = self.full_model.kinematics.mechanism.n_dofs >= 2 * UNKNOWNS_PER_RANK
+        alone = self._subject is None and self.training.n_cases == 1  # the only run; nothing is reduced then
+        if alone and large and not isinstance(self.full_model, ReducedModel):
             with first_ranks(self.comm, self.comm.size) as workers, agreed(self.comm, "training runs"):
                 with model.distributed(self.scene.values, workers) as system:
                     self._histories[todo[0], setting] = run_history(model, {}, 1, setting.n_steps, system)
@@ -278,13 +280,6 @@ class Bench:
     def _own(self, cases: Sequence[Case]) -> list[Case]:
         """Return the cases of this rank; those of a load have the same rank throughout."""
         return [case for case in cases if self.training.names.index(case.load) % self.comm.size == self.comm.rank]
-
-    @property
-    def _on_all_ranks(self) -> bool:
-        """Whether the only run of a large reference is shared by all ranks; nothing is reduced then."""
-        large = self.full_model.kinematics.mechanism.n_dofs >= 2 * UNKNOWNS_PER_RANK
-        alone = self._subject is None and self.training.n_cases == 1
-        return alone and large and not isinstance(self.full_model, ReducedModel)
 
     # what is asked of candidates for a tolerance
 
@@ -500,7 +495,10 @@ class Bench:
             model, n_coordinates, cosine = self._ready(setting)
             reason = self._too_dear(setting, model)
             if isinstance(model, ResponseSurface):
-                history = self._on_surface(model, setting.n_steps)
+                found, n, n_steps = model.evaluate(self._points), self.training.n_samples, setting.n_steps
+                outputs = np.array([found[name] for name in self.outputs])
+                fine, inside = np.full(n, Status.FINE), np.ones(n, dtype=bool)
+                history = History(n_steps, spacing(n_steps), outputs, fine, inside, np.full(n, np.nan))
             elif not reason:
                 begin = process_time()
                 history = history_of(case, setting, model, self.pulse).require_fine(case.scene, case.values)
@@ -536,12 +534,6 @@ class Bench:
             f"too dear to be run at the test values: {duration_text(price)} of processor time are predicted, "
             f"{duration_text(allowed)} are a tenth of reference.budget; its times are those of its first steps"
         )
-
-    def _on_surface(self, surface: ResponseSurface, n_steps: int) -> History:
-        found, n = surface.evaluate(self._points), self.training.n_samples
-        outputs = np.array([found[name] for name in self.outputs])
-        fine, inside = np.full(n, Status.FINE), np.ones(n, dtype=bool)
-        return History(n_steps, spacing(n_steps), outputs, fine, inside, np.full(n, np.nan))
 
     @property
     def _points(self) -> np.ndarray:

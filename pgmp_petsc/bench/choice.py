@@ -14,10 +14,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from math import ceil
-from pathlib import Path
 from typing import Any, NoReturn
 
-import h5py
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, RunError
@@ -28,7 +26,7 @@ from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.candidates import MOST_CONDENSED, Limits
 from pgmp_petsc.bench.cases import Training
 from pgmp_petsc.bench.history import Errors, Trial
-from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, kept_text, refuse, refuse_basis, shares_of
+from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, refuse, refuse_basis, shares_of
 from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, distance_from_mesh
 from pgmp_petsc.bench.step_choice import (
     AHEAD,
@@ -324,7 +322,8 @@ class ReductionChoice:
                 hints = [f"the tables change too fast over the range for {most} angles: take more reduction.angles"]
                 refuse("reduction.tolerance", self.tolerance, "interpolation", self.allowed, self._ledger, hints)
         kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
-        last = [kept_text(kept)] if kept else []
+        given = ", ".join(f"reduction.{name} = {json.dumps(value)}" for name, value in kept.items())
+        last = [f"kept as given: {given}; leave them out to have them chosen"] if kept else []
         more_known = self._reduction.sampling_tolerance is None and self._finer["angles"] <= self._angles[-1]
         if more is MoreAngles.GIVEN and more_known and self._is_affordable(best, self._finer):
             self._apart(best, self._grid, self._finer)  # noted: what twice the angles that are given would change
@@ -398,10 +397,6 @@ class Choice:
     scene: Scene  # the scene with everything given and without tolerances
     rom: ReducedOrderModel | None  # the reduced model, on the first rank; None elsewhere
     selection: Selection  # for the file
-
-    def write(self, path: Path, *parts: Callable[[h5py.File], None]) -> None:
-        """Write the reduced model with what was chosen, and what the parts add; by one process."""
-        self.rom.write(path, self.selection.put, *parts)
 
 
 def leaves_open(scene: Scene) -> bool:
@@ -621,7 +616,14 @@ def choose_over_lengths(
     say(f"tolerances: what they leave open is chosen at {at}, and checked at the ends of the range")
     found = _chosen_at(scene, nominal, meshes, group, say=say, finished=finished)
     chosen = scene.with_entries(reduction=found.scene.reduction, simulation=found.scene.simulation)
-    asked, remarks = _asked_again(scene, chosen), []
+    # with its tolerances, and with everything given that was chosen
+    update: dict[str, Reduction | Simulation] = {"simulation": chosen.simulation}
+    of_reduction, of_step = ({"tolerance": table.tolerance} for table in (scene.reduction, scene.simulation))
+    if scene.reduction.tolerance is not None:
+        update["reduction"] = Reduction(**chosen.reduction.model_dump(exclude_none=True) | of_reduction)
+    if scene.simulation.tolerance is not None:
+        update["simulation"] = Simulation(**chosen.simulation.model_dump() | of_step)
+    asked, remarks = scene.with_entries(**update), []
     for lengths in extremes(scene):
         check = _chosen_at(asked, lengths, meshes, group)
         parts = {attempt.part: attempt.largest for attempt in check.selection.attempts}
@@ -640,14 +642,3 @@ def _chosen_at(
         return choose(with_numbers(scene, lengths), shapes, group, **how)
     except (InputError, RunError) as error:
         raise type(error)(f"at {values_text(scene, lengths)}: {error}") from error
-
-
-def _asked_again(scene: Scene, chosen: Scene) -> Scene:
-    """Return a scene with its tolerances in which everything is given that was chosen."""
-    update: dict[str, Reduction | Simulation] = {"simulation": chosen.simulation}
-    of_reduction, of_step = ({"tolerance": table.tolerance} for table in (scene.reduction, scene.simulation))
-    if scene.reduction.tolerance is not None:
-        update["reduction"] = Reduction(**chosen.reduction.model_dump(exclude_none=True) | of_reduction)
-    if scene.simulation.tolerance is not None:
-        update["simulation"] = Simulation(**chosen.simulation.model_dump() | of_step)
-    return scene.with_entries(**update)

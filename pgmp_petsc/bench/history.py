@@ -8,7 +8,7 @@ polynomial, every instant of every output by itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, Self
@@ -17,7 +17,6 @@ import numpy as np
 
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bench.cases import Setting, Training
-from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.models import FullModel, OutputRecord, ReducedModel
 from pgmp_petsc.models.model import floors_of as floors_of
 from pgmp_petsc.outputs.rainflow import at_the_end
@@ -116,8 +115,12 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, pulse:
     record = _Record(model, system, nodes, pulse, spacing(n_steps))
     run = integrate(system, model.scene.simulation.in_steps(n_steps), observer=record)
     outputs = np.array(list(at_the_end(model.scene, record.outputs()[1]).values()))
-    by_node = record.by_node()
-    inside = _inside([(c, angle.value(by_node).reshape(-1, n_samples)) for c, angle in measures], n_samples)
+    by_node, inside = record.by_node(), np.ones(n_samples, dtype=bool)
+    for c, angle in measures:
+        angles, margin = angle.value(by_node).reshape(-1, n_samples), MARGIN * (c.upper - c.lower)
+        kept = (angles > c.lower + margin) & (angles < c.upper - margin)
+        # a start near the end of the range is none of the run's doing
+        inside &= np.all(kept | (angles == angles[0]), axis=0)
     outputs[..., run.status != Status.FINE] = np.nan
     return History(n_steps, record.every, outputs, run.status, inside, run.failure_time)
 
@@ -137,17 +140,6 @@ class _Record(OutputRecord):
     def by_node(self) -> dict[int, np.ndarray]:
         """Return the frames of the nodes, (n_frame, n) each."""
         return dict(zip(self._nodes, np.concatenate(self._frames, axis=-1))) if self._nodes else {}
-
-
-def _inside(measured: Sequence[tuple[Coordinate, np.ndarray]], n_samples: int) -> np.ndarray:
-    """Return which samples stayed in the ranges of their coordinates, of angles of shape (n_kept, n_samples)."""
-    result = np.ones(n_samples, dtype=bool)
-    for coordinate, angles in measured:
-        margin = MARGIN * (coordinate.upper - coordinate.lower)
-        kept = (angles > coordinate.lower + margin) & (angles < coordinate.upper - margin)
-        # a start near the end of the range is none of the run's doing
-        result &= np.all(kept | (angles == angles[0]), axis=0)
-    return result
 
 
 def errors_between(found: History, exact: History, floors: np.ndarray) -> np.ndarray:
@@ -281,7 +273,12 @@ class ResponseSurface:
         if nodes.shape[1] == 1:
             self._interpolate = CubicSpline(scaled[:, 0], data)
         else:
-            self._interpolate = RBFInterpolator(scaled, data, kernel="cubic", degree=_degree(*nodes.shape))
+            (n, n_parameters), linear = nodes.shape, nodes.shape[1] + 1
+            if n <= linear:
+                raise ValueError(f"{n} nodes for {n_parameters} parameters; at least {linear + 1} are needed")
+            # the largest that the nodes determine, with one node to spare
+            degree = 2 if n > linear * (n_parameters + 2) // 2 else 1
+            self._interpolate = RBFInterpolator(scaled, data, kernel="cubic", degree=degree)
 
     def evaluate(self, points: np.ndarray) -> dict[str, np.ndarray]:
         """Return the outputs over time, each of shape (n_t, n), at parameter values of shape (n, n_parameters); no
@@ -293,11 +290,3 @@ class ResponseSurface:
 
     def _scaled(self, points: np.ndarray) -> np.ndarray:
         return (points - self._low) / self._width
-
-
-def _degree(n_nodes: int, n_parameters: int) -> int:
-    """Return the largest degree whose polynomials the nodes determine, with one node to spare."""
-    linear = n_parameters + 1
-    if n_nodes <= linear:
-        raise ValueError(f"{n_nodes} nodes for {n_parameters} parameters; at least {linear + 1} are needed")
-    return 2 if n_nodes > linear * (n_parameters + 2) // 2 else 1

@@ -263,9 +263,3 @@ def _cure_of_sudden_loads(bench: Bench, trial: Trial, unresolved: float) -> list
 
 def _effects(names: Sequence[str]) -> str:
     return " and ".join(f"effects.{name}" for name in names) + (" acts" if len(names) == 1 else " act")
-
-
-def kept_text(kept: Mapping[str, Any]) -> str:
-    """Return which entries the scene gave itself, so that they were not chosen, in words."""
-    given = ", ".join(f"reduction.{name} = {json.dumps(value)}" for name, value in kept.items())
-    return f"kept as given: {given}; leave them out to have them chosen"

@@ -217,10 +217,18 @@ class StepChoice:
         """Check a given step, or look for one as far as that is quick."""
         if self.tolerance is None:
             return
-        if self.kept:
-            self._check_given()
-        else:
+        if not self.kept:
             self._search.advance(min(round(EARLY_PER_PERIOD * self._periods), self._most))
+            return
+        n = self.n_given
+        ahead = AHEAD if AHEAD * n <= self._most else 2
+        errors = self._bench.moved(n, ahead * n, self.loads)
+        self._note(n, errors)
+        if errors.largest > STEP * self.tolerance:
+            given = f"simulation.step = {self._bench.scene.simulation.step:g}"
+            hints = [f"{given} is kept as given; leave it out to have it chosen"]
+            part = "round-off" if errors.is_round_off else "step"
+            refuse("simulation.tolerance", self.tolerance, part, self.allowed, self._ledger, hints)
 
     def finish(self, others: Mapping[str, float]) -> None:
         """Look further, if the step is not known. Raises `InputError` if the smallest step that is tried is not small
@@ -306,17 +314,6 @@ class StepChoice:
         else:
             self._last = errors
         return errors.by_output
-
-    def _check_given(self) -> None:
-        n = self.n_given
-        ahead = AHEAD if AHEAD * n <= self._most else 2
-        errors = self._bench.moved(n, ahead * n, self.loads)
-        self._note(n, errors)
-        if errors.largest > STEP * self.tolerance:
-            given = f"simulation.step = {self._bench.scene.simulation.step:g}"
-            hints = [f"{given} is kept as given; leave it out to have it chosen"]
-            part = "round-off" if errors.is_round_off else "step"
-            refuse("simulation.tolerance", self.tolerance, part, self.allowed, self._ledger, hints)
 
     def _step_of(self, n_steps: int) -> float:
         # samplings are at ends of steps

@@ -117,7 +117,15 @@ class BeamStrains:
     @classmethod
     def of(cls, body: Beams, elements: np.ndarray, along: np.ndarray, held: Collection[int] = ()) -> BeamStrains:
         """Take points of elements; `held` are the nodes at which a load or a joint may be."""
-        return cls(body, elements, along, _continuation(body.mesh, elements, along, held))
+        mesh = body.mesh
+        before, after = (others[elements] for others in _neighbours(mesh, held))
+        # from the middle of the element before to that of the one after, or its own where there is none
+        low, high = np.where(before >= 0, before, elements), np.where(after >= 0, after, elements)
+        own, apart = mesh.lengths[elements], low != high
+        behind = np.where(before >= 0, 0.5 * (own + mesh.lengths[low]), 0.0)
+        ahead = np.where(after >= 0, 0.5 * (own + mesh.lengths[high]), 0.0)
+        share = np.where(apart, (along - 0.5) * own / np.where(apart, behind + ahead, 1.0), 0.0)
+        return cls(body, elements, along, (share, low, high))
 
     @classmethod
     def at_nodes(cls, body: Beams, held: Collection[int], nodes: np.ndarray) -> BeamStrains:
@@ -141,19 +149,6 @@ class BeamStrains:
         away = np.linalg.norm(place - starts - along[:, None] * edges, axis=1)
         near = np.flatnonzero(away <= ON_LINE * float(np.ptp(mesh.nodes, axis=0).max()))
         return cls.of(body, near, along[near], held) if near.size else None
-
-
-def _continuation(
-    mesh: LineMesh, elements: np.ndarray, along: np.ndarray, held: Collection[int]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what continues values in the middles of elements to points; see `BeamStrains`."""
-    before, after = (others[elements] for others in _neighbours(mesh, held))
-    # from the middle of the element before to that of the one after, or its own where there is none
-    low, high = np.where(before >= 0, before, elements), np.where(after >= 0, after, elements)
-    own, apart = mesh.lengths[elements], low != high
-    behind = np.where(before >= 0, 0.5 * (own + mesh.lengths[low]), 0.0)
-    ahead = np.where(after >= 0, 0.5 * (own + mesh.lengths[high]), 0.0)
-    return np.where(apart, (along - 0.5) * own / np.where(apart, behind + ahead, 1.0), 0.0), low, high
 
 
 def _neighbours(mesh: LineMesh, held: Collection[int]) -> tuple[np.ndarray, np.ndarray]:

@@ -57,7 +57,12 @@ class FramedSolid:
             scale = SectionScale(Quantity.of(entry.section_scale))
             for point, frame in frames.items():
                 _check_section(f"bodies.{name}.section_scale", mesh, point, frame)
-        return cls(Solid(name, mesh, _regions(name, entry, materials, mesh), scale, profiles), frames)
+        thickness, regions = Quantity.of(1.0 if entry.thickness is None else entry.thickness), []
+        for chosen, cells in cells_of_materials(name, entry, mesh):
+            material = materials[chosen]
+            modulus, density = thickness * Quantity.of(material.E), thickness * Quantity.of(material.rho)
+            regions.append(Region(cells, modulus, density, material.nu))
+        return cls(Solid(name, mesh, tuple(regions), scale, profiles), frames)
 
     @classmethod
     def assembled(cls, name: str, entry: BodyEntry, body: Assembled, points: Mapping[str, str]) -> FramedSolid:
@@ -160,13 +165,3 @@ def cells_of_materials(name: str, entry: BodyEntry, mesh: SolidMesh) -> list[tup
         owner[cells] = len(names) - 1
     found = ((material, np.flatnonzero(owner == number)) for number, material in enumerate(names))
     return [(material, cells) for material, cells in found if cells.size]
-
-
-def _regions(name: str, entry: BodyEntry, materials: Mapping[str, Material], mesh: SolidMesh) -> tuple[Region, ...]:
-    thickness = Quantity.of(1.0 if entry.thickness is None else entry.thickness)
-    found = []
-    for chosen, cells in cells_of_materials(name, entry, mesh):
-        material = materials[chosen]
-        modulus, density = thickness * Quantity.of(material.E), thickness * Quantity.of(material.rho)
-        found.append(Region(cells, modulus, density, material.nu))
-    return tuple(found)

@@ -182,14 +182,6 @@ def _on_pairs(stresses: np.ndarray, axes: tuple[np.ndarray, np.ndarray], weight:
     return (stresses[:, axes[0], axes[1]] * twice * weight[:, None, None]).reshape(-1, stresses.shape[3])
 
 
-def stretching_of(strains: np.ndarray, moduli: dict[Monomial, np.ndarray]) -> dict[Monomial, np.ndarray]:
-    """Return the stiffness against the mean strains of pieces by weight, shape (n, n); see
-    `FieldsOnCells.mean_strains`."""
-    volumes = np.where(strains[:, 0] > 0.0, strains[:, 0], 1.0)
-    means = strains[:, 1:] / volumes[:, None]
-    return {weight: means.T @ (modulus[:, None] * means) for weight, modulus in moduli.items()}
-
-
 @njit(cache=True, error_model="numpy")
 def _fill_strains(gradients, strains):
     """Fill ``E''_kl = sum_c sym(du_c/dX_k dv_c/dX_l)`` of pairs of fields, shape (n_points, d (d + 1) / 2, n (n + 1) /

@@ -190,7 +190,10 @@ def _expansion(
     values, vectors = np.linalg.eigh(factor.T @ factor)
     functions = ((factor @ vectors[:, ::-1][:, :n_terms]) / roots[:, None]).T
     shares = np.maximum(values[::-1][:n_terms], 0.0) / weights.sum()
-    return Expansion(_signed(functions), shares)
+    # positive at the first cell where it is large: round-off must not choose the sign of one as large on both sides
+    large = np.abs(functions) > 0.5 * np.abs(functions).max(axis=1, keepdims=True)
+    first = functions[np.arange(len(functions)), np.argmax(large, axis=1)]
+    return Expansion(functions * np.where(first < 0.0, -1.0, 1.0)[:, None], shares)
 
 
 def _pivoted_cholesky(column: Callable[[int], np.ndarray], diagonal: np.ndarray, most: int) -> np.ndarray:
@@ -205,11 +208,3 @@ def _pivoted_cholesky(column: Callable[[int], np.ndarray], diagonal: np.ndarray,
         rest = np.maximum(rest - found[m] ** 2, 0.0)
         rest[pivot] = 0.0
     return found.T.copy()
-
-
-def _signed(functions: np.ndarray) -> np.ndarray:
-    """Return functions (n_terms, n_cells) positive at the first cell where they are large: round-off must not choose
-    the sign of one that is as large on both sides."""
-    large = np.abs(functions) > 0.5 * np.abs(functions).max(axis=1, keepdims=True)
-    first = functions[np.arange(len(functions)), np.argmax(large, axis=1)]
-    return functions * np.where(first < 0.0, -1.0, 1.0)[:, None]

@@ -111,7 +111,8 @@ class BeamLaw:
             if fibres is None:
                 # moments at the points: other strains than came
                 fibres = self._of_fibres(points, forces / points.stiffnesses(parameters), parameters)
-            found[quantity] = outermost(*fibres, quantity == "stress_max")
+            axial, bending = fibres
+            found[quantity] = axial + bending if quantity == "stress_max" else axial - bending
         return found
 
     def softening(self, points: BeamStrains, nominal: Mapping[str, float], parameters: Values) -> np.ndarray:
@@ -342,9 +343,3 @@ def principal(stresses: Points, largest: bool) -> np.ndarray:
     det = xx * (yy * zz - yz**2) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
     phi = np.arccos(np.clip(0.5 * det, -1.0, 1.0)) / 3.0
     return mean + 2.0 * q * np.cos(phi + (0.0 if largest else 2.0 * np.pi / 3.0))
-
-
-def outermost(axial: np.ndarray, bending: np.ndarray, largest: bool) -> np.ndarray:
-    """Return the normal stress in the fibre that is stretched most or least, for that of the axial force and the
-    largest one of bending, of one shape."""
-    return axial + bending if largest else axial - bending

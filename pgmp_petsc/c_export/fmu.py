@@ -70,7 +70,8 @@ def variables_of(constants: Constants) -> list[Variable]:
     # values are in the units of the scene; what a parameter was given in is of its numbers only
     found, units = [], "SI units" if constants.system == SI else str(constants.system)
     for k, (name, value) in enumerate(constants.parameters.items()):
-        (low, high), unit = constants.served[name].widened(value), constants.parameter_units[name]
+        served, unit = constants.served[name], constants.parameter_units[name]
+        low, high = min(served.to_own * served.low, value), max(served.to_own * served.high, value)
         about = f"{units}; from min to max, its bounds or what the model was built for"
         about = units if math.isinf(high - low) else about
         setting = "parameter", "tunable", about, repr(float(value)), None

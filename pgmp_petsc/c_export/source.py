@@ -47,6 +47,9 @@ def compiled_of(kind: str) -> tuple[str, ...]:
 
 def sources_of(constants: Constants) -> dict[str, str]:
     parts = [name for name in compiled_of(constants.kind)[:-1] if name.removesuffix(".c") not in PRINTED]
+    sizes = [f"#define {name} {_number(value)}" for name, value in constants.settings.items()]
+    lengths = " || ".join(f"(kind) == {kind.name}" for kind in KINDS if kind.unit == "m")
+    sizes += [f"enum {{ {', '.join(kind.name for kind in KINDS)} }};", f"#define IS_LENGTH(kind) ({lengths})"]
     return {
         **{name: read_common(name) for name in ("model.h", "tables.h", *parts, "main.c")},
         "equations.h": read_common(f"{OWN[constants.kind][0]}.h"),
@@ -55,7 +58,7 @@ def sources_of(constants: Constants) -> dict[str, str]:
             for name, module in PRINTED.items()
             if f"{name}.c" in compiled_of(constants.kind)
         },
-        "sizes.h": _sizes(constants),
+        "sizes.h": HEAD + "#ifndef PGMP_SIZES_H\n#define PGMP_SIZES_H\n\n" + "\n".join(sizes) + "\n\n#endif\n",
         "tables.c": _tables(constants),
     }
 
@@ -90,13 +93,6 @@ def write_sources(constants: Constants, folder: str | Path) -> int:
             if (folder / name).exists():  # `cc *.c` would link it too
                 check_output(folder / name, "code").unlink()
     return sum(len(text.encode()) for text in texts.values())
-
-
-def _sizes(constants: Constants) -> str:
-    lines = [f"#define {name} {_number(value)}" for name, value in constants.settings.items()]
-    lengths = " || ".join(f"(kind) == {kind.name}" for kind in KINDS if kind.unit == "m")
-    lines += [f"enum {{ {', '.join(kind.name for kind in KINDS)} }};", f"#define IS_LENGTH(kind) ({lengths})"]
-    return HEAD + "#ifndef PGMP_SIZES_H\n#define PGMP_SIZES_H\n\n" + "\n".join(lines) + "\n\n#endif\n"
 
 
 def _number(value: float) -> str:

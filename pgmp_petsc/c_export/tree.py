@@ -119,6 +119,14 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
 
 def _tables(model: ComponentModel, system: JointBatch, parts: Parts) -> dict[str, tuple[str, np.ndarray]]:
     own, tree, state = system.own, system.own.joints.tree, system.start()
+    equations, space = own.equations, model.kinematics.mechanism.space
+    poses = model.kinematics.poses(equations.initial[0])[..., 0]
+    frames, d = equations.unknowns.frames(equations.start[0]), space.dimension
+    # where the nodes of the frames of all bodies are in them, m
+    centres = [
+        space.to_body(pose[:, None], (frames[node] - pose)[:d, None])[:, 0]
+        for node, pose in zip(_base_nodes(equations), poses)
+    ]
     return {
         "moments": ("[N_TERMS][AT_LEAST_ONE(N_WORDS)]", parts.moments),
         "densities": ("[N_TERMS][AT_LEAST_ONE(N_MASSES)][1 + D][1 + D]", parts.densities),
@@ -129,7 +137,7 @@ def _tables(model: ComponentModel, system: JointBatch, parts: Parts) -> dict[str
         "curve_columns": ("[]", tree.columns),
         "first_entries": ("[]", own.problem.floating.rows),
         "columns": ("[]", own.problem.floating.columns),
-        "body_centres": ("[N_BODIES][D]", _centres(model, own.equations)),
+        "body_centres": ("[N_BODIES][D]", np.array(centres)),
         "scale": ("[]", own.joints.units),
         "start_coordinates": ("[N]", system.unpack(state.q)[:, 0]),
         "start_rates": ("[N]", system.unpack(state.v)[:, 0]),
@@ -217,7 +225,6 @@ def _parts_of(own: JointEquations, equations: FullEquations) -> Parts:
 
 
 def _bodies(own: JointEquations) -> Iterator[str]:
-    """Yield the bodies of the tree in C."""
     tree, floating = own.joints.tree, own.problem.floating
     for k, kind in enumerate(tree.kinds.tolist()):
         on, held, base = tree.nodes[k]
@@ -289,16 +296,6 @@ def _holds(
 
 def _base_nodes(equations: FullEquations) -> list[int]:
     return [body.first_node + body.n_nodes - 1 for body in equations.unknowns.bodies]
-
-
-def _centres(model: ComponentModel, equations: FullEquations) -> np.ndarray:
-    """Return where the nodes of the frames of all bodies are in them, shape (n_bodies, d), m."""
-    space, theta = model.kinematics.mechanism.space, equations.initial[0]
-    poses, frames = model.kinematics.poses(theta)[..., 0], equations.unknowns.frames(equations.start[0])
-    d, nodes = space.dimension, _base_nodes(equations)
-    return np.array(
-        [space.to_body(pose[:, None], (frames[node] - pose)[:d, None])[:, 0] for node, pose in zip(nodes, poses)]
-    )
 
 
 def _constraints(own: JointEquations, prescribed: Sequence[int], n_nodes: int) -> tuple[list[TermInC], list[str]]:

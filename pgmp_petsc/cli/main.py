@@ -30,7 +30,7 @@ from pgmp_petsc.base.progress import beating
 from pgmp_petsc.base.surroundings import Comm, check_variables
 from pgmp_petsc.cli.declared import Session, at_terminal, complain, painter
 from pgmp_petsc.ranks.ending import LastingOutput, descriptor_of, ending_on_signals, release_petsc, what_is_kept
-from pgmp_petsc.ranks.petsc import start_mpi, unused_options, unused_remark
+from pgmp_petsc.ranks.petsc import PREFIXES, start_mpi, unused_options
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,9 @@ def _warn(session: Session, status: int) -> None:
     if session.petsc_started and status != InputError.exit_status:
         names = unused_options(session.petsc_options, session.comm)
         if names and session.comm.rank == 0:
-            complain(f"pgmp: warning: {visible(unused_remark(names))}", sys.stderr)
+            given, known = " ".join(f"-{name}" for name in names), f"{', '.join(PREFIXES)} (docs/petsc_options.md)"
+            remark = visible(f"PETSc options that nothing used: {given}; prefixes here: {known}")
+            complain(f"pgmp: warning: {remark}", sys.stderr)
     # a command that computes nothing never loaded numba
     compiled = sys.modules.get("pgmp_petsc.lanes.compiled")
     problem = None if compiled is None else compiled.cache_problem()

@@ -158,10 +158,16 @@ def _serve(
     first = problem.answers(loads)
     subspace.add(np.hstack([modes, first]))
     scale = np.diag(subspace.inner(loads, first))
-    # the highest value asks for most; what serves it as a rule serves the others
-    waiting, largest, rounds = list(_tests(values)), 0.0, 0
+    # answers stay finite in the middle between eigenvalues; the highest value asks for most, and serves the others too
+    distinct = np.concatenate([[0.0], values[np.diff(values, prepend=0.0) > 1e-3 * values]])
+    middles = 0.5 * (distinct[1:] + distinct[:-1])
+    chosen = np.unique(np.linspace(0, middles.size - 1, min(N_TESTS, middles.size)).round().astype(int))
+    waiting, largest, rounds = list(middles[chosen]), 0.0, 0
     while waiting:
-        residual = _residual(subspace, loads, waiting[-1])
+        # P^T - (K - lambda M) V x with the Galerkin answer x
+        reduced = subspace.inner(subspace.vectors, subspace.images) - waiting[-1] * np.eye(subspace.n)
+        x = np.linalg.solve(reduced, subspace.inner(subspace.vectors, loads))
+        residual = loads - (subspace.images @ x - waiting[-1] * (subspace.mass_vectors @ x))
         answer = problem.answers(residual)
         error = float(np.max(np.abs(np.diag(subspace.inner(residual, answer))) / scale))
         if error < TOLERANCE:
@@ -175,23 +181,6 @@ def _serve(
         else:
             rounds += 1
     return largest
-
-
-def _tests(values: np.ndarray) -> np.ndarray:
-    """Choose values of lambda up to the highest eigenvalue, in the middle between eigenvalues, where answers stay
-    finite."""
-    distinct = np.concatenate([[0.0], values[np.diff(values, prepend=0.0) > 1e-3 * values]])
-    middles = 0.5 * (distinct[1:] + distinct[:-1])
-    chosen = np.unique(np.linspace(0, middles.size - 1, min(N_TESTS, middles.size)).round().astype(int))
-    return middles[chosen]
-
-
-def _residual(subspace: Subspace, loads: np.ndarray, test: float) -> np.ndarray:
-    """Return ``P^T - (K - lambda M) V x`` with the Galerkin answer x, local rows."""
-    v = subspace
-    reduced = v.inner(v.vectors, v.images) - test * np.eye(v.n)
-    x = np.linalg.solve(reduced, v.inner(v.vectors, loads))
-    return loads - (v.images @ x - test * (v.mass_vectors @ x))
 
 
 def _condensed(
@@ -247,15 +236,21 @@ def _condensed(
 def _across_axis(
     solid: Solid, nodes: range, subspace: Subspace, mass: Terms, values: Mapping[str, float]
 ) -> np.ndarray:
-    """Return what takes vectors of the subspace to the rest beside their part along the axis (`axial_part`).
+    """Return what takes vectors V of the subspace to the rest beside their part along the axis: that of displacement
+    fields F that are polynomials of x alone, from ``V^T M F`` and ``F^T M F``.
 
     The subspace is orthonormal in the mass at the parameter values.
     """
-    x = solid.mesh.nodes[:, 0]
-    fields = axial_fields(solid.mesh.nodes[nodes.start : nodes.stop], x.min(), x.max())
+    x, places = solid.mesh.nodes[:, 0], solid.mesh.nodes[nodes.start : nodes.stop]
+    (n, d), lowest, highest = places.shape, x.min(), x.max()
+    along = legvander((2.0 * places[:, 0] - lowest - highest) / (highest - lowest), DEGREE)
+    fields = np.einsum("nk,ij->nikj", along, np.eye(d)).reshape(n * d, -1)
     squares = {weight: _projected(matrix, fields, subspace.comm) for weight, matrix in mass.items()}
     momenta = subspace.inner(subspace.mass_vectors, fields)
-    return np.eye(subspace.n) - axial_part(momenta, weighted_sum_dense(squares, values))
+    squared, directions = eigh(weighted_sum_dense(squares, values))
+    chosen = squared > DEPENDENT * squared[-1]
+    unit = momenta @ (directions[:, chosen] / np.sqrt(squared[chosen]))
+    return np.eye(subspace.n) - unit @ unit.T
 
 
 def weighted_sum_dense(terms: Mapping[Monomial, np.ndarray], values: Mapping[str, float]) -> np.ndarray:
@@ -308,23 +303,6 @@ DEGREE = 24  # of polynomials along the axis, for modes with up to half as many 
 DEPENDENT = 1e-10  # of the largest square: a coarse mesh does not tell all of them apart
 
 
-def axial_fields(places: np.ndarray, lowest: float, highest: float) -> np.ndarray:
-    """Return displacement fields that are polynomials of x alone, shape (n d, d (DEGREE + 1)), at places (n, d) with x
-    between."""
-    n, d = places.shape
-    along = legvander((2.0 * places[:, 0] - lowest - highest) / (highest - lowest), DEGREE)
-    return np.einsum("nk,ij->nikj", along, np.eye(d)).reshape(n * d, -1)
-
-
-def axial_part(momenta: np.ndarray, squares: np.ndarray) -> np.ndarray:
-    """Return what takes vectors of an orthonormal basis V to their part along the axis, shape (n, n), from ``V^T M F``,
-    shape (n, n_fields), and ``F^T M F`` of the fields F."""
-    values, directions = eigh(squares)
-    chosen = values > DEPENDENT * values[-1]
-    unit = momenta @ (directions[:, chosen] / np.sqrt(values[chosen]))
-    return unit @ unit.T
-
-
 @dataclass(frozen=True, eq=False)
 class SectionCoordinates:
     """The change of coordinates."""
@@ -372,11 +350,6 @@ class SectionCoordinates:
                 place = weight * scale.monomial
                 found[place] = found.get(place, 0.0) + scale.coefficient * part
         return found
-
-    @property
-    def parts(self) -> tuple[np.ndarray, np.ndarray]:
-        """T_0 and T_1, of the powers 0 and 1 of s."""
-        return self.constant, self.linear
 
     def at(self, values: Mapping[str, float]) -> np.ndarray:
         """Return T."""

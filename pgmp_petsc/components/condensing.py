@@ -243,20 +243,17 @@ def floating_shapes(
     own, found = flexible[comm.rank :: comm.size], {}
     with agreed(comm, "component modes"), progress(len(own), "bodies in floating frames", comm) as bar:
         for body in own:
-            found[body.name] = _in_floating_frame(scene, replace(body.alone(), lumps={}), shapes[body.name])
+            if body.to_condense:
+                # not the mechanism's own, whose mesh has the cross-section of one sample already
+                found[body.name] = _of_solid(scene, framed_solid(scene, body.name, shapes[body.name]))
+            else:
+                own_alone = replace(body.alone(), lumps={})
+                found[body.name] = _of_beams(scene, own_alone, points_used(scene, body.name))
             bar.update()
     done = dict(shapes)
     for part in comm.allgather(found):
         done.update(part)
     return done
-
-
-def _in_floating_frame(scene: Scene, body: Body, shape: BodyShape) -> FloatingBody:
-    points = points_used(scene, body.name)
-    if not body.to_condense:
-        return _of_beams(scene, body, points)
-    # not the mechanism's own, whose mesh has the cross-section of one sample already
-    return _of_solid(scene, framed_solid(scene, body.name, shape))
 
 
 def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:

@@ -28,7 +28,7 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import Component
-from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LargeDeformation, LongAxis, cyclic, stretching_of
+from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LargeDeformation, LongAxis, cyclic
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.component_modes import elastic_modes, own_nodes, weighted_sum_dense
 
@@ -135,7 +135,9 @@ class FieldsOnRanks:
     def stretching(self) -> dict[Monomial, np.ndarray]:
         """Return the stiffness against the mean strains of pieces by weight, shape (n, n)."""
         strains, moduli = self._on_cells.mean_strains(self.axis)
-        return stretching_of(_total(strains, self._comm), _summed(moduli, self._comm))
+        strains, moduli = _total(strains, self._comm), _summed(moduli, self._comm)
+        means = strains[:, 1:] / np.where(strains[:, 0] > 0.0, strains[:, 0], 1.0)[:, None]
+        return {weight: means.T @ (modulus[:, None] * means) for weight, modulus in moduli.items()}
 
 
 def _fetched(wanted: np.ndarray, nodes: range, own: np.ndarray, comm: Comm) -> np.ndarray:

@@ -87,7 +87,6 @@ class ControllerEffect(ActionEffect):
         return super()._fixed()[:1]
 
     def turning_patterns(self) -> list[Action]:
-        """Return the other actions."""
         return super().turning_patterns()[:1]
 
 

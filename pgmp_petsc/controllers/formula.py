@@ -124,18 +124,11 @@ class FormulaController(JointController):
         """The names that formulas have by themselves, and what they are in the law."""
         return GIVEN if self._named else OF_ONE | GIVEN
 
-    @property
-    def _known(self) -> dict[str, str]:
-        """The names of the formulas, and what they are in the law."""
-        return self._given | {name: _own(name) for name in (*self._named, *self.states, *self.constants)}
-
-    @property
-    def _words(self) -> str:
-        return f"{', '.join((*self._given, *self._named))}, the names of `states` and `constants`"
-
     def _declared(self, text: str) -> tuple[str, set[str]]:
         """Return a formula as the law has it, and the names in it."""
-        return declared(text, self._known, self._words)
+        known = self._given | {name: _own(name) for name in (*self._named, *self.states, *self.constants)}
+        words = f"{', '.join((*self._given, *self._named))}, the names of `states` and `constants`"
+        return declared(text, known, words)
 
     @property
     def needs_rate(self) -> bool:
@@ -143,7 +136,6 @@ class FormulaController(JointController):
         return not self._named and any("v" in self._declared(text)[1] for text in (*self.states.values(), self.output))
 
     def law(self) -> ControlLaw:
-        """Return its law."""
         states = tuple((_own(name), self._declared(text)[0]) for name, text in self.states.items())
         force, constants, starts = self._declared(self.output)[0], (*self.constants,), (*self.initial,)
         return law_of(states, force, constants, starts, (*self.measured,))

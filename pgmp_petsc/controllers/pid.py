@@ -74,12 +74,10 @@ class Pid(JointController):
         return not self.filtered and self.gains.d != 0.0
 
     def law(self) -> ControlLaw:
-        """Return its law."""
         limited = self.limits is not None and self.gains.i != 0.0
         return law_of(self.filtered, ("ratio" if self.tracking is None else "tracking") if limited else "nothing")
 
     def parameters(self) -> dict[str, float | str]:
-        """Return the gains."""
         return self.gains.model_dump() | ({} if self.tracking is None else {"tracking": self.tracking})
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:

@@ -166,10 +166,6 @@ class Target:
     place: str
     stride: str = ""
 
-    def moves_with(self, letter: str) -> bool:
-        """Return whether it is another place for each value of a letter."""
-        return re.search(rf"\b{letter}\b", self.place) is not None
-
 
 @dataclass(frozen=True)
 class _Sum:
@@ -234,7 +230,7 @@ class Loops:
             found += [one for _, sums in parts for one in sums]
         if letter == ANY:
             return lines, found
-        inside = [one for one in found if not letter or one.target.moves_with(letter)]
+        inside = [one for one in found if not letter or re.search(rf"\b{letter}\b", one.target.place)]
         lines += self._added(inside, letter)
         return lines, [one for one in found if one not in inside]
 

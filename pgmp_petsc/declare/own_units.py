@@ -39,7 +39,6 @@ def shifted(value: float, power: float) -> float:
 
 
 def _times(text: str, power: float) -> str:
-    """Return a text times a power of ten."""
     if not power:
         return text
     size = 10.0 ** abs(float(power))

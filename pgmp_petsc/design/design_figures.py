@@ -42,8 +42,8 @@ class DesignFigures:
     `narrowed` is, by parameters whose limits it narrows, the spread of the samples, what it leaves, and where the
     search begins if not where it was to, in words. Designs that were asked for and could be run are `tried`, with the
     `goals` there, which are minimised; others are `turned_back`. `count` is called with a number of runs after they
-    were made. `off` is how far the derivatives of runs on this rank may be off where they are differences; `of_samples`
-    are goal and constraints of every sample of the last design that could be run, (n_samples, n_figures).
+    were made. `off` is how far the derivatives of runs may be off where they are differences; `of_samples` are
+    goal and constraints of every sample of the last design that could be run, (n_samples, n_figures).
     """
 
     def __init__(self, model: ReducedModel, question: Question, comm: Comm) -> None:
@@ -150,6 +150,7 @@ class DesignFigures:
                     break
                 self.count(min(comm.size, self.n_samples - sample))
         found = dict(pair for part in comm.allgather(mine) for pair in part)
+        self.off = max(comm.allgather(self.off))
         stopped = [sample for sample in sorted(found) if isinstance(found[sample], PgmpError)]
         if stopped:
             return found[stopped[0]]

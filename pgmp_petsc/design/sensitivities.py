@@ -209,12 +209,12 @@ def corner_remarks(run: DifferentiatedRun, changes: np.ndarray) -> Iterator[Rema
 @gathered
 def contact_remarks(run: DifferentiatedRun) -> Iterator[Remark]:
     """Return what is to be said of the end stops that a run meets and leaves."""
-    for name in dict.fromkeys(contact.effect for contact in run.contacts):
-        own = [contact for contact in run.contacts if contact.effect == name]
+    for entry in dict.fromkeys(contact.entry for contact in run.contacts):
+        own = [contact for contact in run.contacts if contact.entry == entry]
         nearest = min(own, key=lambda contact: contact.turning)
         times = "once" if len(own) == 1 else f"{len(own)} times"
         yield note(
-            f"effects.{name} is met or left {times}, first at {own[0].time:.5g} s: these instants move with the "
+            f"{entry} is met or left {times}, first at {own[0].time:.5g} s: these instants move with the "
             "parameters, and derivatives hold for changes that leave their number and order as they are; nearest "
             f"to grazing is that at {nearest.time:.5g} s, where the path would turn back within "
             f"{nearest.turning:.2g} s"

@@ -137,7 +137,6 @@ class LooseEffect(ActionEffect):
 
     @property
     def entry(self) -> str:
-        """The entry of the scene that it is of."""
         return f"joints.{self.name}.clearance"
 
 

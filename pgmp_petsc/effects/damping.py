@@ -139,7 +139,6 @@ class StructuralDamping(EffectEntry):
         return f"in {', '.join(self.bodies) if self.bodies else 'all flexible bodies'}"
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:
-        """Return the damping of each body."""
         return BodiesDamping(name, self, mechanism)
 
 

@@ -163,7 +163,6 @@ class ActionEffect(Effect):
         return cls(name, [Action(name, law=law, parameters=own, **place) for own in given], mechanism)
 
     def actions(self) -> list[Action]:
-        """Return the local effects."""
         return self._actions
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
@@ -176,7 +175,6 @@ class ActionEffect(Effect):
         return [number for number, action in enumerate(self._fixed()) if action.stiffness]
 
     def turning_patterns(self) -> list[Action]:
-        """Return the other actions."""
         return [one for one in self._actions if not one.leads and not one.statement.fixed_in_bodies]
 
     def _fixed(self) -> list[Action]:

@@ -54,6 +54,5 @@ class FreePlay(OnJoint):
     )
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
-        """Return the spring."""
         place, parameters = joint_measure(mechanism, self), (self.stiffness, self.damping, self.lower, self.upper)
         return ActionEffect.of_laws(name, mechanism, place, FREE_PLAY, parameters)

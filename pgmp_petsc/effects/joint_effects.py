@@ -113,7 +113,6 @@ class EndStop(OnJoint):
         return np.nan, f"would matter where the motion ends: {', '.join(ranges)}"
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
-        """Return one action for each end."""
         ends = ((getattr(self, key), side) for key, side in self.sets_in.items())
         each = [(self.stiffness, self.damping, end, side) for end, side in ends if end is not None]
         return ActionEffect.of_laws(name, mechanism, joint_measure(mechanism, self), STOP, *each)
@@ -203,7 +202,6 @@ class JointFriction(OnJoint):
         return float(trapezoid(np.abs(rate), time))
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
-        """Return the friction."""
         law, given = FRICTION, (self.limit, self.speed)
         if self.by_load:
             radius = 1.0 if self.radius is None else self.radius

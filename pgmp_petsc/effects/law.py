@@ -310,10 +310,8 @@ def _slope(force: Any, variable: Any) -> Any:
         otherwise = part.args[1].expr
         return otherwise.is_Piecewise and otherwise.args[0].cond == sp.Lt(*part.args[0].cond.args)
 
-    def on_both_sides(part: Any) -> Any:
-        return sp.Piecewise(part.args[1].expr.args[0], (part.args[0].expr, True))
-
-    found = sp.diff(force.replace(is_sign, on_both_sides), variable)
+    both_sides = force.replace(is_sign, lambda x: sp.Piecewise(x.args[1].expr.args[0], (x.args[0].expr, True)))
+    found = sp.diff(both_sides, variable)
     if not any(one.exp.is_negative and one.base.has(sp.exp) for one in found.atoms(sp.Pow)):
         return found
     return found.replace(sp.exp, lambda u: sp.exp(sp.Piecewise((u, u < LARGEST_EXPONENT), (LARGEST_EXPONENT, True))))

@@ -67,7 +67,6 @@ class Torque(OverTime):
         return load_over_problems(scene, name, self)
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:
-        """Return the couples."""
         if self.over is not None:
             return load_over_joint(name, self, mechanism, joint_measure(mechanism, self), Quantity.of(self.scale))
         return Couples(name, self, mechanism)
@@ -170,7 +169,6 @@ class Gravity(EffectEntry):
         return share, f"work of weights along -{'xyz'[axis]}, of the energy moved around"
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:
-        """Return the weights."""
         return Weights(name, self.direction, Quantity.of(self.acceleration), mechanism)
 
 
@@ -343,7 +341,6 @@ class PointFriction(EffectEntry):
     )
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
-        """Return the friction."""
         ends, entry = (GROUND_ORIGIN, self.point), f"effects.{name}.point"
         place = mechanism.between(along(np.array(self.direction)), ends, entry)
         return ActionEffect.of_laws(name, mechanism, place, FRICTION, (self.limit, self.speed))

@@ -235,7 +235,6 @@ class BaseMotion(OverTime):
         return TimeFunction(*pieces)
 
     def forces(self, name: str, mechanism: Mechanism) -> Weights:
-        """Return the inertia forces."""
         return Weights(name, self.direction, -1.0 * Quantity.of(self.scale), mechanism, acceleration_of(self))
 
 
@@ -256,6 +255,5 @@ def bases_of(scene: Scene) -> Iterator[tuple[OverTime, TimeFunction]]:
 
 
 def _given(entry: BaseMotion) -> Sequence[Piece]:
-    """Return the pieces of what is given."""
     order, _ = GIVEN[entry.of]
     return amplitude_of(entry).pieces if order == 0 or entry.harmonic is not None else _spline(entry.table)

@@ -181,7 +181,6 @@ class SpringDamper(OnJoint):
         return 0.0 if turns_freely else 0.5 * float(np.ptp(cumulative_trapezoid(rate, time, initial=0.0))) ** 2
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
-        """Return the spring."""
         parameters = self.stiffness, self.damping, self.rest or 0.0
         return ActionEffect.of_laws(name, mechanism, place_of(mechanism, name, self), SPRING_DAMPER, parameters)
 

@@ -99,7 +99,6 @@ def integrated(pieces: Sequence[Piece]) -> list[Piece]:
 
 
 def _at(piece: Piece, time: float) -> float:
-    """Return the polynomial of a piece at a time."""
     return sum(c * (time - piece.origin) ** j for j, c in enumerate(piece.cubic))
 
 

@@ -298,8 +298,10 @@ def over_time_remarks(
     for label in over_time["first_passages"]:
         if counts[label] < n_fine:
             yield note(
-                f"first passages of {label} are described over the {counts[label]} of {n_fine} samples that have "
-                "one; the others may have theirs after the end of the run"
+                f"first passages of {label} are described over the {counts[label]} of {n_fine} samples that have one"
+                "; the others may have theirs after the end of the run"
+                if counts[label]
+                else f"none of {n_fine} samples has a first passage of {label} within the run"
             )
     for name in dict.fromkeys(key.rpartition("/")[0] for key in over_time["extremes"]):
         unknown = n_fine - counts[f"{name}.{DESCRIBED[0]}"]

@@ -18,6 +18,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, shortened
 from pgmp_petsc.files.hdf5 import csv_table, without_unit
+from pgmp_petsc.results.numbers import behind
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import in_own_units, parameter_units, si_values
 from pgmp_petsc.scene.messages import MAX_LINES, input_error
@@ -95,7 +96,7 @@ def _checked(
     n = n if n_samples is None else n_samples
     columns, lines = {name: values[:n] for name, values in columns.items()}, lines[:n]
     problems = []
-    for problem in _problems(columns, lines, in_own_units(scene), place):
+    for problem in _problems(columns, lines, in_own_units(scene), _units(scene), place):
         problems.append(f"{where}: {problem}")
         if len(problems) > MAX_LINES:
             break
@@ -175,12 +176,14 @@ def _used(where: str, names: list[str], scene: Scene) -> list[str]:
     return used
 
 
-def _problems(columns: Mapping[str, np.ndarray], lines: np.ndarray, scene: Scene, place: str) -> Iterator[str]:
-    """Yield what is wrong with values, the first lines first within a column."""
+def _problems(
+    columns: Mapping[str, np.ndarray], lines: np.ndarray, scene: Scene, units: Mapping[str, str], place: str
+) -> Iterator[str]:
+    """Yield what is wrong with values, the first lines first within a column; all in these units."""
     for name, values in columns.items():
         bounds, wrong = scene.parameters[name].bounds, {"a finite number is needed": ~np.isfinite(values)}
         if bounds is not None:
-            limits = f"parameters.{name}.bounds, [{bounds[0]:g}, {bounds[1]:g}]"
+            limits = f"parameters.{name}.bounds, [{bounds[0]:g}, {bounds[1]:g}]{behind(units[name])}"
             wrong[f"must lie in {limits}"] = (values < bounds[0]) | (values > bounds[1])
         if name in scene.positive_parameters:
             wrong["must be positive for what uses it"] = values <= 0.0

@@ -167,7 +167,11 @@ class ErrorSystem(SecondOrderSystem):
 
     def whole(self, time: float, state: State) -> State:
         """Return the state of the full-order equations at a time, s, from that of the error."""
-        q, v, a = self._reference(time)
+        number = round(time / self._interval)
+        if number != self._number:
+            instant = self._motion.at(number)
+            self._number, self._parts = number, tuple(self.full.pack(p) for p in (instant.q, instant.v, instant.a))
+        q, v, a = self._parts
         return replace(state, q=q + state.q, v=v + state.v, a=a + state.a)
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
@@ -191,19 +195,11 @@ class ErrorSystem(SecondOrderSystem):
         return self.full.steps_between_looks(every)
 
     def take_steps(self, asked: StepsAsked) -> StepsTaken:
-        """Take steps of the error; see `FullBatch.take_steps`."""
         return self.full.take_steps(asked, self._motion.over(round(asked.ends[0] / self._interval), asked.ends.size))
 
     def count_turns(self, state: State) -> None:
         """Take note of the angles at the instant that was corrected last; see `FullBatch.count_turns`."""
         self.full.count_turns(State(self._parts[0] + state.q, state.v, state.a, state.multipliers, state.turns))
-
-    def _reference(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        number = round(time / self._interval)
-        if number != self._number:
-            instant = self._motion.at(number)
-            self._number, self._parts = number, tuple(self.full.pack(p) for p in (instant.q, instant.v, instant.a))
-        return self._parts
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         self.full.restore(state, previous, samples)

@@ -207,7 +207,9 @@ class WatchedRun(Observer):
         checking, states = indicator.checking, states[schedule.places][:, :, chosen]
         step = indicator.step / reference_motion.FINER
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
-        full = checking.scheduled(self._batch_of(chosen, values), schedule, step)
+        if self._batch is None or not np.array_equal(self._batch[0], chosen):
+            self._batch = chosen, checking.batch(values, chosen.size)
+        full = checking.scheduled(self._batch[1], schedule, step)
         unknowns, longest, turns = checking.unknowns_of, indicator.simulation.duration, indicator.model.terms.scale[:r]
         motion = reference_motion.ReferenceMotion(unknowns, full.n_dofs, states, r, longest, checking.rotations, turns)
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
@@ -225,12 +227,6 @@ class WatchedRun(Observer):
         # where one output cannot be evaluated, the corrected motion ran away, and the others mean nothing either
         known = np.all([run.status == Status.FINE, *(np.isfinite(e).all(axis=0) for e in errors.values())], axis=0)
         return {name: np.where(known, error, np.nan) for name, error in errors.items()}
-
-    def _batch_of(self, chosen: np.ndarray, values: Mapping[str, np.ndarray]) -> FullBatch:
-        """Return the equations of some samples; those of the last call where they are the same."""
-        if self._batch is None or not np.array_equal(self._batch[0], chosen):
-            self._batch = chosen, self._indicator.checking.batch(values, chosen.size)
-        return self._batch[1]
 
     def _errors(
         self, time: np.ndarray, plain: np.ndarray, beside: np.ndarray, there: Mapping[str, np.ndarray],

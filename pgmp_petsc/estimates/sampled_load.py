@@ -33,9 +33,13 @@ class SampledAmplitude:
         self._interval = interval
         times = step * np.arange(steps[-1] + 1)
         amplitudes = amplitude(times)
-        missed = np.cumsum(_impulses(amplitude, times)) - np.concatenate(
-            [[0.0], 0.5 * step * np.cumsum(amplitudes[1:] + amplitudes[:-1])]
-        )
+        # the integral of the amplitude over every step
+        impulses, lengths, parts = np.zeros_like(times), np.diff(times), np.arange(N_PARTS + 1) / N_PARTS
+        fine = amplitude((times[:-1] + parts[:, None] * lengths).ravel()).reshape(parts.size, lengths.size)
+        for part, of_part in zip(parts, fine):
+            impulses[1:] += (1.0 / N_PARTS if 0.0 < part < 1.0 else 0.5 / N_PARTS) * lengths * of_part
+        seen = np.concatenate([[0.0], 0.5 * step * np.cumsum(amplitudes[1:] + amplitudes[:-1])])
+        missed = np.cumsum(impulses) - seen
         middles = (steps[1:-1] + steps[2:]) / 2.0
         # nothing is evaluated before the first interval ends: it represents the time from the start
         ends = np.interp(np.concatenate([[0.0], middles, [steps[-1]]]), np.arange(times.size), missed)
@@ -104,14 +108,3 @@ def _changes(effect: Effect, times: np.ndarray) -> bool:
         return True
     # others have the constant one of all effects
     return effect.strength is not Effect.strength and bool(np.ptp(effect.amplitude(times)))
-
-
-def _impulses(amplitude: Amplitude, times: np.ndarray) -> np.ndarray:
-    """Return the integral of the amplitude over every step, 0 first, shape (n_t,)."""
-    result = np.zeros_like(times)
-    steps = np.diff(times)
-    parts = np.arange(N_PARTS + 1) / N_PARTS
-    amplitudes = amplitude((times[:-1] + parts[:, None] * steps).ravel()).reshape(parts.size, steps.size)
-    for part, of_part in zip(parts, amplitudes):
-        result[1:] += (1.0 / N_PARTS if 0.0 < part < 1.0 else 0.5 / N_PARTS) * steps * of_part
-    return result

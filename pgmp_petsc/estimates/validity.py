@@ -119,16 +119,13 @@ class Validity(Observer):
         forces = np.ascontiguousarray(self._system.action_forces(times, trail))
         look_at(self._places, self._weights, self._n_looks, self._part, loads, forces, trail, self._kept)
         self._n_looks += times.size
-        if self._released.size:
-            self._follow_released(trail[:, 0])
-
-    def _follow_released(self, states: np.ndarray) -> None:
-        """Keep the states, of (n_t, n, n_eta), in which elastic joints give way most by a bound of rotations."""
-        sizes = np.nan_to_num(np.abs(states[..., self._released]) @ self._turning, nan=-1.0)
-        largest, each = np.argmax(sizes, axis=0), np.arange(sizes.shape[1])
-        further = sizes[largest, each] > self._furthest
-        self._furthest[further] = sizes[largest, each][further]
-        self._released_most[further] = states[largest, each][further]
+        if self._released.size:  # keep the states in which elastic joints give way most by a bound of rotations
+            states = trail[:, 0]
+            sizes = np.nan_to_num(np.abs(states[..., self._released]) @ self._turning, nan=-1.0)
+            largest, each = np.argmax(sizes, axis=0), np.arange(sizes.shape[1])
+            further = sizes[largest, each] > self._furthest
+            self._furthest[further] = sizes[largest, each][further]
+            self._released_most[further] = states[largest, each][further]
 
     def _strain(self) -> None:
         """Evaluate rotations and strains of the most deformed states, as many parts of the run together as fit."""

@@ -110,16 +110,12 @@ def draw_force(axes: Axes, run: Trajectory, load: Load) -> str:
     axes.plot(angle, size, linewidth=1.2)
     most = int(np.argmax(size))
     axes.plot(angle[most], size[most], "o", color=style.QUIET, markersize=4.0)
-    axes.set_rlabel_position(_emptiest(angle, size))
+    tried = np.arange(22.5, 360.0, 45.0)  # numbers go where there is most room for them
+    apart = np.abs(np.angle(np.exp(1j * (angle[:, None] - np.radians(tried)))))
+    emptiest = np.argmin(np.where(apart < np.pi / 8.0, size[:, None], 0.0).max(axis=0))
+    axes.set_rlabel_position(float(tried[emptiest]))
     axes.yaxis.set_major_locator(MaxNLocator(4))
     return style.axis_label(load.title, unit)
-
-
-def _emptiest(angle: np.ndarray, size: np.ndarray) -> float:
-    """Return the direction, degrees, in which a polar diagram has most room for its numbers."""
-    tried = np.arange(22.5, 360.0, 45.0)
-    apart = np.abs(np.angle(np.exp(1j * (angle[:, None] - np.radians(tried)))))
-    return float(tried[np.argmin(np.where(apart < np.pi / 8.0, size[:, None], 0.0).max(axis=0))])
 
 
 def driven(run: Trajectory) -> list[Load]:

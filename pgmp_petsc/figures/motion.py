@@ -163,11 +163,6 @@ class Motion:
         arrows = (replace(arrow, place=arrow.place[one], force=arrow.force[one]) for arrow in self.arrows)
         return replace(self, skins=tuple(skins), arrows=tuple(arrows), captions=self.captions[one], peak=0)
 
-    def together(self, numbers: np.ndarray) -> Motion:
-        """Return several instants as one."""
-        parts = [self.only(int(number)) for number in numbers]
-        return replace(parts[-1], skins=tuple(skin for part in parts for skin in part.skins), arrows=(), forces="")
-
     @property
     def flat(self) -> bool:
         """Whether all of it stays in the plane."""

@@ -342,7 +342,13 @@ class Surround:
             bar = self.figure.colorbar(colours, ax=self.axes, pad=0.01, aspect=26, shrink=0.9)
             bar.outline.set_visible(False)
             bar.set_label(motion.quantity)
-        top_legend(self.figure, _keys(motion), motion.title, motion.notes)
+        # what grey and plain bodies are, where they are beside coloured ones
+        rigid = [skin.rigid for skin in motion.skins]
+        plain = any(not skin.rigid and skin.values is None for skin in motion.skins)
+        keys = [Patch(color=RIGID, label="rigid")] if any(rigid) and not all(rigid) else []
+        keys += [Patch(color=PLAIN, label="flexible, not coloured")] if plain and motion.quantity else []
+        keys += [Patch(color=FORCE, label=motion.forces)] if motion.forces else []
+        top_legend(self.figure, keys, motion.title, motion.notes)
         self.figure.set_figheight(round(self.figure.get_figheight() * resolution / 2) * 2 / resolution)
         self.figure.canvas.draw()
         # the layout is found: what is written from here on moves nothing
@@ -370,15 +376,6 @@ class Surround:
         left, top = int(round(self._box.x0)), whole.shape[0] - int(round(self._box.y1))
         whole[top : top + self.size[1], left : left + self.size[0]] = picture
         return whole
-
-
-def _keys(motion: Motion) -> list:
-    """Return what grey and plain bodies are, where they are beside coloured ones."""
-    rigid = any(skin.rigid for skin in motion.skins)
-    plain = any(not skin.rigid and skin.values is None for skin in motion.skins)
-    keys = [Patch(color=RIGID, label="rigid")] if rigid and not all(skin.rigid for skin in motion.skins) else []
-    keys += [Patch(color=PLAIN, label="flexible, not coloured")] if plain and motion.quantity else []
-    return [*keys, Patch(color=FORCE, label=motion.forces)] if motion.forces else keys
 
 
 GIF, MP4 = ".gif", ".mp4"

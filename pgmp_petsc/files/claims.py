@@ -332,12 +332,6 @@ def synchronise_file(path: Path) -> None:
         os.close(descriptor)
 
 
-def synchronise_directory(directory: Path) -> None:
-    """Push the names in a directory to the disk; that some file systems refuse to is no error."""
-    with suppress(OSError):
-        synchronise_file(directory)
-
-
 def first_line(error: OSError) -> str:
     """Return what the system says ("No space left on device"), or else the first line of the message."""
     if error.errno:
@@ -362,7 +356,8 @@ def replacing(path: str | os.PathLike[str], what: str = "output file", pushed: b
             synchronise_file(partial)
         os.replace(partial, path)
         if pushed:
-            synchronise_directory(path.parent)
+            with suppress(OSError):  # some file systems refuse to push names to the disk
+                synchronise_file(path.parent)
     except OSError as error:
         raise RunError(f"{what} '{path}' could not be written: {first_line(error)}") from error
     finally:

@@ -25,6 +25,7 @@ import csv
 import json
 import os
 import re
+import shlex
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
@@ -361,7 +362,7 @@ def _unsealed(path: Path, broken: BrokenSeal, kinds: tuple[str, ...]) -> str:
         return f"file '{path}' is damaged: {broken}; {BUILD_AGAIN if set(kinds) <= INSTEAD.keys() else WRITE_AGAIN}"
     cure = ""
     if path.suffix.lower() == ".toml" and "rom" in kinds:
-        cure = f": make it of the scene with 'pgmp build {path} -o ROM.h5'"
+        cure = f": make it of the scene with 'pgmp build {shlex.quote(str(path))} -o ROM.h5'"
         cure += ", or give --components, or for runs and samples --full" if kinds == ("rom",) else ""
     return f"file '{path}' is not an HDF5 file; needed: {_names(kinds)} written by pgmp{cure}"
 

@@ -105,16 +105,12 @@ def analyse(pattern: sp.spmatrix, levels: np.ndarray) -> Symbolic:
     pattern = sp.csr_matrix(pattern)
     found = _eliminated(reverse_cuthill_mckee(pattern, symmetric_mode=True), pattern, levels)
     if found.n_products.sum() > MANY:
-        other = _eliminated(_minimum_degree(pattern), pattern, levels)
+        dominant = pattern.shape[0] * sp.identity(pattern.shape[0]) + (pattern != 0.0)
+        without_pivoting = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+        columns = splu(dominant.tocsc(), permc_spec="MMD_AT_PLUS_A", **without_pivoting).perm_c
+        other = _eliminated(np.argsort(columns), pattern, levels)
         found = min(found, other, key=lambda one: one.n_products.sum())
     return found
-
-
-def _minimum_degree(pattern: sp.csr_matrix) -> np.ndarray:
-    """Return SuperLU's order of minimum degree of a pattern."""
-    dominant = pattern.shape[0] * sp.identity(pattern.shape[0]) + (pattern != 0.0)
-    without_pivoting = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
-    return np.argsort(splu(dominant.tocsc(), permc_spec="MMD_AT_PLUS_A", **without_pivoting).perm_c)
 
 
 def _eliminated(order: np.ndarray, pattern: sp.csr_matrix, levels: np.ndarray) -> Symbolic:

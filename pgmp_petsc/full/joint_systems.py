@@ -63,12 +63,18 @@ class JointEquations:
         held = np.flatnonzero(~self._in_tree)
         n_own = self.set.n_constraints - self.set.n_driven
         self._of_tree = self._coordinates_of_tree()
-        self.driven = self._driven_coordinates()
+        prescribed = [one.statement for one in unknowns.mechanism.coordinates if one.prescribed]
+        chosen = [(number, self._of_tree[one]) for number, one in enumerate(prescribed) if one in self._of_tree]
+        #: driven coordinates of the tree's own joints, their motions, and how they grow, shape (n, 3)
+        self.driven = np.array([(own, number, sign) for number, (own, sign) in chosen], dtype=int).reshape(-1, 3)
         drives = [n_own + k for k in range(self.set.n_driven) if k not in self.driven[:, 1]]
         every = np.sort(np.concatenate([held, directors, drives]).astype(int))
         self._take(every)
         if every.size:
-            kept = self._independent(q, every, n_own)
+            slopes, own = self.slopes_at(q)[every], every < n_own
+            slopes[np.abs(slopes) < ROUND_OFF * np.abs(slopes).max()] = 0.0
+            # those that do not follow from others in coordinates, and all driven ones
+            kept = np.concatenate([every[own][null_space(sp.csr_matrix(slopes[own])).rows], every[~own]])
             if kept.size < every.size:
                 self._take(kept)
         self.n_statements = self.chosen.size
@@ -119,12 +125,6 @@ class JointEquations:
                 if own >= 0 and motion.axis == 0 and coordinate.connection is mechanism.connections[motion.number]:
                     found[coordinate.statement] = own, -1 if motion.backwards else 1
         return found
-
-    def _driven_coordinates(self) -> np.ndarray:
-        """Return the driven coordinates of the tree's own joints, their motions, and how they grow, shape (n, 3)."""
-        prescribed = [one.statement for one in self._unknowns.mechanism.coordinates if one.prescribed]
-        chosen = [(number, self._of_tree[one]) for number, one in enumerate(prescribed) if one in self._of_tree]
-        return np.array([(own, number, sign) for number, (own, sign) in chosen], dtype=int).reshape(-1, 3)
 
     def _counted(self) -> np.ndarray:
         """Return `Joints.counted`, in the order of turns: coordinates of the mechanism, and terms of actions."""
@@ -202,14 +202,6 @@ class JointEquations:
             elif motion.kind == FREE:
                 units[natural + d : natural + (12 if d == 3 else 3)] = 1.0
         return units
-
-    def _independent(self, q: np.ndarray, chosen: np.ndarray, n_own: int) -> np.ndarray:
-        """Return those of chosen constraints that do not follow from others in coordinates, and all driven ones."""
-        slopes = self.slopes_at(q)[chosen]
-        slopes[np.abs(slopes) < ROUND_OFF * np.abs(slopes).max()] = 0.0
-        own = chosen < n_own
-        kept = null_space(sp.csr_matrix(slopes[own])).rows
-        return np.concatenate([chosen[own][kept], chosen[~own]])
 
     def slopes_at(self, q: np.ndarray) -> np.ndarray:
         """Return the slopes of all constraints in the coordinates at unknowns (n_dofs,), shape (n_constraints, n)."""

@@ -84,18 +84,14 @@ class ConstraintParts:
         multipliers = self._n_dofs + chosen[self._own.places]
         self._jacobian = np.repeat(multipliers, np.diff(starts)), unknowns
         self._products = unknowns[self._pairs[1]], unknowns[self._pairs[2]]
-        self._tie_entries = self._entries_of_ties()
-        parts = (self._jacobian, system.curvature_pattern, self._products, *self._tie_entries)
-        self.pattern = tuple(np.concatenate([part[k] for part in parts]) for k in range(2))
-
-    def _entries_of_ties(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return the rows and columns of all entries of the ties that are here, in the order of `Ties.positions`."""
         here = self._tie_places[self._ties.terms.rows] >= 0
         terms = self._terms = Terms(*(part[here] for part in self._ties.terms))
         numbered = terms._replace(rows=self._n_dofs + self._chosen[self._tie_places[terms.rows]])
         first, second = numbered.derivatives(self._ties.d)
-        self._derivatives = [*first, *second]
-        return [(one[has], other[has]) for has, one, other in self._derivatives]
+        self._derivatives = [*first, *second]  # in the order of `Ties.positions`
+        self._tie_entries = [(one[has], other[has]) for has, one, other in self._derivatives]
+        parts = (self._jacobian, system.curvature_pattern, self._products, *self._tie_entries)
+        self.pattern = tuple(np.concatenate([part[k] for part in parts]) for k in range(2))
 
     def placed(self, layout: Layout, owned: np.ndarray) -> NodeConstraints:
         """Return the constraints in the numbering of a layout; `owned` are those whose multipliers belong to this rank,

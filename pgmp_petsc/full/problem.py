@@ -215,7 +215,6 @@ class FullEquations:
         return Sources([by_name[effect.name] for effect in self.loads], self._actions_of(effects), motions)
 
     def _actions_of(self, effects: Sequence[Effect]) -> tuple[Action, ...]:
-        """Return the actions of effects that are here."""
         return tuple(compress(actions_of(effects, self.unknowns.dimension), self._acts))
 
     @property

@@ -64,7 +64,6 @@ class NoMatrix(Layout):
         self.pattern = unfactorised(n_all)
 
     def positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """See `Layout`."""
         return np.arange(rows.size).reshape(rows.shape)
 
 
@@ -86,11 +85,9 @@ class RankLayout(Layout):
         self.pattern = unfactorised(self.needed.size)
 
     def unknowns(self, dofs: np.ndarray) -> np.ndarray:
-        """See `Layout`."""
         return np.where(dofs < 0, -1, np.searchsorted(self.needed, dofs))
 
     def positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """See `Layout`."""
         keys = np.maximum(rows, columns) * self._n_all + np.minimum(rows, columns)
         return np.where(rows == columns, -1 - self.unknowns(rows), np.searchsorted(self._stored, keys))
 

@@ -48,6 +48,7 @@ class Contact:
     #: to grazing
     turning: float
     derivatives: np.ndarray  # of the time with the parameters, shape (n_parameters,), s per unit
+    entry: str  # of the scene, that the stop is of
 
 
 class Contacts:
@@ -108,7 +109,12 @@ class Contacts:
     def _retraced(self, number: int) -> tuple[Moment, list[Part]]:
         """Return the beginning of the step up to an instant, and its parts."""
         known, auxiliary = self._known
-        auxiliary = _advanced(self._radius, self._states.a[known:number], auxiliary)
+        # the scheme's recursion A_{n+1} = - c A_n + w_n as the sum that it is; c is between -1/2 and 1
+        scheme, a = Scheme.of(self._radius, 1.0), self._states.a[known:number]
+        weighted = (1.0 - scheme.alpha_f) * a[1:] + scheme.alpha_f * a[:-1]
+        n, c = len(weighted), scheme.alpha_m / (1.0 - scheme.alpha_m)
+        added = (-c) ** np.arange(n - 1, -1, -1.0) @ weighted / (1.0 - scheme.alpha_m)
+        auxiliary = (-c) ** n * auxiliary + added
         before, end = (_at(self._states, number - 1), auxiliary[None]), float(self._times[number])
         parts = self._location.parts(before, end, self._step, np.ones(1, dtype=bool))
         off = np.inf
@@ -126,17 +132,18 @@ class Contacts:
         """Return the derivatives of the length of a part with the parameters, and note the contact."""
         edge = self._linearisation.edge(part.edge, part.end, part.state)
         rate = float(edge.gradient @ with_length)
+        entry = next(effect.entry for effect in self._model.effects if effect.name == edge.effect)
         turning = min(abs(rate), abs(edge.rate)) / max(abs(edge.acceleration), TINY)
         if not turning > GRAZING * self._step:
             cure = "end the run before (simulation.duration), move the stop, or change a parameter (--set)"
             if part.end < self._times[1]:
                 cure = "start away from the stop, or as deep in it as what rests on it is (simulation.initial)"
             raise InputError(
-                f"effects.{edge.effect}: at {part.end:.6g} s the run grazes this stop: its path turns back within "
+                f"{entry}: at {part.end:.6g} s the run grazes this stop: its path turns back within "
                 f"{turning:.2g} s, less than {GRAZING:g} of a step, so that the least change of a parameter decides "
                 f"whether they meet, and the instant has no derivative; {cure}"
             )
-        self.found.append(Contact(edge.effect, edge.rate > 0.0, part.end, turning, np.zeros(len(along))))
+        self.found.append(Contact(edge.effect, edge.rate > 0.0, part.end, turning, np.zeros(len(along)), entry))
         return -(along @ edge.gradient + edge.by_parameters) / rate
 
     def _through_part(
@@ -176,14 +183,3 @@ def _at(states: State, number: int) -> State:
     """Return one of the states of a run, arrays of shape (1, n_eta)."""
     one = slice(number, number + 1)
     return State(states.q[one].copy(), states.v[one].copy(), states.a[one].copy(), states.multipliers)
-
-
-def _advanced(radius: float, accelerations: np.ndarray, auxiliary: np.ndarray) -> np.ndarray:
-    """Return the auxiliary accelerations (n_eta,) after the steps between accelerations (n_steps + 1, n_eta).
-
-    The scheme's recursion ``A_{n+1} = - c A_n + w_n`` as the sum that it is; c is between -1/2 and 1.
-    """
-    scheme = Scheme.of(radius, 1.0)
-    weighted = (1.0 - scheme.alpha_f) * accelerations[1:] + scheme.alpha_f * accelerations[:-1]
-    n, c = len(weighted), scheme.alpha_m / (1.0 - scheme.alpha_m)
-    return (-c) ** n * auxiliary + (-c) ** np.arange(n - 1, -1, -1.0) @ weighted / (1.0 - scheme.alpha_m)

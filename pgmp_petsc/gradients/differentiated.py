@@ -214,7 +214,12 @@ def _counted(
     by_name = {name: counted_changes(counts, times, outputs, found, values, name) for name, found in by_name.items()}
     outputs = counted_after(counts, times, outputs, values)
     derivatives = {output: {name: found[output] for name, found in by_name.items()} for output in outputs}
-    _require_finite(outputs, derivatives, times)
+    for output, whole in outputs.items():
+        for name, found in {"": whole, **derivatives[output]}.items():
+            if not np.isfinite(found).all():
+                at = times[int(np.argmin(np.isfinite(found)))]
+                what = f"its derivative with {name} " if name else ""
+                raise RunError(f"outputs.{output}: {what}is no finite number from {at:.6g} s on")
     return outputs, derivatives
 
 
@@ -260,21 +265,6 @@ def _propagated(
 
 def _part(states: State, part: slice) -> State:
     return State(states.q[part], states.v[part], states.a[part], states.multipliers)
-
-
-def _require_finite(
-    outputs: Mapping[str, np.ndarray], derivatives: Mapping[str, Mapping[str, np.ndarray]], times: np.ndarray
-) -> None:
-    """Refuse outputs that are no finite numbers, or have no derivatives.
-
-    Raises `RunError`, naming the output, the parameter and the instant.
-    """
-    for output, values in outputs.items():
-        for name, found in {"": values, **derivatives[output]}.items():
-            if not np.isfinite(found).all():
-                at = times[int(np.argmin(np.isfinite(found)))]
-                what = f"its derivative with {name} " if name else ""
-                raise RunError(f"outputs.{output}: {what}is no finite number from {at:.6g} s on")
 
 
 @njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
@@ -491,21 +481,18 @@ class ObservedChanges:
         parts = [member.changes(name, changes) for member in self._members]
         parts += [member.outputs for member in self._members]
         found = blended([*shares, *slopes], parts)
-        found = self._through_formulas(name, found | self._of_stresses(name, changes))
-        for output, formula in self._combined.items():
-            exact = formula.change(name, self.outputs, found, self._times, self._values)
-            # the slope of a root at zero is infinite
-            found[output] = np.where(np.isfinite(exact), exact, found[output])
-        return found
-
-    def _of_stresses(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the derivatives of stresses that the model has by itself."""
         far = OF_STRESSES / _largest(self._model, changes, self._values[name])
         ahead, behind = (
             self._model.stressed(_moved(self._states, step, changes), self._values | {name: self._values[name] + step})
             for step in (far, -far)
         )
-        return {output: (ahead[output] - behind[output]) / (2.0 * far) for output in ahead}
+        stresses = {output: (ahead[output] - behind[output]) / (2.0 * far) for output in ahead}
+        found = self._through_formulas(name, found | stresses)
+        for output, formula in self._combined.items():
+            exact = formula.change(name, self.outputs, found, self._times, self._values)
+            # the slope of a root at zero is infinite
+            found[output] = np.where(np.isfinite(exact), exact, found[output])
+        return found
 
     def _through_formulas(self, name: str, found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Return derivatives with those of formulas by differences along what they are made of."""
@@ -565,17 +552,13 @@ class _Member:
                 if kind == "frames":
                     found = self._evaluate(np.concatenate([frames_at(far).reshape(-1, far.size), self._behind]))
                 else:
-                    found = self._on_line(name, far, changes, kind)
+                    values, cells = self._values | {name: self._values[name] + far}, self._states.q
+                    stresses, at = kind == "stresses", _moved(self._states, far, changes)
+                    observed = self._model.observed_of(self._times, at, values, None if stresses else cells)
+                    found = self._evaluate(observed) if stresses else self._model.outputs.evaluate(observed)
                 for output in names:
                     total[output] = total.get(output, 0.0) + found[output] / (2.0 * far)
         return {output: total[output] for output in self.outputs}
-
-    def _on_line(self, name: str, far: np.ndarray, changes: np.ndarray, kind: str) -> dict[str, np.ndarray]:
-        """Return the outputs where a parameter is by so much (n_t,) from its value, and the states that follow it."""
-        model, cells = self._model, None if kind == "stresses" else self._states.q
-        at = _moved(self._states, far, changes)
-        observed = model.observed_of(self._times, at, self._values | {name: self._values[name] + far}, cells)
-        return self._evaluate(observed) if kind == "stresses" else model.outputs.evaluate(observed)
 
 
 def _moved(states: State, far: np.ndarray, changes: np.ndarray) -> State:

@@ -52,11 +52,6 @@ from pgmp_petsc.reduced.lagrangian import fill_residual, fill_tangents
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 
 
-def n_jets(r: int) -> int:
-    """Return how many numbers a jet with r coordinates has."""
-    return 1 + r + r * r
-
-
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def weigh(terms, weights, coefficients):
     """Fill coefficients (n,), numbers or vectors, with the sum of terms (n_terms, n) with weights of their kind."""
@@ -250,10 +245,11 @@ class _Room(NamedTuple):
 
 def _room(layout: Layout, n_loads: int) -> _Room:
     """Return room for tables of a layout and a number of load terms."""
-    r, n, n_rows, of_loads = len(layout.rigid), layout.n_eta, n_jets(len(layout.rigid)), layout.load_end
+    r, n, of_loads = len(layout.rigid), layout.n_eta, layout.load_end
+    n_jets = 1 + r + r * r
     shapes = {
-        "place": (r,), "jets": (layout.end, n_rows), "loads": (of_loads * N_POWERS**r,),
-        "load_jets": (of_loads, n_rows), "amplitudes": (n_loads,), "state": (3, n), "moment": (4, n), "balance": (n,),
+        "place": (r,), "jets": (layout.end, n_jets), "loads": (of_loads * N_POWERS**r,),
+        "load_jets": (of_loads, n_jets), "amplitudes": (n_loads,), "state": (3, n), "moment": (4, n), "balance": (n,),
     }  # fmt: skip
     square = dict.fromkeys(("by_q", "by_v", "by_a", "matrix"), (n, n))
     room = _Room(**{name: aligned((*shape, LANES)) for name, shape in (shapes | square).items()})

@@ -134,7 +134,6 @@ class SumOfMotions(CouplingEntry):
     )
 
     def shares(self, motion):
-        """Return the terms."""
         return [Share(joint, motion(joint, None), "terms", factor) for joint, factor in self.terms.items()]
 
     def measured(self, scene, entry):

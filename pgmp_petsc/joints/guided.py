@@ -31,7 +31,6 @@ class PointOnLine(JointEntry):
     )
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
-        """Return that the point is on the line."""
         return guided(in_a)
 
 
@@ -67,7 +66,6 @@ class PointOnPlane(JointEntry):
     normal: Axis = Field(description="normal (x, y, z) of the plane, fixed to the owner of the first point")
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
-        """Return that the point is on the plane."""
         return [along(in_a[:, 0])]
 
 

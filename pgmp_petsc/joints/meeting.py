@@ -55,7 +55,6 @@ class Spherical(JointEntry):
     loose = "everywhere"
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
-        """Return that the points meet."""
         return meeting(3)
 
     def without_spin(self, axes: np.ndarray) -> str:

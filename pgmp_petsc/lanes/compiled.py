@@ -205,12 +205,6 @@ def _make(address: int) -> int:
     return 0
 
 
-def _come_before(library: Any) -> list[Callable[[], None]]:
-    """Return what makes known the functions apart that compiled code calls."""
-    names = [variable.name for variable in library._final_module.global_variables if variable.name in _slots]
-    return [functools.partial(_make_slot, name, *_slots[name][1:]) for name in names]
-
-
 def native_address(function: Callable, result: Any, takes: tuple) -> int:
     """Compile a function of numba's types and return where its machine code is: compiled code may call it from there.
 
@@ -311,7 +305,10 @@ class _LenientCache(FunctionCache):
         if not self._open():
             return
         try:
-            super().save_overload(sig, data._replace(reload_init=[*data.reload_init, *_come_before(data.library)]))
+            # what makes known the functions apart that compiled code calls
+            names = [one.name for one in data.library._final_module.global_variables if one.name in _slots]
+            before = [functools.partial(_make_slot, name, *_slots[name][1:]) for name in names]
+            super().save_overload(sig, data._replace(reload_init=[*data.reload_init, *before]))
         except Exception as error:  # a damaged index is read here too
             _note(f"compiled code is not kept in {self.cache_path} ({_first(error)}); {CURE}")
 
@@ -606,7 +603,6 @@ codegen.JITCPUCodegen._library_class = Library
 
 
 def _note(problem: str) -> None:
-    """Keep a problem."""
     _problems.append(problem)
 
 

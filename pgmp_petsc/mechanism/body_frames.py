@@ -105,7 +105,10 @@ class BodyStatements:
         pairs, own = np.unique(of * len(sides) + columns // space.n_pose, return_inverse=True)
         self._places = own * space.n_pose + columns % space.n_pose
         row, self._nodes = np.divmod(pairs, max(len(sides), 1))
-        self._felt = np.nonzero(np.abs(self._slopes(self._generic(len(mechanism.bodies)), True)) > ROUND_OFF)
+        # poses that no mechanism comes to
+        generic = np.random.default_rng(0).normal(size=(len(mechanism.bodies), space.n_pose, 1))
+        slopes = self._slopes(space.straightened(generic)[..., 0], True)
+        self._felt = np.nonzero(np.abs(slopes) > ROUND_OFF)
         self.rows = row[self._felt[0]]
         self.dofs = self.nodal.reshape(-1, space.n_dofs)[self._nodes][self._felt]
 
@@ -141,11 +144,6 @@ class BodyStatements:
         in_frames = np.bincount(self._places, values, space.n_pose * len(self._nodes))
         turns = np.array([space.frame_gradient(pose) for pose in poses])[self._bodies[self._nodes]]
         return (in_frames.reshape(-1, 1, space.n_pose) @ turns)[:, 0]
-
-    def _generic(self, n_bodies: int) -> np.ndarray:
-        """Return poses that no mechanism comes to."""
-        poses = np.random.default_rng(0).normal(size=(n_bodies, self._space.n_pose, 1))
-        return self._space.straightened(poses)[..., 0]
 
 
 class ConstraintJacobian:

@@ -294,30 +294,20 @@ def why_no_full_model(scene: Scene) -> str:
     return f"there is no full-order model with {', '.join(given)}" if given else ""
 
 
-def _along_each(scene: Scene) -> int:
-    """Return the angles along each coordinate of a grid. A choice by a tolerance finds them, and is priced as a scene
-    that says nothing; adaptive sampling halves their distances at least once."""
-    reduction, n = scene.reduction, len(scene.coordinates)
-    is_open = reduction.tolerance is not None and "angles" not in reduction.model_fields_set
-    angles = ANGLES_OF_SEVERAL.get(n, reduction.angles) if is_open else reduction.angles
-    return angles * (1 if reduction.sampling_tolerance is None else 2)
-
-
-def grid_price(scene: Scene, mechanism: Mechanism) -> tuple[float, float, float]:
-    """Return the number of configurations on the grid of all coordinates, and what they would take: hours of
-    eigenproblems on one rank, and bytes of tables and modes."""
-    n, n_modes = len(scene.coordinates), scene.reduction.modes
-    count, n_eta = float(_along_each(scene)) ** n, n + n_modes
-    tables = len(mechanism.mass_weights) * (n_eta**2 + n * n * n_modes) + len(mechanism.stiffness_weights) * n_modes**2
-    n_bytes = count * (tables + mechanism.n_dofs * n_modes) * BYTES
-    return count, count * (SECONDS + SECONDS_PER_UNKNOWN * mechanism.n_dofs) / 3600, n_bytes
-
-
 def why_no_grid(scene: Scene, mechanism: Mechanism) -> str:
     """Return why the coordinates of a scene are not sampled on a grid, with the price and the cure; empty where they
     can be."""
-    n, names, angles = len(scene.coordinates), ", ".join(scene.coordinates), _along_each(scene)
-    count, hours, n_bytes = grid_price(scene, mechanism)
+    reduction, n, names = scene.reduction, len(scene.coordinates), ", ".join(scene.coordinates)
+    # a choice by a tolerance finds them, and is priced as a scene that says nothing; adaptive sampling halves their
+    # distances at least once
+    is_open = reduction.tolerance is not None and "angles" not in reduction.model_fields_set
+    angles = ANGLES_OF_SEVERAL.get(n, reduction.angles) if is_open else reduction.angles
+    angles *= 1 if reduction.sampling_tolerance is None else 2
+    n_modes, count = reduction.modes, float(angles) ** n
+    tables = len(mechanism.mass_weights) * ((n + n_modes) ** 2 + n * n * n_modes)
+    tables += len(mechanism.stiffness_weights) * n_modes**2
+    n_bytes = count * (tables + mechanism.n_dofs * n_modes) * BYTES
+    hours = count * (SECONDS + SECONDS_PER_UNKNOWN * mechanism.n_dofs) / 3600
     before, doubled = angles, ""
     if scene.reduction.sampling_tolerance is not None:
         before, doubled = angles // 2, ", doubled by reduction.sampling_tolerance,"

@@ -283,7 +283,7 @@ def first_guess(scene: Scene, bodies: Sequence[Body]) -> np.ndarray:
 
 def _placed(placement: Placement, dimension: int) -> np.ndarray:
     """Return the pose of a placed body."""
-    origin = placement.origin_in(dimension)
+    origin = np.array((*placement.origin, 0.0)[:dimension])
     if dimension == 2:
         return np.array([*origin, placement.angle])
     turn = _rotation(np.array(placement.rotation or (0.0, 0.0, 0.0)))

@@ -192,7 +192,15 @@ class ConstraintSet:
         kept = np.arange(n_own) if kept is None else kept
         self._kept = np.concatenate([kept, n_own + np.arange(self.n_driven)])
         self.n_constraints = self._kept.size
-        self._find_patterns()
+        rows = np.concatenate([first + part.jacobian_pattern[0] for first, part in zip(self._first, self._parts)])
+        columns = np.concatenate([part.jacobian_pattern[1] for part in self._parts])
+        place = np.full(self._first[-1], -1)
+        place[self._kept] = np.arange(self._kept.size)
+        self._kept_entries = np.flatnonzero(place[rows] >= 0)
+        self.jacobian_pattern = place[rows[self._kept_entries]], columns[self._kept_entries]
+        self.curvature_pattern = tuple(
+            np.concatenate([part.curvature_pattern[k] for part in self._parts]) for k in range(2)
+        )
         self.linear = not self.curvature_pattern[0].size
 
     def residual(self, q: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
@@ -311,17 +319,6 @@ class ConstraintSet:
         values = self.jacobian_values(q[:, None])[:, 0]
         own = (rows < n_own) & (np.abs(values) > ROUND_OFF)  # what no constraint feels must not become dependent
         return sp.csr_matrix((values[own], (rows[own], columns[own])), shape=(n_own, self._unknowns.n_dofs))
-
-    def _find_patterns(self) -> None:
-        rows = np.concatenate([first + part.jacobian_pattern[0] for first, part in zip(self._first, self._parts)])
-        columns = np.concatenate([part.jacobian_pattern[1] for part in self._parts])
-        place = np.full(self._first[-1], -1)
-        place[self._kept] = np.arange(self._kept.size)
-        self._kept_entries = np.flatnonzero(place[rows] >= 0)
-        self.jacobian_pattern = place[rows[self._kept_entries]], columns[self._kept_entries]
-        self.curvature_pattern = tuple(
-            np.concatenate([part.curvature_pattern[k] for part in self._parts]) for k in range(2)
-        )
 
 
 def _against(values: np.ndarray, q: np.ndarray) -> np.ndarray:

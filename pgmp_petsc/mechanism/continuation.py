@@ -332,7 +332,12 @@ class _Front:
         theta[n:, axis] = np.repeat(values, n)
         poses, jacobian = self.poses, self.jacobian
         if len(values) > 1:
-            guessed, gap = closure.newton(self._guess(step * np.arange(1, len(values)), axis), theta[n:-n])
+            rates, space = closure.rates(poses, jacobian), closure.mechanism.space
+            bends = closure.curvatures(poses, rates)[:, :, axis, axis]
+            away = step * np.arange(1, len(values))
+            changes = [rates[:, :, axis] * x + bends * (0.5 * x * x) for x in away]  # to second order
+            guesses = np.concatenate([space.moved(poses, one) for one in changes], axis=-1)
+            guessed, gap = closure.newton(guesses, theta[n:-n])
             poses = np.concatenate([poses, guessed[..., : n * _leading(gap, n)]], axis=-1)
             jacobian = closure.jacobian(poses)
         guess = closure.mechanism.space.moved(poses, closure.rates(poses, jacobian)[:, :, axis] * step)
@@ -349,13 +354,6 @@ class _Front:
         _Front(closure, theta, poses, jacobian)._check(n)
         parts = [slice(k, k + n) for k in range(n, n + kept, n)]
         return [_Front(closure, theta[part], poses[..., part], jacobian[part]) for part in parts]
-
-    def _guess(self, away: np.ndarray, axis: int) -> np.ndarray:
-        """Return poses (n_bodies, n_pose, m n) at distances (m,) along an axis, to second order."""
-        rates = self.closure.rates(self.poses, self.jacobian)
-        curvatures = self.closure.curvatures(self.poses, rates)[:, :, axis, axis]
-        changes = [rates[:, :, axis] * x + curvatures * (0.5 * x * x) for x in away]
-        return np.concatenate([self.closure.mechanism.space.moved(self.poses, one) for one in changes], axis=-1)
 
     def _check(self, n: int) -> None:
         """Refuse singular configurations among all but the first n, and between each and the one n before it."""

@@ -28,7 +28,6 @@ from pgmp_petsc.mechanism.statements import (
     fading,
     meet,
     perpendicular,
-    within,
 )
 
 
@@ -183,13 +182,6 @@ def share_position(statements: Sequence[Statement | Combination]) -> bool:
     """Return whether the points of two frames meet where such statements are zero."""
     meeting = [part for part in statements if isinstance(part, Statement) and part.kind == MEET]
     return bool(meeting) and len(meeting) == meeting[0].axes.shape[1]
-
-
-def orthonormality() -> tuple[list[Statement], np.ndarray]:
-    """Return the statements about frame b that make three directors a rotation, and their values, shape (6,)."""
-    pairs = [(i, j) for i in range(3) for j in range(i + 1)]
-    axes = np.eye(3)
-    return [within(axes[i], axes[j]) for i, j in pairs], np.array([float(i == j) for i, j in pairs])
 
 
 def triad(axis: np.ndarray, second: np.ndarray | None = None) -> np.ndarray:

@@ -92,7 +92,11 @@ class RigidKinematics:
         if branch is None and (over_range or self.n_coordinates <= MOST_FOLLOWED):
             self.branch = self._continued()
         if self.branch is None:
-            self._walk, self.n_redundant = self._started()
+            near = self._closure.closed_freely(self.mechanism.first_guess[:, :, None])
+            theta = self._closure.measured(near).T
+            assembled = self._closure.close(near, theta)
+            self._walk = Walk(self._closure, theta[0], assembled)
+            self.n_redundant = self._check_count(assembled)
         else:
             self.n_redundant = self.branch.n_redundant
         self._patches = PosePatches(self.branch) if self.branch is not None and self.n_coordinates == 2 else None
@@ -156,14 +160,6 @@ class RigidKinematics:
             if len(_KEPT) > MOST_KEPT:
                 del _KEPT[next(iter(_KEPT))]
         return _KEPT[key]
-
-    def _started(self) -> tuple[Walk, int]:
-        """Assemble near the first guess; return where, and the number of constraints that follow from the others."""
-        guess = self.mechanism.first_guess[:, :, None]
-        near = self._closure.closed_freely(guess)
-        theta = self._closure.measured(near).T
-        assembled = self._closure.close(near, theta)
-        return Walk(self._closure, theta[0], assembled), self._check_count(assembled)
 
     def follow(self, theta: np.ndarray) -> None:
         """Compute the motion at configurations (n, n_theta) together, for `motion` to be asked one by one."""
@@ -336,28 +332,9 @@ class RigidKinematics:
                 return place, self._closure.close(guess, theta, placed=True)
             except InputError as error:
                 failure = failure or error
-            led = self._led(guess, theta) if self.mechanism.couplings else None
-            if led is not None:
-                return place, led
         # two coordinates of a mechanism with one degree of freedom close nowhere: the count says why
         self._check_count(self._closure.closed_freely(guess))
         raise failure
-
-    def _led(self, guess: np.ndarray, theta: np.ndarray) -> np.ndarray | None:
-        """Return poses at theta (1, n_theta), to which a mechanism goes in small turns from where it closes next to a
-        guess: on the way to it a spindle may turn often. None where it does not close there."""
-        poses = self._closure.closed_freely(guess)
-        way = theta - self._closure.measured(poses).T
-        try:
-            change = np.einsum("bpkn,nk->bpn", self.rates(self._closure.close(poses, theta - way)), way)
-            n = int(np.clip(np.ceil(self.mechanism.space.turns(change).max() / FURTHEST_TURN), 1, MOST_PLACES))
-            for k in range(n):
-                change = np.einsum("bpkn,nk->bpn", self.rates(poses), way / n)
-                guess = self.mechanism.space.moved(poses, change)
-                poses = self._closure.close(guess, theta - way * (1.0 - (k + 1) / n))
-        except InputError:
-            return None
-        return poses
 
     def _places(self, axes: Sequence[np.ndarray]) -> list[list[int]]:
         """Return the configurations at which to try the assembly, by their numbers along the axes."""

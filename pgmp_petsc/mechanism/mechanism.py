@@ -25,9 +25,9 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connections_of, couplings_of, first_guess
-from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupling, orthonormality
+from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupling
 from pgmp_petsc.mechanism.space import SPATIAL, Space, rotate, space_of
-from pgmp_petsc.mechanism.statements import ANGLE, Statement, distance
+from pgmp_petsc.mechanism.statements import ANGLE, Statement, distance, within
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.uses import slides
 
@@ -196,9 +196,11 @@ class Mechanism:
         wanted = [coupling.value for coupling in self.couplings for _ in coupling.holding(moving)]
         values = np.concatenate([np.zeros(len(held) - len(wanted)), wanted])
         if self.space is SPATIAL:
-            ground, (parts, rigid) = Attachment.on_ground_at(np.zeros(3)), orthonormality()
+            ground, axes = Attachment.on_ground_at(np.zeros(3)), np.eye(3)
+            pairs = [(i, j) for i in range(3) for j in range(i + 1)]  # of directors, which are a rotation
+            parts = [within(axes[i], axes[j]) for i, j in pairs]
             held += [(part, (ground, frame)) for frame in frames for part in parts]
-            values = np.concatenate([values, np.tile(rigid, len(frames))])
+            values = np.concatenate([values, np.tile([float(i == j) for i, j in pairs], len(frames))])
         return held, values
 
     def by_node(self, vectors: np.ndarray) -> np.ndarray:

@@ -97,7 +97,6 @@ def scratch_of(statements, m, width):
 
 
 def _item(statements, k, y, known, second, scratch, width, *_):
-    """Return the type of an item."""
     return vector if len(width) > 1 else types.float64
 
 

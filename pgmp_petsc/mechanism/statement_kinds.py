@@ -321,7 +321,6 @@ def _expanded(lines: Sequence[str]) -> Iterator[str]:
 
 
 def _in_c(lines: Sequence[str]) -> Iterator[str]:
-    """Yield lines in C."""
     for line in in_c(lines):
         line = re.sub(r"\[([^\[\],]+), ([^\[\]]+)\]", r"[\1][\2]", line)
         line = re.sub(r"\bd\b", "D", re.sub(r"\bn\b", "N_FRAME", line))

@@ -98,7 +98,14 @@ def read_line_mesh(path: Path | str, entry: str, dimension: int = 2) -> LineMesh
         used, cells = np.unique(all_cells, return_inverse=True)
         nodes = coordinates(mesh.points[used], dimension, received, used)
         line_mesh = LineMesh(nodes, cells.reshape(-1, 2), *_named_points(mesh, used))
-        _check_cells(line_mesh, all_cells, received)
+        zero = np.flatnonzero(line_mesh.lengths <= RELATIVE_TOLERANCE * np.ptp(line_mesh.nodes, axis=0).max())
+        if zero.size:
+            raise InputError(
+                f"{received}: line cell {zero[0]} between the nodes {all_cells[zero[0]].tolist()} has zero length; a "
+                "positive length is needed"
+            )
+        check_repeated("line", all_cells, received)
+        check_pieces(line_mesh.cells, received, all_cells)
     return line_mesh
 
 
@@ -139,18 +146,6 @@ def _named_points(mesh: meshio.Mesh, used: np.ndarray) -> tuple[dict[str, int], 
         else:
             unusable[name] = len(on_lines)
     return points, unusable
-
-
-def _check_cells(mesh: LineMesh, filed: np.ndarray, received: str) -> None:
-    """Refuse cells of zero length, repeated cells and several pieces; messages have the file's numbers, `filed`."""
-    zero = np.flatnonzero(mesh.lengths <= RELATIVE_TOLERANCE * np.ptp(mesh.nodes, axis=0).max())
-    if zero.size:
-        raise InputError(
-            f"{received}: line cell {zero[0]} between the nodes {filed[zero[0]].tolist()} has zero length; a positive "
-            "length is needed"
-        )
-    check_repeated("line", filed, received)
-    check_pieces(mesh.cells, received, filed)
 
 
 def straight_beam(length: float, n_cells: int, start: float = 0.0, dimension: int = 2) -> LineMesh:

@@ -272,8 +272,13 @@ def named_groups(mesh: meshio.Mesh, kind: str, cells: np.ndarray, received: str)
     face_kind = reference_element(kind).face_kind
     blocks = [np.asarray(block.data, dtype=int) for block in mesh.cells if block.type == face_kind and len(block.data)]
     file_faces = np.concatenate([np.empty((0, own.shape[1]), dtype=int), *blocks])
-    places, on_surface = _matched(own, file_faces)
-    surface = own[on_surface]
+    # where each of the file's faces is among those of the cells, -1 where it is none; an inner one, which bounds two
+    # cells, is found in the first of them
+    numbers = set_numbers(np.concatenate([own, file_faces]))
+    own_numbers, file_numbers = np.split(numbers, [len(own)])
+    first = np.full(numbers.max() + 1, -1)
+    first[own_numbers[::-1]] = np.arange(len(own))[::-1]
+    places, surface = first[file_numbers], own[np.bincount(own_numbers)[own_numbers] == 1]
 
     groups, regions, small_groups = {}, {}, {}
     for name, members in _members(mesh, received).items():
@@ -285,7 +290,8 @@ def named_groups(mesh: meshio.Mesh, kind: str, cells: np.ndarray, received: str)
             _check_found(places[faces], file_faces[faces], kind, f'{received}: the group "{name}"')
             groups[name] = own[np.unique(places[faces])]
         if not region.size and not faces.size:
-            small_groups[name] = _n_nodes(mesh, members)
+            parts = [np.ravel(block.data[own]) for block, own in zip(mesh.cells, members) if own.size]
+            small_groups[name] = len(np.unique(np.concatenate(parts))) if parts else 0
     for name, held in mesh.point_sets.items():
         whole = np.isin(surface, held).all(axis=1)
         if name not in groups and whole.any():
@@ -294,18 +300,6 @@ def named_groups(mesh: meshio.Mesh, kind: str, cells: np.ndarray, received: str)
         elif name not in groups and name not in regions:
             small_groups[name] = len(np.unique(held))
     return groups, regions, small_groups
-
-
-def _matched(own: np.ndarray, file_faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where each of the file's faces is among those of the cells (-1: nowhere), and which of these bound one.
-
-    An inner face, which bounds two cells, is found in the first of them.
-    """
-    numbers = set_numbers(np.concatenate([own, file_faces]))
-    own_numbers, file_numbers = np.split(numbers, [len(own)])
-    first = np.full(numbers.max() + 1, -1)
-    first[own_numbers[::-1]] = np.arange(len(own))[::-1]
-    return first[file_numbers], np.bincount(own_numbers)[own_numbers] == 1
 
 
 def _members(mesh: meshio.Mesh, received: str) -> dict[str, list[np.ndarray]]:
@@ -354,11 +348,6 @@ def _numbers(mesh: meshio.Mesh, members: list[np.ndarray], kind: str) -> np.ndar
     return np.concatenate(
         [np.empty(0, dtype=int), *(start + np.unique(numbers) for start, (_, numbers) in zip(starts, blocks))]
     )
-
-
-def _n_nodes(mesh: meshio.Mesh, members: list[np.ndarray]) -> int:
-    parts = [np.ravel(block.data[numbers]) for block, numbers in zip(mesh.cells, members) if numbers.size]
-    return len(np.unique(np.concatenate(parts))) if parts else 0
 
 
 def _check_face_types(mesh: meshio.Mesh, members: list[np.ndarray], kind: str, beginning: str) -> None:

@@ -151,10 +151,6 @@ class ModelBodyFile(BodyFile):
     def _sources(self) -> tuple[Record | None, ...]:
         return (*super()._sources, self.floating)
 
-    def shape_in(self, scene: Scene, name: str) -> LineMesh | Component | FloatingBody:
-        """Return the shape of a scene's body."""
-        return self.shape if self.floating is None else self.floating.body(scene, name, self.named)
-
 
 def bodies_of(scene: Scene, shapes: Mapping[str, BodyShape]) -> dict[str, ModelBodyFile]:
     """Return the bodies of a scene as a file has them, from shapes of which the flexible ones are in floating frames.
@@ -177,7 +173,10 @@ def model_of(
 ) -> ComponentModel:
     """Return the component model of a scene; parameters as of `ComponentModel`, `built` the scene that its bodies were
     condensed for where that is another one."""
-    shapes = {name: body.shape_in(scene, name) for name, body in bodies.items()}
+    shapes = {
+        name: body.shape if body.floating is None else body.floating.body(scene, name, body.named)
+        for name, body in bodies.items()
+    }
     return ComponentModel(
         scene, at_lengths(scene, shapes), kinematics, n_ranks, served_by(bodies, scene if built is None else built)
     )

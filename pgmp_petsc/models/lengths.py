@@ -91,7 +91,6 @@ class SeparateLengths(Model):
         self._last: tuple[dict[str, float], FullModel] = {}, model
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> SecondOrderSystem:
-        """Return a system of one sample on this rank."""
         own = self._at({name: float(values[name][0]) for name in self.lengths})
         system = own.batch(values, n_samples)
         self._models[system] = own
@@ -218,7 +217,6 @@ class LengthLanes(Observing):
         return self._model.at_lengths(scene)
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
-        """Return a batch of samples on this rank."""
         return begun(self, _JointAngles(self, values), values, n_samples)
 
     def shares(self, values: Mapping[str, np.ndarray | float], by: str = "") -> np.ndarray:

@@ -79,7 +79,6 @@ class OutputRecord(PooledObserver):
         super().over(numbers, times, states)
 
     def see(self, first: int, states: State) -> None:
-        """Evaluate states."""
         self._observed.append(self._model.observed_over(self._system, states, self.times[first:]))
 
     def evaluated(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:

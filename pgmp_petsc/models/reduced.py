@@ -61,7 +61,6 @@ class Observing(Model):
         return found
 
     def observed_over(self, system: ReducedSystem, states: State, times: Sequence[float]) -> np.ndarray:
-        """See `Model`."""
         values = {name: np.tile(value, len(times)) for name, value in system.values.items()}
         return self.observed_of(np.repeat(times, system.n_samples), states.merged(), values)
 

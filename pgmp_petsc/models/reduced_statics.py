@@ -141,24 +141,20 @@ class ReducedStatics:
             eta[going] = first[going]
 
         def converge(going: np.ndarray, share: float) -> np.ndarray:
-            return self._converge(eta, share * force, going, share)
+            state, part = self._state(eta), share * force
+            found = iterate_at_rest(
+                lambda active: self._system.correct_at_rest(state, part, active, share, LONGEST), going
+            )
+            # a sample that runs away is lost; angles of joints are asked for where it was
+            sound = going & np.isfinite(state.q).all(axis=1)
+            eta[sound] = state.q[sound]
+            return found
 
         lost, reached = put_on(begin, converge, samples)
         self._share[samples] = reached[samples]
         state = self._state(eta)
         left = -(self._system.residual(0.0, state) + force)[:, :r]
         return left, lost
-
-    def _converge(self, eta: np.ndarray, force: np.ndarray, samples: np.ndarray, share: float) -> np.ndarray:
-        """Correct samples, in place, under a share of the loads; return which converged."""
-        state = self._state(eta)
-        found = iterate_at_rest(
-            lambda active: self._system.correct_at_rest(state, force, active, share, LONGEST), samples
-        )
-        # a sample that runs away is lost; angles of joints are asked for where it was
-        sound = samples & np.isfinite(state.q).all(axis=1)
-        eta[sound] = state.q[sound]
-        return found
 
     def _state(self, eta: np.ndarray) -> State:
         return State(eta.copy(), np.zeros_like(eta), np.zeros_like(eta), np.zeros(0))

@@ -206,13 +206,7 @@ def _strained(shapes: Interpolant, rom: ReducedOrderModel, body: Body, scheme: s
     of_pairs = None if rom.curvature is None else body.curved_strains
     if of_pairs is None:
         return shapes
-    found, rows = _curved_strains(of_pairs, rom.projection[:, body.dofs]), shapes.rows.copy()
-    rows[..., rom.projection.shape[2] :, :] += interpolant(rom.tables.samples, found, scheme).rows
-    return replace(shapes, rows=rows)
-
-
-def _curved_strains(of_pairs: np.ndarray, projection: np.ndarray) -> np.ndarray:
-    """Return `Recovery.curved` of pairs of modes, shape (n, n_pairs, n_dofs), of a projection (n, n_dofs, m)."""
+    projection, rows = rom.projection[:, body.dofs], shapes.rows.copy()
     (n, n_dofs, m), packed = projection.shape, np.tril_indices(projection.shape[1])
     whole = np.empty((n_dofs, n_dofs, n_dofs))
     whole[packed] = whole[packed[::-1]] = of_pairs
@@ -220,7 +214,8 @@ def _curved_strains(of_pairs: np.ndarray, projection: np.ndarray) -> np.ndarray:
     for modes, own in zip(projection, found):
         half = np.tensordot(modes.T, whole, 1)
         own[:] = np.einsum("maj,an->mnj", half, modes, optimize=True)[pairs]
-    return found
+    rows[..., m:, :] += interpolant(rom.tables.samples, found, scheme).rows
+    return replace(shapes, rows=rows)
 
 
 def _of_beams(body: Body, points: BeamStrains, y: np.ndarray) -> np.ndarray:

@@ -94,18 +94,14 @@ class Closing:
         everywhere[moved] = placed
         found = everywhere[problem.rows.start : problem.rows.stop]
         found = found + problem.static_answers(modes.unstrained, -problem.times_stiffness(found), what)
-        return found - self._turning(modes, poses, found), np.abs(slopes @ placed + gaps)
-
-    def _turning(self, modes: ModeSet, poses: np.ndarray, found: np.ndarray) -> np.ndarray:
-        """Return the rigid and released motion in displacements (n_local, n), as its statements measure it."""
-        problem, n_theta = self._problem, len(self._problem.mechanism.coordinates)
+        # less the rigid and released motion in it, as its statements measure it
         motion = np.hstack([modes.rigid[:, modes.free], modes.released])
-        measured = np.append(modes.free, np.arange(n_theta, self._still.n))
+        measured = np.append(modes.free, np.arange(len(problem.mechanism.coordinates), self._still.n))
         entries = self._still.values(poses), (self._still.rows, self._still.dofs)
-        slopes = sp.csr_matrix(entries, shape=(self._still.n, problem.mechanism.n_dofs))[measured]
-        shown = slopes @ problem.all_rows(np.hstack([motion, found]))
-        n = motion.shape[1]
-        return motion @ np.linalg.lstsq(shown[:, :n], shown[:, n:], rcond=None)[0]
+        of_motion = sp.csr_matrix(entries, shape=(self._still.n, problem.mechanism.n_dofs))[measured]
+        shown, n = of_motion @ problem.all_rows(np.hstack([motion, found])), motion.shape[1]
+        found = found - motion @ np.linalg.lstsq(shown[:, :n], shown[:, n:], rcond=None)[0]
+        return found, np.abs(slopes @ placed + gaps)
 
 
 class BuiltIn:

@@ -112,7 +112,9 @@ class DensePencil:
         factor = self._shifted(what)
         inverse, n_pairs = self._inverse(factor), n_rigid + n_flexible
         n = len(inverse)
-        mu, vectors = _largest(inverse, n_pairs) if n_pairs < SUBSET * n else _all(inverse)
+        # nothing is set above the diagonal
+        every = n_pairs >= SUBSET * n
+        mu, vectors = eigh(inverse, driver="ev", check_finite=False) if every else _largest(inverse, n_pairs)
         mu, vectors = mu[: -n_pairs - 1 : -1], vectors[:, : -n_pairs - 1 : -1]
         n_finite = int(np.sum(mu > n * np.finfo(float).eps * mu[0]))
         if n_finite < n_pairs:
@@ -262,11 +264,6 @@ class _Factor:
 
 def _lengths(columns: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("dk,dk->k", columns, columns))
-
-
-def _all(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return all eigenvalues, ascending, and their vectors, of the lower triangle of a symmetric matrix."""
-    return eigh(matrix, driver="ev", check_finite=False)  # nothing is set above the diagonal
 
 
 def _largest(matrix: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:

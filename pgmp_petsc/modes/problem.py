@@ -125,7 +125,12 @@ class ModalProblem(AbstractContextManager):
         if matrices is None:
             matrices = assemble(self.mechanism.bodies, owned_rows(self.mechanism.n_dofs, comm.rank, comm.size))
         self.matrices, self.rows = matrices, matrices.rows
-        self._check_size()
+        null = self._null_space(self._lowest())
+        self.n_available = null.independent.size - self.n_unstrained
+        if self.n_available < 1:
+            raise InputError("the mesh has no flexible modes; take a finer one")
+        self.n_modes = min(self.n_modes, self.n_available)
+        self.n_redundant = null.n_redundant
         self._open()
 
     def at_values(self, values: Mapping[str, float]) -> ModalProblem:
@@ -353,14 +358,6 @@ class ModalProblem(AbstractContextManager):
         """
         self.n_modes = reduction.fitting(self.n_available, n_static).modes
         return self.n_modes < self.n_available
-
-    def _check_size(self) -> None:
-        null = self._null_space(self._lowest())
-        self.n_available = null.independent.size - self.n_unstrained
-        if self.n_available < 1:
-            raise InputError("the mesh has no flexible modes; take a finer one")
-        self.n_modes = min(self.n_modes, self.n_available)
-        self.n_redundant = null.n_redundant
 
     def _find_shift(self) -> None:
         """Set a shift that fits the first flexible eigenvalue.

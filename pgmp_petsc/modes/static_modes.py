@@ -96,7 +96,6 @@ def _extended(
 
 
 def _beside(problem: ModalProblem, basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return what a basis misses of vectors."""
     for _ in range(2):
         vectors = vectors - problem.onto(basis, vectors)
     return vectors
@@ -266,7 +265,15 @@ class VibrationProblem(ModalProblem):
         """
         where = self.kinematics.describe(theta)
         blocks = self._springs.at(theta, self.matrices, self.comm)
-        self._put(blocks)
+        # the stiffness is that of the bodies and of the springs
+        matrix = self._sum(self.matrices.stiffness)
+        matrix.sort_indices()
+        place = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr)) * matrix.shape[1] + matrix.indices
+        for block in blocks:
+            own = np.flatnonzero((block.dofs >= self.rows.start) & (block.dofs < self.rows.stop))
+            keys = (block.dofs[own, None] - self.rows.start) * matrix.shape[1] + block.dofs
+            np.add.at(matrix.data, np.searchsorted(place, keys), block.matrix[own])
+        self._pencil.set_stiffness(matrix)
         own = self._move_to(theta)[0]
         rigid = np.hstack([own[:, self.free], self.released_motion(theta, own)])
         pairs = self._pairs(any(is_negative(block) for block in blocks), where)
@@ -292,17 +299,6 @@ class VibrationProblem(ModalProblem):
             (np.concatenate([total.row, row[own] - self.rows.start]), np.concatenate([total.col, column[own]])),
         )
         return sp.coo_matrix(entries, shape=total.shape).tocsr()
-
-    def _put(self, blocks: list[Block]) -> None:
-        """Set the stiffness to that of the bodies and of the springs."""
-        matrix = self._sum(self.matrices.stiffness)
-        matrix.sort_indices()
-        place = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr)) * matrix.shape[1] + matrix.indices
-        for block in blocks:
-            own = np.flatnonzero((block.dofs >= self.rows.start) & (block.dofs < self.rows.stop))
-            keys = (block.dofs[own, None] - self.rows.start) * matrix.shape[1] + block.dofs
-            np.add.at(matrix.data, np.searchsorted(place, keys), block.matrix[own])
-        self._pencil.set_stiffness(matrix)
 
     def _pairs(self, negative: bool, where: str) -> EigenPairs:
         """Return the lowest eigenpairs: rigid motions that no spring resists, and all that is wanted."""

@@ -454,7 +454,6 @@ class OfCoupling(ForceOutput):
 
 
 def _motion(part: Statement, pair: tuple[Attachment, Attachment], mechanism: Mechanism, kinematics: RigidKinematics):
-    """Return what reads the motion of a joint, by its statement and attachments."""
     for connection in mechanism.connections:
         if connection.sides == pair and connection.angle is part:
             return Reading.of_angle(connection, kinematics)

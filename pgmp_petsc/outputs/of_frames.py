@@ -31,7 +31,6 @@ class OfStatement(OutputEntry):
     """What is read of a statement about two frames, which `stated` returns."""
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
-        """Return the statement."""
         return _measured(self.stated(name, kinematics.mechanism), kinematics)
 
 
@@ -74,7 +73,6 @@ class Distance(OfStatement):
     points: Connection = Field(description='two points, "body:point" or "ground:point"')
 
     def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
-        """Return the distance."""
         return mechanism.between(distance(mechanism.space.dimension), self.points, f"{name}.points")
 
 
@@ -92,7 +90,6 @@ class Rotation(OutputEntry):
             yield problem(f"outputs.{name}.type", why, self.type)
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> Reading:
-        """Return the rotation of the node."""
         return Reading.at_point("ROTATION", self.point, name, kinematics)
 
     def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:

@@ -139,7 +139,6 @@ class RateOfOutput(OutputEntry):
         return per_second(per_second(unit)) if self.order == 2 else per_second(unit)
 
     def combined(self, name: str, parts: Mapping[str, AnyReading], scene: Scene) -> AnyReading:
-        """Return its derivative."""
         return Rate(parts[self.of], self.order)
 
     def expression(self, scene: Scene, seen: Callable[[str], Expression]) -> Expression:
@@ -161,7 +160,6 @@ class FormulaOfOutputs(OutputEntry):
     )
 
     def made_in(self, scene: Scene) -> Mapping[str, str]:
-        """Return the outputs that it names."""
         try:
             _, used = self.in_declarations(scene)
         except FormulaError:
@@ -254,7 +252,6 @@ class FormulaOfOutputs(OutputEntry):
         return own or any(scene.outputs[one].kinked_in(scene) for one in self.made_in(scene))
 
     def combined(self, name: str, parts: Mapping[str, AnyReading], scene: Scene) -> AnyReading:
-        """Return the formula of what it names."""
         text, used = self.in_si(scene)
         return Combined(
             text, {f"of_{one}": part for one, part in parts.items()},
@@ -262,7 +259,6 @@ class FormulaOfOutputs(OutputEntry):
         )  # fmt: skip
 
     def expression(self, scene: Scene, seen: Callable[[str], Expression]) -> Expression:
-        """Return the formula of what it names."""
         text, used = self.in_si(scene)
         parts = tuple((f"of_{one}", seen(one)) for one in self.made_in(scene))
         return FormulaOf(text, parts, tuple(one for one in scene.parameters if one in used))

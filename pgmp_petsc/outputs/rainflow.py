@@ -28,16 +28,6 @@ from pgmp_petsc.scene.uses import Use
 Values = Mapping[str, np.ndarray | float]
 
 
-def _falls(table: tuple[tuple[float, float], ...]) -> None:
-    for (low, many), (high, few) in pairwise(table):
-        if not (0.0 < low < high and many > few > 0.0):
-            raise refusal(
-                "amplitudes must rise and cycles to failure must fall from row to row, all positive, but "
-                f"({high:g}, {few:g}) follows ({low:g}, {many:g})",
-                "table",
-            )
-
-
 class Curve(Table):
     """An S-N curve (Woehler): the cycles to failure over the amplitude of a stress."""
 
@@ -63,8 +53,13 @@ class Curve(Table):
             if (getattr(self, key) is None) != (self.table is not None):
                 given = "not given beside a table" if self.table is not None else "missing: a curve has exponent, "
                 raise refusal(given if self.table is not None else f"{given}reference and cycles, or a table", key)
-        if self.table is not None:
-            _falls(self.table)
+        for (low, many), (high, few) in pairwise(self.table or ()):
+            if not (0.0 < low < high and many > few > 0.0):
+                raise refusal(
+                    "amplitudes must rise and cycles to failure must fall from row to row, all positive, but "
+                    f"({high:g}, {few:g}) follows ({low:g}, {many:g})",
+                    "table",
+                )
 
 
 class Rainflow(OutputEntry):
@@ -107,7 +102,6 @@ class Rainflow(OutputEntry):
         return {self.of: "of"}
 
     def unit_in(self, scene: Scene) -> str:
-        """Return that of its quantity."""
         return "s" if self.quantity == "life" else "1"
 
     def uses(self, scene: Scene, entry: str) -> Iterator[Use]:

@@ -239,7 +239,6 @@ class Rate(OfReading):
     order: int = 1
 
     def depth(self, order: int) -> int:
-        """Return that of what it is of."""
         return self.of.depth(order + self.order)
 
     def jet(self, seen: Seen, order: int) -> Jet:

@@ -46,7 +46,6 @@ class Stress(OutputEntry):
     region: str | None = Field(None, description="region of cells of a solid: the largest value there")
 
     def unit_in(self, scene: Scene) -> str:
-        """Return the unit of its quantity."""
         return self.unit_of_quantity
 
     @property

@@ -219,12 +219,6 @@ def unused_options(arguments: Sequence[str], comm: Comm) -> list[str]:
     return [name for name, found in zip(names, somewhere) if not found]
 
 
-def unused_remark(names: Sequence[str]) -> str:
-    """Return the warning that options were given for nothing, with the prefixes that there are."""
-    given = " ".join(f"-{name}" for name in names)
-    return f"PETSc options that nothing used: {given}; prefixes here: {', '.join(PREFIXES)} (docs/petsc_options.md)"
-
-
 @contextmanager
 def petsc_solver(prefix: str, activity: str) -> Iterator[None]:
     """Turn what PETSc raises in a block into an error of ours, which says what the block does, with the configuration.

@@ -90,7 +90,12 @@ class ReducedActions:
         if not first.actions:
             return first
         places = first.places
-        moved, frames = _moved_ground([member.actions for member in members])
+        grounded = [
+            np.array([side.point * side.on_ground for one in member.actions for side in one.sides])
+            for member in members
+        ]
+        moved, axes = np.flatnonzero(np.ptp(grounded, axis=0).any(axis=1)), np.eye(grounded[0].shape[1]).ravel()
+        frames = [np.array([[*at[k], *axes] for k in moved]).ravel() for at in grounded]
         n_frames = places.n_nodes * places.felt.shape[1] * 2
         n_bent = moved.size * (places.shapes.rows.shape[2] // places.n_nodes)
         rigid = [_same_turns(member.places.rigid, places.rigid, places.winding) for member in members]
@@ -196,15 +201,6 @@ def functions_of_time(
         joined([nothing if action.amplitude is None else action.amplitude for action in actions]),
         joined([motions[k].angle if k in motions else nothing for k in range(n_theta)]),
     )
-
-
-def _moved_ground(members: Sequence[Sequence[Action]]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return the numbers of the sides of actions that are at points of the ground which are at other places in models
-    of other lengths, and their frames in each, (n_moved * n_frame,)."""
-    places = [np.array([side.point * side.on_ground for one in own for side in one.sides]) for own in members]
-    moved = np.flatnonzero(np.ptp(places, axis=0).any(axis=1))
-    axes = np.eye(places[0].shape[1]).ravel()
-    return moved, [np.array([[*at[k], *axes] for k in moved]).ravel() for at in places]
 
 
 def _same_turns(rigid: Cells, other: Cells, winding: np.ndarray) -> np.ndarray:

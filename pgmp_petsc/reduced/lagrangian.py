@@ -269,8 +269,9 @@ def _iterated(term: Term, bound: Sequence[str]) -> Iterator[Output]:
         if any(rigid) and term.only in (_SECOND, "loads of second order"):
             if part.source != "value":
                 continue
-            if not all(rigid):
-                factor = {f: x for f, x in factor.items() if not any(_is_rate(one) for one in f)}
+            if not all(rigid):  # without rates of flexible coordinates
+                rates = {f for f in factor if any(one[0] in "va" and one[2:] not in THETA for one in f)}
+                factor = {f: x for f, x in factor.items() if f not in rates}
         key = part.row, part.column, part.source
         blocks[key] = total((1, blocks.get(key, {})), (1, total((1, factor), by=gain)))
     for (x, y, source), factor in blocks.items():
@@ -283,11 +284,6 @@ def _iterated(term: Term, bound: Sequence[str]) -> Iterator[Output]:
                 yield Target("skew", place), source, total((HALF, factor), (-HALF, other)), "fresh"
         else:
             yield _bordered(x, y), source, factor, "fresh"
-
-
-def _is_rate(factor: str) -> bool:
-    """Return whether a factor is a rate of a flexible coordinate."""
-    return factor[0] in "va" and factor[2:] not in THETA
 
 
 def _bordered(x: str, y: str) -> Target:

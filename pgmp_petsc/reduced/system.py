@@ -47,7 +47,6 @@ class ReducedTrail(State):
 
     @property
     def motion(self) -> np.ndarray:
-        """See `State`."""
         return self.whole
 
 
@@ -404,7 +403,6 @@ class ReducedSystem(SecondOrderSystem):
         return self._lanes.unpacked(progress.outcome), self._lanes.unpacked(progress.n_steps)
 
     def trail(self, state: State, n: int) -> ReducedTrail:
-        """Return room for n states."""
         return ReducedTrail((n, *state.q.shape))
 
     def steps_between_looks(self, every: int | None) -> int:

@@ -58,7 +58,11 @@ class ReducedDamping:
             return None
         rayleigh = [found.rayleigh_of(number) for number in range(len(mechanism.bodies))]
         common = min(alpha for _, alpha in rayleigh)
-        shapes = _shapes(kinematics, rom)
+        # [d rho/d theta, Psi_flexible] in body frames at the samples, shape (n, n_dofs, n_eta)
+        poses = kinematics.poses(rom.tables.samples.theta)
+        at = zip(np.moveaxis(poses, -1, 0), np.moveaxis(kinematics.rates(poses), -1, 0))
+        velocities = [rigid_velocities(mechanism, *one) for one in at]
+        shapes = np.concatenate([np.array(velocities), rom.projection], axis=2)
         r, n_eta = rom.tables.n_coordinates, shapes.shape[2]
         terms: dict[Monomial, np.ndarray] = {}
 
@@ -86,14 +90,6 @@ class ReducedDamping:
         for k, values in enumerate(terms.values()):
             table[:, k] = values
         return cls(", ".join(names), common, tuple(terms), table)
-
-
-def _shapes(kinematics: RigidKinematics, rom: ReducedOrderModel) -> np.ndarray:
-    """Return ``[d rho/d theta, Psi_flexible]`` in body frames at the samples, shape (n, n_dofs, n_eta)."""
-    poses = kinematics.poses(rom.tables.samples.theta)
-    rates = kinematics.rates(poses)
-    velocities = [rigid_velocities(kinematics.mechanism, poses[..., k], rates[..., k]) for k in range(poses.shape[2])]
-    return np.concatenate([np.array(velocities), rom.projection], axis=2)
 
 
 # rad, or of the mechanism's size; in such cells polynomials of degree 7 agree with the rigid inertia to 4e-10 of its

@@ -22,7 +22,7 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bodies.matrices import assemble, mass_of_bodies, owned_rows
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
-from pgmp_petsc.effects import Action, Load, actions_of, effects_of, loads_of, patterns_of, start_of
+from pgmp_petsc.effects import Load, actions_of, effects_of, loads_of, patterns_of, start_of
 from pgmp_petsc.effects.springs import spring_remarks
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
@@ -162,7 +162,9 @@ class _Build:
             with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
                 snapshots = opened.enter_context(ParameterSnapshots(problem, static_loads, points.points))
                 built_in = BuiltIn(problem, scene, self._meshes)
-                sampler = Sampler(problem, loads, static_loads, snapshots, _probe(problem, actions), built_in)
+                known = all(body.third_derivative_known for body in problem.mechanism.bodies)
+                probe = InfluenceProbe(problem, actions) if known else None
+                sampler = Sampler(problem, loads, static_loads, snapshots, probe, built_in)
             sampling = _Sampling(scene, sampler, group, way)
             joined, basis, rounds = sampling.joined(store, loads, bool(actions), timings)
             manifold = missed = gaps = None
@@ -393,18 +395,11 @@ class _Sampling:
 
 
 def _over_turns(found: OverSamples, samples: SampleGrid, basis: ContinuousBasis) -> OverSamples:
-    """Return tables of one turn over the turns of a basis."""
     for axis in np.flatnonzero(basis.flipped.any(axis=1)):
         signs = flipping_signs(basis.tables.n_modes, basis.flipped[axis])
         found = samples.doubled(axis, found, signs)
         samples = samples.over_two_turns(axis)
     return found
-
-
-def _probe(problem: ModalProblem, actions: tuple[Action, ...]) -> InfluenceProbe | None:
-    """Return what probes the modes' stiffness; None where K3 of a body is not known."""
-    known = all(body.third_derivative_known for body in problem.mechanism.bodies)
-    return InfluenceProbe(problem, actions) if known else None
 
 
 def _stiffness_changes(samples: SampleGrid, joined: JoinedSamples, basis: ContinuousBasis) -> StiffnessChanges | None:

@@ -76,26 +76,19 @@ def join_samples(
     basis = GridBasis.of(neighbours, tables["canonical"][0])
     # the snapshots of every parameter point turn as the kept vectors do
     n_given = next(iter(own.values())).built_in.shape[1]
-    times = (shapes.shape[2] - n_given) // overlaps.shape[-1]
+    (n, m, _), times = basis.rotations.shape, (shapes.shape[2] - n_given) // overlaps.shape[-1]
+    rotations = np.tile(np.eye(m * times + n_given), (n, 1, 1))
+    for first in range(0, m * times, m):
+        rotations[:, first : first + m, first : first + m] = basis.rotations
     return JoinedSamples(
         tables=tables,
         shapes=shapes,
-        rotations=_block_diagonal(basis.rotations, times, n_given),
+        rotations=rotations,
         cosines=basis.cosines,
         flipped=_with_given(np.tile(basis.flipped, times), n_given),
         groups=basis.groups,
         n_given=n_given,
     )
-
-
-def _block_diagonal(blocks: np.ndarray, times: int, n_given: int) -> np.ndarray:
-    """Return matrices (n, m, m), each several times along a diagonal, and 1 after them, shape (n, w, w) with ``w = m
-    times + n_given``."""
-    n, m, _ = blocks.shape
-    result = np.tile(np.eye(m * times + n_given), (n, 1, 1))
-    for first in range(0, m * times, m):
-        result[:, first : first + m, first : first + m] = blocks
-    return result
 
 
 def _with_given(flipped: np.ndarray, n_given: int) -> np.ndarray:

@@ -210,7 +210,13 @@ def _joined(
     """Return the nominal model, the first that was built, with its family and what is to be said of it."""
     nominal, cosine = built[0], min(cosine for _, cosine in turned)
     family = LengthFamily(grid, tuple(member for member, _ in turned), LengthCheck(between[0], 0.0, 0.0))
-    family = replace(family, check=_check(scene, family, nominal, *between))
+    values, exact = between  # the family is compared with a model that was built between its points
+    own, n_modes = family.at(scene.with_values(values), nominal), nominal.frequencies_hz.shape[1]
+    ours, theirs = (model.tables.frequencies_hz(scene.nominal)[:, :n_modes] for model in (own, exact))
+    blended = sum(share * member.rigid_inertia for share, member in zip(grid.shares(values), family.members))
+    inertia = np.max(np.abs(blended - exact.rigid_inertia), axis=0) / np.max(np.abs(exact.rigid_inertia), axis=0)
+    check = LengthCheck(dict(values), float(np.max(np.abs(ours / theirs - 1.0))), float(np.max(inertia)))
+    family = replace(family, check=check)
     indefinite = indefinite_between(family.merged(nominal).tables, scene, *spanning_values(scene))
     timings = dict(seconds)
     for model in built:
@@ -220,18 +226,6 @@ def _joined(
     text, values = scene_to_toml(scene), own_values(scene, scene.nominal)
     record = replace(nominal.record, scene_toml=text, parameters=values, timings=timings, remarks=remarks)
     return replace(nominal, record=record, family=family, indefinite=nominal.indefinite or indefinite)
-
-
-def _check(
-    scene: Scene, family: LengthFamily, nominal: ReducedOrderModel, values: dict[str, float], built: ReducedOrderModel
-) -> LengthCheck:
-    """Compare the family with a model that was built between its points."""
-    own = family.at(scene.with_values(values), nominal)
-    n_modes = nominal.frequencies_hz.shape[1]
-    found, exact = (model.tables.frequencies_hz(scene.nominal)[:, :n_modes] for model in (own, built))
-    blended = sum(share * member.rigid_inertia for share, member in zip(family.grid.shares(values), family.members))
-    inertia = np.max(np.abs(blended - built.rigid_inertia), axis=0) / np.max(np.abs(built.rigid_inertia), axis=0)
-    return LengthCheck(dict(values), float(np.max(np.abs(found / exact - 1.0))), float(np.max(inertia)))
 
 
 @gathered

@@ -114,7 +114,6 @@ class ReducedOrderModel(Tabulated):
 
     @classmethod
     def _of(cls, found: ModelFile, record: RunRecord) -> ReducedOrderModel:
-        """Return the model that a file has."""
         meshes = {name: body.shape for name, body in found.mesh.items()}
         return cls(**_alike(found), meshes=meshes, record=record)
 
@@ -214,7 +213,6 @@ class LengthFamily:
 
 
 def _alike(model: Tabulated) -> dict[str, Any]:
-    """Return what a model and its file have alike."""
     return {one.name: getattr(model, one.name) for one in declared(Tabulated)}
 
 
@@ -257,10 +255,6 @@ class Served:
     def shown(self, value: float) -> str:
         """Return a value as messages have it."""
         return f"{self.to_own * value:.6g}"
-
-    def widened(self, value: float) -> tuple[float, float]:
-        """Return low and high in the units of the scene, no narrower than a value in these."""
-        return min(self.to_own * self.low, value), max(self.to_own * self.high, value)
 
     @property
     def range(self) -> str:

@@ -119,7 +119,6 @@ class SampleGrid(Record):
 
     @classmethod
     def take(cls, group: h5py.Group, words: Mapping[str, Any] | None = None) -> SampleGrid:
-        """Read the grid."""
         found = GridFile.take(group, words)
         shape = tuple(np.atleast_1d(len(found.theta) if found.shape is None else found.shape))
         places = found.theta.reshape(*shape, len(shape))

@@ -86,7 +86,14 @@ class Sampler:
         self._mass = _stacked([problem.matrices.mass[w] for w in mechanism.mass_weights])
         self._stiffness = _stacked([problem.matrices.stiffness[w] for w in mechanism.stiffness_weights])
         self._loads = TurnedLoads(problem, loads)
-        self._waves = self._incommensurate(problem.n_modes)
+        # no mode shape of any mesh is orthogonal to its own wave but by accident; internal coordinates of condensed
+        # bodies have no meaning of their own: the waves over the bodies' meshes have
+        n_waves = problem.n_modes
+        waves = incommensurate(np.arange(mechanism.n_dofs), mechanism.n_dofs, np.arange(1, n_waves + 1))
+        for body in mechanism.bodies:
+            if body.probes is not None:
+                waves[body.dofs] = body.probes[:, np.arange(n_waves) % body.probes.shape[1]]
+        self._waves = waves[problem.rows.start : problem.rows.stop]
         self._static_loads = static_loads
         self._snapshots = snapshots
         self._probe, self._built_in = probe, built_in
@@ -142,19 +149,6 @@ class Sampler:
         probe = self.problem.inner(modes.flexible, self._waves[:, :n_modes])
         rotation[:n_modes, :n_modes] = canonical_rotation(modes.eigenvalues, probe)
         return rotation
-
-    def _incommensurate(self, n_waves: int) -> np.ndarray:
-        """Return incommensurate waves, local rows: no mode shape of any mesh is orthogonal to its own one but by
-        accident.
-
-        Internal coordinates of condensed bodies have no meaning of their own; the waves over the bodies' meshes have.
-        """
-        mechanism, rows = self.problem.mechanism, self.problem.rows
-        waves = incommensurate(np.arange(mechanism.n_dofs), mechanism.n_dofs, np.arange(1, n_waves + 1))
-        for body in mechanism.bodies:
-            if body.probes is not None:
-                waves[body.dofs] = body.probes[:, np.arange(n_waves) % body.probes.shape[1]]
-        return waves[rows.start : rows.stop]
 
     def _times(self, terms: sp.csr_matrix | np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Return stacked terms times local columns (n_local, k), shape (n_terms, n_local, k)."""

@@ -94,7 +94,16 @@ class Compression:
         mean = np.where((flipped[:, :, None] == flipped[:, None, :]).all(axis=0), grams.mean(axis=0), 0.0)
         squares, vectors = np.linalg.eigh(mean)
         squares, vectors = squares[::-1], vectors[:, ::-1]
-        chosen = _independent(grams, squares, vectors, n_parameter)
+        # the leading ones that are independent everywhere of those before them; one that vanishes somewhere, as the
+        # answer to a spring does where that lies along a bar, is passed over
+        n = int(np.sum(squares > ROUND_OFF * squares[:1]))
+        scaled = vectors[:, :n] / np.sqrt(squares[:n])
+        everywhere, chosen = scaled.T @ grams @ scaled, []
+        for k in range(n):
+            tried = [*chosen, k]
+            of = everywhere[:, tried][:, :, tried]
+            if len(chosen) < n_parameter and np.linalg.eigvalsh(of)[:, 0].min() >= INDEPENDENT:
+                chosen = tried
         if len(chosen) < n_parameter and not fewer:
             raise InputError(
                 f"reduction.parameter_modes = {n_parameter}: modes and static modes at other parameter values give no "
@@ -115,21 +124,6 @@ class Compression:
         """Return the matrix leaving kept vectors before, and given ones after these, as they are, shape (n_kept +
         n_snapshots + n_given, n_kept + n_parameter + n_given)."""
         return block_diag(np.eye(n_kept), self.matrix, np.eye(n_given))
-
-
-def _independent(grams: np.ndarray, squares: np.ndarray, vectors: np.ndarray, most: int) -> list[int]:
-    """Return the leading vectors, by number, that are independent at every configuration with those before them.
-
-    One that vanishes somewhere, as the answer to a spring does where that lies along a bar, is passed over.
-    """
-    n = int(np.sum(squares > ROUND_OFF * squares[:1]))
-    scaled = vectors[:, :n] / np.sqrt(squares[:n])
-    everywhere, chosen = scaled.T @ grams @ scaled, []
-    for k in range(n):
-        tried = [*chosen, k]
-        if len(chosen) < most and np.linalg.eigvalsh(everywhere[:, tried][:, :, tried])[:, 0].min() >= INDEPENDENT:
-            chosen = tried
-    return chosen
 
 
 N_CONFIGURATIONS = 8  # at least, over the middles of a grid

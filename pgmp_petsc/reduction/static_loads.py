@@ -203,19 +203,14 @@ class InfluenceProbe:
         for weight, forces in problem.lost_inertia(modes.theta).items():
             inertia[problem.mechanism.mass_weights.index(weight), :, modes.rigid.shape[1] :] += forces[:, k, j]
         found = problem.inner(answers, np.hstack([loads, turned, *-inertia]))
-        self._add_rotary(modes, found[:, loads.shape[1] + turned.shape[1] :])
-        return found
-
-    def _add_rotary(self, modes: ModeSet, influences: np.ndarray) -> None:
-        """Add the work of accelerations on the directors' part of second order, which is ``chi_kk`` of the modes' own
-        with the other sign; influences of the motions, shape (n_modes, n_terms n_motions)."""
-        problem, (k, j) = self._problem, self._pairs
-        motion = problem.kinematics.motion(modes.theta)
+        # of accelerations, their work on the directors' part of second order: chi_kk of the modes' own, less
         fields = np.concatenate([motion.velocities, motion.accelerations[:, :, k, j]], axis=2)
         vectors, each = problem.all_rows(modes.flexible), (np.arange(modes.flexible.shape[1]),) * 2
+        influences = found[:, loads.shape[1] + turned.shape[1] :]
         for t, weight in enumerate(problem.mechanism.mass_weights):
             columns = slice(t * fields.shape[2], (t + 1) * fields.shape[2])
             influences[:, columns] += self._curvature.rotary.work(fields, vectors, each, weight).T
+        return found
 
 
 class BuiltInStress:

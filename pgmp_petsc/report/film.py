@@ -146,8 +146,10 @@ def stress_of(run: Trajectory) -> Stress | None:
     path = f"/fields/{body}/at_nodes/von_mises/{number_name(frame)}" if plain else ""
     when = f"at {run.frames.time[frame]:.4g} s, of the {counted(len(run.frames.time), 'frame')} kept"
     found = Stress(over_time, largest, body, frame, when, path, str(node) if plain else "")
-    for output, of_body in _mises_outputs(run).items():
-        values = np.nan_to_num(run.outputs[output])
+    for output, entry in scene_of(run.record).get("outputs", {}).items():
+        if output not in run.outputs or entry.get("quantity") not in ("von_mises", "stress_max", "stress_min"):
+            continue  # stresses of beams are this one of their outermost fibres
+        values, of_body = np.nan_to_num(run.outputs[output]), str(entry.get("body"))
         step = int(np.argmax(np.abs(values)))
         size = abs(float(values[step]))
         if of_body in known and size > found.largest:
@@ -155,22 +157,6 @@ def stress_of(run: Trajectory) -> Stress | None:
             path = f"/outputs/{output}" if values[step] > 0.0 else ""
             found = replace(found, largest=size, body=of_body, when=when, path=path, index=str(step) if path else "")
     return found
-
-
-def _mises_outputs(run: Trajectory) -> dict[str, str]:
-    """Return the bodies of the outputs that are of this stress; of beams it is that of their outermost fibres."""
-    entries = scene_of(run.record).get("outputs", {})
-    return {
-        name: str(entry.get("body"))
-        for name, entry in entries.items()
-        if name in run.outputs and entry.get("quantity") in ("von_mises", "stress_max", "stress_min")
-    }
-
-
-def meshed_bodies(run: Trajectory) -> list[str]:
-    """Return the bodies of a run's scene that have a mesh of cells."""
-    entries = scene_of(run.record).get("bodies", {})
-    return [name for name, entry in entries.items() if entry.get("element") in MESHED]
 
 
 SIZE = 10_000
@@ -276,7 +262,10 @@ class _Shots:
         self.bodies, self.stress = bodies_of(run), stress_of(run)
         peak = 0 if self.stress is None else self.stress.frame
         self.picture, self.height = _picture(self.bodies)
-        self.chosen = _chosen(self.bodies, len(frames.time), peak)
+        size = sum(b.points.shape[1] * (4 * bool(b.deformation.any()) + (b.values is not None)) for b in self.bodies)
+        n = len(frames.time)
+        most = max(2, min(MOST_FRAMES, MOST_BYTES // max(size, 1), n))
+        self.chosen = np.union1d(np.linspace(0, n - 1, most).round().astype(int), peak)
         self.start = int(np.searchsorted(self.chosen, peak))
         self.shown = [body.at(self.chosen) for body in self.bodies]
         self.colours = [
@@ -346,13 +335,6 @@ def _picture(bodies: list[FilmBody]) -> tuple[_Picture, int]:
     left, above = 0.5 * (SIZE - unit * extent[0]), 0.5 * (height - unit * extent[1])
     shift = np.array([left - unit * low[0], height - above + unit * low[1], 0.0])
     return _Picture(view, float(unit), shift, flat), height
-
-
-def _chosen(bodies: list[FilmBody], n_frames: int, peak: int) -> np.ndarray:
-    """Return the frames that are shown, that of the largest stress among them."""
-    size = sum(body.points.shape[1] * (4 * bool(body.deformation.any()) + (body.values is not None)) for body in bodies)
-    most = max(2, min(MOST_FRAMES, MOST_BYTES // max(size, 1), n_frames))
-    return np.union1d(np.linspace(0, n_frames - 1, most).round().astype(int), peak)
 
 
 def _packed(body: FilmBody, picture: _Picture, stress: Stress | None) -> dict[str, Any]:
@@ -436,7 +418,8 @@ def _left_out(run: Trajectory, bodies: list[FilmBody], n_shown: int, name: str) 
     found = [body.note for body in bodies if body.note]
     if n_shown < len(run.frames.time):
         found.append(f"the film shows {n_shown} of {len(run.frames.time)} frames; the file has all")
-    bare = [body for body in meshed_bodies(run) if body not in run.fields]
+    entries = scene_of(run.record).get("bodies", {})
+    bare = [body for body, one in entries.items() if one.get("element") in MESHED and body not in run.fields]
     if bare:
         found.append(
             f"the film draws {', '.join(bare)} as lines: {name or 'the run'} has no displacements and stresses of "

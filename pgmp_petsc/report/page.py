@@ -46,7 +46,6 @@ from pgmp_petsc.report.sources import (
     mean_of,
     of_kind,
     read_sources,
-    sentence_case,
 )
 from pgmp_petsc.results import Ensemble, Fit, Tradeoff, Trajectory
 from pgmp_petsc.results.numbers import ROUND_OFF, behind, one_unit_each, plain
@@ -660,7 +659,7 @@ def page_of(scenes: Sequence[Sequence], lines: Sequence[str]) -> str:
         loader=PackageLoader("pgmp_petsc.report", "page"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
-    environment.filters |= {"compact": compact_json, "sentence_case": sentence_case}
+    environment.filters |= {"compact": compact_json, "sentence_case": lambda text: text[:1].upper() + text[1:]}
     with one_unit_each(_largest_of_units([source.result for sources in scenes for source in sources])):
         sections = [section_of(sources) for sources in scenes]
         beside = beside_each_other([source for sources in scenes for source in sources])

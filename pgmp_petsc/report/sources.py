@@ -157,8 +157,3 @@ def chance_of(source: Source) -> Sentence:
 def failed_of(source: Source) -> str:
     status = source.result.status
     return f"{source.name}: {np.count_nonzero(status)} of {len(status)} samples failed"
-
-
-def sentence_case(text: str) -> str:
-    """Return a text with a capital letter first."""
-    return text[:1].upper() + text[1:]

@@ -161,7 +161,6 @@ class Derivatives(Result):
         super().__post_init__()
 
     def converted_by_itself(self, convert: Callable[[Any, str], Any]) -> dict[str, Any]:
-        """Return the changes."""
         found = {name: (float(convert(x, self.units[name])), what) for name, (x, what) in self.changes.items()}
         return {"changes": found}
 

@@ -219,7 +219,8 @@ def csv_text(columns: Mapping[str, tuple[str, np.ndarray]], rows: int | None = N
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([f"{name} ({unit})" if unit not in ("", "1") else name for name, (unit, _) in columns.items()])
-    writer.writerows(zip(*(map(_digits, values[:rows].tolist()) for _, values in columns.values())))
+    texts = ([repr(x) if isinstance(x, float) else str(x) for x in own[:rows].tolist()] for _, own in columns.values())
+    writer.writerows(zip(*texts))
     return stream.getvalue()
 
 
@@ -285,7 +286,3 @@ _COLUMNS: dict[str, Callable[[Any], Columns]] = {
     "tradeoff": _of_study,
     "sensitivities": _of_derivatives,
 }
-
-
-def _digits(value: float | int | str) -> str:
-    return repr(value) if isinstance(value, float) else str(value)

@@ -328,23 +328,17 @@ def write_xdmf(trajectory_path: str | os.PathLike[str], xdmf_path: str | os.Path
         if "frames" not in file:
             cure = "run the simulation again with --override simulation.frames=100"
             raise InputError(f"file '{trajectory_path}' has no frames to export; {cure}")
-        heavy = _reference(Path(trajectory_path), xdmf_path)
+        heavy = os.path.relpath(Path(trajectory_path).resolve(), xdmf_path.resolve().parent)
+        # readers split references at these, and cut spaces off their ends
+        if set(heavy) & set(":|") or not heavy.isprintable() or heavy != heavy.strip():
+            why = "a colon, a bar, a space at its ends or a character that cannot be printed"
+            raise InputError(f"file '{trajectory_path}': XDMF cannot refer to the path {heavy!r} ({why}); rename it")
         with shapes_of(file):
             tree, n_frames = _tree(file, heavy)
     ElementTree.indent(tree)
     with replacing(xdmf_path) as partial:
         tree.write(partial, encoding="utf-8", xml_declaration=True)
     return n_frames
-
-
-def _reference(trajectory_path: Path, xdmf_path: Path) -> str:
-    """Return the trajectory's path from the XDMF file, which XML and XDMF can hold."""
-    heavy = os.path.relpath(trajectory_path.resolve(), xdmf_path.resolve().parent)
-    # readers split references at these, and cut spaces off their ends
-    if set(heavy) & set(":|") or not heavy.isprintable() or heavy != heavy.strip():
-        why = "a colon, a bar, a space at its ends or a character that cannot be printed"
-        raise InputError(f"file '{trajectory_path}': XDMF cannot refer to the path {heavy!r} ({why}); rename it")
-    return heavy
 
 
 def _tree(file: h5py.File, heavy: str) -> tuple[ElementTree.ElementTree, int]:

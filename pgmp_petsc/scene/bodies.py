@@ -310,10 +310,6 @@ class Placement(Table):
             raise refusal("a rotation vector has three numbers, such as [0.0, 0.0, 1.0]; in the plane give angle")
         return rotation
 
-    def origin_in(self, dimension: int) -> np.ndarray:
-        """Return the origin, shape (dimension,)."""
-        return np.array((*self.origin, 0.0)[:dimension])
-
 
 CAD = (".step", ".stp")  # endings of files with parts of CAD
 OF_MESHES = ("mesh_size", "faces")  # entries of meshed solids

@@ -22,14 +22,14 @@ import tomli_w
 from pydantic import ValidationError
 
 from pgmp_petsc.base.errors import InputError, irregular, nearest_name, shortened
-from pgmp_petsc.base.units import SI, UnitSystem, UnknownUnit
+from pgmp_petsc.base.units import SAID, SI, UnitSystem, UnknownUnit
 from pgmp_petsc.files.claims import replacing
 from pgmp_petsc.files.seal import SIGNATURE, SIZE
 from pgmp_petsc.scene.border import in_own_units, in_si
 from pgmp_petsc.scene.messages import DEEPEST, dotted_name, explain, problem, toml_text
 from pgmp_petsc.scene.parameters import add_field_parameters
 from pgmp_petsc.scene.schema import Scene
-from pgmp_petsc.scene.units import convert_parameters, said_system, setting_of
+from pgmp_petsc.scene.units import convert_parameters, setting_of
 
 MOST_BYTES = 16_000_000  # of a scene's file
 MOST_ROWS = 100_000  # of a table in a file: every result keeps the scene with them
@@ -258,7 +258,9 @@ def scene_from_tables(
     for name, parameter in (parameters if isinstance(parameters, dict) else {}).items():
         law = parameter.get("distribution") if isinstance(parameter, dict) else None
         _read_law(law, f"parameters.{name}.distribution", directory)
-    system = said_system(data)
+    header = data.get("scene")
+    said = header.get("units") if isinstance(header, dict) else None
+    system = SAID.get(said, SI) if isinstance(said, str) else SI
     given = convert_parameters(data, system)
     apply_settings(data, settings, system)  # after the conversion: they are in the scene's units
     context = {"directory": directory, "units": given, "system": system, "raw": data}

@@ -54,7 +54,15 @@ def effect_problems(scene: AnyScene) -> Iterator[str]:
             others = [other for other, rival in scene.effects.items() if type(rival) is type(effect)]
             if name != others[0]:
                 yield problem(f"effects.{name}", f"effects.{others[0]} is of the same type; a scene has one at most")
-    yield from _ends_apart(scene)
+    for entry, other, lower, upper, share in ordered_ends(scene):
+        if any(isinstance(end, str) and end not in scene.parameters for end in (lower, upper)):
+            continue  # said elsewhere
+        for values in (scene.nominal, scene.values):
+            low, high = scene.number(lower, values), share * scene.number(upper, values)
+            if not low < high:
+                behind = f", not {low:g}" if isinstance(lower, str) else ""
+                yield problem(entry, f"must be below {other} = {high:g}{behind}", lower)
+                break
 
 
 def _place_problems(scene: AnyScene, entry: str, table: EffectEntry | OutputEntry) -> Iterator[str]:
@@ -204,19 +212,6 @@ def _impulse_problems(scene: AnyScene, entry: str, effect: OverTime) -> Iterator
         )
 
 
-def _ends_apart(scene: AnyScene) -> Iterator[str]:
-    """Check that entries that are in order are, nominally and in a single run."""
-    for entry, other, lower, upper, share in ordered_ends(scene):
-        if any(isinstance(end, str) and end not in scene.parameters for end in (lower, upper)):
-            continue  # said elsewhere
-        for values in (scene.nominal, scene.values):
-            low, high = scene.number(lower, values), share * scene.number(upper, values)
-            if not low < high:
-                behind = f", not {low:g}" if isinstance(lower, str) else ""
-                yield problem(entry, f"must be below {other} = {high:g}{behind}", lower)
-                break
-
-
 def parts_of(name: str, effect: EffectEntry) -> dict[str, EffectEntry]:
     """Return the loads that an effect is made of; any other effect as it is.
 
@@ -274,21 +269,16 @@ def impulse_of(table: Sequence[tuple[float, float]], duration: float, n_steps: i
 
     at_knots, at_ends = np.interp(knots, times, values), np.interp(ends, times, values)
     exact, seen = _trapezoid(at_knots, knots), _trapezoid(at_ends, ends)
-    return Impulse(exact, seen, _magnitude(at_knots, knots), float(np.max(np.abs(at_ends))))
+    # the magnitude of what is linear between knots: two triangles where the sign changes
+    a, b = at_knots[:-1], at_knots[1:]
+    turns, total = a * b < 0.0, np.abs(a) + np.abs(b)
+    share = np.where(turns, (a * a + b * b) / np.where(turns, total, 1.0), total)
+    magnitude = float(0.5 * np.sum(share * np.diff(knots)))
+    return Impulse(exact, seen, magnitude, float(np.max(np.abs(at_ends))))
 
 
 def _trapezoid(values: np.ndarray, at: np.ndarray) -> float:
     return float(0.5 * np.sum((values[1:] + values[:-1]) * np.diff(at)))
-
-
-def _magnitude(values: np.ndarray, at: np.ndarray) -> float:
-    """Integrate the magnitude of what is linear between `at`, changes of sign included."""
-    a, b = values[:-1], values[1:]
-    turns = a * b < 0.0
-    total = np.abs(a) + np.abs(b)
-    # two triangles where the sign changes
-    share = np.where(turns, (a * a + b * b) / np.where(turns, total, 1.0), total)
-    return float(0.5 * np.sum(share * np.diff(at)))
 
 
 PLACES = ("at", "group", "region")

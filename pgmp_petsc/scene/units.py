@@ -18,8 +18,6 @@ from pgmp_petsc.base.units import (
     IN_TURNS,
     QUANTITY,
     ROUNDING,
-    SAID,
-    SI,
     UNITS,
     Dimension,
     UnitSystem,
@@ -38,13 +36,6 @@ from pgmp_petsc.scene.parameters import OWN
 from pgmp_petsc.scene.uses import Use, measured_uses, uses_of
 
 
-def said_system(data: Mapping[str, Any]) -> UnitSystem:
-    """Return the units that raw tables say; SI where they say none, or some that there are not."""
-    header = data.get("scene")
-    said = header.get("units") if isinstance(header, dict) else None
-    return SAID.get(said, SI) if isinstance(said, str) else SI
-
-
 def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, str]:
     """Convert parameters given in other units than the scene's, in place on raw tables; return the unit that each of
     them was given in.
@@ -58,7 +49,9 @@ def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, st
     for name, parameter in parameters.items() if isinstance(parameters, dict) else ():
         if not isinstance(parameter, dict):
             continue
-        texts = _texts_in(parameter)
+        found: list[object] = []
+        converted(parameter, found.append)
+        texts = [value for value in found if isinstance(value, str) and re.match(QUANTITY, value)]
         unit = parameter.get("unit", _unit_behind(texts[0]) if texts else None)
         if not isinstance(unit, str):
             continue
@@ -177,12 +170,6 @@ def _strings(value: object) -> Iterator[str]:
 def _unit_behind(text: str) -> str:
     found = re.match(QUANTITY, text)
     return found[2].strip() if found else ""
-
-
-def _texts_in(parameter: Mapping[str, Any]) -> list[str]:
-    found: list[object] = []
-    converted(parameter, found.append)
-    return [value for value in found if isinstance(value, str) and re.match(QUANTITY, value)]
 
 
 def _check(name: str, text: str, dimension: Dimension) -> None:

@@ -179,7 +179,7 @@ class ShiftedFactor:
         self._open_files()
         with agreed(comm.tompi4py(), "space for a factor"):
             self._files.reserve(8 * (numbers if numbers >= 0 else -1_000_000 * numbers), what)
-        self._files.release()
+        (self._files.path / "space").unlink()  # for MUMPS to take
         announce(
             f"{what}: the factor of {size} unknowns takes {needed:.2g} GB, more than it may have of the memory of "
             f"{counted(comm.size, 'rank')}; it is kept in files in '{self._files.path}', "
@@ -227,7 +227,10 @@ def apply_inverse(ksp: PETSc.KSP, columns: np.ndarray, what: str) -> np.ndarray:
         check_factor(ksp, what)
     else:
         result = _solve_each(ksp, columns, what)
-    if not _finite_everywhere(result, ksp):
+    from mpi4py import MPI
+
+    finite, comm = bool(np.isfinite(result).all()), ksp.getComm()
+    if not (finite if comm.size == 1 else comm.tompi4py().allreduce(finite, op=MPI.LAND)):
         raise RunError(f"{what}: the solution is not finite; the mesh may be too fine for double precision")
     return result
 
@@ -261,14 +264,6 @@ def _solve_each(ksp: PETSc.KSP, columns: np.ndarray, what: str) -> np.ndarray:
         x.destroy()
         y.destroy()
     return result
-
-
-def _finite_everywhere(columns: np.ndarray, ksp: PETSc.KSP) -> bool:
-    """Return whether the local columns of all ranks are finite. Collective on the solver."""
-    from mpi4py import MPI
-
-    finite = bool(np.isfinite(columns).all())
-    return finite if ksp.getComm().size == 1 else ksp.getComm().tompi4py().allreduce(finite, op=MPI.LAND)
 
 
 VARIABLE = "MUMPS_OOC_TMPDIR"
@@ -322,8 +317,8 @@ class FactorFiles:
         )
 
     def reserve(self, size: int, what: str) -> None:
-        """Take as much space as MUMPS' files will have, bytes, until `release`: all ranks hold theirs at a time. Raises
-        `RunError` where there is too little; MUMPS may wait for ever for what cannot be written."""
+        """Take as much space as MUMPS' files will have, bytes, in a file "space": all ranks hold theirs at a time.
+        Raises `RunError` where there is too little; MUMPS may wait for ever for what cannot be written."""
         with (self.path / "space").open("wb") as file:
             try:
                 os.posix_fallocate(file.fileno(), 0, max(size, 1))
@@ -333,10 +328,6 @@ class FactorFiles:
                         f"{what}: the {1e-9 * size:.2g} GB of its factor cannot be written in '{self.path}' "
                         f"({error.strerror}), {self.cure}"
                     ) from error
-
-    def release(self) -> None:
-        """Give the space back, for MUMPS to take."""
-        (self.path / "space").unlink()
 
     def close(self) -> None:
         """Remove the folder with all that is in it."""

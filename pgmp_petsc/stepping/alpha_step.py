@@ -147,8 +147,9 @@ class AlphaStep:
         constant velocity, is then the better prediction.
         """
         scheme, known = self.scheme(step), np.full(samples.size, FIRST_CONTRACTION)
-        coasting = _coasting(scheme, moment)
-        predicted = _predicted(scheme, step, moment, coasting)
+        ahead = -(0.5 - scheme.beta) / scheme.beta * moment.auxiliary
+        weighted = (1 - scheme.alpha_m) * ahead + scheme.alpha_m * moment.auxiliary - scheme.alpha_f * moment.state.a
+        predicted = _predicted(scheme, step, moment, weighted / (1 - scheme.alpha_f))
         state = predicted.copy()
         lost, n_corrections, n_calls = iterate(self._system, end, state, scheme, samples, 1, known.copy())
         self.count(n_corrections, n_calls, n_calls)
@@ -323,14 +324,6 @@ def _following(scheme: Scheme, auxiliary: np.ndarray, a: np.ndarray, previous_a:
     return ((1 - s.alpha_f) * a + s.alpha_f * previous_a - s.alpha_m * auxiliary) / (1 - s.alpha_m)
 
 
-def _coasting(scheme: Scheme, moment: Moment) -> np.ndarray:
-    """Return the accelerations at the end of the step for which the displacement is ``q + h q'``."""
-    s = scheme
-    ahead = -(0.5 - s.beta) / s.beta * moment.auxiliary
-    weighted = (1 - s.alpha_m) * ahead + s.alpha_m * moment.auxiliary - s.alpha_f * moment.state.a
-    return weighted / (1 - s.alpha_f)
-
-
 def _predicted(scheme: Scheme, step: float, moment: Moment, a: np.ndarray) -> State:
     """Predict the end of the step with given accelerations there."""
     s, h, previous, auxiliary = scheme, step, moment.state, moment.auxiliary
@@ -344,7 +337,6 @@ class _ImplicitStep(AlphaStep):
     """Steps whose displacements and velocities follow from the accelerations at their ends alone."""
 
     def scheme(self, step: float) -> Scheme:
-        """Return the coefficients for a step."""
         return Scheme(0.0, 0.0, 0.5, 1.0, gain_v=2.0 / step, gain_a=2.0 / step**2)
 
 

@@ -56,12 +56,6 @@ def check_ts_options() -> None:
                 )
 
 
-def _name(ts: PETSc.TS, reason: int) -> str:
-    """Return PETSc's name of a reason."""
-    names = {value: name for name, value in vars(type(ts).ConvergedReason).items() if isinstance(value, int)}
-    return names.get(reason, "unknown")
-
-
 class Integration(Protocol):
     """Interface of an integrator for its driver; see `GeneralisedAlpha`."""
 
@@ -118,9 +112,10 @@ def drive_by_petsc(integration: Integration, comm: Comm, prefix: str) -> None:
             raise context.failure
         reason, done, time, duration = ts.getConvergedReason(), ts.getStepNumber(), ts.getTime(), float(instants[-1])
         if reason <= 0 or done != n_stops or not abs(time - duration) <= TIME_TOLERANCE * duration:
+            names = {value: name for name, value in vars(type(ts).ConvergedReason).items() if isinstance(value, int)}
             raise RunError(
                 f"the time integration ended at {time:.6g} s of {duration:g} s after {done} of {n_stops} steps: "
-                f"PETSc's TS gives reason {reason} ({_name(ts, reason)})"
+                f"PETSc's TS gives reason {reason} ({names.get(reason, 'unknown')})"
             )
     finally:
         ts.destroy()

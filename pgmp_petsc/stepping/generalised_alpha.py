@@ -176,7 +176,9 @@ class GeneralisedAlpha:
         Those that a step is too much for, or that cross an edge in it, take that step with care and go on.
         """
         system, at, todo = self.system, np.full(self._alive.size, self.n_done), self._alive.copy()
-        shown = self._shown(last)
+        every, end = self.instants.size if self._observer is None else self._observer.every, self.instants.size - 1
+        shown = np.arange(self.n_done + 1, last + 1)
+        shown = shown[(shown % every == 0) | (shown == end)]
         trail, scheme = system.trail(self.state, shown.size), self._stepper.scheme(self._step)
         if system.beside is not None:
             trail.forces = system.beside.open(self.instants[shown])
@@ -218,12 +220,6 @@ class GeneralisedAlpha:
         system.beside.jumps = False
         after = standing(replace(state, a=state.a + jump), self._moment.auxiliary + jump, system.n_samples)
         put(system, self._moment, after, samples)
-
-    def _shown(self, last: int) -> np.ndarray:
-        """Return the numbers of the steps up to `last` that the observer is to see, and the last one of the run."""
-        every, end = self.instants.size if self._observer is None else self._observer.every, self.instants.size - 1
-        numbers = np.arange(self.n_done + 1, last + 1)
-        return numbers[(numbers % every == 0) | (numbers == end)]
 
     def _stand(self, trail: State, samples: np.ndarray) -> None:
         """Leave some samples where they are in all instants of a trail."""

@@ -13,7 +13,6 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, counted, gathered, warning
 from pgmp_petsc.bench.prices import Prospect, choice, prospects
-from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.assembled import MassProperties
 from pgmp_petsc.bodies.component import directors
 from pgmp_petsc.bodies.matrices import assemble
@@ -209,7 +208,9 @@ def _joints(mechanism: Mechanism, n_redundant: int, n_rigid: int) -> list[str]:
     for connection in mechanism.connections:
         if connection.released:
             n, how = counted(len(connection.released), "direction"), mechanism.scene.joints[connection.name].gives_way
-            lines.append(f"  {how:12}  {connection.name}: {n} of {len(connection.statements)} give way in the motion")
+            lines.append(
+                f"  {how:12}  {connection.name}: gives way in {n} of {len(connection.statements)}, in the motion"
+            )
     loose = [(one.name, mechanism.scene.joints[one.name].gives_way) for one in mechanism.couplings if one.elastic]
     lines += [f"  {how:12}  {name}: gives way in the motion" for name, how in loose]
     return lines
@@ -236,14 +237,13 @@ def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
         law = parameter.distribution
         drawn = f", drawn from {law.name}({', '.join(f'{k}={v:g}' for k, v in law.arguments.items())})" if law else ""
         lines.append(f"  parameter     {name} = {parameter.current:g}{behind(scene.system.unit(units[name]))}{drawn}")
-    mass, stiffness = (_weights(mechanism, kind) for kind in ("mass", "stiffness"))
+    mass, stiffness = (
+        sorted({weight for body in mechanism.bodies for weight in body.condensed_weights(kind)})
+        for kind in ("mass", "stiffness")
+    )
     of_mass = f"{len(mass)} of mass ({', '.join(map(str, mass))})"
     lines.append(f"  affine terms  {of_mass}, {len(stiffness)} of stiffness ({', '.join(map(str, stiffness))})")
     return lines
-
-
-def _weights(mechanism: Mechanism, kind: str) -> list[Monomial]:
-    return sorted({weight for body in mechanism.bodies for weight in body.condensed_weights(kind)})
 
 
 def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> list[str]:

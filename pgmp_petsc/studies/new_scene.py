@@ -67,7 +67,8 @@ def scene_of_part(source: Path, file: Path) -> PartScene:
             f"of a robot ({', '.join(ROBOT)})"
         )
     part = read_part(source, shortened(f"--from {source}"), MILLIMETRE)
-    name = _name(source.stem)
+    name = "".join(c if c.isascii() and (c.isalnum() or c == "_") else "_" for c in source.stem).strip("_")
+    name = name if name[:1].isalpha() else f"part_{name}".rstrip("_")
     hold, load = _places(part)
     step, shape = 1e-3, replace(part.mesh, nodes=MILLIMETRE * part.mesh.nodes)
     for _ in range(2):  # the second time with a step that fits the part's size
@@ -76,11 +77,6 @@ def scene_of_part(source: Path, file: Path) -> PartScene:
         frequency = sizes_of(scene, {name: shape})[name].frequency_hz
         step = float(f"{1.0 / (STEPS_A_PERIOD * frequency):.1g}")
     return PartScene(text, _lines(part, name, hold, load), part)
-
-
-def _name(stem: str) -> str:
-    word = "".join(c if c.isascii() and (c.isalnum() or c == "_") else "_" for c in stem).strip("_")
-    return word if word[:1].isalpha() else f"part_{word}".rstrip("_")
 
 
 def _places(part: CadPart) -> tuple[_Place, _Place]:

@@ -90,8 +90,10 @@ def _quantiles(ensemble: Ensemble) -> Iterator[str]:
         for k, (probability, quantile, ends) in enumerate(zip(s.probabilities, s.quantiles, s.quantile_intervals)):
             quantile, ends = factor * quantile, factor * ends
             shown = f"{_number(quantile, ends, 6):>14s} {_interval(ends, quantile):26s} {unit}"
-            whatever = _bounds(factor * s.quantile_bounds[k])
-            bounds = f"; whatever the failed ones would have been {whatever}" if failed else ""
+            low, high = factor * s.quantile_bounds[k]
+            below = "no bound below" if np.isinf(low) else f"at least {low:.6g}"
+            above = "no bound above" if np.isinf(high) else f"at most {high:.6g}"
+            bounds = f"; whatever the failed ones would have been {below}, {above}" if failed else ""
             yield f"  {name if k == 0 else '':24s}{f'{100 * probability:g} %':>9s}{shown}{bounds}".rstrip()
 
 
@@ -137,13 +139,6 @@ def _times(narrower: float) -> str:
 
 def _fixed(ends: np.ndarray) -> str:
     return f"[{ends[0]:.3f}, {ends[1]:.3f}]"
-
-
-def _bounds(ends: np.ndarray) -> str:
-    low, high = ends
-    lower = "no bound below" if np.isinf(low) else f"at least {low:.6g}"
-    upper = "no bound above" if np.isinf(high) else f"at most {high:.6g}"
-    return f"{lower}, {upper}"
 
 
 def _unit(ensemble: Ensemble, name: str) -> tuple[float, str]:

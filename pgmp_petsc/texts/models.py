@@ -87,8 +87,12 @@ def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> s
     low, high = rom.frequencies_hz[:, 0].min(), rom.frequencies_hz[:, -1].max()
     places = f"{n} {'angles' if tables.n_coordinates == 1 else 'configurations'}"
     n_mass, n_stiffness, n_load = (table.shape[1] for table in (tables.mass, tables.stiffness, tables.load))
+    n_released, n_given = tables.unstrained.size, tables.n_given
+    n_static = tables.n_modes - n_modes - n_released - rom.n_parameter - n_given
+    counts = {"of elastic joints": n_released, "static": n_static, "of other parameters": rom.n_parameter}
+    beside = "".join(f", {n} {what}" for what, n in (counts | {"of joints that are off": n_given}).items() if n)
     lines = [
-        f"{path}: {places}, {n_modes} modes from {low:.4g} to {high:.4g} Hz{beside_modes(rom)}",
+        f"{path}: {places}, {n_modes} modes from {low:.4g} to {high:.4g} Hz{beside}",
         *points_report(rom),
         f"  tables: {n_mass} mass, {n_stiffness} stiffness and {n_load} load terms",
         f"  neighbouring spaces of modes agree to a cosine of {rom.cosines.min():.6f}",
@@ -96,15 +100,6 @@ def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> s
     if tables.samples.n > n:
         lines.append("  one mode changes its sign after a turn: the tables cover two turns")
     return "\n".join([*lines, *closing(rom.record, said)])
-
-
-def beside_modes(rom: ReducedOrderModel) -> str:
-    """Name what a basis has besides modes."""
-    n_parameter, n_released, n_given = rom.n_parameter, rom.tables.unstrained.size, rom.tables.n_given
-    n_static = rom.tables.n_modes - rom.frequencies_hz.shape[1] - n_released - n_parameter - n_given
-    counts = {"of elastic joints": n_released, "static": n_static, "of other parameters": n_parameter}
-    counts["of joints that are off"] = n_given
-    return "".join(f", {n} {what}" for what, n in counts.items() if n)
 
 
 def points_report(rom: ReducedOrderModel) -> list[str]:

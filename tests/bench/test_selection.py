@@ -378,6 +378,21 @@ def test_loads_are_the_own_a_pulse_and_a_quicker_one() -> None:
     assert table(scene)[1, 1] == -0.5, "the scene itself is left alone"
 
 
+def test_harmonics_are_made_larger_and_quicker() -> None:
+    scene = slider_crank(
+        "effects.motor={type='torque', joint='crank_hinge', harmonic={amplitude=-0.5, mean=0.1, frequency_hz=3.0}}"
+    )
+    own, pulse, quick = training_loads(scene)
+    own, half, pulse, quick = (
+        load.of(scene, factor).effects["motor"].harmonic
+        for load, factor in ((own, 1.0), (own, 0.5), (pulse, 1.0), (quick, 1.0))
+    )
+    assert own == scene.effects["motor"].harmonic
+    assert (half.amplitude, half.mean, half.frequency_hz) == (-0.25, 0.05, 3.0)
+    assert (pulse.amplitude, pulse.mean, pulse.frequency_hz) == pytest.approx((-0.5 * PULSE, 0.1 * PULSE, 3.0))
+    assert (quick.amplitude, quick.mean, quick.frequency_hz) == (-0.5, 0.1, 3.0 * HASTE)
+
+
 def test_the_step_is_found_with_loads_no_quicker_than_the_own() -> None:
     def of_step(duration: float, rows: str) -> list[str]:
         scene = slider_crank(f"simulation.duration={duration}", f"effects.motor.table={rows}")

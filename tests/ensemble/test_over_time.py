@@ -147,6 +147,8 @@ def test_figures_of_a_part_of_the_samples_are_said_to_be() -> None:
     passages, extremes = over_time_remarks({"y.max": 9, "z.max": 10, "late": 4, "soon": 10}, known, 10)
     assert "first passages of late are described over the 4 of 10 samples that have one" in passages.text
     assert "extremes of y are not known of 1 of 10 samples that are fine" in extremes.text
+    (none,) = over_time_remarks({"soon": 0}, {"extremes": [], "first_passages": ["soon"]}, 10)
+    assert none.text == "none of 10 samples has a first passage of soon within the run"
 
 
 def test_events_are_said_in_words() -> None:

@@ -363,7 +363,7 @@ def test_data_sets_are_columns(uncertain: Scene, tmp_path: Path, group: str) -> 
         ("rho,r1\n7800,5e-3\n7800\n", "line 3 has 1 entries; the first line names 2 columns"),
         ("r1\n5e-3\nnan\n", "line 3: r1 = nan; a finite number is needed"),
         ("r1\n5e-3\n\ninf\n", "line 4: r1 = inf; a finite number is needed"),
-        ("r1\n5e-3\n0.5e-3\n", "line 3: r1 = 0.0005; must lie in parameters.r1.bounds, [0.001, 0.012]"),
+        ("r1\n5e-3\n0.5e-3\n", "line 3: r1 = 0.0005; must lie in parameters.r1.bounds, [0.001, 0.012] m"),
         ("r1,rho\n5e-3,-1\n", "line 2: rho = -1; must be positive for what uses it"),
         ("r1 (mm)\n5\n", "the column 'r1 (mm)' has to be in m: convert it, and name it 'r1'"),
         ("r1,rho (g/cm3)\n5e-3,7.8\n", "the column 'rho (g/cm3)' has to be in kg/m3: convert it, and name it"),

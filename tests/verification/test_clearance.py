@@ -16,7 +16,9 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.design.sensitivities import contact_remarks
 from pgmp_petsc.effects.clearance import BACKLASH, CONTACT, LAWS, RUBBING, hysteresis_at, restitution_at
+from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.composition import loosened
 from pgmp_petsc.mechanism.joints import meeting
@@ -335,6 +337,15 @@ def test_derivatives_are_central_differences(more, share, monkeypatch):
     every impact makes what is left larger. Forces are as good as accelerations, which have more of it."""
     monkeypatch.setattr("differences.RELATIVE", share)
     compare(reduced_model(worn("simulation.duration=4e-3", *more)))
+
+
+def test_contacts_are_named_by_their_joint() -> None:
+    model = reduced_model(worn("simulation.duration=4e-3"))
+    (said,) = contact_remarks(differentiate(model, model.scene.values, ()))
+    assert said.text.startswith("joints.pin.clearance is met or left ")
+    assert "  clearance     pin: gives way in 2 directions of 2, in the motion" in describe_scene(
+        model.scene, meshes_of(model.scene)
+    )
 
 
 @exported.needs_compiler

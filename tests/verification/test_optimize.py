@@ -10,11 +10,12 @@ from runs import reduced_model
 
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.design import design_figures
-from pgmp_petsc.design.design_figures import Question
+from pgmp_petsc.design.design_figures import DesignFigures, Question
 from pgmp_petsc.design.goals import Dual, read_constraint, read_goal
 from pgmp_petsc.design.optimization import _searched, designed_parameters, optimize
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.gradients.differences import Off
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Design
@@ -123,6 +124,25 @@ def test_a_robust_design_keeps_its_distance(wound: ReducedModel, tmp_path) -> No
     again = Design.read(tmp_path / "design.h5")
     assert again.constraints == found.constraints and again.confidence == 0.95
     np.testing.assert_array_equal(again.goal_interval, found.goal_interval)
+
+
+class OneOfTwo:
+    """One of two ranks, of which the other has no sample, and derivatives that are far off."""
+
+    rank, size = 0, 1
+
+    def allgather(self, own: object) -> list[object]:
+        return [own, Off(0.5, "angle", "push")] if isinstance(own, Off) else [own]
+
+    def bcast(self, own: object) -> object:
+        return own
+
+
+def test_derivatives_are_as_far_off_as_on_any_rank(wound: ReducedModel) -> None:
+    question = Question(read_goal("minimise push", ["angle"], ["push"]), (), ("push",))
+    figures = DesignFigures(wound, question, OneOfTwo())
+    figures.at(figures.start)
+    assert figures.off.share == 0.5
 
 
 def test_more_of_a_figure_is_wanted(wound: ReducedModel) -> None:

@@ -60,8 +60,6 @@ class HollowRectangle(Rectangle):
         return (h * b**3 - h_i * b_i**3) * (1 / 12), (b * h**3 - b_i * h_i**3) * (1 / 12)
 
     def sheared(self, nu: float, nominal: Mapping[str, float], spans: Spans) -> tuple[AffineSum, AffineSum]:
-        """See the module."""
-
         def factor(sizes: Sizes) -> np.ndarray:
             b, h, t = sizes
             m = (b - t) / (h - t)
@@ -75,8 +73,6 @@ class HollowRectangle(Rectangle):
         return self._fitted(factor, nominal, spans), self._fitted(across, nominal, spans)
 
     def torsion(self, nominal: Mapping[str, float], spans: Spans) -> AffineSum:
-        """See the module."""
-
         def constant(sizes: Sizes) -> np.ndarray:
             b, h, t = sizes
             b, h = b - 2 * t, h - 2 * t

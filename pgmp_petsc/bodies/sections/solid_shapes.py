@@ -90,7 +90,6 @@ class Rectangle(ShapedSection):
         return (10 * (1 + nu) / (12 + 11 * nu) * self.area(),) * 2
 
     def torsion(self, nominal: Mapping[str, float], spans: Spans) -> AffineSum:
-        """See the module."""
         sides = Quantity.of(self.width), Quantity.of(self.height)
         short, long = sorted(sides, key=lambda side: float(side.at(nominal)))
         ratio = float(short.at(nominal) / long.at(nominal))
@@ -105,23 +104,20 @@ class Rectangle(ShapedSection):
         smallest = least[0] / most[1]
         if largest > 1.0:
             smallest = max(smallest, 1.0 / WIDEST)
-        return _fitted(short, long, np.geomspace(min(smallest, ratio), largest, 200), ratio)
-
-
-def _fitted(short: Quantity, long: Quantity, ratios: np.ndarray, nominal: float) -> AffineSum:
-    """Return a torsion constant over ratios (n,) of its sides, exact at `nominal`."""
-    exact = _square_share(ratios)
-    for n in range(3, MOST_TERMS + 1):
-        fits = []
-        for powers in np.arange(2 - n, n)[:, None] + np.arange(n) - n // 2:  # rows around the square, or to one side
-            rows = ratios[:, None] ** powers.astype(float)
-            found = np.linalg.lstsq(rows / exact[:, None], np.ones(ratios.size), rcond=None)[0]
-            found *= _square_share(nominal) / (found @ nominal ** powers.astype(float))
-            fits.append((float(np.max(np.abs(rows @ found / exact - 1.0))), found, powers))
-        error, found, powers = min(fits, key=lambda fit: fit[0])
-        if error < NEAR:
-            break
-    return AffineSum.total(*(float(c) * short ** int(2 + k) * long ** int(2 - k) for c, k in zip(found, powers)))
+        # fitted over ratios of the sides, and exact at the nominal one
+        ratios = np.geomspace(min(smallest, ratio), largest, 200)
+        wanted = _square_share(ratios)
+        for n in range(3, MOST_TERMS + 1):
+            fits = []
+            for powers in np.arange(2 - n, n)[:, None] + np.arange(n) - n // 2:  # around the square, or to one side
+                rows = ratios[:, None] ** powers.astype(float)
+                factors = np.linalg.lstsq(rows / wanted[:, None], np.ones(ratios.size), rcond=None)[0]
+                factors *= exact / (factors @ ratio ** powers.astype(float))
+                fits.append((float(np.max(np.abs(rows @ factors / wanted - 1.0))), factors, powers))
+            error, factors, powers = min(fits, key=lambda fit: fit[0])
+            if error < NEAR:
+                break
+        return AffineSum.total(*(float(c) * short ** int(2 + k) * long ** int(2 - k) for c, k in zip(factors, powers)))
 
 
 def _square_share(ratio: np.ndarray | float) -> np.ndarray:

@@ -154,7 +154,11 @@ def body_findings(scene: Scene, sizes: Mapping[str, Size], system: UnitSystem) -
             why = "errors of elements fall with the square of their length; so many only lose digits and time"
             yield doubt(where, why, n)
         if body.flexible and n < FEW_ELEMENTS:
-            yield doubt(where, _too_few(n), n)
+            excess, enough = (100.0 * (bending_excess(number) - 1.0) for number in (n, ENOUGH_ELEMENTS))
+            high = f"its first bending frequency is {excess:.0f} % too high"
+            what = f"{high if math.isfinite(excess) else 'it does not bend'} between hinged ends"
+            cure = f"take more elements ({ENOUGH_ELEMENTS}: {enough:.0f} %), or make the body rigid"
+            yield doubt(where, f"{what}; {cure}", n)
 
 
 def _drawn_inertia(scene: Scene, entry: str, rigid: Rigid) -> Iterator[Finding]:
@@ -185,12 +189,6 @@ def bending_excess(n_elements: int) -> float:
     t = math.pi / (2 * n_elements)
     squared = 16 * n_elements**4 * (math.tan(t) * math.sin(t)) ** 2 * 3 / (2 + math.cos(2 * t))
     return math.sqrt(squared) / math.pi**2
-
-
-def _too_few(n_elements: int) -> str:
-    excess, enough = (100.0 * (bending_excess(n) - 1.0) for n in (n_elements, ENOUGH_ELEMENTS))
-    what = f"its first bending frequency is {excess:.0f} % too high" if math.isfinite(excess) else "it does not bend"
-    return f"{what} between hinged ends; take more elements ({ENOUGH_ELEMENTS}: {enough:.0f} %), or make the body rigid"
 
 
 def _slenderness(scene: Scene, name: str, size: Size) -> Iterator[Finding]:
@@ -241,7 +239,9 @@ def _rigid(scene: Scene, name: str, _: LineMesh) -> Size:
 def _solid(scene: Scene, name: str, mesh: SolidMesh) -> Size:
     body, extents = scene.bodies[name], np.sort(np.ptp(mesh.nodes, axis=0))[::-1]
     length, thickness = float(extents[0]), float(extents[-1])
-    density, speed = _material(scene, body)
+    material = scene.materials[body.material]
+    density = scene.number(material.rho)
+    speed = math.sqrt(scene.number(material.E) / density)
     # of the box around it, which it fills in part
     volume = float(np.prod(extents)) * (1.0 if body.thickness is None else scene.number(body.thickness))
     frequency = 0.5 * math.pi * thickness / math.sqrt(12.0) * speed / length**2 if body.flexible else 0.0
@@ -283,9 +283,3 @@ def matrix_findings(scene: Scene, meshes: Mapping[str, BodyShape], system: UnitS
             heavy = f"with these, {name} has {shown.text(mass, 'kg')} in a box of {shown.text(box, 'm3')}"
             most = f"more than solids have (up to {plain(shown.shown(densest, 'kg/m3'))} {shown.unit('kg/m3')})"
             yield doubt(entry, f"{heavy}, {most}; {cure}", units)
-
-
-def _material(scene: Scene, body: Body) -> tuple[float, float]:
-    material = scene.materials[body.material]
-    density = scene.number(material.rho)
-    return density, math.sqrt(scene.number(material.E) / density)

@@ -86,15 +86,10 @@ def _each_once(scene: Scene, texts: Sequence[str]) -> list[str]:
         alike.setdefault(NUMBER.sub("#", name.sub("*", text)), []).append(text)
     said: list[str] = []
     for own in alike.values():
-        more = f". The same of {len(own) - 1} others: {_entries(own[1:])}"
+        others = ", ".join(re.split(r" = |: ", text, maxsplit=1)[0] for text in own[1 : 1 + SHOWN])
+        more = f". The same of {len(own) - 1} others: {others}{', ...' if len(own) > 1 + SHOWN else ''}"
         said += [own[0] + more] if len(own) >= SEVERAL else own
     return said
-
-
-def _entries(texts: Sequence[str]) -> str:
-    """Return the entries that texts begin with, the first few of them."""
-    shown = [re.split(r" = |: ", text, maxsplit=1)[0] for text in texts[:SHOWN]]
-    return ", ".join(shown) + (", ..." if len(texts) > SHOWN else "")
 
 
 FEW_STEPS = 10  # of a run
