@@ -255,7 +255,7 @@ class Differences:
     kind: str  # ``trajectory`` or ``ensemble``
     compared: int  # number of instants, or of samples that are fine in both
     outputs: dict[str, Difference]  # by name, of outputs that both have
-    #: what one of the two lacks, in words: outputs, the end of a run, samples that failed there alone
+    #: what one of the two lacks, in words: outputs, numbers of them, the end of a run, samples that failed there alone
     lacking: tuple[str, ...]
     tolerance: float | None = None  # largest share that passes; None where any does
 
@@ -323,9 +323,10 @@ def diff(
         if not places.size:
             raise InputError(f"{_called(first)} and {_called(second)} have no instant, or no fine sample, in common")
         of_b = {name: _times(name, a.units[name], b.units[name]) * values for name, values in of_b.items()}
-        sizes = {name: np.max(np.abs([of_a[name], of_b[name]])) for name in common}
-        there = {name: float(size) for name, size in felt(sizes, a.units).items()}
+        there = felt({name: _size(of_a[name], of_b[name]) for name in common}, a.units)
         found = {name: _largest(of_a[name], of_b[name], a.units[name], places, there[name]) for name in common}
+        unknown = {name: int(np.sum(np.isfinite(of_a[name]) != np.isfinite(of_b[name]))) for name in common}
+        lacking += [f"output {name} is no number {n} times in one of the two alone" for name, n in unknown.items() if n]
         lacking += [f"output {name} is in one of the two" for name in sorted({*a.outputs} ^ {*b.outputs})]
         return Differences(a.kind, len(places), found, tuple(lacking), tolerance)
 
@@ -371,9 +372,14 @@ def _samples(a: Result, b: Result, names: list[str]) -> tuple[np.ndarray, Column
     return fine, of_a, of_b, [f"{counted(n, 'sample')} failed in one of the two"] if n else []
 
 
+def _size(*values: np.ndarray) -> float:
+    return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
+
+
 def _largest(a: np.ndarray, b: np.ndarray, unit: str, places: np.ndarray, size: float) -> Difference:
-    """Return the difference of an output whose size is 0 where it vanishes beside others of its unit in both."""
-    away = b - a
-    k, scale = int(np.argmax(np.abs(away))), float(np.max(np.abs(a)))
+    """Return the difference of an output, where it is a number in both, whose size is 0 where it vanishes beside others
+    of its unit in both."""
+    away = np.subtract(b, a, where=np.isfinite(a) & np.isfinite(b), out=np.zeros(a.shape))
+    k, scale = int(np.argmax(np.abs(away))), _size(a)
     share = (abs(away[k]) / scale if scale > 0.0 else np.inf) if away[k] and size else 0.0
     return Difference(float(away[k]), unit, float(share), float(places[k]))

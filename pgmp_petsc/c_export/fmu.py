@@ -185,12 +185,12 @@ def _define_units(root: Element, units: Sequence[str]) -> None:
     definitions = SubElement(root, "UnitDefinitions")
     for unit in units:
         factor, exponents = measure(unit)
-        above, _, below = unit.partition("/")
-        turns = above.split().count("rad") - below.split().count("rad")
-        known = dict(zip(("kg", "m", "s", "rad"), (*exponents, turns)))
-        base = {name: str(int(exponent)) for name, exponent in known.items() if exponent != 0}
+        above, below = (sum(int(n or 1) for n in re.findall(r"rad(\d*)", part)) for part in unit.partition("/")[::2])
+        known, entry = (*exponents, above - below), SubElement(definitions, "Unit", name=unit)
+        base = {name: str(int(n)) for name, n in zip(("kg", "m", "s", "rad"), known) if n != 0}
         base |= {} if factor == 1.0 else {"factor": repr(times(1.0, factor))}
-        SubElement(SubElement(definitions, "Unit", name=unit), "BaseUnit", base)
+        if all(n == int(n) for n in known):  # FMI has no other powers
+            SubElement(entry, "BaseUnit", base)
 
 
 def _numbers(variable: Variable) -> dict[str, str]:

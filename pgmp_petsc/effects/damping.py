@@ -96,8 +96,8 @@ class StructuralDamping(EffectEntry):
             if other == name:
                 break
             if isinstance(rival, StructuralDamping):
-                taken = dict.fromkeys(rival.bodies or scene.bodies, other) | taken
-        for body in dict.fromkeys(self.bodies or scene.bodies):
+                taken = dict.fromkeys(rival.bodies or flexible, other) | taken
+        for body in dict.fromkeys(self.bodies or flexible):
             if body in taken:
                 words = f"effects.{taken[body]} damps {body} too; give all the damping of a body in one effect"
                 yield problem(entry, words)

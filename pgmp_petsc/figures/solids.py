@@ -179,12 +179,11 @@ class _Drawn:
         colour: dict[str, object] = {"rgb": True, "scalars": "rgb"}
         if skin.values is None:
             colour = {"color": RIGID if skin.rigid else PLAIN}
-        self._edges = None
         if len(skin.triangles):
             self._mesh = self._split()
+            self._edges = pyvista.PolyData(skin.points[0].astype(float), lines=_counted(skin.edges))
             self.show(0)
             plotter.add_mesh(self._mesh, smooth_shading=not motion.flat, show_scalar_bar=False, **look, **colour)
-            self._edges = pyvista.PolyData(skin.points[0].astype(float), lines=_counted(skin.edges))
             actor = plotter.add_mesh(self._edges, color=EDGE, line_width=1.0, opacity=0.45, lighting=False)
             actor.mapper.resolve = "polygon_offset"
             return
@@ -203,10 +202,9 @@ class _Drawn:
         self._mesh.points = skin.points[number][self._mesh["number"]]
         if skin.values is not None:
             self._mesh["rgb"] = self._rgb(number, self._mesh["number"])
-        if self._skin.points[..., 2].any():
+        if skin.points[..., 2].any():
             self._mesh.compute_normals(cell_normals=False, split_vertices=False, consistent_normals=False, inplace=True)
-        if self._edges is not None:
-            self._edges.points = skin.points[number]
+        self._edges.points = skin.points[number]
 
     def _split(self) -> pyvista.PolyData:
         """Return the surface with its nodes split at sharp edges, and their numbers."""

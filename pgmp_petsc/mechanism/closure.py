@@ -60,8 +60,8 @@ class LoopClosure:
     changes of its `n_coordinates` independent coordinates are measured against, 1 rad or the size. `equations` are all
     that its solutions depend on; what is the same has the same. `jacobian` leads from poses (n_bodies, n_pose, n) to
     the derivatives J of the residual in displacements and turns of bodies, shape (n, n_constraints + n_theta, n_dofs
-    n_bodies). `has_redundant` says whether joints and
-    coordinates say more than poses can obey, so that a gap may be left.
+    n_bodies). `has_redundant` says whether joints and coordinates say more than poses can obey, so that a gap may be
+    left.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:

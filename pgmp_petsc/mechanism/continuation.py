@@ -223,9 +223,9 @@ class Continuation:
     """Poses of one branch over a tensor grid, first axis first.
 
     It begins at the assembled configuration, by its numbers along the axes, equidistant values of each coordinate (rad)
-    with the ends of its range, and its poses, shape (n_bodies, 3, 1). It has configurations `theta`, shape (n,
-    n_theta), the last coordinate fastest, `poses` there, shape (n_bodies, 3, n), and the number of configurations along
-    each axis as `shape`. Raises `InputError` where the mechanism cannot close, or J is singular.
+    with the ends of its range, and its poses, shape (n_bodies, n_pose, 1). It has configurations `theta`, shape (n,
+    n_theta), the last coordinate fastest, `poses` there, shape (n_bodies, n_pose, n), and the number of configurations
+    along each axis as `shape`. Raises `InputError` where the mechanism cannot close, or J is singular.
     """
 
     def __init__(

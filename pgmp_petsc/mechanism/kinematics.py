@@ -201,8 +201,8 @@ class RigidKinematics:
         return words_of(self.coordinates, np.atleast_1d(theta))
 
     def poses(self, theta: np.ndarray) -> np.ndarray:
-        """Solve the rigid closure: return ``(X, Y, Phi)`` of every body, shape (n_bodies, 3, n), m and rad, at
-        coordinates (n, n_theta), rad, inside the range where a coordinate is not periodic."""
+        """Solve the rigid closure: return the poses of all bodies, shape (n_bodies, n_pose, n), at coordinates (n,
+        n_theta), rad or m, inside the range where a coordinate is not periodic."""
         theta = self.configurations(theta)
         if self._walk is not None:
             return self._walk.poses(theta)
@@ -283,11 +283,11 @@ class RigidKinematics:
         return self.branch.is_exact and bool(self.branch.covers(inside).all())
 
     def rates(self, poses: np.ndarray) -> np.ndarray:
-        """Return ``dP/dtheta_k`` at poses (n_bodies, 3, n), shape (n_bodies, 3, n_theta, n)."""
+        """Return ``dP/dtheta_k`` at poses (n_bodies, n_pose, n), shape (n_bodies, n_pose, n_theta, n)."""
         return self._closure.rates(poses)
 
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, 3, n_theta, n_theta, n), from poses and their rates."""
+        """Return ``d2P/dtheta_k dtheta_l``, (n_bodies, n_pose, n_theta, n_theta, n), from poses and their rates."""
         return self._closure.curvatures(poses, rates)
 
     def within_reach(self, theta: np.ndarray) -> np.ndarray:

@@ -97,7 +97,7 @@ class Mechanism:
     connections: tuple[Connection, ...]
     couplings: tuple[Coupling, ...]
     coordinates: tuple[Coordinate, ...]
-    first_guess: np.ndarray  # poses near which the mechanism is assembled, shape (n_bodies, 3)
+    first_guess: np.ndarray  # poses near which the mechanism is assembled, shape (n_bodies, n_pose)
     #: scene, shapes: the scene and the shapes of its bodies that it was made from
     scene: Scene
     shapes: Mapping[str, BodyShape]

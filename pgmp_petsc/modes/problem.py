@@ -183,7 +183,7 @@ class ModalProblem(AbstractContextManager):
         return self._known
 
     def constraints_at(self, poses: np.ndarray) -> sp.csr_matrix:
-        """Return the constraint Jacobian at poses (n_bodies, 3), prescribed coordinates clamped."""
+        """Return the constraint Jacobian at poses (n_bodies, n_pose), prescribed coordinates clamped."""
         return self._constraints.at(poses)
 
     def _null_space(self, theta: np.ndarray) -> NullSpace:

@@ -256,7 +256,7 @@ class ReducedTables(Record):
         return found
 
     def at(self, rows: np.ndarray) -> ReducedTables:
-        """Return the tables at some of the samples of one coordinate, given by their increasing numbers."""
+        """Return the tables at some of the samples that make a grid, given by their increasing numbers."""
         found, samples = replace(self, changes=None), self.samples.tabulated(self.samples.theta[rows])
         return replace(found, samples=samples, **found.each(EACH, lambda table: table[rows]))
 

@@ -100,6 +100,22 @@ def test_an_output_that_one_of_the_two_lacks_is_named() -> None:
     assert not found.is_within and list(found.outputs) == ["crank_angle"]
 
 
+@pytest.mark.parametrize("nothing", [np.nan, np.inf])
+@pytest.mark.parametrize("name", ["crank_angle", "slider_position"])
+def test_what_is_no_number_in_one_of_the_two_is_counted(name: str, nothing: float) -> None:
+    """Beside it the largest difference is still found; what is no number in both does not differ."""
+    run = synthetic.trajectory("reduced", n_frames=4)
+    gone, moved = run.outputs[name].copy(), run.outputs[name].copy()
+    gone[600:] = nothing
+    moved[500] += 3.0
+    lost, other = (replace(run, outputs=run.outputs | {name: values}) for values in (gone, moved))
+    found = pgmp.diff(held(lost), held(other), tolerance=1e3)
+    assert found.lacking == (f"output {name} is no number 401 times in one of the two alone",) and not found.is_within
+    assert found.outputs[name].largest == pytest.approx(3.0) and found.outputs[name].place == run.time[500]
+    same = pgmp.diff(held(lost), held(lost), tolerance=0.0)
+    assert same.is_within and not same.lacking
+
+
 def test_a_run_that_ends_before_the_other_is_not_within(tmp_path: Path) -> None:
     run = synthetic.trajectory("reduced", n_frames=4)
     run.write(tmp_path / "a.h5")

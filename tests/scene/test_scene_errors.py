@@ -251,6 +251,8 @@ effects.e={type="structural_damping", mass=1, bodies=["rod", "crank"]} -> \
 effects.e={type="structural_damping", mass=1, bodies=["rod"]} & \
     effects.f={type="structural_damping", ratios=[0.1], bodies=["rod"]} -> \
     effects.f: effects.e damps rod too; give all the damping of a body in one effect
+effects.e={type="structural_damping", mass=1} & effects.f={type="structural_damping", mass=2} -> \
+    effects.f: effects.e damps rod too; give all the damping of a body in one effect
 effects.e={type="prescribed_motion", coordinate="thet", WAVE} -> effects.e.coordinate = "thet": there is no such
 effects.e=DRIVE & effects.f=DRIVE -> effects.f.coordinate = "theta": effects.e prescribes the same coordinate
 effects.e=DRIVE & effects.f={type="torque", joint="hinge", WAVE} -> effects.e.coordinate = "theta": contradicts

@@ -70,6 +70,9 @@ RESTING = 'effects.s={type="spring_damper", joint="crank_hinge", stiffness=1.0, 
 SLIDING = 'effects.s={type="spring_damper", joint="slider", stiffness="q"}'
 DAMPER = 'effects.s={type="joint_damping", joint="crank_hinge", coefficient="q"}'
 
+SERVO = 'controllers.c={type="pid", measures="%s", reference=0.0, gains={i="q"}, joint="%s"}'
+TURNING, PUSHING = SERVO % ("crank_angle", "crank_hinge"), SERVO % ("slider_position", "slider")
+
 
 @pytest.mark.parametrize(
     ("unit", "entry", "more", "value", "si"),
@@ -85,6 +88,8 @@ DAMPER = 'effects.s={type="joint_damping", joint="crank_hinge", coefficient="q"}
         ("kN/m", "effects.s.stiffness", (SLIDING,), 70e3, "N/m"),
         ("N*m*s", "effects.s.coefficient", (DAMPER,), 70.0, "N*m*s"),
         ("", "effects.s.coefficient", (DAMPER,), 70.0, ""),
+        ("N mm/(rad s)", "controllers.c.gains.i", (TURNING,), 0.07, "N m/(rad s)"),
+        ("N/mm/s", "controllers.c.gains.i", (PUSHING,), 70e3, "N/(m s)"),
     ],
 )  # fmt: skip
 def test_compatible_units(unit: str, entry: str, more: tuple[str, ...], value: float, si: str) -> None:

@@ -182,8 +182,15 @@ def test_a_start_that_vibrates_says_that_friction_hangs_on_it() -> None:
     assert said not in str(motion("reduced", slider("simulation.duration=4e-3", *limits)).record.remarks)
 
 
-def test_what_friction_takes_is_in_the_balance():
-    balance = motion("full", slider("simulation.duration=0.02")).balance
+DRIVEN = (
+    'effects.drive={type="prescribed_motion",coordinate="theta",table=[[0.0,0.5],[0.04,1.7]]}',
+    "simulation.initial={}",
+)
+
+
+@pytest.mark.parametrize(("model", "more"), [("full", ()), ("reduced", DRIVEN)], ids=["free", "a drive overcomes it"])
+def test_what_friction_takes_is_in_the_balance(model: str, more: tuple[str, ...]) -> None:
+    balance = motion(model, slider("simulation.duration=0.02", *more)).balance
     works = [balance.work[name] for name in ("in_main", "in_pin", "in_guide")]
     assert all(work[-1] < 0.0 for work in works)
     assert np.abs(balance.residual).max() < 2e-3 * abs(sum(work[-1] for work in works))

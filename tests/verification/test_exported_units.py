@@ -18,7 +18,18 @@ from scipy.integrate import solve_ivp
 
 from pgmp_petsc.c_export import source
 from pgmp_petsc.c_export.constants import constants_of
-from pgmp_petsc.c_export.fmu import CORRECTION, FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY, VERSIONS, write_fmu
+from pgmp_petsc.c_export.fmu import (
+    CORRECTION,
+    FOLLOWS,
+    OUTPUTS,
+    STRENGTHS,
+    TIME,
+    VALID,
+    VALIDITY,
+    VERSIONS,
+    _define_units,
+    write_fmu,
+)
 from pgmp_petsc.c_export.source import _weigh, _weigh_gaps
 from pgmp_petsc.c_export.tree import tree_constants_of
 from pgmp_petsc.models import ReducedModel
@@ -286,6 +297,20 @@ def test_units_and_ranges(fmus, slider_crank, version) -> None:
     assert found["validity"] == {"min": "0", "max": "63"} and found["elastic_rotation"]["unit"] == "rad"
     assert (found["rates.theta"]["unit"], found["der(rates.theta)"]["unit"]) == ("rad/s", "rad/s2")
     assert found["states.mode[1]"] == {}
+
+
+UNITS_OF_FMI = {
+    "N m/(rad s)": {"kg": "1", "m": "2", "s": "-3", "rad": "-1"}, "rad2/s2": {"s": "-2", "rad": "2"},
+    "mm": {"m": "1", "factor": "0.001"}, "m0.5": None,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("unit", "known"), UNITS_OF_FMI.items())
+def test_units_are_whole_powers_of_base_units_or_names_alone(unit: str, known: dict[str, str] | None) -> None:
+    root = ElementTree.Element("description")
+    _define_units(root, [unit])
+    found = root.find("UnitDefinitions/Unit/BaseUnit")
+    assert (None if found is None else found.attrib) == known
 
 
 @pytest.mark.parametrize("version", VERSIONS)
