@@ -1,8 +1,8 @@
 """The progress of long work, printed by rank 0 on stderr.
 
 A person at a terminal sees a bar. Where stderr is no terminal (under mpirun, in the log of a batch job) there is a line
-every `EVERY` seconds; short work says nothing.
-A thread writes them, so that work of which no unit is done yet is seen to go on.
+every `EVERY` seconds; short work says nothing. A thread writes them, so that work of which no unit is done yet is seen
+to go on.
 
 The time left follows from the rate of the last part of the work, without the time that it waited for the compiler:
 the first part is slower as a rule. Where units are not alike, it follows from what they are predicted to take, and from

@@ -6,6 +6,5 @@ up what an earlier run of the program has finished (`finished`). There is one er
 (`bench.Bench.seconds`), and one reference that says how far it may be off itself (`reference`).
 
 Out come choices: bases, angles and steps for a tolerance (`choice`, from `candidates` and `step_choice`; `ledger` says
-what prevents one), and what accuracy costs in time (`tradeoff`, with `advice`).
-Begin with `cases` and `bench`.
+what prevents one), and what accuracy costs in time (`tradeoff`, with `advice`). Begin with `cases` and `bench`.
 """

@@ -484,7 +484,21 @@ def _tried(
     say(reduction.price)
     allowed, trial = reduction.allowed, reduction.run()
     step.finish(allowed)
-    return allowed, _at_the_chosen_step(bench, ledger, limits, step, trial)
+    # also good enough with a step that was found later and is finer than the trial's
+    tolerance = bench.scene.reduction.tolerance
+    while trial.n_steps < step.n_steps:
+        finest = step.n_finest
+        again = replace(trial, n_steps=finest)
+        errors = bench.errors(step.loads, again.setting, again.exact)
+        ledger.add_trial("basis", KNOBS, again, errors)
+        if errors.largest <= REDUCTION * tolerance:
+            break
+        n_steps = min(FINER * trial.n_steps, finest)
+        if n_steps == trial.n_steps:
+            parts = {"basis": REDUCTION * tolerance} | step.allowed
+            refuse("reduction.tolerance", tolerance, "basis", parts, ledger, [])
+        trial = ReductionChoice(bench, ledger, limits, n_steps, step.allowed).run()
+    return allowed, trial
 
 
 def _of_loads(step: StepChoice) -> Iterator[str]:
@@ -516,24 +530,6 @@ def _demand(scene: Scene, training: Training, period: float, n_modes: int, entry
     tolerance = scene.reduction.tolerance or scene.simulation.tolerance
     n_modes = ceil(MORE_MODES * n_modes)
     return Demand(f"{entry} = {tolerance:g}", float(steps * training.n_samples), cases, cure, n_modes)
-
-
-def _at_the_chosen_step(bench: Bench, ledger: Ledger, limits: Limits, step: StepChoice, trial: Trial) -> Trial:
-    """Return a trial that is also good enough with a step that was found later and is finer than the trial's."""
-    tolerance = bench.scene.reduction.tolerance
-    allowed = REDUCTION * tolerance
-    while trial.n_steps < step.n_steps:
-        finest = step.n_finest
-        again = replace(trial, n_steps=finest)
-        errors = bench.errors(step.loads, again.setting, again.exact)
-        ledger.add_trial("basis", KNOBS, again, errors)
-        if errors.largest <= allowed:
-            break
-        n_steps = min(FINER * trial.n_steps, finest)
-        if n_steps == trial.n_steps:
-            refuse("reduction.tolerance", tolerance, "basis", {"basis": allowed} | step.allowed, ledger, [])
-        trial = ReductionChoice(bench, ledger, limits, n_steps, step.allowed).run()
-    return trial
 
 
 def _chosen_scene(scene: Scene, step: StepChoice, trial: Trial, rom: ReducedOrderModel) -> Scene:

@@ -69,11 +69,10 @@ class Batch:
     """Samples ``first`` to ``first + n - 1``: parameters, outputs at the end, status and time of failure, each (n,).
 
     ``numerics`` says how each was integrated: ``steps_divided`` is by what the scene's step was divided,
-    ``unstable_start`` whether it began on an unstable static equilibrium. The reduced
-    model adds the largest estimated errors of the outputs, those at the end, and the validity of small deformations,
-    each (n,) and NaN where they were not estimated. ``balance`` is that of energy, where it was asked for, as are
-    ``extremes`` of the outputs over time and ``first_passages`` of events; ``bands`` are outputs at some instants, each
-    (n, n_t).
+    ``unstable_start`` whether it began on an unstable static equilibrium. The reduced model adds the largest estimated
+    errors of the outputs, those at the end, and the validity of small deformations, each (n,) and NaN where they were
+    not estimated. ``balance`` is that of energy, where it was asked for, as are ``extremes`` of the outputs over time
+    and ``first_passages`` of events; ``bands`` are outputs at some instants, each (n, n_t).
     """
 
     first: int

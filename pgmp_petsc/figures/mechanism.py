@@ -224,9 +224,8 @@ def node_of(frames: Frames, scene: Mapping[str, Any], address: str) -> int | Non
 def shown_positions(frames: Frames, body: str, exaggeration: float) -> np.ndarray:
     """Return a body's positions (n_f, n_nodes, d), in m, with its deformation enlarged in the plane.
 
-    The undeformed body is turned, moved and (by the tiny change of the chord) scaled so that its two ends
-    meet the deformed ones; what is then left is the deformation. A body that has not exactly two ends is left
-    as it is.
+    The undeformed body is turned, moved and (by the tiny change of the chord) scaled so that its two ends meet the
+    deformed ones; what is then left is the deformation. A body that has not exactly two ends is left as it is.
     """
     positions = frames.positions[body]
     if exaggeration == 1.0 or not _can_be_enlarged(frames, body):

@@ -64,7 +64,13 @@ class FullDistributed(FullSystem):
         self._multipliers = n + np.flatnonzero(equations.owned_constraints)
         self._x, self._diagonal = np.empty((n_all, 1)), np.zeros((n_all, 1))
         self._lower = np.zeros((layout.n_lower, 1))
-        self._solver = RankSolver(layout, np.concatenate([self._own, self._multipliers]), self._rows_of_all(), comm)
+        # the row of every unknown and multiplier in PETSc's order: rank by rank
+        starts = [equations.unknowns.share(rank, comm.size).start for rank in range(comm.size)]
+        firsts = np.concatenate([np.arange(self.n_dofs), equations.owners])
+        ranks = np.searchsorted(starts, firsts, side="right") - 1
+        rows = np.empty(ranks.size, dtype=np.intp)
+        rows[np.argsort(ranks, kind="stable")] = np.arange(ranks.size)
+        self._solver = RankSolver(layout, np.concatenate([self._own, self._multipliers]), rows, comm)
         self._typical_mass = comm.allreduce(float(mass_on_diagonal(self._problem, equations.size)[0, 0])) / self.n_dofs
         self._typical_stiffness = 0.0
         self._itself = np.empty((0, 1))  # no residual but c
@@ -241,16 +247,6 @@ class FullDistributed(FullSystem):
         )  # fmt: skip
         own = np.abs(self._diagonal[self._own, 0])
         return self.comm.allreduce(float(own.sum())) / self.n_dofs or 1.0
-
-    def _rows_of_all(self) -> np.ndarray:
-        """Return the row of every unknown and multiplier in PETSc's order: rank by rank, shape (n_all,)."""
-        equations, size = self._equations, self.comm.size
-        starts = [equations.unknowns.share(rank, size).start for rank in range(size)]
-        firsts = np.concatenate([np.arange(self.n_dofs), equations.owners])
-        ranks = np.searchsorted(starts, firsts, side="right") - 1
-        rows = np.empty(ranks.size, dtype=np.intp)
-        rows[np.argsort(ranks, kind="stable")] = np.arange(ranks.size)
-        return rows
 
 
 class FullStatics(AbstractContextManager):

@@ -32,8 +32,8 @@ def evaluate_actions(
     n_samples), m = 3 in the plane or 12; what angles are nearest to, `known`, rad, (n_terms, n_samples); and gain_v,
     the derivative of velocities with positions in the iteration, 1/s. Second derivatives, of which tangents are made,
     cost more than all the rest. `about` has the rates at which laws were evaluated last in an iteration, (n_actions,
-    n_samples), NaN before the first, infinite where one is limited (`Found.about`), and is brought up to date; None, (0,
-    n_samples), where laws are to be taken as they are.
+    n_samples), NaN before the first, infinite where one is limited (`Found.about`), and is brought up to date; None,
+    (0, n_samples), where laws are to be taken as they are.
 
     Filled are forces on the unknowns, and `slopes`, derivatives of the terms in these, (n_terms, 2 m, n_samples);
     `stiffness`, minus the derivative of each force with the measure and its rate, (n_actions, n_samples); `tangents`,

@@ -149,8 +149,7 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
 def couplings_of(
     scene: Scene, connections: Sequence[Connection], poses: np.ndarray, known: Sequence[Statement]
 ) -> tuple[Coupling, ...]:
-    """Return the joints of a scene that couple motions of its connections, with what holds at poses (n_bodies,
-    n_pose).
+    """Return the joints of a scene that couple motions of its connections, with what holds at poses (n_bodies, n_pose).
 
     Their statements stand in the order of the scene, but for an angle that is none of those known, which is the last:
     in space its turn follows from the others.

@@ -1,7 +1,7 @@
 """Line meshes of beams: two-node cells, in the plane z = 0 or in space, with the named points where joints attach.
 
-Whatever meshio reads is accepted. A point is named by a physical group of dimension
-0 (gmsh) or by a node set (Abaqus and others) that holds exactly one node.
+Whatever meshio reads is accepted. A point is named by a physical group of dimension 0 (gmsh) or by a node set (Abaqus
+and others) that holds exactly one node.
 
 Straight lines of equal cells, for bodies that need no mesh file.
 

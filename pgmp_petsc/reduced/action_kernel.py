@@ -8,8 +8,8 @@ s, its gradient g and second derivative h in the frames adds to the equations of
 without the change of J with eta. A measure that is the sum of functions f_i of several statements has ``g = sum_i f_i'
 g_i`` and ``h = sum_i (f_i' h_i + f_i'' g_i g_i^T)``, each in the frames of its own two nodes. Of a law that is led by
 the action before it (`effects.action`) ``k + gain_v c`` is with the product of its own g and of g there, of one that
-rubs k alone, without what follows from the other rate. An angle is
-that turn of its joint which is nearest to the rigid mechanism's. Laws are evaluated lane by lane: they have cases.
+rubs k alone, without what follows from the other rate. An angle is that turn of its joint which is nearest to the rigid
+mechanism's. Laws are evaluated lane by lane: they have cases.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from pgmp_petsc.reduced.action_frames import Frames, Places, place_nodes, pull_d
 
 POWER, STORED, FORCE = range(3)  # what is known of an action
 UNBALANCED = 1e-7  # of a law's force: what a step may leave of it out of balance
-ABOUT = 3  # of an iteration, the rate at which its law was evaluated last; NaN before that, infinite where it was limited
+ABOUT = 3  # of an iteration, the rate at which its law was evaluated last; NaN before that, infinite where limited
 
 
 class Chosen(NamedTuple):

@@ -15,8 +15,7 @@ than one coordinate the configurations are a grid over all of them, the last run
 
 For ParaView, an XDMF file (version 3, https://www.xdmf.org) keeps the description in XML and points into the
 trajectory's own HDF5 file, so nothing is copied: each array is named as ``<file>:<dataset>``, with the file relative to
-the XDMF file. Meshio's writer of time
-series would overwrite the trajectory. The two files have to stay together.
+the XDMF file. Meshio's writer of time series would overwrite the trajectory. The two files have to stay together.
 """
 
 from __future__ import annotations

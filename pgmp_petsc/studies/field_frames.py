@@ -263,8 +263,9 @@ def _modes(model: ReducedModel, theta: np.ndarray) -> tuple[np.ndarray, np.ndarr
     try:
         values, vectors = eigh(stiffness * scale * scale[:, None], mass * scale * scale[:, None])
     except LinAlgError as error:
-        why = f"--at {words_of(model.kinematics.coordinates, theta)}: the interpolated mass matrix is not positive definite there"
-        raise InputError(f"{why}; build with {smoother(scheme)}, or take a sampled angle") from error
+        where = f"--at {words_of(model.kinematics.coordinates, theta)}"
+        cure = f"build with {smoother(scheme)}, or take a sampled angle"
+        raise InputError(f"{where}: the interpolated mass matrix is not positive definite there; {cure}") from error
     n_rigid = free.size + tables.unstrained.size
     return np.sqrt(np.maximum(values[n_rigid:], 0.0)) / (2.0 * np.pi), scale[:, None] * vectors[:, n_rigid:]
 

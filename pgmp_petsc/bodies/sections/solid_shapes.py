@@ -14,8 +14,8 @@ which is one term where the ratio of the sides is fixed. Where it changes with p
     J = a^2 b^2 g(x),    g(x) = g(1/x) = sum_k c_k x^k,
 
 which is smooth also where the sides exchange their order, with c fitted over all ratios that the parameters have, exact
-at the nominal values: three terms or more, as few as are `NEAR` it: 0.1 % off at
-most where sides that exchange their order are up to four times as long as each other, 0.6 % up to `WIDEST`.
+at the nominal values: three terms or more, as few as are `NEAR` it: 0.1 % off at most where sides that exchange their
+order are up to four times as long as each other, 0.6 % up to `WIDEST`.
 """
 
 from __future__ import annotations
