@@ -1,4 +1,4 @@
-// columns sort by the files' own numbers, or by what is read; a second click turns the order round
+// columns sort by the files' own numbers, or by what is read; a second click turns the order round; what is no number stays behind
 for (const head of document.querySelectorAll("thead th")) {
   const button = document.createElement("button");
   button.append(...head.childNodes);
@@ -12,8 +12,8 @@ for (const head of document.querySelectorAll("thead th")) {
     const down = head.getAttribute("aria-sort") === "ascending";
     for (const other of head.parentNode.cells) other.removeAttribute("aria-sort");
     head.setAttribute("aria-sort", down ? "descending" : "ascending");
-    const order = (a, b) => (typeof a === "number" && typeof b === "number" ? a - b : typeof a === "number" ? -1 : typeof b === "number" ? 1 : a.localeCompare(b));
-    const rows = [...body.rows].map((row) => [key(row), row]).sort(([a], [b]) => (down ? -1 : 1) * order(a, b));
+    const order = (a, b) => (down ? -1 : 1) * (typeof a === "number" ? a - b : a.localeCompare(b));
+    const rows = [...body.rows].map((row) => [key(row), row]).sort(([a], [b]) => (typeof a > typeof b) - (typeof a < typeof b) || order(a, b));
     body.append(...rows.map(([, row]) => row));
   });
 }
