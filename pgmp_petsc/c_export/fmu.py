@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from pgmp_petsc.base import __version__
-from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.units import SI, measure, times
 from pgmp_petsc.c_export.constants import Constants
 from pgmp_petsc.c_export.source import HEAD, compiled_of, read_common, sources_of
@@ -81,8 +81,12 @@ def variables_of(constants: Constants) -> list[Variable]:
         setting = "input", "continuous", about, "0.0", None
         found.append(Variable(f"effects.{quoted(name)}", STRENGTHS + k, REAL, *setting, unit))
         about = "whether the strength is the scene's over time, and the input is not looked at"
-        follows = f"effects.{quoted(f'{name}_follows_scene')}"
-        found.append(Variable(follows, FOLLOWS + k, BOOLEAN, "parameter", "tunable", about, "true"))
+        if (follows := f"{name}_follows_scene") in constants.strength_units:
+            cure = "give the effect another name and build anew, or export C99"
+            raise InputError(f"effects.{follows}: an FMU has a variable of this name for effects.{name}; {cure}")
+        found.append(
+            Variable(f"effects.{quoted(follows)}", FOLLOWS + k, BOOLEAN, "parameter", "tunable", about, "true")
+        )
     for k, (name, unit) in enumerate(constants.output_units.items()):
         found.append(
             Variable(f"outputs.{quoted(name)}", OUTPUTS + k, REAL, "output", "continuous", f"in {unit}", unit=unit)

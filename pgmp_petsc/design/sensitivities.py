@@ -131,10 +131,11 @@ def _of_own_error(
 
 
 def _moved(scene: Scene, name: str) -> float:
-    """Return the changed value of a parameter for its effects, back from the end of its bounds."""
+    """Return the changed value of a parameter for its effects, within its bounds, on where that is far enough."""
     value, change = scene.values[name], _change(scene, name)[0] or SHARE
-    bounds = scene.parameters[name].bounds
-    return value - change if bounds is not None and value + change > bounds[1] else value + change
+    low, high = scene.parameters[name].bounds or (-np.inf, np.inf)
+    back, on = max(value - change, low), min(value + change, high)
+    return on if on == value + change or on - value > value - back else back
 
 
 def step_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> list[Remark]:

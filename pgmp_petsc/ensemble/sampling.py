@@ -45,7 +45,7 @@ from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_values, to_own
+from pgmp_petsc.scene.border import own_values, result_units, to_own
 from pgmp_petsc.scene.parameters import ARCHIMEDEAN, correlation_matrix, kendall, uncertain_names, variables_of
 from pgmp_petsc.scene.uses import ordered_ends
 
@@ -384,8 +384,9 @@ def draw_remarks(scene: Scene) -> Iterator[Remark]:
         below, above = parameter.cut_off
         if below + above > 0.0 and name not in variables:
             low, high = own_values(scene, {name: np.array(parameter.bounds)})[name]
+            ends = f"[{low:g}, {high:g}] {result_units(scene)[name]}".removesuffix(" 1")
             text = (
-                f"parameters.{name}: its distribution is truncated to the bounds [{low:g}, {high:g}] and renormalised; "
+                f"parameters.{name}: its distribution is truncated to the bounds {ends} and renormalised; "
                 f"they cut off {_percent(below)} below and {_percent(above)} above"
             )
             much = "; so much is missing that bounds and distribution may not mean the same quantity: check both"

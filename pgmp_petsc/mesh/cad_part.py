@@ -91,7 +91,10 @@ def _part(found: dict[str, np.ndarray], received: str, scale: float) -> CadPart:
         own = str(found[f"named{name[4:]}"])
         if own and own not in faces:
             named.setdefault(own, []).append(name)
-    named |= {one.name: list(one.faces) for one in cylinders}
+    for one in cylinders:
+        if {*one.faces} != {*(own := named.setdefault(one.name, list(one.faces)))}:
+            cure = f"also the name of the cylinder of {', '.join(one.faces)}; give another one in CAD"
+            raise InputError(f"{received}: {', '.join(own)} has the name {one.name}, {cure}")
     sets = {
         name: [np.arange(len(data)) if k in {number[one] for one in own} else [] for k, (_, data) in enumerate(blocks)]
         for name, own in named.items()

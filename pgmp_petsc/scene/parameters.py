@@ -200,7 +200,7 @@ class Parameter(Table):
         median by the probabilities of larger values, as those of smaller ones are 1 to round-off in the upper tail.
         """
         law, (low, high) = self.distribution.law, self._limits
-        low, below = max(low, at_least), _below(law)
+        low, below = max(low, at_least), share_below(law)
         if isinstance(law, (Discrete, Empirical, Mixture)):
             values = law.ppf(below(low) + probabilities * (law.cdf(high) - below(low)))
         elif law.cdf(low) > 0.5:
@@ -213,7 +213,7 @@ class Parameter(Table):
     def cut_off(self) -> tuple[float, float]:
         """The shares of the distribution that the bounds cut off, below and above."""
         law, (low, high) = self.distribution.law, self._limits
-        return float(_below(law)(low)), float(law.sf(high))
+        return float(share_below(law)(low)), float(law.sf(high))
 
     @property
     def deviation(self) -> float:
@@ -241,7 +241,7 @@ class Parameter(Table):
         if self.distribution is None:
             return
         law = self.distribution.law
-        below, above = (_below(law)(low), law.cdf(high)), (law.sf(low), law.sf(high))
+        below, above = (share_below(law)(low), law.cdf(high)), (law.sf(low), law.sf(high))
         if not max(below[1] - below[0], above[0] - above[1]) > 0.0:
             raise refusal(f"gives no samples inside {bounds}", "distribution")
         # scipy.stats counts the turns of circular distributions, such as vonmises: no truncation can draw from that
@@ -251,7 +251,7 @@ class Parameter(Table):
             raise refusal(f"has {shares} {why}; take narrower bounds, or another distribution", "distribution")
 
 
-def _below(law: object) -> Callable[[float], float]:
+def share_below(law: object) -> Callable[[float], float]:
     """Return the function of the shares below numbers, which of continuous distributions is that up to them."""
     return getattr(law, "below", law.cdf)
 

@@ -1,5 +1,6 @@
 """What a model in C does not have is refused by its name; what stands in the way of files is said."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -67,6 +68,14 @@ def test_an_fmu_without_a_compiler_has_sources(model, tmp_path, monkeypatch, ver
     assert {"modelDescription.xml", f"sources/fmi{version}.c", "sources/fmu.h", "sources/tables.c"} <= names
     assert ("sources/buildDescription.xml" in names) == (version == 3)
     assert not any(name.startswith("binaries") for name in names)
+
+
+def test_an_effect_with_the_name_of_a_variable(model, tmp_path) -> None:
+    found = constants_of(model, "it")
+    (name, unit), *_ = found.strength_units.items()
+    clash = {name: unit, f"{name}_follows_scene": unit}
+    with pytest.raises(InputError, match=f"effects.{name}_follows_scene: .* for effects.{name}; give the effect"):
+        write_fmu(replace(found, strength_units=clash), tmp_path / "m.fmu", compiler="true")
 
 
 def test_a_compiler_that_fails(model, tmp_path) -> None:

@@ -129,6 +129,8 @@ def test_what_bounds_cut_off_is_said() -> None:
     (much,) = draw_remarks(bounded(0.0, 3.0))
     assert much.kind == "warning" and "50 % below" in much.text
     assert draw_remarks(slider_crank(NORMAL)) == ()
+    (length,) = draw_remarks(slider_crank(NORMAL, "parameters.r1.bounds=[5e-3, 6e-3]"))
+    assert "the bounds [0.005, 0.006] m and" in length.text
 
 
 @pytest.mark.parametrize("law", ['name="norm", loc=5.6e-3, scale=0.56e-3', 'name="uniform", loc=4e-3, scale=3e-3'])

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from scipy.sparse.linalg import eigsh
 from solids import body_of, box_mesh, matrices_of
 
 from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.mesh import cad_part
 from pgmp_petsc.mesh.cad_part import CadPart, read_part
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.studies.inputs import with_meshes
@@ -182,6 +184,16 @@ def test_what_is_no_part_is_refused_in_one_message_on_any_number_of_ranks(parts:
     monkeypatch.setenv("PYTHONPATH", str(parts / "absent"))
     mesh, message = refused(3, [commands[3], ("check", scene_of(parts, "bar", "face1"))])
     assert known["mesh"] in mesh and "libGLU.so.1" in message and "pip install gmsh" in message
+
+
+def test_a_face_may_have_the_name_of_its_own_cylinder_and_of_no_other(parts: Path, monkeypatch) -> None:
+    bore = read(parts, "rod").cylinders[0]
+    found = dict(cad_part._by_gmsh(sha256((parts / "rod.step").read_bytes()).hexdigest(), parts / "rod.step", 0.0, 1.0))
+    monkeypatch.setattr(cad_part, "_by_gmsh", lambda *_: found)
+    found[f"named{bore.faces[0][4:]}"] = np.array(bore.name)
+    assert read(parts, "rod").cylinders[0].name == bore.name
+    found["named2"] = np.array(bore.name)
+    assert f"received rod: face1, face2 has the name {bore.name}, also" in refusal(read, parts, "rod")
 
 
 def test_a_part_is_the_same_on_any_number_of_ranks(parts: Path) -> None:

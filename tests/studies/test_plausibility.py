@@ -108,6 +108,11 @@ parameters.r1={nominal=5.6e-3, distribution={name='norm', loc=5.6e-3, scale=5e-3
     parameters.r1.distribution | below 0
 parameters.r1={nominal=5.6e-3, distribution={name='norm', loc=8e-3, scale=1e-4}} ->
     parameters.r1.nominal | lies outside its distribution
+parameters.r1={nominal=5.6e-3, distribution={name='discrete', values=[0.0, 5.6e-3]}} ->
+    parameters.r1.distribution | 50 % of it is at or below 0
+effects.f={type="joint_friction", joint="elbow", limit="q", speed=1.0} & effects.z={type="torque", joint="crank_hinge",
+    table=[[0.0, 0.0], [1.0, 1.0]], scale="q"} & parameters.q={nominal=2e-3, unit="N m", distribution={name="norm",
+    loc=2e-3, scale=2e-3}} -> parameters.q.distribution | % of it is below 0
 parameters.q={nominal=1.0} -> parameters.q | nothing uses it
 materials.wood={E=1e10, nu=0.3, rho=600.0} -> materials.wood | no body is made of it
 ground.points.far=[1.0, 2.0] -> ground.points.far | nothing is attached
@@ -129,6 +134,7 @@ effects.again={type="torque", joint="crank_hinge", table=[[0.0, 0.0], [0.25, 0.5
 effects.motor.table=[[5.0, 0.0], [6.0, 1.0]] -> effects.motor.table | after the run's end
 effects.motor.table=[[-2.0, 0.0], [-1.0, 1.0]] -> effects.motor.table | before
 effects.motor.table=[[0.0, 0.0], [2.0, 0.0], [3.0, 1.0]] -> effects.motor.table | never acts
+effects.motor.table=[[-2.0, 1.0], [-1.0, 0.0], [2.0, 0.0]] -> effects.motor.table | zero from 0 s to the run's end
 effects.motor.table=[[0.0, 0.0], [1.0, 0.0]] -> effects.motor.table | zero in all
 effects.motor.scale=0.0 -> effects.motor.scale | zero
 effects.motor.scale=1e4 -> effects.motor.table | if nothing holds it
@@ -207,6 +213,14 @@ def test_warned(scene: Path, overrides: list[str], entry: str, words: str) -> No
     lines = [r.text for r in remarks if r.text.startswith((f"{entry} = ", f"{entry}: "))]
     assert lines and words in lines[0], remarks
     assert all(remark.kind == "warning" for remark in remarks)
+
+
+def test_values_at_ends_of_discrete_distributions_are_meant() -> None:
+    damping = 'effects.d={type="joint_damping", joint="elbow", coefficient="q"}'
+    law = 'distribution={name="discrete", values=[0.0, 2.0]}'
+    for nominal in (0.0, 2.0):
+        found = warnings_of(SCENE, [damping, f"parameters.q={{nominal={nominal}, bounds=[0.0, 2.0], {law}}}"])
+        assert not [text for text in found if "parameters.q" in text]
 
 
 def test_a_mesh_in_millimetres_is_asked_about(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from pgmp_petsc.design.fitting import fit
 from pgmp_petsc.design.goals import read_constraint, read_goal
 from pgmp_petsc.design.measured_history import MeasuredHistory
 from pgmp_petsc.design.optimization import optimize
-from pgmp_petsc.design.sensitivities import sensitivities
+from pgmp_petsc.design.sensitivities import _moved, sensitivities
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, ObservedChanges, differentiate
 from pgmp_petsc.gradients.linearisation import Linearisation
@@ -184,6 +184,16 @@ def test_a_scene_without_outputs_is_refused() -> None:
     model = reduced_model(slider_crank(*MODES, *MOVING))
     with pytest.raises(InputError, match="outputs: none is given, so there is nothing to differentiate"):
         differentiate(model, model.scene.values, ["r1"])
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "moved"),
+    [(5e-3, 6e-3, 5.656e-3), (5e-3, 5.61e-3, 5.544e-3), (5.57e-3, 5.61e-3, 5.57e-3), (5.6e-3, 5.61e-3, 5.61e-3)],
+)
+def test_effects_are_of_values_within_bounds(low: float, high: float, moved: float) -> None:
+    """A hundredth on or back, or else to the further end of the bounds."""
+    scene = slider_crank(f'parameters.r1={{nominal=5.6e-3, unit="m", bounds=[{low}, {high}]}}')
+    assert _moved(scene, "r1") == pytest.approx(moved, rel=1e-12)
 
 
 def test_a_run_that_fails_is_an_error_with_its_reason() -> None:

@@ -1,11 +1,4 @@
-"""Flexible continuum bodies: on their meshes, and by condensed matrices.
-
-A flexible continuum body that is not condensed: positions of the nodes of its mesh, tied to its frames.
-
-A flexible continuum body from its condensed matrices: its frames, and amplitudes that do not turn with it.
-
-A flexible body in a floating frame (`bodies.floating`): its last node, behind those of the frames that hold it.
-"""
+"""Flexible continuum bodies: on their meshes, by condensed matrices, and in floating frames."""
 
 from __future__ import annotations
 
@@ -35,7 +28,7 @@ UNKNOWN_SECONDS = {2: 3.0e-7, 3: 3.0e-5}  # of a step, by the dimension
 
 @dataclass(frozen=True, kw_only=True)
 class BodyOnMesh(Body):
-    """A continuum body on its mesh, or with its matrices."""
+    """A body on its mesh, or with its matrices, that is not condensed: positions of nodes, tied to its frames."""
 
     framed: FramedSolid  # mesh and frames
 
@@ -115,7 +108,7 @@ class BodyOnMesh(Body):
 
 @dataclass(frozen=True, kw_only=True)
 class CondensedBody(Recovered, Body):
-    """A condensed body."""
+    """A body from its condensed matrices: its frames, and amplitudes that do not turn with it."""
 
     component: Component  # its matrices
 
@@ -198,7 +191,8 @@ class _Third(ThirdPart):
 
 @dataclass(frozen=True, kw_only=True)
 class BodyInFloatingFrame(Recovered, Body):
-    """A body in a floating frame, whose origin is that of the body's own."""
+    """A body in a floating frame (`bodies.floating`), whose origin is that of the body's own: its last node, behind
+    those of the frames that hold it."""
 
     floating: FloatingBody  # its moments, stiffness and shapes
 

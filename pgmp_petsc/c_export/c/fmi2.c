@@ -84,32 +84,25 @@ EXPORT fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[],
     return (fmi2Status)status;
 }
 
-EXPORT fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2String value[]) {
-    (void)vr, (void)value;
-    if (n > 0) REFUSE("there are no Strings");
-    return fmi2OK;
-}
+/* Of a kind of which there are no variables, or none that can be set. */
+#define NONE(NAME, TYPE, WHY)                                                                              \
+    EXPORT fmi2Status fmi2##NAME(fmi2Component c, const fmi2ValueReference vr[], size_t n, TYPE value[]) { \
+        (void)vr, (void)value;                                                                             \
+        if (n > 0) REFUSE(WHY);                                                                            \
+        return fmi2OK;                                                                                     \
+    }
+NONE(GetString, fmi2String, "there are no Strings")
+NONE(SetString, const fmi2String, "there are no Strings")
+NONE(SetInteger, const fmi2Integer, "no whole number can be set")
 
 EXPORT fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]) {
     return (status)unit_set_real(c, vr, n, value);
-}
-
-EXPORT fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer value[]) {
-    (void)vr, (void)value;
-    if (n > 0) REFUSE("no whole number can be set");
-    return fmi2OK;
 }
 
 EXPORT fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Boolean value[]) {
     int status = UNIT_OK;
     for (size_t k = 0; k < n && status == UNIT_OK; k++) status = unit_set_boolean(c, vr[k], value[k]);
     return (fmi2Status)status;
-}
-
-EXPORT fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2String value[]) {
-    (void)vr, (void)value;
-    if (n > 0) REFUSE("there are no Strings");
-    return fmi2OK;
 }
 
 /* Co-simulation. */

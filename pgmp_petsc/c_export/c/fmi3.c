@@ -118,21 +118,17 @@ EXPORT fmi3Status fmi3SetBoolean(fmi3Instance c, const fmi3ValueReference vr[], 
 }
 
 /* Types of which there are no variables. */
-#define NONE(KIND, TYPE)                                                                                            \
-    EXPORT fmi3Status fmi3Get##KIND(fmi3Instance c, const fmi3ValueReference vr[], size_t n, TYPE value[],          \
-                                    size_t n_values) {                                                              \
-        (void)vr, (void)value, (void)n_values;                                                                      \
-        if (n > 0) REFUSE("there are no variables of type %s", #KIND);                                                \
-        return fmi3OK;                                                                                              \
-    }                                                                                                               \
-    NOT_SET(KIND, TYPE)
-#define NOT_SET(KIND, TYPE)                                                                                         \
-    EXPORT fmi3Status fmi3Set##KIND(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const TYPE value[],    \
-                                    size_t n_values) {                                                              \
-        (void)vr, (void)value, (void)n_values;                                                                      \
-        if (n > 0) REFUSE("no variable of type %s can be set", #KIND);                                                \
-        return fmi3OK;                                                                                              \
+#define REFUSED(NAME, TYPE, WHY, KIND)                                                                        \
+    EXPORT fmi3Status fmi3##NAME(fmi3Instance c, const fmi3ValueReference vr[], size_t n, TYPE value[],       \
+                                 size_t n_values) {                                                           \
+        (void)vr, (void)value, (void)n_values;                                                                \
+        if (n > 0) REFUSE(WHY, KIND);                                                                         \
+        return fmi3OK;                                                                                        \
     }
+#define NOT_SET(KIND, TYPE) REFUSED(Set##KIND, const TYPE, "no variable of type %s can be set", #KIND)
+#define NONE(KIND, TYPE) \
+    REFUSED(Get##KIND, TYPE, "there are no variables of type %s", #KIND) \
+    NOT_SET(KIND, TYPE)
 NONE(Float32, float)
 NONE(Int8, int8_t)
 NONE(UInt8, uint8_t)

@@ -60,10 +60,8 @@ static void refresh(struct unit *me) {
     if (me->exchange) {
         me->model.validity = me->standing; /* states that an integrator tries and leaves again have no say */
         pgmp_accelerate(&me->model, me->time, me->since);
-    }
-    if (me->exchange)
         pgmp_observe_at(&me->model, me->time, me->since);
-    else
+    } else
         pgmp_observe(&me->model);
     me->stale = 0;
 }

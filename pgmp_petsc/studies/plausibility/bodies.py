@@ -48,7 +48,7 @@ class Size:
 
 def sizes_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, Size]:
     """Return the proportions of bodies whose mesh is given, or in the scene."""
-    of = {LineMesh: _beam, SolidMesh: _solid, Assembled: _assembled}
+    of = {LineMesh: _beam, SolidMesh: _solid, Assembled: _solid}
     return {
         name: (of[type(mesh)] if scene.bodies[name].rigid is None else _rigid)(scene, name, mesh)
         for name, mesh in _with_lines(scene, meshes).items()
@@ -236,22 +236,16 @@ def _rigid(scene: Scene, name: str, _: LineMesh) -> Size:
     return Size(given.extent(scene.number), 0.0, scene.number(given.mass), 0.0)
 
 
-def _solid(scene: Scene, name: str, mesh: SolidMesh) -> Size:
+def _solid(scene: Scene, name: str, mesh: SolidMesh | Assembled) -> Size:
     body, extents = scene.bodies[name], np.sort(np.ptp(mesh.nodes, axis=0))[::-1]
     length, thickness = float(extents[0]), float(extents[-1])
-    material = scene.materials[body.material]
-    density = scene.number(material.rho)
-    speed = math.sqrt(scene.number(material.E) / density)
-    # of the box around it, which it fills in part
-    volume = float(np.prod(extents)) * (1.0 if body.thickness is None else scene.number(body.thickness))
-    frequency = 0.5 * math.pi * thickness / math.sqrt(12.0) * speed / length**2 if body.flexible else 0.0
-    return Size(length, thickness, density * volume, frequency)
-
-
-def _assembled(scene: Scene, name: str, mesh: Assembled) -> Size:
-    body, extents = scene.bodies[name], np.sort(np.ptp(mesh.nodes, axis=0))[::-1]
-    length, thickness, speed = float(extents[0]), float(extents[-1]), _speed(scene, body, mesh)
-    mass = scene.number(body.matrices.mass_scale) * mesh.properties.mass
+    if isinstance(mesh, Assembled):
+        mass, speed = scene.number(body.matrices.mass_scale) * mesh.properties.mass, _speed(scene, body, mesh)
+    else:
+        density = scene.number(scene.materials[body.material].rho)
+        speed = math.sqrt(scene.number(scene.materials[body.material].E) / density)
+        # of the box around it, which it fills in part
+        mass = density * (float(np.prod(extents)) * (scene.number(body.thickness) if body.thickness else 1.0))
     frequency = 0.5 * math.pi * thickness / math.sqrt(12.0) * speed / length**2 if body.flexible else 0.0
     return Size(length, thickness, mass, frequency)
 

@@ -25,7 +25,7 @@ from pgmp_petsc.scene.border import own_values, shown_in
 from pgmp_petsc.scene.fields import GROUND
 from pgmp_petsc.scene.joints import ORIGIN, CouplingEntry
 from pgmp_petsc.scene.messages import Finding, doubt, input_error, refusal
-from pgmp_petsc.scene.parameters import Parameter
+from pgmp_petsc.scene.parameters import Parameter, share_below
 from pgmp_petsc.scene.references import DEGREES, points_used, stressed_bodies
 from pgmp_petsc.scene.uses import length_names, slides, uses_of
 from pgmp_petsc.studies.plausibility.bodies import (
@@ -284,14 +284,13 @@ OTHER_UNIT = 300.0  # ratio of median and nominal value, from which on one of th
 
 def parameter_findings(scene: Scene) -> Iterator[Finding]:
     """Yield what is strange about parameters."""
-    signs = {use.parameter: use.sign for use in uses_of(scene) if use.parameter is not None}
     for name, parameter in scene.parameters.items():
         if parameter.distribution is not None:
             with np.errstate(all="ignore"):  # distributions with arguments at the ends of what floats hold
-                yield from _distribution(scene, name, parameter, signs.get(name, "any"))
+                yield from _distribution(scene, name, parameter)
 
 
-def _distribution(scene: Scene, name: str, parameter: Parameter, sign: str) -> Iterator[Finding]:
+def _distribution(scene: Scene, name: str, parameter: Parameter) -> Iterator[Finding]:
     entry = f"parameters.{name}"
     law, nominal = parameter.distribution.law, parameter.nominal
     median = float(law.median())
@@ -299,7 +298,7 @@ def _distribution(scene: Scene, name: str, parameter: Parameter, sign: str) -> I
     shown = own_values(scene, {name: median})[name]
 
     def beyond(value: float) -> bool:
-        return min(float(law.cdf(value)), float(law.sf(value))) < FAR
+        return min(float(law.cdf(value)), 1.0 - float(share_below(law)(value))) < FAR
 
     def of_other_unit(value: float) -> bool:
         return beyond(value) and value * median > 0 and not 1 / OTHER_UNIT < median / value < OTHER_UNIT
@@ -319,12 +318,14 @@ def _distribution(scene: Scene, name: str, parameter: Parameter, sign: str) -> I
             f"{entry}.value", f"{much}; it is in the scene's units, or says its own, as in 5mm", parameter.value
         )
     low, high = (-np.inf, np.inf) if parameter.bounds is None else parameter.bounds
-    lost = float(law.cdf(low) + law.sf(high)) if parameter.bounds is not None else 0.0
-    if lost > CUT_OFF:
+    if (lost := sum(parameter.cut_off)) > CUT_OFF:
         cure = "widen them, or give a narrower distribution"
         yield doubt(f"{entry}.bounds", f"{100 * lost:.3g} % of its distribution lies beyond them; {cure}", [low, high])
-    if sign in ("positive", "not negative") and low < 0.0 and (below := float(law.cdf(0.0))) > NOT_POSITIVE:
-        words = f"{100 * below:.3g} % of it is below 0, where this parameter makes no sense"
+    positive = name in scene.positive_parameters
+    below = float((law.cdf if positive else share_below(law))(0.0))
+    if name in scene.parameters_not_negative and low < 0.0 and below > NOT_POSITIVE:
+        zero = "at or " if positive else ""
+        words = f"{100 * below:.3g} % of it is {zero}below 0, where this parameter makes no sense"
         cure = "give bounds, or a distribution of positive numbers such as lognorm"
         yield doubt(f"{entry}.distribution", f"{words}; {cure}")
 

@@ -24,6 +24,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass, Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
 from pgmp_petsc.scene.outputs import models_alone
+from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.references import impulse_of, parts_of
 from pgmp_petsc.scene.uses import motion_over, slides
 from pgmp_petsc.studies.plausibility.bodies import Size
@@ -70,8 +71,9 @@ def load_findings(
 
 def _nothing(scene: Scene, entry: str, effect: EffectEntry) -> Iterator[Finding]:
     if effect.nothing_without:
-        where, value = named(scene, f"{entry}.{effect.nothing_without}", getattr(effect, effect.nothing_without))
-        if value == 0.0:
+        given = getattr(effect, effect.nothing_without)
+        where, value = named(scene, f"{entry}.{effect.nothing_without}", given)
+        if value == 0.0 and given not in uncertain_names(scene):
             yield doubt(where, f"makes {entry} zero; leave it out", value)
 
 
@@ -90,8 +92,7 @@ def _over_time(scene: Scene, entry: str, effect: OverTime) -> Iterator[Finding]:
     elif not any(value for _, value in effect.table):
         why = "is zero in all its rows; leave it out"
     elif impulse_of(effect.table, duration, 1).whole == 0.0:
-        start = next(time for (time, _), (_, value) in zip(effect.table, effect.table[1:]) if value)
-        why = f"is zero until {start:g} s, but the run ends at simulation.duration = {duration:g} s; it never acts"
+        why = f"is zero from 0 s to the run's end (simulation.duration = {duration:g} s); it never acts"
     if why:
         yield doubt(f"{entry}.table", why)
 
