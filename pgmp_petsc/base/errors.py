@@ -49,6 +49,13 @@ class RunError(PgmpError):
     """The input was accepted but the computation failed (exit status 1)."""
 
 
+class NotFollowed(RunError):
+    """Modes cannot be followed over the configurations: the message, and a number of modes that can, or 0."""
+
+    def __str__(self) -> str:
+        return self.args[0]
+
+
 def plain_reason(error: BaseException) -> str | None:
     """Return what to say of an error that the system or the machine's size causes, None for a mistake of ours, which
     deserves its traceback."""

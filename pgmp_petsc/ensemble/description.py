@@ -98,7 +98,7 @@ def describe_ensemble(
         *sensitivity_remarks(sobol, of_blocks, len(sampler.names), fine, correlated, samples.replicates),
         *_partial_bands(samples.bands, n_chosen),
         *over_time_remarks({name: one.count for name, one in statistics.items()}, samples.over_time, n_chosen),
-        *_estimate_remarks(origin, samples.estimates, status, samples.peaks),
+        *_estimate_remarks(origin, samples.estimates, status, samples.peaks, samples.length),
         *own_error.of_statistics(
             (one for one in samples.outputs.items() if one[0] not in constant), samples.estimates["errors_at_end"],
             samples.chosen, units, ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"),
@@ -152,8 +152,9 @@ class _Samples:
         self.bands, ends = _bands(origin.scene, kept, self.chosen)
         self.peaks = Peaks(self.outputs, self.over_time["extremes"], ends)
         lines = [origin.scene.number(one.line.length) for one in origin.scene.bodies.values() if one.line is not None]
+        self.length = max(lines, default=0.0)  # of the mechanism, m, beside which displacements are round-off
         #: beside what outputs, at the end and over time, vary by round-off
-        self.sizes = self.peaks.sizes(origin.units, self.fine, max(lines, default=0.0))
+        self.sizes = self.peaks.sizes(origin.units, self.fine, self.length)
 
     def _quantities(self) -> Iterator[tuple[str, np.ndarray]]:
         return quantities(self.outputs, self.over_time["extremes"])
@@ -326,7 +327,7 @@ def _partial_bands(bands: Mapping[str, Band], n_fine: int) -> Iterator[Remark]:
 
 @gathered
 def _estimate_remarks(
-    origin: Origin, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray, peaks: Peaks
+    origin: Origin, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray, peaks: Peaks, length: float
 ) -> Iterator[Remark]:
     """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are large or not
     known."""
@@ -340,7 +341,8 @@ def _estimate_remarks(
     if estimates["errors"]:
         counted = scene.counted  # see `at_the_end`
         sizes = {n: np.abs(peaks.outputs[n]) if n in counted else peaks.largest(n) for n in estimates["errors"]}
-        yield from own_error.large_errors(estimates["errors"], sizes, origin.units, origin.model, scene.system)
+        model, system = origin.model, scene.system
+        yield from own_error.large_errors(estimates["errors"], sizes, origin.units, model, system, length)
     if estimates["errors"] and (origin.model == "reduced" or not own_error.too_few_steps(n_steps, scene)):
         chosen = np.zeros(status.size, dtype=bool)
         block = block_of(scene, origin.model)

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import schur
 from scipy.sparse.csgraph import connected_components
 
-from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.base.errors import NotFollowed, RunError
 
 EQUAL_TOLERANCE = 1e-6  # relative gap below which eigenvalues are one and the same to the solver
 CLOSE_TOLERANCE = 1e-2  # relative gap of neighbouring eigenvalues that makes one group of them
@@ -291,7 +291,7 @@ class GridBasis:
                     ", where no static answers are beside them (reduction.static_modes, reduction.inertia_modes, "
                     "reduction.spring_modes = false); with these it has to be tried"
                 )
-            raise RunError(f"{error}{told}") from None
+            raise NotFollowed(f"{error}{told}", closely) from None
 
     @classmethod
     def _followed(cls, samples: GridNeighbours, start: np.ndarray) -> GridBasis:

@@ -16,7 +16,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, gathered, note, warning
+from pgmp_petsc.base.errors import NotFollowed, Remark, gathered, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bodies.matrices import assemble, mass_of_bodies, owned_rows
@@ -78,10 +78,24 @@ def build_rom(
     Modes are taken at the scene's nominal parameters, of the mesh of every body, by groups of ranks that share an
     eigenproblem. `scramble` is applied to every mode set as it leaves the eigensolver; it lets tests spoil signs and
     order. The checkpoint has what is finished already, and keeps finished parts, but where lengths are parameters.
-    Raises `InputError` and `RunError` on all ranks, whichever rank met it.
+    Where the scene gives no number of modes, and its default cannot be followed, fewer are taken. Raises `InputError`
+    and `RunError` on all ranks, whichever rank met it.
     """
     if not length_names(scene):
-        return _condensed_and_built(scene, meshes, group, _Way(scramble, checkpoint))
+        way, tried = _Way(scramble, checkpoint), scene
+        while True:
+            try:
+                return _condensed_and_built(tried, meshes, group, way)
+            except NotFollowed as error:
+                _, n_modes = error.args
+                if "modes" in scene.reduction.model_fields_set or not 0 < n_modes < tried.reduction.modes:
+                    raise
+                fewer = note(
+                    f"reduction.modes = {n_modes} were taken: the {scene.reduction.modes} of a scene that gives no "
+                    "number cannot be followed over the configurations; more reduction.angles may let them"
+                )
+                tried = scene.with_entries(reduction={"modes": n_modes}).with_remarks((*scene.remarks, fewer))
+                way = _Way(scramble, None, given=scene)  # what was finished is of other modes
     check_capabilities(scene, Purpose.BUILD, meshes)
     # checkpoints are of one mechanism
     return build_over_lengths(
@@ -101,6 +115,7 @@ class _Way:
     checkpoint: BuildCheckpoint | None
     samples: SampleGrid | None = None  # its configurations, or the first of them; None leaves them to the scene
     points: ParameterPoints | None = None  # parameter values whose vectors extend the basis; None searches them
+    given: Scene | None = None  # whose model it is called, where fewer modes are taken than it has by default
 
 
 def _condensed_and_built(
@@ -207,7 +222,7 @@ class _Build:
             *found.rounds.remarks(found.samples, basis),
             *_few_vectors(scene.reduction.parameter_modes, n_parameter),
         )
-        toml, nominal = scene_to_toml(scene), own_values(scene, scene.nominal)
+        toml, nominal = scene_to_toml(self._way.given or scene), own_values(scene, scene.nominal)
         return ReducedOrderModel(
             tables=tables,
             branch=kinematics.branch,

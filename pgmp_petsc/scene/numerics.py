@@ -53,7 +53,8 @@ class Reduction(Table):
     modes: Vectors = Field(
         15,
         ge=1,
-        description="number of flexible modes kept at every configuration; by default no more than the mesh has",
+        description="number of flexible modes kept at every configuration; by default no more than the mesh has "
+        "and than can be followed from one to the next",
     )
     angles: Angles = Field(
         629,

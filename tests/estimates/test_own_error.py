@@ -11,6 +11,7 @@ from conftest import ROOT
 from loose_scenes import worn
 from runs import paper_scene, reduced_model, trajectory
 
+import pgmp_petsc as pgmp
 import pgmp_petsc.estimates.reference_motion as module
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.estimates import starts
@@ -35,7 +36,7 @@ from pgmp_petsc.results.numbers import felt
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.texts.models import of_trajectory
-from scenes import kinematics_of, slider_crank
+from scenes import HEADER, kinematics_of, slider_crank, tables
 
 WORDS = ("mean", "deviation, quantiles")
 
@@ -407,3 +408,25 @@ def test_a_run_that_stops_in_its_first_steps_has_no_errors() -> None:
 
 def warnings_and_notes(run: Trajectory) -> str:
     return "\n".join(remark.text for remark in run.record.remarks)
+
+
+def test_ensembles_warn_of_no_displacement_that_is_round_off_beside_the_mechanism(tmp_path: Path) -> None:
+    """A rod that is pulled along itself bends by 1e-17 m, of which the errors that are estimated are ten times as
+    large."""
+    (tmp_path / "pulled.toml").write_text(
+        HEADER
+        + tables("""
+parameters.mass: nominal = 0.5; distribution = { name = "uniform", loc = 0.4, scale = 0.2 }
+bodies.rod: line = { length = 0.2, elements = 3 }; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 0.004 }; placement = { angle = 0.3 }
+joints.guide: type = "prismatic"; connect = ["ground:origin", "rod:hinge"]; axis = [0.955336489125606, 0.29552020666134]
+coordinates.x: joint = "guide"; range = [-1.0, 1.0]
+effects.pull: type = "force"; joint = "guide"; table = [[0.0, 0.0], [0.02, 1.0]]
+effects.load: type = "point_mass"; point = "rod:tip"; mass = "mass"
+outputs.bend: type = "deformation"; point = "rod:tip"; axis = "y"; frame = "body"
+simulation: duration = 0.05; step = 1e-3
+""")
+    )
+    found = pgmp.montecarlo(tmp_path / "pulled.toml", 3, model="full")
+    assert 0.0 < np.abs(found.outputs["bend"]).max() < 1e-14
+    assert not any("large estimated errors" in remark.text for remark in found.record.remarks)

@@ -6,11 +6,14 @@ from itertools import product
 
 import numpy as np
 import pytest
+from runs import built_rom
 
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.modes import continuity
 from pgmp_petsc.modes.continuity import GridBasis, GridNeighbours
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
+from pgmp_petsc.scene import scene_from_toml, scene_to_toml
+from scenes import HEADER, tables
 
 N_ROWS = 8
 RANDOM = np.random.default_rng(5)
@@ -248,3 +251,38 @@ def test_a_place_is_told_within_the_coordinates_range() -> None:
     assert two.in_first_turn(10.8) == pytest.approx(10.8 - 2.0 * np.pi) and two.in_first_turn(-0.5) == -0.5
     limited = Samples.uniform(0.0, 9.0, 4, periodic=False)
     assert limited.turns == 1 and limited.in_first_turn(8.0) == 8.0
+
+
+#: A head that belts move along a bridge and with it: the belts' vibrations cross the bridge's.
+_GANTRY = HEADER + tables("""
+bodies.bridge: line = { length = 0.5, elements = 8, start = -0.25 }; element = "beam2d"; material = "steel";
+    section = { shape = "circle", radius = 0.008 }
+bodies.head: rigid = { mass = 0.3, inertia = 1e-4, points = { c = [0.0, 0.0], nozzle = [0.0, -0.03] } }
+bodies.motor1: rigid = { mass = 0.1, inertia = 5e-6, points = { hub = [0.0, 0.0] } };
+    placement = { origin = [-0.3, 0.5] }
+bodies.motor2: rigid = { mass = 0.1, inertia = 5e-6, points = { hub = [0.0, 0.0] } };
+    placement = { origin = [0.3, 0.5] }
+ground.points: left = [-0.3, 0.5]; right = [0.3, 0.5]
+joints.y: type = "prismatic"; connect = ["ground:origin", "bridge:middle"]; axis = [0.0, 1.0]
+joints.x: type = "prismatic"; connect = ["bridge:middle", "head:c"]; axis = [1.0, 0.0]
+joints.m1: type = "revolute"; connect = ["ground:left", "motor1:hub"]
+joints.m2: type = "revolute"; connect = ["ground:right", "motor2:hub"]
+joints.belt1: type = "coupling"; terms = { x = 1.0, y = 1.0, m1 = -0.0064 }; elastic = { stiffness = 4e4 }
+joints.belt2: type = "coupling"; terms = { x = 1.0, y = -1.0, m2 = -0.0064 }; elastic = { stiffness = 4e4 }
+coordinates.x: joint = "x"; range = [-0.2, 0.2]
+coordinates.y: joint = "y"; range = [-0.2, 0.2]
+reduction: angles = 5
+""")
+
+
+def test_fewer_modes_are_taken_where_the_default_cannot_be_followed() -> None:
+    """The number is said, and the file is that of the scene; a number that is given is refused with one that can."""
+    scene, asked = (scene_from_toml(_GANTRY, ".", changes) for changes in ((), ["reduction.modes=15"]))
+    fewer, found = built_rom(scene_from_toml(_GANTRY, ".", ["reduction.modes=14"])), built_rom(scene)
+    np.testing.assert_array_equal(found.frequencies_hz, fewer.frequencies_hz)
+    np.testing.assert_array_equal(found.tables.stiffness, fewer.tables.stiffness)
+    assert found.record.scene_toml == scene_to_toml(scene)
+    (said,) = (remark.text for remark in found.record.remarks if remark not in fewer.record.remarks)
+    assert said.startswith("reduction.modes = 14 were taken: the 15 of a scene that gives no number cannot be followed")
+    with pytest.raises(RunError, match="with reduction.modes = 14 they can, where no static answers"):
+        built_rom(asked)
