@@ -298,6 +298,17 @@ def test_loads_that_set_in_at_once(tmp_path, step, torque, n_attempts) -> None:
     _assert_stopped(tmp_path / "run")
 
 
+def test_a_step_that_fails_behind_an_edge_leaves_its_correction(tmp_path) -> None:
+    stop = 'effects.stop={type="end_stop",joint="crank_hinge",stiffness=100.0,upper=0.02}'
+    exported.compiled(reduced_model(exported.scene_of("slider_crank", stop)), tmp_path)
+    main = tmp_path / "main.c"
+    main.write_text(main.read_text().replace("model.elastic_rotation, model", "model.correction, model"))
+    _compiled_again(
+        tmp_path, "reduced", "steps.c", r"!try_step\(m, rest, end", "m->number > 1 || !try_step(m, rest, end"
+    )
+    _assert_stopped(tmp_path / "run")
+
+
 def _compiled_again(folder: Path, kind: str, file: str, old: str, new: str) -> None:
     """Compile code of a folder in which a file is changed at one place."""
     text, n = re.subn(old, new, (folder / file).read_text())

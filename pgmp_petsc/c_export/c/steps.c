@@ -411,24 +411,20 @@ static int step_over_edges(struct pgmp_model *m, double end, struct trial *t) {
 /* The state at the beginning of a step, to which one that fails goes back. */
 struct beginning {
     double q[N], v[N], a[N], auxiliary[N], recent[N], before[N], beside[AT_LEAST_ONE(N_BESIDE)];
-    double carried[AT_LEAST_ONE(N_CARRIED)];
+    double carried[AT_LEAST_ONE(N_CARRIED)], correction;
     int beyond[AT_LEAST_ONE(N_EDGES)];
 };
 
-static void keep(const struct pgmp_model *m, struct beginning *kept) {
-    memcpy(kept->q, m->q, sizeof m->q), memcpy(kept->v, m->v, sizeof m->v), memcpy(kept->a, m->a, sizeof m->a);
-    memcpy(kept->auxiliary, m->auxiliary, sizeof m->auxiliary), memcpy(kept->before, m->before, sizeof m->before);
-    memcpy(kept->recent, m->recent, sizeof m->recent);
-    memcpy(kept->beyond, m->beyond, sizeof m->beyond), memcpy(kept->beside, m->beside, sizeof m->beside);
-    memcpy(kept->carried, m->carried, sizeof m->carried);
-}
+#define COPY(NAME) memcpy(&to->NAME, &from->NAME, sizeof to->NAME);
+#define COPY_ALL                                                                                        \
+    COPY(q) COPY(v) COPY(a) COPY(auxiliary) COPY(recent) COPY(before) COPY(beside) COPY(carried) COPY(beyond) \
+    COPY(correction)
 
-static void go_back(struct pgmp_model *m, const struct beginning *kept) {
-    memcpy(m->q, kept->q, sizeof m->q), memcpy(m->v, kept->v, sizeof m->v), memcpy(m->a, kept->a, sizeof m->a);
-    memcpy(m->auxiliary, kept->auxiliary, sizeof m->auxiliary), memcpy(m->before, kept->before, sizeof m->before);
-    memcpy(m->recent, kept->recent, sizeof m->recent);
-    memcpy(m->beyond, kept->beyond, sizeof m->beyond), memcpy(m->beside, kept->beside, sizeof m->beside);
-    memcpy(m->carried, kept->carried, sizeof m->carried), load_friction(m, m->carried);
+static void keep(const struct pgmp_model *from, struct beginning *to) { COPY_ALL }
+
+static void go_back(struct pgmp_model *to, const struct beginning *from) {
+    COPY_ALL
+    load_friction(to, to->carried);
 }
 
 int pgmp_step(struct pgmp_model *m) {
