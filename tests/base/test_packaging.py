@@ -1,11 +1,12 @@
-"""The container's and conda-forge's recipes name what setup.cfg and scripts/setup name."""
+"""The container's and conda-forge's recipes name what setup.cfg and scripts/setup name; what set-up refuses."""
 
 import configparser
 import re
+import subprocess
 
 import jinja2
 import yaml
-from conftest import ROOT
+from conftest import ROOT, TIMEOUT_SECONDS
 
 import pgmp_petsc
 
@@ -35,6 +36,11 @@ def test_the_conda_recipe_names_the_requirements() -> None:
     assert recipe["package"]["version"] == pgmp_petsc.__version__
     assert recipe["build"]["entry_points"] == setup["options.entry_points"]["console_scripts"].strip().split("\n")
     assert "noarch" in recipe["build"] and recipe["about"]["license"] == setup["metadata"]["license"]
+
+
+def test_an_option_that_set_up_does_not_have_is_refused() -> None:
+    done = subprocess.run([ROOT / "scripts" / "setup", "--al"], capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
+    assert done.returncode == 1 and "'--al': there are --all and --tests" in done.stderr
 
 
 def test_the_container_installs_the_packages_of_set_up() -> None:
