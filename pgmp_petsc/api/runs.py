@@ -42,7 +42,7 @@ from pgmp_petsc.results.ensemble import Ensemble, ShardSamples
 from pgmp_petsc.results.estimates import VALIDITY
 from pgmp_petsc.results.trajectory import BodyField
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_values, parameter_units, si_values
+from pgmp_petsc.scene.border import own_units, own_values, si_values
 from pgmp_petsc.scene.numerics import MOST_STEPS
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.stepping.status import Status
@@ -380,10 +380,7 @@ def _dataset(
         else:
             continue
         found[label] = (dims, values.reshape(shape), about)
-    known = {
-        name: {"units": system.unit(unit), "long_name": f"parameter '{name}'"}
-        for name, unit in parameter_units(scene).items()
-    }
+    known = {name: {"units": unit, "long_name": f"parameter '{name}'"} for name, unit in own_units(scene).items()}
     where = {name: one.assign_attrs(known.get(name, {})) for name, one in coords.items()}
     n_steps = scene.simulation.n_steps
     time = scene.simulation.duration * np.arange(n_steps + 1) / n_steps

@@ -20,7 +20,7 @@ from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, short
 from pgmp_petsc.files.hdf5 import csv_table, without_unit
 from pgmp_petsc.results.numbers import behind
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import in_own_units, parameter_units, si_values
+from pgmp_petsc.scene.border import in_own_units, own_units, si_values
 from pgmp_petsc.scene.messages import MAX_LINES, input_error
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.uses import ordered_ends
@@ -96,7 +96,7 @@ def _checked(
     n = n if n_samples is None else n_samples
     columns, lines = {name: values[:n] for name, values in columns.items()}, lines[:n]
     problems = []
-    for problem in _problems(columns, lines, in_own_units(scene), _units(scene), place):
+    for problem in _problems(columns, lines, in_own_units(scene), own_units(scene), place):
         problems.append(f"{where}: {problem}")
         if len(problems) > MAX_LINES:
             break
@@ -109,7 +109,7 @@ def _checked(
 def _of_csv(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
     """Return the columns of parameters, the number of each sample's line, and the names of columns without a part."""
     with open(path, encoding="utf-8-sig", newline="") as stream:
-        names, rows = csv_table(stream, f"{OPTION} {path}", _units(scene))
+        names, rows = csv_table(stream, f"{OPTION} {path}", own_units(scene))
         used = _used(f"{OPTION} {path}", names, scene)
         places = [names.index(name) for name in used]
         values: list[list[float]] = []
@@ -121,10 +121,6 @@ def _of_csv(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarray
     if not lines:
         raise InputError(f"{OPTION} {path}: there are no samples in it, only a first line of names")
     return dict(zip(used, np.array(values).T)), np.array(lines), [name for name in names if name not in used]
-
-
-def _units(scene: Scene) -> dict[str, str]:
-    return {name: scene.system.unit(unit) for name, unit in parameter_units(scene).items()}
 
 
 def _number(text: str, where: str, name: str) -> float:
@@ -148,7 +144,7 @@ def _of_hdf5(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarra
                 what = f"has shape {data.shape} and type {data.dtype}; numbers of shape (N,) are needed"
                 raise InputError(f"{OPTION} {path}: data set '{data.name}' {what}")
             if (unit := str(data.attrs.get("unit", "1"))) != "1":
-                without_unit(f"{name} ({unit})", f"{OPTION} {path}", _units(scene))
+                without_unit(f"{name} ({unit})", f"{OPTION} {path}", own_units(scene))
             columns[name] = np.asarray(data[()], dtype=float)
     _check_lengths(columns, f"{OPTION} {path}")
     return columns, np.arange(len(columns[used[0]])), []

@@ -46,7 +46,7 @@ from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.results.numbers import behind
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_values, parameter_units, to_own
+from pgmp_petsc.scene.border import own_units, own_values, to_own
 from pgmp_petsc.scene.parameters import ARCHIMEDEAN, correlation_matrix, kendall, uncertain_names, variables_of
 from pgmp_petsc.scene.uses import ordered_ends
 
@@ -385,7 +385,7 @@ def draw_remarks(scene: Scene) -> Iterator[Remark]:
         below, above = parameter.cut_off
         if below + above > 0.0 and name not in variables:
             low, high = own_values(scene, {name: np.array(parameter.bounds)})[name]
-            ends = f"[{low:g}, {high:g}]{behind(scene.system.unit(parameter_units(scene)[name]))}"
+            ends = f"[{low:g}, {high:g}]{behind(own_units(scene)[name])}"
             text = (
                 f"parameters.{name}: its distribution is truncated to the bounds {ends} and renormalised; "
                 f"they cut off {_percent(below)} below and {_percent(above)} above"

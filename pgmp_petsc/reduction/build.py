@@ -81,29 +81,29 @@ def build_rom(
     Where the scene gives no number of modes, and its default cannot be followed, fewer are taken. Raises `InputError`
     and `RunError` on all ranks, whichever rank met it.
     """
-    if not length_names(scene):
-        way, tried = _Way(scramble, checkpoint), scene
-        while True:
-            try:
-                return _condensed_and_built(tried, meshes, group, way)
-            except NotFollowed as error:
-                _, n_modes = error.args
-                if "modes" in scene.reduction.model_fields_set or not 0 < n_modes < tried.reduction.modes:
-                    raise
-                fewer = note(
-                    f"reduction.modes = {n_modes} were taken: the {scene.reduction.modes} of a scene that gives no "
-                    "number cannot be followed over the configurations; more reduction.angles may let them"
-                )
-                tried = scene.with_entries(reduction={"modes": n_modes}).with_remarks((*scene.remarks, fewer))
-                way = _Way(scramble, None, given=scene)  # what was finished is of other modes
-    check_capabilities(scene, Purpose.BUILD, meshes)
-    # checkpoints are of one mechanism
-    return build_over_lengths(
-        scene,
-        meshes,
-        lambda own, shapes, *given: _condensed_and_built(own, shapes, group, _Way(scramble, None, *given)),
-        group.world,
-    )
+    if length_names(scene):
+        check_capabilities(scene, Purpose.BUILD, meshes)
+        # checkpoints are of one mechanism
+        return build_over_lengths(
+            scene,
+            meshes,
+            lambda own, shapes, *given: _condensed_and_built(own, shapes, group, _Way(scramble, None, *given)),
+            group.world,
+        )
+    way, tried = _Way(scramble, checkpoint), scene
+    while True:
+        try:
+            return _condensed_and_built(tried, meshes, group, way)
+        except NotFollowed as error:
+            _, n_modes = error.args
+            if "modes" in scene.reduction.model_fields_set or not 0 < n_modes < tried.reduction.modes:
+                raise
+        fewer = note(
+            f"reduction.modes = {n_modes} were taken: the {scene.reduction.modes} of a scene that gives no number "
+            "cannot be followed over the configurations; more reduction.angles may let them"
+        )
+        tried = scene.with_entries(reduction={"modes": n_modes}).with_remarks((*scene.remarks, fewer))
+        way = _Way(scramble, None, given=scene)  # what was finished is of other modes
 
 
 @dataclass(frozen=True)

@@ -115,6 +115,11 @@ def parameter_units(scene: AnyScene) -> dict[str, str]:
     return {name: parameter.unit or uses.get(name, "") for name, parameter in scene.parameters.items()}
 
 
+def own_units(scene: AnyScene) -> dict[str, str]:
+    """Return the unit of each parameter by the names of the scene, empty where any may be."""
+    return {name: scene.system.unit(unit) for name, unit in parameter_units(scene).items()}
+
+
 def result_units(scene: AnyScene) -> dict[str, str]:
     """Return the unit of each parameter, 1 where it is not known, in results before they are converted: of SI, or of
     the same size by the scene's names."""

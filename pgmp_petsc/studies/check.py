@@ -30,7 +30,7 @@ from pgmp_petsc.models import FullModel
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.results.numbers import behind
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import in_own_units, parameter_units, to_own
+from pgmp_petsc.scene.border import in_own_units, own_units, to_own
 from pgmp_petsc.scene.references import parts_of, points_used
 from pgmp_petsc.scene.uses import length_names
 
@@ -232,11 +232,11 @@ def _placed(scene: Scene, mechanism: Mechanism, coordinate: Coordinate) -> str:
 
 
 def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
-    lines, units = [], parameter_units(scene)
+    lines, units = [], own_units(scene)
     for name, parameter in in_own_units(scene).parameters.items():
         law = parameter.distribution
         drawn = f", drawn from {law.name}({', '.join(f'{k}={v:g}' for k, v in law.arguments.items())})" if law else ""
-        lines.append(f"  parameter     {name} = {parameter.current:g}{behind(scene.system.unit(units[name]))}{drawn}")
+        lines.append(f"  parameter     {name} = {parameter.current:g}{behind(units[name])}{drawn}")
     mass, stiffness = (
         sorted({weight for body in mechanism.bodies for weight in body.condensed_weights(kind)})
         for kind in ("mass", "stiffness")
