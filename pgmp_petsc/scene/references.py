@@ -411,11 +411,10 @@ def _joints(scene: AnyScene) -> Iterator[str]:
                 yield from joint.elastic.problems(scene.dimension, f"joints.{name}.elastic")
             if joint.clearance is not None:
                 yield from _loose(scene, name, joint)
-            if joint.gives_way and name in scene.effects:
-                words = (
-                    f"joints.{name} has {joint.gives_way}, and its forces have this name; give the effect another one"
-                )
-                yield problem(f"effects.{name}", words)
+            for kind in ("effects", "controllers") if joint.gives_way else ():
+                if name in getattr(scene, kind):
+                    words = f"joints.{name} has {joint.gives_way}, and its forces have this name; take another one"
+                    yield problem(f"{kind}.{name}", words)
 
 
 def _loose(scene: AnyScene, name: str, joint: JointEntry) -> Iterator[str]:
