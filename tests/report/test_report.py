@@ -625,6 +625,9 @@ def test_an_error_that_two_runs_with_the_same_step_share_is_said(folder: Path) -
     verdict, budget = of(*files[:2])
     said = r"Model error 3\.4 % .* at the same time step; the time-step error is not included\."
     assert re.search(said, verdict)
+    synthetic.ensemble("components", 20, 0).write(folder / "of_components.h5")
+    with_samples, _ = of(*files[:2], folder / "of_components.h5")
+    assert "The samples are of component modes, whose error in them is" in with_samples
     assert "With the error of the time step it is estimated to be 80 % of the largest" in verdict
     assert verdict.count("off by up to 80 % of that.") == len(run.outputs)
     assert budget["model: slider_deformation"][0] == "3.4 %"
