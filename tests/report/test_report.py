@@ -606,6 +606,15 @@ def test_outputs_that_are_not_known_are_no_figures(folder: Path) -> None:
     assert headline_of_comparison(*files) == told
 
 
+def test_an_ensemble_is_dots_and_bars_where_a_run_swings_between_its_instants() -> None:
+    time, band = np.linspace(0.0, 1.0, 401), synthetic.band((0.025, 0.975))
+    for frequency, swings in ((1.0, False), (15.0, True)):
+        run = Curve("run", "reduced", time, np.sin(2.0 * np.pi * frequency * time))
+        chart = output_over_time("x", "m", [run], band, "reduced", None)
+        told = "at 21 instants" + "; ".join([", between which the run goes to and fro", "a larger"] if swings else ["."])
+        assert told in chart.caption
+
+
 def test_an_error_that_two_runs_with_the_same_step_share_is_said(folder: Path) -> None:
     """The estimate knows of the time step, a comparison with the same step does not."""
     run, full = (synthetic.trajectory(model) for model in ("reduced", "full"))
