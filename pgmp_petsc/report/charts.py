@@ -163,7 +163,8 @@ def output_over_time(
     if band is not None:
         pairs, _ = pairs_of(band.probabilities)
         ends = ", ".join(f"{100 * band.probabilities[a]:g} to {100 * band.probabilities[b]:g} %" for a, b in pairs)
-        caption = f"Areas: {ends} of {counted(band.count, 'sample')}. {beyond}".rstrip()
+        of, at = counted(band.count, "sample"), counted(len(band.time), "instant")
+        caption = f"Areas: {ends} of {of}, at {at}. {beyond}".rstrip()
     drawn = chart(draw, name, caption, over_time=True, output=name)
     return replace(drawn, factor=factor, unit="" if shown == "1" else shown)
 
