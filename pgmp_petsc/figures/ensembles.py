@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from pgmp_petsc.base.errors import InputError, counted, nearest_name
+from pgmp_petsc.base.units import inverse
 from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.results import Band, Ensemble, Statistics
@@ -118,7 +119,7 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
     axes.set_ylim(0.0, 1.08 * max(height.max() for height in heights) or 1.0)
     axes.set_title(name, pad=8.0 + LINES * LINE_POINTS * len(known))
     axes.yaxis.set_major_formatter(style.PlainNumbers())
-    axes.set_ylabel("density" if unit in ("", "1") else f"density (1/{unit})")
+    axes.set_ylabel(style.axis_label("density", inverse(unit)))
     axes.yaxis.set_visible(any(map(np.any, heights)))  # what is constant has no density
     _write_moments(axes, known, colours, factor, unit)
     if len(block) > 1:

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from pgmp_petsc.base.errors import counted
+from pgmp_petsc.base.units import inverse
 from pgmp_petsc.figures.ensembles import COLOURS, N_PLACES, draw_indices, kernel_density, pairs_of
 from pgmp_petsc.figures.loads import DIAGRAMS
 from pgmp_petsc.figures.style import PALETTE, QUIET, PlainNumbers, axis_label, axis_unit, new_figure, span, styled
@@ -210,7 +211,7 @@ def distribution(
         axes.set_ylim(bottom=0.0)
         axes.yaxis.set_major_locator(MaxNLocator(4))
         axes.yaxis.set_major_formatter(PlainNumbers())
-        axes.set_ylabel("density" if shown in ("", "1") else f"density (1/{shown})")
+        axes.set_ylabel(axis_label("density", inverse(shown)))
         # numbers that differ in a late digit are long
         narrow = np.ptp(places) < NARROW * np.abs(places).max()
         axes.xaxis.set_major_locator(MaxNLocator(2 if narrow else 5))
