@@ -396,8 +396,8 @@ def _pair(place: np.ndarray) -> str:
 
 
 def _paths(run: Trajectory, joints: dict[str, np.ndarray], picture: _Picture, moving: bool) -> list[np.ndarray]:
-    """Return the paths (n_f, 3) of the ends of bodies that move, as far as frames follow them, or of those at rest; where
-    all are, none tells what the ground holds."""
+    """Return the paths (n_f, 3) of the ends of bodies that move, as far as frames follow them, or of those at rest;
+    where all are, none tells what the ground holds."""
     extent = max(np.ptp(np.concatenate([at.reshape(-1, 3) for at in joints.values()]), axis=0)[:2])
     every = [joints[body][:, node] for body, cells in run.frames.cells.items() for node in ends(cells)]
     moved = [path for path in every if len(path) > 1 and (np.ptp(path, axis=0).max() >= AT_REST * extent) == moving]
