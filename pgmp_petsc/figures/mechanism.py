@@ -131,12 +131,14 @@ class Shapes:
         axes.set_ylabel(style.axis_label(self.axis_names[1], unit))
 
     def draw_ground(self, axes: Axes, size: float = 24.0) -> None:
-        """Draw a triangle below every pin or end of a body, and what acts between points, that stays where it is."""
+        """Draw a triangle below every pin or end of a body, and what acts between points, that stays where it is; where
+        all do, none tells what the ground holds."""
         low, high = self.limits
         paths = [self.positions[body][:, node] for body, nodes in self.pins.items() for node in nodes]
-        for path in (*paths, *(path for span in self.spans for path in span)):
-            if len(path) > 1 and np.ptp(path, axis=0).max() < AT_REST * max(high - low):
-                axes.plot(*path[0], marker=_GROUND, color=style.QUIET, markersize=size, zorder=1.5, clip_on=False)
+        paths += [path for span in self.spans for path in span]
+        resting = [path for path in paths if np.ptp(path, axis=0).max() < AT_REST * max(high - low)]
+        for path in resting if len(resting) < len(paths) else ():
+            axes.plot(*path[0], marker=_GROUND, color=style.QUIET, markersize=size, zorder=1.5, clip_on=False)
 
     def draw(self, axes: Axes, number: int, colour: Sequence[float], width: float, pin: float, zorder: float) -> None:
         """Draw all bodies at the frame of that number, with lines and markers of pins so many points wide."""
@@ -277,7 +279,7 @@ def ends(cells: np.ndarray) -> np.ndarray:
 
 
 N_INSTANTS = 14
-WIDTH = 8.6
+WIDTH, LEAST_WIDTH = 8.6, 5.0
 
 
 @style.styled
@@ -299,10 +301,11 @@ def mechanism(
     chosen = np.unique(np.linspace(0, len(frames.time) - 1, n_instants).round().astype(int))
 
     low, high = shapes.limits
-    # The width that labels and the colour bar leave sets the height: equal scales then fill the picture.
-    height = (WIDTH - 1.6) * (high - low)[1] / (high - low)[0]
+    # Width beside labels and the colour bar, and height, have the ratio of the shapes: equal scales fill the picture.
+    ratio = (high - low)[1] / (high - low)[0]
+    width, height = np.clip(8.0 / ratio + 1.6, LEAST_WIDTH, WIDTH), np.clip((WIDTH - 1.6) * ratio, 2.0, 8.0)
     keys = shapes.keys()
-    figure = style.new_figure(WIDTH, float(np.clip(height, 2.0, 8.0)) + 1.2 + (0.24 if keys else 0.0))
+    figure = style.new_figure(float(width), float(height) + 1.2 + (0.24 if keys else 0.0))
     axes = figure.subplots()
     colours = TimeColours.over(frames.time)
     shapes.draw_paths(axes)

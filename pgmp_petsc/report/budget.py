@@ -483,6 +483,11 @@ def _of_error(error: ModelError | None, sources: Sequence[Source], ensembles: Se
         yield ["Model error ", error.datums[error.worst], of]
         if error.with_step is not None:
             yield from _what_steps_hide(error, error.with_step)
+        for source in ensembles:
+            if source.result.model not in models:
+                said = f"The samples are of {MODELS[source.result.model]}, whose error in them is "
+                checked = ["estimated to be at most ", *_checked(source)]
+                yield [said, *checked[:-1], "."] if checked[1:] else [f"{said}not known."]
     elif "reduced" in models:
         checked = [part for source in ensembles for part in _checked(source)]
         if checked:
@@ -553,7 +558,7 @@ def headline_of_build(path: Path) -> str:
     """Return what was chosen for a reduced model and how long it took."""
     build = Build.read(path)
     chosen = {} if build.selection is None else dict(build.selection.chosen)
-    what = ", ".join(f"{name} = {value}" for name, value in chosen.items()) or "as the scene says"
+    what = ", ".join(f"{name} = {value}" for name, value in chosen.items()) or "sized without a tolerance"
     return f"{what}; {plain(sum(build.record.timings.values()), 3)} s{_remarks(build.record)}"
 
 
