@@ -38,8 +38,8 @@ PUSH = 'effects.e: type = "force"; direction = [3.0, 4.0]; table = [[0.0, 0.0], 
 STOP = 'effects.e: type = "end_stop"; joint = "hinge"; lower = -0.5; stiffness = 2000.0; damping = '
 STRUT = 'effects.e: type = "spring_damper"; stiffness = 20.0; damping = 0.7; rest = 0.9; points = '
 Row = tuple[str, Callable[[float, float, float], float], float, float, dict[str, float], float]
-#: Effects; torque about the hinge of (t, angle, speed); further moment of inertia; duration and start; tolerance: of the
-#: scheme (omega h)^2 / 12 of what swings, and as much again by the circle that the centre of mass makes.
+#: Effects; torque about the hinge of (t, angle, speed); further moment of inertia; duration and start; tolerance: of
+#: the scheme (omega h)^2 / 12 of what swings, and as much again by the circle that the centre of mass makes.
 TURNED: dict[str, Row] = {
     "harmonic torque": (
         'effects.e: type = "torque"; joint = "hinge"; scale = 1.5; '
@@ -50,7 +50,8 @@ TURNED: dict[str, Row] = {
     **{
         f"force on bar:{point}": (
             f'{PUSH}"bar:{point}"',
-            lambda t, a, w, arm=arm: 4.0 * t * arm * (0.8 * np.cos(a) - 0.6 * np.sin(a)), 0.0, 0.3, {"velocity": 0.3}, 1e-5,
+            lambda t, a, w, arm=arm: 4.0 * t * arm * (0.8 * np.cos(a) - 0.6 * np.sin(a)),
+            0.0, 0.3, {"velocity": 0.3}, 1e-5,
         )
         for point, arm in {"tip": 1.0, "middle": 0.5, "hinge": 0.0}.items()
     },

@@ -64,7 +64,8 @@ CLOSED = {name: row[:5] for name, row in TURNED.items() if "stop" not in name an
         'effects.e: type = "end_stop"; joint = "hinge"; upper = 0.3; stiffness = 100.0; damping = 0.1',
         lambda t, a, w: -100.0 * max(0.0, a - 0.3) * max(0.0, 1.0 + 0.1 * w), 0.0, 0.5, ONE,
     ),
-    "mass damping": ('effects.e: type = "structural_damping"; mass = 1.5', lambda t, a, w: -1.5 * INERTIA * w, 0.0, 0.5, ONE),
+    "mass damping": (
+        'effects.e: type = "structural_damping"; mass = 1.5', lambda t, a, w: -1.5 * INERTIA * w, 0.0, 0.5, ONE),
 }  # fmt: skip
 
 

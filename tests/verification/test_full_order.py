@@ -88,8 +88,8 @@ def test_the_deformation_is_the_slider_less_the_rigid_one() -> None:
     np.testing.assert_allclose(outputs["slider_deformation"], outputs["slider_position"] - rigid, rtol=0, atol=1e-12)
 
 
-# the distributed model on all ranks, with numerical damping and without, where velocities are projected onto constraints
-# that turn; the first prints how far it is from the batched one, as shares of the maximum
+# the distributed model on all ranks, with numerical damping and without, where velocities are projected onto
+# constraints that turn; the first prints how far it is from the batched one, as shares of the maximum
 DISTRIBUTED = """
 import numpy as np
 from mpi4py import MPI
@@ -101,7 +101,8 @@ for radius in (0.8, 1.0):
     model = full_model(scene)
     with model.distributed(scene.values, MPI.COMM_WORLD) as system:
         run = integrate(system, scene.simulation)
-        q, v, multipliers = (*(system.unpack(p)[:, 0] for p in (run.state.q, run.state.v)), system.multipliers(run.state)[:, 0])
+        q, v = (system.unpack(p)[:, 0] for p in (run.state.q, run.state.v))
+        multipliers = system.multipliers(run.state)[:, 0]
     batch, expected = run_model(model)
     for one, name in ((q, "q"), (v, "v"), (multipliers, "multipliers")):
         two = batch.unpack(getattr(expected.state, name))[:, 0]
