@@ -264,10 +264,14 @@ def measure(unit: str) -> tuple[float, Dimension]:
 
 @cache
 def dimension_of(unit: str) -> Dimension:
-    """Return the dimension of a unit, also of a density by another one, such as ``1/N m``. Raises `UnknownUnit`."""
-    if unit.startswith("1/"):
-        return tuple(-power for power in dimension_of(unit.removeprefix("1/").strip("()")))
-    return measure(unit)[1]
+    """Return the dimension of a unit, also of the `inverse` of a long one. Raises `UnknownUnit`."""
+    below = re.fullmatch(r"1/\(([^()]*)\)", unit)
+    return tuple(-power for power in dimension_of(below[1])) if below else measure(unit)[1]
+
+
+def inverse(unit: str) -> str:
+    """Return the unit of a density over what has a unit: ``1/(N m)``; ``1`` where there is none."""
+    return "1" if unit in ("", "1") else f"1/({unit})" if re.search("[ /]", unit) else f"1/{unit}"
 
 
 def si_name(dimension: Dimension) -> str:

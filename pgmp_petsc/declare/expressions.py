@@ -138,6 +138,9 @@ def printed(expressions: Sequence[Any], in_c: bool = False) -> tuple[list[str], 
                 return f"(1.0/({self._print(expr.base**-expr.exp)}))"
             return super()._print_Pow(expr, rational=rational)
 
+        def _print_NaN(self, expr: Any) -> str:
+            return "(1e999 - 1e999)"
+
     python = Quotients({"fully_qualified_modules": False})
     products = create_expand_pow_optimization(HIGHEST_POWER, base_req=lambda base: True)
 
@@ -154,7 +157,8 @@ def printed(expressions: Sequence[Any], in_c: bool = False) -> tuple[list[str], 
         one = products(one)
         return " ".join(sp.ccode(one).split()) if in_c else python.doprint(one)
 
-    finite = [sp.sympify(one).replace(sp.log, without_overflow) for one in expressions]
+    # what is divided by 0 in every state is no number: checks of a start then refuse it with its entry
+    finite = [sp.sympify(one).xreplace({sp.zoo: sp.nan}).replace(sp.log, without_overflow) for one in expressions]
     shared, left = sp.cse(finite, sp.numbered_symbols("_"))
 
     def is_condition(one: Any) -> bool:

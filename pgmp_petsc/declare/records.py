@@ -36,6 +36,7 @@ import h5py
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.units import inverse
 from pgmp_petsc.declare.values import Lazy, check_known, check_shape, converted, n_dimensions, units_in
 from pgmp_petsc.files.hdf5 import TEXT, RunRecord, open_file, put, shapes_of, take, take_each, write_file
 
@@ -154,7 +155,7 @@ class Context(NamedTuple):
             around = around.outer
         if around is not None:
             unit = around.own.units.get(key, "1")
-            words |= {"unit": unit, "per_unit": "1" if unit == "1" else f"1/{unit}"}
+            words |= {"unit": unit, "per_unit": inverse(unit)}
         words |= entry.keys.get(key, {})
         if entry.words is not None:
             words |= entry.words(self.own, key, self)

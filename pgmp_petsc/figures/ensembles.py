@@ -18,14 +18,16 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from pgmp_petsc.base.errors import InputError, counted, nearest_name
+from pgmp_petsc.base.units import inverse
 from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.results import Band, Ensemble, Statistics
-from pgmp_petsc.results.numbers import behind
+from pgmp_petsc.results.numbers import behind, interval_text, number_text
 from pgmp_petsc.results.statistics import RareEvent, Sensitivity
 
 LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
 NOTE_SIZE, NOTE_LENGTH = 8.5, 42  # of the letters there, points, and for how many there is room beside the last panel
+MOST_DIGITS = 8  # of a mean beside its interval
 DASHES = (0, (4, 3))
 BAND = "#F3F3F3"
 N_PLACES = 400  # of a density
@@ -119,7 +121,8 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
     axes.set_ylim(0.0, 1.08 * max(height.max() for height in heights) or 1.0)
     axes.set_title(name, pad=8.0 + LINES * LINE_POINTS * len(known))
     axes.yaxis.set_major_formatter(style.PlainNumbers())
-    axes.set_ylabel("density" if unit in ("", "1") else f"density (1/{unit})")
+    axes.set_ylabel(style.axis_label("density", inverse(unit)))
+    axes.yaxis.set_visible(any(map(np.any, heights)))  # what is constant has no density
     _write_moments(axes, known, colours, factor, unit)
     if len(block) > 1:
         axes.tick_params(labelbottom=False)
@@ -136,9 +139,13 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
 def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[str], factor: float, unit: str) -> None:
     """Write mean and standard deviation with their intervals above the axes, two lines for each ensemble."""
     shown = behind(unit)
+
+    def figure(value: float, ends: np.ndarray) -> str:
+        shown = number_text(factor * value, factor * ends, MOST_DIGITS)
+        return f"{shown} {interval_text(factor * ends)}" if ends[1] > ends[0] else shown
+
     for number, (one, colour) in enumerate(zip(known, colours)):
-        mean = _with_interval(factor * one.mean, factor * one.mean_interval)
-        std = _with_interval(factor * one.std, factor * one.std_interval)
+        mean, std = figure(one.mean, one.mean_interval), figure(one.std, one.std_interval)
         spread = f"deviation {std}{shown}" if np.isfinite(one.std) else "no deviation"
         spread = "constant" if one.constant else spread
         text = f"mean {mean}{shown}\n{spread}, N = {one.count}"
@@ -154,15 +161,6 @@ def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[st
         )
         # a long line must not narrow the panels
         note.set_in_layout(False)
-
-
-def _with_interval(value: float, ends: np.ndarray) -> str:
-    """Return a value with as many decimals as two digits of its interval's width have: ``5.601 [5.583, 5.619]``."""
-    width = float(ends[1] - ends[0])
-    decimals = max(0, 1 - int(np.floor(np.log10(width)))) if np.isfinite(width) and width > 0.0 else 13
-    if decimals >= 13:
-        return f"{value:.5g}"
-    return f"{value:.{decimals}f} [{ends[0]:.{decimals}f}, {ends[1]:.{decimals}f}]"
 
 
 def values_of(ensemble: Ensemble, name: str) -> np.ndarray:

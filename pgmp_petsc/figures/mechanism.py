@@ -277,7 +277,7 @@ def ends(cells: np.ndarray) -> np.ndarray:
 
 
 N_INSTANTS = 14
-WIDTH = 8.6
+WIDTH, LEAST_WIDTH = 8.6, 5.0
 
 
 @style.styled
@@ -299,10 +299,11 @@ def mechanism(
     chosen = np.unique(np.linspace(0, len(frames.time) - 1, n_instants).round().astype(int))
 
     low, high = shapes.limits
-    # The width that labels and the colour bar leave sets the height: equal scales then fill the picture.
-    height = (WIDTH - 1.6) * (high - low)[1] / (high - low)[0]
+    # Width beside labels and the colour bar, and height, have the ratio of the shapes: equal scales fill the picture.
+    ratio = (high - low)[1] / (high - low)[0]
+    width, height = np.clip(8.0 / ratio + 1.6, LEAST_WIDTH, WIDTH), np.clip((WIDTH - 1.6) * ratio, 2.0, 8.0)
     keys = shapes.keys()
-    figure = style.new_figure(WIDTH, float(np.clip(height, 2.0, 8.0)) + 1.2 + (0.24 if keys else 0.0))
+    figure = style.new_figure(float(width), float(height) + 1.2 + (0.24 if keys else 0.0))
     axes = figure.subplots()
     colours = TimeColours.over(frames.time)
     shapes.draw_paths(axes)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -81,19 +81,20 @@ def build_rom(
     Where the scene gives no number of modes, and its default cannot be followed, fewer are taken. Raises `InputError`
     and `RunError` on all ranks, whichever rank met it.
     """
+    check_capabilities(scene, Purpose.BUILD, meshes)
+
+    def built(own: Scene, shapes: Mapping[str, BodyShape], *of_lengths: Any) -> ReducedOrderModel | None:
+        return _condensed_and_built(own, shapes, group, _Way(scramble, checkpoint, *of_lengths))
+
     if length_names(scene):
-        check_capabilities(scene, Purpose.BUILD, meshes)
-        # checkpoints are of one mechanism
-        return build_over_lengths(
-            scene,
-            meshes,
-            lambda own, shapes, *given: _condensed_and_built(own, shapes, group, _Way(scramble, None, *given)),
-            group.world,
-        )
-    way, tried = _Way(scramble, checkpoint), scene
+        checkpoint = None  # it is of one mechanism
+    tried = scene
     while True:
         try:
-            return _condensed_and_built(tried, meshes, group, way)
+            found = (
+                build_over_lengths(tried, meshes, built, group.world) if length_names(scene) else built(tried, meshes)
+            )
+            break
         except NotFollowed as error:
             _, n_modes = error.args
             if "modes" in scene.reduction.model_fields_set or not 0 < n_modes < tried.reduction.modes:
@@ -103,7 +104,10 @@ def build_rom(
             "cannot be followed over the configurations; more reduction.angles may let them"
         )
         tried = scene.with_entries(reduction={"modes": n_modes}).with_remarks((*scene.remarks, fewer))
-        way = _Way(scramble, None, given=scene)  # what was finished is of other modes
+        checkpoint = None  # what was finished is of other modes
+    if found is None or tried is scene:
+        return found
+    return replace(found, record=replace(found.record, scene_toml=scene_to_toml(scene)))
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,6 @@ class _Way:
     checkpoint: BuildCheckpoint | None
     samples: SampleGrid | None = None  # its configurations, or the first of them; None leaves them to the scene
     points: ParameterPoints | None = None  # parameter values whose vectors extend the basis; None searches them
-    given: Scene | None = None  # whose model it is called, where fewer modes are taken than it has by default
 
 
 def _condensed_and_built(
@@ -124,7 +127,6 @@ def _condensed_and_built(
     """As `build_rom`, with the lengths of the scene's run."""
     timings = Timings()
     with timings.phase("components"):
-        check_capabilities(scene, Purpose.BUILD, meshes)
         meshes = condensed(scene, meshes, group, way.checkpoint)
     with angle_group(meshes, group) as angles:
         with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
@@ -222,7 +224,7 @@ class _Build:
             *found.rounds.remarks(found.samples, basis),
             *_few_vectors(scene.reduction.parameter_modes, n_parameter),
         )
-        toml, nominal = scene_to_toml(self._way.given or scene), own_values(scene, scene.nominal)
+        toml, nominal = scene_to_toml(scene), own_values(scene, scene.nominal)
         return ReducedOrderModel(
             tables=tables,
             branch=kinematics.branch,

@@ -65,7 +65,8 @@ def build_over_lengths(
         try:
             return build(own, at_lengths(own, meshes), samples, there)
         except (InputError, RunError) as error:
-            raise type(error)(f"at {values_text(scene, values)}: {error}") from error
+            error.args = (f"at {values_text(scene, values)}: {error}", *error.args[1:])
+            raise
 
     nominal_lengths = {name: scene.nominal[name] for name in grid.names}
     everywhere, samples, points, said = scene, None, None, ()
@@ -214,7 +215,12 @@ def _joined(
     own, n_modes = family.at(scene.with_values(values), nominal), nominal.frequencies_hz.shape[1]
     ours, theirs = (model.tables.frequencies_hz(scene.nominal)[:, :n_modes] for model in (own, exact))
     blended = sum(share * member.rigid_inertia for share, member in zip(grid.shares(values), family.members))
-    inertia = np.max(np.abs(blended - exact.rigid_inertia), axis=0) / np.max(np.abs(exact.rigid_inertia), axis=0)
+    off, largest = (np.abs(part).max(axis=0) for part in (blended - exact.rigid_inertia, exact.rigid_inertia))
+    # what couples two coordinates is at most the geometric mean of their own, and may vanish
+    rows, columns = np.tril_indices(nominal.tables.n_coordinates)
+    own_inertia = np.sqrt(largest[:, rows == columns])
+    most = own_inertia[:, rows] * own_inertia[:, columns]
+    inertia = np.divide(off, most, out=np.zeros(off.shape), where=most > 0.0)
     check = LengthCheck(dict(values), float(np.max(np.abs(ours / theirs - 1.0))), float(np.max(inertia)))
     family = replace(family, check=check)
     indefinite = indefinite_between(family.merged(nominal).tables, scene, *spanning_values(scene))

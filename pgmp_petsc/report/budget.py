@@ -553,7 +553,7 @@ def headline_of_build(path: Path) -> str:
     """Return what was chosen for a reduced model and how long it took."""
     build = Build.read(path)
     chosen = {} if build.selection is None else dict(build.selection.chosen)
-    what = ", ".join(f"{name} = {value}" for name, value in chosen.items()) or "as the scene says"
+    what = ", ".join(f"{name} = {value}" for name, value in chosen.items()) or "sized without a tolerance"
     return f"{what}; {plain(sum(build.record.timings.values()), 3)} s{_remarks(build.record)}"
 
 

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from pgmp_petsc.base.errors import counted
+from pgmp_petsc.base.units import inverse
 from pgmp_petsc.figures.ensembles import COLOURS, N_PLACES, draw_indices, kernel_density, pairs_of
 from pgmp_petsc.figures.loads import DIAGRAMS
 from pgmp_petsc.figures.style import PALETTE, QUIET, PlainNumbers, axis_label, axis_unit, new_figure, span, styled
@@ -162,7 +163,8 @@ def output_over_time(
     if band is not None:
         pairs, _ = pairs_of(band.probabilities)
         ends = ", ".join(f"{100 * band.probabilities[a]:g} to {100 * band.probabilities[b]:g} %" for a, b in pairs)
-        caption = f"Areas: {ends} of {counted(band.count, 'sample')}. {beyond}".rstrip()
+        of, at = counted(band.count, "sample"), counted(len(band.time), "instant")
+        caption = f"Areas: {ends} of {of}, at {at}. {beyond}".rstrip()
     drawn = chart(draw, name, caption, over_time=True, output=name)
     return replace(drawn, factor=factor, unit="" if shown == "1" else shown)
 
@@ -194,7 +196,7 @@ def distribution(
         axes.set_ylim(bottom=0.0)
         axes.yaxis.set_major_locator(MaxNLocator(4))
         axes.yaxis.set_major_formatter(PlainNumbers())
-        axes.set_ylabel("density" if shown in ("", "1") else f"density (1/{shown})")
+        axes.set_ylabel(axis_label("density", inverse(shown)))
         # numbers that differ in a late digit are long
         narrow = np.ptp(places) < NARROW * np.abs(places).max()
         axes.xaxis.set_major_locator(MaxNLocator(2 if narrow else 5))

@@ -258,12 +258,10 @@ def _statistics(source: Source, several: bool) -> Table:
     head += [f"{100 * p:g} %" for p in first.probabilities]
     rows: list[list[Sentence]] = []
     names = [name for name in ensemble.statistics if name not in ensemble.parameters]
+    drawn = [name for name in ensemble.parameters if name in ensemble.statistics]
     of_all = {*names} - {*ensemble.first_passages} if ensemble.status.any() else {}
-    for name in (*names, *ensemble.parameters):
-        s, title = ensemble.statistics.get(name), _title(ensemble, name)
-        if s is None:
-            rows.append([[title], ["not known"], *([[]] * (len(head) - 2))])
-            continue
+    for name in (*names, *drawn):
+        s, title = ensemble.statistics[name], _title(ensemble, name)
         mean, factor, unit = mean_of(source, name)
         place = Place(source.name, f"/statistics/{name}")
         title += unit and f" ({unit.strip()})"

@@ -118,7 +118,7 @@ class Place:
         self, name: str, value: float, interval_name: str, ends: np.ndarray, factor: float, index: str = ""
     ) -> list[str | Datum | Interval]:
         """Return a figure and its interval, ``5.8 [4.5, 7.4]``, in a unit of which the file's has `factor`."""
-        shown = self.datum(name, value, number_text(factor * float(value), factor * ends, 6), index)
+        shown = self.datum(name, value, number_text(factor * float(value), factor * ends, 8), index)
         if np.isnan(ends).any() or np.isinf(ends).all():
             return [shown, " [unknown]"]
         low, high = self.ends(interval_name, ends, factor, index, value)

@@ -242,13 +242,8 @@ def _of_run(run: Trajectory) -> Columns:
 
 def _of_ensemble(ensemble: Ensemble) -> Columns:
     columns: Columns = {"sample": ("1", np.arange(len(ensemble.status))), "status": ("1", ensemble.status)}
-    of_parameters = {  # an output may have the name of a parameter
-        f"parameter.{name}" if name in ensemble.outputs else name: (name, values)
-        for name, values in ensemble.parameters.items()
-    }
-    of_outputs = {name: (name, values) for name, values in ensemble.outputs.items()}
-    for label, (name, values) in (of_parameters | of_outputs).items():
-        columns[label] = (ensemble.units.get(name, "1"), values)
+    for name, values in (*ensemble.parameters.items(), *ensemble.outputs.items()):
+        columns[name] = (ensemble.units.get(name, "1"), values)
     for key, values in ensemble.extremes.items():
         name, _, which = key.rpartition("/")
         columns[f"{name}.{which}"] = ("s" if which.startswith("time") else ensemble.units.get(name, "1"), values)

@@ -106,7 +106,8 @@ def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
         plugin = "" if "did you mean" in choice else "; if a plugin has it, give --plugin FILE.py"
         return problem(f"{entry}.{key}", choice + plugin, received[key])
     if kind == "literal_error":
-        return problem(entry, _choice(received, re.findall(r"'([^']*)'", context["expected"])), received)
+        allowed = [one.strip("'") for one in re.split(", | or ", context["expected"])]
+        return problem(entry, _choice(received, allowed), received)
     if kind == "refusal":  # by one of the scene's own validators, perhaps on account of one key of a table
         received = _NOTHING if location[-1] == KEY_MARK else received
         if context["key"]:

@@ -352,8 +352,8 @@ DEGREES, FEW_TURNS = 5.0, 25.0  # angles in degrees are multiples of 5 as a rule
 
 def reference_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each entry that does not fit the others."""
-    checks = (_bodies, _joints, _coordinates, effect_problems, _outputs, _initial_states, _parameter_uses, _vectors)
-    for check in (*checks, _in_space if scene.dimension == 3 else _in_the_plane):
+    checks = (_bodies, _joints, _coordinates, effect_problems, _outputs, _names_of_results, _initial_states)
+    for check in (*checks, _parameter_uses, _vectors, _in_space if scene.dimension == 3 else _in_the_plane):
         yield from check(scene)
 
 
@@ -411,11 +411,10 @@ def _joints(scene: AnyScene) -> Iterator[str]:
                 yield from joint.elastic.problems(scene.dimension, f"joints.{name}.elastic")
             if joint.clearance is not None:
                 yield from _loose(scene, name, joint)
-            if joint.gives_way and name in scene.effects:
-                words = (
-                    f"joints.{name} has {joint.gives_way}, and its forces have this name; give the effect another one"
-                )
-                yield problem(f"effects.{name}", words)
+            for kind in ("effects", "controllers") if joint.gives_way else ():
+                if name in getattr(scene, kind):
+                    words = f"joints.{name} has {joint.gives_way}, and its forces have this name; take another one"
+                    yield problem(f"{kind}.{name}", words)
 
 
 def _loose(scene: AnyScene, name: str, joint: JointEntry) -> Iterator[str]:
@@ -486,12 +485,17 @@ def _joint_of_coordinate(
 _OWN = {"time": "instants", "sample": "the numbers of samples", "status": "what became of samples"}
 
 
+def _names_of_results(scene: AnyScene) -> Iterator[str]:
+    tables = {"outputs": scene.outputs, "parameters": scene.parameters}
+    for kind, table in (tables | {"ensemble.probabilities": scene.ensemble.probabilities}).items():
+        for name in [one for one in _OWN if one in table]:
+            yield problem(f"{kind}.{name}", f"results keep {_OWN[name]} under this name; take another one")
+
+
 def _outputs(scene: AnyScene) -> Iterator[str]:
     for name, output in scene.outputs.items():
         if name in scene.parameters:
             yield problem(f"outputs.{name}", "a parameter has the same name; give the output another one")
-        if name in _OWN:
-            yield problem(f"outputs.{name}", f"results keep {_OWN[name]} under this name; give the output another one")
         yield from _place_problems(scene, f"outputs.{name}", output)
         for other, key in output.made_in(scene).items():
             if other not in scene.outputs:
@@ -538,9 +542,6 @@ SIGNS = {
 
 
 def _parameter_uses(scene: AnyScene) -> Iterator[str]:
-    for name, what in _OWN.items():
-        if name in scene.parameters:
-            yield problem(f"parameters.{name}", f"results keep {what} under this name; give the parameter another one")
     for use in uses_of(scene):
         parameter, (must, is_wrong) = scene.parameters.get(use.parameter), SIGNS[use.sign]
         if use.parameter is not None and parameter is None:

@@ -69,7 +69,8 @@ build_command() {
     local scene
     needed SCENE ROM
     of_its_own ROM
-    scene=$(indexed SCENE) output=$(indexed ROM)
+    scene=$(indexed SCENE)
+    output=$(indexed ROM)
     command=("$pgmp" build "$scene" -o "$output")
     resume_if_stopped
 }
@@ -81,7 +82,8 @@ montecarlo_command() {
     needed ROM SAMPLES
     [[ $seed =~ ^[0-9]+$ ]] || fail "SEED = $seed: needed: a whole number, 0 or more"
     seed=$((10#$seed))
-    rom=$(indexed ROM) samples=$(indexed SAMPLES)
+    rom=$(indexed ROM)
+    samples=$(indexed SAMPLES)
     name=${rom%.h5}
     if [ -n "${SHARDS:-}" ]; then
         [ -n "${array_index:-}" ] || fail "SHARDS = $SHARDS: needed: an array of jobs, one a shard, from 1 to $SHARDS"
@@ -103,7 +105,8 @@ montecarlo_command() {
 resume_if_stopped() {
     local text
     text=$(indexed EXTRA)
-    mapfile -t extra < <(xargs -r printf '%s\n' <<<"$text")
+    text=$(xargs -r printf '%s\n' <<<"$text" 2>/dev/null) || fail "EXTRA = $EXTRA: quotes do not match"
+    [ -z "$text" ] || mapfile -t extra <<<"$text"
     if [ -e "$output.partial" ]; then
         resumed=true
         command+=(--resume)
@@ -211,6 +214,7 @@ keep_time() {
     left=$(seconds_of "$1")
     lead=${LEAD:-$((left < 480 ? left / 4 : 120))}
     [[ $lead =~ ^[0-9]+$ ]] || fail "LEAD = $lead: needed: a number of seconds"
+    lead=$((10#$lead))
     seconds=$((left - lead))
     [ "$seconds" -gt 0 ] || fail "LEAD = $lead: the job has $left s in all; give it more, or a smaller LEAD"
     echo "$left s left; the command is stopped after $seconds s"

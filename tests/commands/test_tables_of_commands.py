@@ -82,12 +82,7 @@ def test_frequencies_and_settings_as_tables(tmp_path: Path) -> None:
     assert table(tmp_path / "study.csv")["setting"] == [study.name(row) for row in range(len(study.families))]
 
 
-def test_an_output_named_like_a_parameter_keeps_both() -> None:
-    ensemble = synthetic.ensemble(n_samples=5, n_failed=0)
-    object.__setattr__(ensemble, "outputs", {"r1": ensemble.outputs["crank_angle"]})
-    columns = columns_of(ensemble)
-    np.testing.assert_array_equal(columns["parameter.r1"][1], ensemble.parameters["r1"])
-    np.testing.assert_array_equal(columns["r1"][1], ensemble.outputs["r1"])
+def test_what_has_no_columns_is_no_table() -> None:
     with pytest.raises(TypeError, match="list has no table"):
         columns_of([])
 

@@ -31,6 +31,7 @@ joints.pin.elastic={reference=[[1.0,0.0]],stiffness=[1e6,1e6]} -> joints.pin.ela
 joints.pin.offset={place=[1e-4,0.0]} -> joints.pin.offset: a joint has offset or clearance, not both
 joints.pin.type="fixed" -> joints.pin.clearance: a joint of type fixed has none; those that have are | revolute
 effects.pin={type="gravity"} -> effects.pin: joints.pin has clearance, and its forces have this name
+controllers.pin={type="pid", joint="main", measures="theta", gains={p=1.0}} -> controllers.pin: joints.pin has clearance
 """)
 
 

@@ -275,10 +275,16 @@ reduction: angles = 5
 """)
 
 
-def test_fewer_modes_are_taken_where_the_default_cannot_be_followed() -> None:
-    """The number is said, and the file is that of the scene; a number that is given is refused with one that can."""
-    scene, asked = (scene_from_toml(_GANTRY, ".", changes) for changes in ((), ["reduction.modes=15"]))
-    fewer, found = built_rom(scene_from_toml(_GANTRY, ".", ["reduction.modes=14"])), built_rom(scene)
+@pytest.mark.parametrize("drawn", (False, True))
+def test_fewer_modes_are_taken_where_the_default_cannot_be_followed(drawn: bool) -> None:
+    """The number is said, and the file is that of the scene; a number that is given is refused with one that can. So
+    where a length has a distribution."""
+    toml = _GANTRY
+    if drawn:
+        toml += '[parameters.span]\nnominal = 0.5\ndistribution = { name = "uniform", loc = 0.49, scale = 0.02 }\n'
+        toml = toml.replace("length = 0.5, elements = 8, start = -0.25", 'length = "span", elements = 8, start = -0.25')
+    scene, asked = (scene_from_toml(toml, ".", changes) for changes in ((), ["reduction.modes=15"]))
+    fewer, found = built_rom(scene_from_toml(toml, ".", ["reduction.modes=14"])), built_rom(scene)
     np.testing.assert_array_equal(found.frequencies_hz, fewer.frequencies_hz)
     np.testing.assert_array_equal(found.tables.stiffness, fewer.tables.stiffness)
     assert found.record.scene_toml == scene_to_toml(scene)

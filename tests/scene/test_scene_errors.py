@@ -94,6 +94,7 @@ bodies.crank.element='beam4d' -> = "beam4d": unknown; did you mean 'beam3d'? (al
 outputs.slider_position.axis='w' -> = "w": unknown (allowed: x, y, z)
 outputs.slider_position.axis='z' -> = "z": x or y is needed in the plane
 outputs.slider_position.axis=1 -> = 1: unknown (allowed: x, y, z)
+outputs.speed={type="rate", of="crank_angle", order=3} -> .order = 3: unknown (allowed: 1, 2)
 outputs.v={type="speed",point="rod:tip",axis="x",motion="turning"} -> outputs.v.motion = "turning": without effect, as \
     no joint is named; leave it out
 effects.e={type="law",points=["rod:tip","ground:origin"],motion="turning",force="-s"} -> effects.e.motion = "turning": \
@@ -158,9 +159,10 @@ coordinates.theta={points=['ground:origin', 'ground:origin'], range=[-1, 1]} -> 
 coordinates.phi={joint='crank_hinge', range=[-1, 1]} -> coordinates.phi.joint = "crank_hinge": coordinates.theta has the
 effects.motor.joint='motor' -> = "motor": there is no such point_on_beam, point_on_line or revolute joint; known
 outputs.crank_angle.joint='slidr' -> = "slidr": there is no such point_on_beam, point_on_line or revolute joint; did
-outputs.time={type="angle", joint="crank_hinge"} -> : results keep instants under this name; give the output
+outputs.time={type="angle", joint="crank_hinge"} -> : results keep instants under this name; take another one
 outputs.status={type="angle", joint="crank_hinge"} -> : results keep what became of samples under this name
-parameters.sample={nominal=1.0} -> : results keep the numbers of samples under this name; give the parameter
+ensemble.probabilities.status={output="crank_angle", above=1.0} -> : results keep what became of samples under
+parameters.sample={nominal=1.0} -> : results keep the numbers of samples under this name; take another
 outputs.slider_position.point='rd:tip' -> = "rd:tip": there is no body 'rd'; did you mean 'rod'?
 outputs.slider_position.point='ground:origin' -> = "ground:origin": a point of a body is needed; the ground does not
 simulation.initial.thet={} -> : there is no such coordinate; did you mean 'theta'?

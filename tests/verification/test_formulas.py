@@ -167,6 +167,7 @@ def test_long_and_deep_formulas_are_refused_at_once() -> None:
 AT_START = {
     "1 / s": "it is not finite at the start, where s = 0, v = 0 and t = 0",
     "log(s)": "it is not finite at the start",
+    "s / (s - s)": "it is not finite at the start",
     "s ** 1.5 + 1 / t": "it is not finite at the start",
 }
 
