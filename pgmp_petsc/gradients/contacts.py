@@ -34,6 +34,7 @@ from pgmp_petsc.stepping.second_order_system import Scheme, State
 
 GRAZING = 1e-3  # of a step: within so little time no run tells a path that meets the edge from one that does not
 RETRACED = 1e-8  # in rad or of the mechanism's size: the iterations of run and search leave 1e-11 a step
+IN_PARTS = 1e-10  # in the same, that a step's equations are off by, far above round-off: those of its parts hold
 TINY = 1e-300
 
 
@@ -71,10 +72,11 @@ class Contacts:
         self._radius, self._step = model.scene.simulation.spectral_radius, times[-1] / (len(times) - 1)
         self._free = ~model.terms.tables.prescribed(model.motions)
         self._beyond = linearisation.depths(times, states) > 0.0
+        self._in_parts = self._taken_in_parts()
         self._location: EventLocation | None = None
         self._known = 0, auxiliary  # an instant, and the auxiliary accelerations there
         self.found: list[Contact] = []
-        if (self._beyond[1:] != self._beyond[:-1]).any():
+        if self._in_parts.any() or (self._beyond[1:] != self._beyond[:-1]).any():
             system = model.batch({name: np.array([value]) for name, value in values.items()}, 1)
             self._location = EventLocation(system, AlphaStep(system, self._radius), _at(states, 0))
 
@@ -82,8 +84,24 @@ class Contacts:
         """Return the number of the first instant, from one on, whose step crosses an edge; n_t where there is none."""
         if self._location is None:
             return len(self._times)
-        crossing = np.flatnonzero((self._beyond[first:] != self._location.beyond[:, 0]).any(axis=1))
+        met = (self._beyond[first:] != self._location.beyond[:, 0]).any(axis=1)
+        crossing = np.flatnonzero(met | self._in_parts[first:])
         return first + int(crossing[0]) if crossing.size else len(self._times)
+
+    def _taken_in_parts(self) -> np.ndarray:
+        """Return which instants end a step that was taken in parts, (n_t,): an edge that is met and left within one is
+        not seen at its ends. Of a step as a whole a sum of the scheme's three equations holds in which there are no
+        auxiliary accelerations."""
+        scheme, h, free = Scheme.of(self._radius, 1.0), self._step, self._free
+        of_auxiliary = [
+            [0.5 - scheme.beta, 1.0 - scheme.gamma, scheme.alpha_m],
+            [scheme.beta, scheme.gamma, 1.0 - scheme.alpha_m],
+        ]
+        by_q, by_v, by_a = np.linalg.svd(of_auxiliary)[2][-1]
+        q, v, a = (part[:, free] for part in (self._states.q, self._states.v, self._states.a))
+        off = by_q * (np.diff(q, axis=0) - h * v[:-1]) + by_v * h * np.diff(v, axis=0)
+        off += by_a * h * h * ((1.0 - scheme.alpha_f) * a[1:] + scheme.alpha_f * a[:-1])
+        return np.append(False, (np.abs(off) * self._model.terms.scale[free] > IN_PARTS).any(axis=1))
 
     def through(self, number: int, moment: np.ndarray) -> np.ndarray:
         """Take the sensitivities through the step up to the instant of that number, as `following` gives it; return

@@ -89,10 +89,11 @@ class Stopping(Record):
 
 
 def reach_of(estimates: np.ndarray, intervals: np.ndarray, relative: np.ndarray | bool) -> np.ndarray:
-    """Return half the widths of intervals (..., 2), as a share of the size of their figures (...) where relative."""
+    """Return half the widths of intervals (..., 2), as a share of the size of their figures (...) where relative; 0 of
+    what is the same in all samples."""
     with np.errstate(all="ignore"):
         half = 0.5 * (intervals[..., 1] - intervals[..., 0])
-        reach = np.where(relative, half / np.abs(estimates), half)
+        reach = np.where(relative & (half != 0.0), half / np.abs(estimates), half)
     return np.where(np.isfinite(reach), reach, np.inf)
 
 

@@ -117,6 +117,12 @@ def test_several_rules_stop_where_all_are_met(scene: Scene) -> None:
     assert ends[0] < ends[1] == ends[2]
 
 
+@pytest.mark.parametrize("rule", ["std(crank_angle) < 5 %", "mean(crank_angle) < 1 %", "mean(crank_angle) +- 1e-9"])
+def test_what_is_the_same_in_all_samples_is_known(scene: Scene, rule: str) -> None:
+    """No further sample tells more; all of -n were taken, and the figure was said to be unknown."""
+    assert [seen.n for seen in stop_of(scene, (rule,), np.zeros(1000), 1000)] == [64]
+
+
 def test_a_rule_that_is_not_met_says_what_was_reached(scene: Scene) -> None:
     rule = "std(crank_angle) < 1 %"
     history = stop_of(scene, (rule,), np.random.default_rng(10).normal(size=200), 200)

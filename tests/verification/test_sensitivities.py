@@ -439,6 +439,19 @@ def test_a_path_that_grazes_a_stop_is_refused_with_its_name_and_instant(bouncing
     assert run.contacts[0].turning == pytest.approx(np.sqrt(2.0 * beyond / slowing), rel=2e-2)
 
 
+def test_contacts_that_no_end_of_a_step_shows_are_found(
+    bouncing: ReducedModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such as one that vibrations take back within a step: the scheme's equations do not hold over it."""
+    expected, depths = differentiate(bouncing, bouncing.scene.values, ["k"]), Linearisation.depths
+    monkeypatch.setattr(Linearisation, "depths", lambda *arguments: -np.abs(depths(*arguments)))
+    found = differentiate(bouncing, bouncing.scene.values, ["k"])
+    assert [contact.time for contact in found.contacts] == pytest.approx([one.time for one in expected.contacts])
+    slope = expected.derivatives["angle"]["k"]
+    # a step that is retraced is iterated to 1e-11, not to round-off
+    np.testing.assert_allclose(found.derivatives["angle"]["k"], slope, rtol=0, atol=1e-8 * np.abs(slope).max())
+
+
 def test_a_step_that_cannot_be_retraced_is_said(bouncing: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
     parts = EventLocation.parts
 
