@@ -611,7 +611,8 @@ def test_an_ensemble_is_dots_and_bars_where_a_run_swings_between_its_instants() 
     for frequency, swings in ((1.0, False), (15.0, True)):
         run = Curve("run", "reduced", time, np.sin(2.0 * np.pi * frequency * time))
         chart = output_over_time("x", "m", [run], band, "reduced", None)
-        told = "at 21 instants" + "; ".join([", between which the run goes to and fro", "a larger"] if swings else ["."])
+        told = "at 21 instants"
+        told += "; ".join([", between which the run goes to and fro", "a larger"] if swings else ["."])
         assert told in chart.caption
 
 
