@@ -146,7 +146,8 @@ FEATURES = {
     ),  # fmt: skip
     "structural damping": ('effects.x={{type="structural_damping",stiffness=1e-5,mass=0.1}}',),
     "modal damping": ('effects.x={{type="structural_damping",ratios=[0.01,0.01]}}',),
-    "prescribed motion": ('effects.x={{type="prescribed_motion",coordinate="{theta}",spin_up={{speed=2.0,time=0.5}}}}',),
+    "prescribed motion": (
+        'effects.x={{type="prescribed_motion",coordinate="{theta}",spin_up={{speed=2.0,time=0.5}}}}',),
     "stiffening": ('effects.x={{type="geometric_stiffening"}}', 'effects.y={{type="mode_inertia"}}'),
     "gyroscopic": ('effects.x={{type="gyroscopic",keep=false}}',),
     "second order": ("reduction.second_order=true",),

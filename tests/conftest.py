@@ -69,6 +69,7 @@ PGMP = ("-m", "pgmp_petsc.cli.main")
 # is left out where nobody asks for it, so that the suite ends within half an hour; `scripts/test --thorough` has it.
 THOROUGH = (
     "hard_cases/test_revolutions.py::test_energy_is_kept_without_damping[100-",
+    "parallel/test_results_of_ranks.py::test_results_are_those_of_one_rank[3-effects",
     "parallel/test_results_of_ranks.py::test_results_are_those_of_one_rank[3-settled",
     "parallel/test_results_of_ranks.py::test_results_are_those_of_one_rank[3-springs",
     "parallel/test_results_of_ranks.py::test_results_are_those_of_one_rank[3-model in space",
@@ -88,7 +89,6 @@ THOROUGH = (
     "verification/test_component_stiffening.py::test_a_slider_crank_is_that_of_the_mesh[solids]",
     "verification/test_damping_and_drives.py::test_the_decay_of_a_mode[both]",
     "verification/test_damping_and_drives.py::test_the_decay_of_a_mode[mass]",
-    "verification/test_effects_full.py::test_all_effects_together_on_several_ranks[3]",
     "verification/test_couplings.py::test_reduced_runs_are_those_of_full_order_and_of_c[gear]",
     "verification/test_error_indicator.py::test_estimates_are_within_a_factor_of_the_true_errors[sudden step]",
     "verification/test_error_indicator.py::test_the_scene_is_within_the_factor_on_nearly_all_of_many_samples[false]",
@@ -100,7 +100,6 @@ THOROUGH = (
     "verification/test_exported.py::test_component_models[scara]",
     "verification/test_exported.py::test_it_runs_as_the_program[two coordinates]",
     "verification/test_exported.py::test_loads_that_set_in_at_once[0.0005-2.0-2]",
-    "verification/test_full_order.py::test_the_distributed_model_on_several_ranks_with_a_turning_line[5]",
     "verification/test_grid_tables.py::test_the_order_in_the_angle_spacing[overhauser-3.0]",
     "verification/test_joint_forces.py::test_a_reduced_model_against_the_full_order_one[by a torque]",
     "verification/test_modal_damping.py::test_what_it_takes_is_what_is_lost[solids in space]",

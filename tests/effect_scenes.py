@@ -225,3 +225,36 @@ def linear_mode(scene: Scene, clamped: int, number: int) -> tuple[float, np.ndar
     shape = np.zeros(n)
     shape[free] = vectors[:, number]
     return float(np.sqrt(squares[number])), shape / np.abs(shape).max()
+
+
+#: Effects of every kind, on beams and on what is rigid between them.
+EVERYTHING = (
+    CANTILEVER.split("[effects.hold]")[0]
+    + tables("""
+ground.points: anchor = [0.4, 0.9]
+bodies.pendant: line = { length = 0.4, elements = 2 }; element = "beam2d"; flexible = false;
+    section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 };
+    placement = { origin = [1.0, 0.0], angle = -0.5 }
+[bodies.tail]
+line = { length = 0.4, elements = 3 }
+element = "beam2d"
+section = { shape = "coefficients", axial = 1e4, shear = 1e4, bending = 5.0, line_density = 1.0, rotary_density = 1e-4 }
+placement = { origin = [1.351, -0.1918], angle = -0.9 }
+joints.weld: type = "fixed"; connect = ["beam:tip", "pendant:hinge"]
+joints.second_weld: type = "fixed"; connect = ["pendant:tip", "tail:hinge"]
+effects.motor: type = "torque"; joint = "hub"; harmonic = { amplitude = 2.0, frequency_hz = 3.0 }
+effects.jet: type = "force"; point = "pendant:tip"; direction = [0.0, 1.0]; follows = true;
+    table = [[0.0, 0.0], [0.2, 1.0]]
+effects.rope: type = "force"; point = "beam:tip"; towards = "ground:anchor"; table = [[0.0, 0.5], [0.2, 0.5]]
+effects.weight: type = "gravity"
+effects.bob: type = "point_mass"; point = "pendant:tip"; mass = 0.2
+effects.lump: type = "point_mass"; point = "beam:middle"; mass = 0.3; inertia = 0.01
+effects.oil: type = "joint_damping"; joint = "hub"; coefficient = 0.1
+effects.rub: type = "joint_friction"; joint = "hub"; limit = 0.1; speed = 0.2
+effects.spring: type = "spring_damper"; points = ["ground:anchor", "tail:tip"]; stiffness = 3.0; damping = 0.1;
+    rest = 0.5
+effects.loss: type = "structural_damping"; bodies = ["beam"]; stiffness = 1e-3; mass = 0.2; ratios = [0.05, 0.02]
+effects.stop: type = "end_stop"; joint = "hub"; lower = -0.05; stiffness = 300.0; damping = 0.2
+""")
+    + run_of(0.2, STEP, 0.8)
+)

@@ -91,6 +91,15 @@ class CartAndPole:
         return solve_ivp(rates, (0.0, times[-1]), start, "DOP853", times, rtol=1e-10, atol=1e-12).y[:2]
 
 
+#: Each acts on one joint, and hangs on the other: a torque and a formula, forces along a joint and at a point.
+ACROSS = (
+    'effects.motor={type="torque",joint="pivot",over="rail",table=[[-0.2,-0.6],[0.0,0.0],[0.2,0.8]],scale="factor"}',
+    'effects.follow={type="law",joint="rail",over="pivot",force="k * (s + 1.2) - c * v",constants={k=2.0,c="drag"}}',
+    'effects.push={type="force",joint="rail",over="pivot",table=[[-3.0,1.0],[-1.5,-0.5],[0.0,1.5]]}',
+    'effects.blow={type="force",point="pole:tip",direction=[1.0,0.0],over="rail",table=[[-0.1,1.0],[0.3,0.2]]}',
+    "parameters.factor={nominal=2.0}", "parameters.drag={nominal=0.3}", "simulation.initial.x.velocity=0.3",
+)  # fmt: skip
+
 #: A cart with every entry of machines: rigid bodies by their mass, formulas, a shaken base, loads over joints.
 EVERYTHING = (
     "bodies.cart={rigid={mass=3.9,centre=[0.1,0.0],inertia=0.0138,points={hinge=[0,0],tip=[0.2,0]}}}",
@@ -105,3 +114,32 @@ EVERYTHING = (
     'outputs.jolt={type="rate",of="place",order=2}',
     'outputs.weighed={type="formula",formula="drag * jolt / max(abs(jolt), 1) + t * drag",unit="1"}',
 )
+
+
+def errors_of(
+    scene: Callable[[str], Scene], model: str, exact: Callable[[np.ndarray], dict[str, np.ndarray]], *steps: float
+) -> np.ndarray:
+    """Return the largest errors of outputs, shape (n_steps, n_outputs), of runs with these steps against what outputs
+    are exactly at their times."""
+    found = []
+    for step in steps:
+        times, outputs = run(scene(f"simulation.step={step}"), model)
+        found.append([np.abs(outputs[name] - values).max() for name, values in exact(times).items()])
+    return np.array(found)
+
+
+def of_text(text: str, *overrides: str) -> Callable[..., Scene]:
+    """Return what makes the scene of a text with these overrides and those that it is given."""
+    return lambda *more: scene_from_toml(text, ".", (*overrides, *more))
+
+
+def cart_errors(
+    entries: tuple[str, ...], start: tuple[float, ...], *of: Callable[..., float]
+) -> Callable[..., np.ndarray]:
+    """Return what gives the errors of a rigid cart's x and its pole's angle, as `errors_of` does, for steps; from a
+    start, under the force and the torque that are given."""
+
+    def exact(times: np.ndarray) -> dict[str, np.ndarray]:
+        return dict(zip(("x", "swing"), CartAndPole().motion(times, start, *of)))
+
+    return lambda *steps: errors_of(lambda step: cart(*RIGID, *entries, step), "full", exact, *steps)

@@ -4,7 +4,7 @@ import ast
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -163,17 +163,34 @@ def test_no_petsc_in_the_source(package: str) -> None:
         assert not roots & {"petsc4py", "slepc4py"}, path
 
 
-def test_no_petsc_after_importing() -> None:
-    modules = []
-    for package in WITHOUT_PETSC:
-        for path in files(package):
-            parts = path.relative_to(ROOT).with_suffix("").parts
-            modules.append(".".join(parts[:-1] if parts[-1] == "__init__" else parts))
-    script = "import importlib, sys\nfor name in sys.argv[1:]: importlib.import_module(name)\n"
-    script += "print(sorted({m.split('.')[0] for m in sys.modules} & {'petsc4py', 'slepc4py', 'mpi4py'}))"
-    command = [sys.executable, "-c", script, *modules]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
-    assert done.stdout.strip() == "[]"
+def modules_of(packages: Iterable[str]) -> list[str]:
+    paths = (path.relative_to(ROOT).with_suffix("").parts for package in packages for path in files(package))
+    return [".".join(parts[:-1] if parts[-1] == "__init__" else parts) for parts in paths]
+
+
+SCENE = str(ROOT / "scenes" / "slider_crank.toml")
+#: What a program does, and what it has not imported then.
+UNLOADED = {
+    "the package": ("import pgmp_petsc", {"numpy", "mpi4py", "petsc4py"}),
+    "what needs no PETSc": (
+        f"import importlib\nfor name in {modules_of(WITHOUT_PETSC)}: importlib.import_module(name)",
+        {"petsc4py", "slepc4py", "mpi4py"},
+    ),
+    "scenes and meshes": (
+        "import pgmp_petsc.scene, pgmp_petsc.mesh",
+        {"petsc4py", "mpi4py", "scipy", "meshio", "gmsh", "matplotlib"},
+    ),
+    "a scene in SI units": (f"from pgmp_petsc.scene import load_scene\nload_scene({SCENE!r})", {"pint"}),
+}
+
+
+@pytest.mark.parametrize("what", UNLOADED)
+def test_what_importing_does_not_load(what: str) -> None:
+    script, absent = UNLOADED[what]
+    script += "\nimport sys\nprint(*{name.split('.')[0] for name in sys.modules})"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=True)
+    loaded = set(done.stdout.split())
+    assert "pgmp_petsc" in loaded and not loaded & absent
 
 
 @pytest.mark.parametrize("package", ORDER)

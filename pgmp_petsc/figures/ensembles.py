@@ -15,7 +15,6 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 
 from pgmp_petsc.base.errors import InputError, counted, nearest_name
 from pgmp_petsc.base.units import inverse
@@ -117,7 +116,6 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
         axes.plot(places, height, color=colour, linewidth=1.4 if number else 1.1)
         axes.axvline(factor * one.mean, color=colour, linestyle=DASHES, linewidth=1.0)
     style.span(axes, places[0], places[-1])
-    axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     axes.set_ylim(0.0, 1.08 * max(height.max() for height in heights) or 1.0)
     axes.set_title(name, pad=8.0 + LINES * LINE_POINTS * len(known))
     axes.yaxis.set_major_formatter(style.PlainNumbers())

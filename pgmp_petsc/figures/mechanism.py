@@ -131,12 +131,14 @@ class Shapes:
         axes.set_ylabel(style.axis_label(self.axis_names[1], unit))
 
     def draw_ground(self, axes: Axes, size: float = 24.0) -> None:
-        """Draw a triangle below every pin or end of a body, and what acts between points, that stays where it is."""
+        """Draw a triangle below every pin or end of a body, and what acts between points, that stays where it is; where
+        all do, none tells what the ground holds."""
         low, high = self.limits
         paths = [self.positions[body][:, node] for body, nodes in self.pins.items() for node in nodes]
-        for path in (*paths, *(path for span in self.spans for path in span)):
-            if len(path) > 1 and np.ptp(path, axis=0).max() < AT_REST * max(high - low):
-                axes.plot(*path[0], marker=_GROUND, color=style.QUIET, markersize=size, zorder=1.5, clip_on=False)
+        paths += [path for span in self.spans for path in span]
+        resting = [path for path in paths if np.ptp(path, axis=0).max() < AT_REST * max(high - low)]
+        for path in resting if len(resting) < len(paths) else ():
+            axes.plot(*path[0], marker=_GROUND, color=style.QUIET, markersize=size, zorder=1.5, clip_on=False)
 
     def draw(self, axes: Axes, number: int, colour: Sequence[float], width: float, pin: float, zorder: float) -> None:
         """Draw all bodies at the frame of that number, with lines and markers of pins so many points wide."""

@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.ticker import Formatter
+from matplotlib.ticker import Formatter, MaxNLocator
 
 from pgmp_petsc.base import __version__
 from pgmp_petsc.files.claims import replacing
@@ -263,7 +263,9 @@ def round_below(value: float) -> float:
 
 
 def span(axes: Axes, low: float, high: float) -> None:
-    """Let a horizontal axis reach from one value to another; a single value leaves it as it is."""
+    """Let a horizontal axis reach from one value to another, with few ticks, whose numbers do not touch; a single value
+    leaves its reach as it is."""
+    axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     if high > low:
         axes.set_xlim(low, high)
 

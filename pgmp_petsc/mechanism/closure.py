@@ -154,15 +154,22 @@ class LoopClosure:
         return np.max(np.abs(residual) / self._scale[: len(residual), None], axis=0, initial=0.0)
 
     def close(
-        self, poses: np.ndarray, theta: np.ndarray, placed: bool = False, tolerance: float = CLOSURE_TOLERANCE
+        self,
+        poses: np.ndarray,
+        theta: np.ndarray,
+        placed: bool = False,
+        tolerance: float = CLOSURE_TOLERANCE,
+        missing: bool = False,
     ) -> np.ndarray:
         """Run Newton's method at all theta (n, n_theta) together, from poses (n_bodies, n_pose, n), which may be the
         bodies as `placed`, down to a tolerance of the scaled residual.
 
-        Raises `InputError` where it does not converge.
+        Raises `InputError` where it does not converge; poses may be `missing` instead, and are not a number there.
         """
         closed, gap = self.newton(poses, theta, tolerance)
-        if not np.all(gap < tolerance):
+        if missing:
+            closed[..., ~(gap < tolerance)] = np.nan
+        elif not np.all(gap < tolerance):
             self.require_closed(poses, theta, gap, placed)
         return closed
 
@@ -369,15 +376,15 @@ class LoopClosure:
         closed, known, sound = np.zeros((3, poses.shape[2]), dtype=bool)
         # where nothing but J^-1 makes a step it serves the next one too, which by then is too small to need its own
         again, kept = self._form(n_rows) is not None and not self.has_redundant, np.empty((0, 0, 0))
-        for _ in range(MAX_ITERATIONS):
+        for n_steps in range(MAX_ITERATIONS + 1):
             wanted = self.measured(poses).T if theta is None else theta
             residual = self.residual(poses, wanted)[:n_rows]
             gap = np.where(closed, 0.0, self._largest(residual))
             # each theta stops by itself, so that the others in the call have no part in its last digits
             open_ones = np.flatnonzero((gap >= tolerance) & np.isfinite(gap))
-            if not open_ones.size:
+            if not open_ones.size or n_steps == MAX_ITERATIONS:
                 # once more to the last digit, with the J that each has
-                ended = np.flatnonzero(sound)
+                ended = np.flatnonzero(sound & (gap < tolerance))
                 if ended.size:
                     poses[..., ended] = space.displaced(poses[..., ended], -self._again(kept, residual, ended))
                 break

@@ -442,30 +442,32 @@ class Walk:
         """The configuration where it is assembled, (1, n_theta), and its poses (n_bodies, n_pose, 1)."""
         return self._theta[None], self._assembled[..., None]
 
-    def poses(self, theta: np.ndarray) -> np.ndarray:
+    def poses(self, theta: np.ndarray, missing: bool = False) -> np.ndarray:
         """Return the poses (n_bodies, n_pose, n) at configurations (n, n_theta).
 
-        Raises `InputError` if the mechanism cannot be closed somewhere on the way.
+        Raises `InputError` if the mechanism cannot be closed somewhere on the way; poses may be `missing` instead, and
+        are not a number then.
         """
         if self.chain is not None:
             return self.chain.poses(theta)
         numbers = np.nan_to_num((theta - self._theta) / self._steps, nan=0.0, posinf=0.0, neginf=0.0)
         places = [tuple(place) for place in numbers.astype(int).tolist()]
-        self._go_to(places)
+        self._go_to(places, missing)
         begun = np.array([self._at(place) for place in places]).reshape(len(places), *self._assembled.shape)
-        return self._closure.close(np.moveaxis(begun, 0, -1), theta)
+        return self._closure.close(np.moveaxis(begun, 0, -1), theta, missing=missing)
 
     def _at(self, place: tuple[int, ...]) -> np.ndarray:
         """Return the poses at a place that was reached, (n_bodies, n_pose)."""
         return self._kept[place] if any(place) else self._assembled
 
-    def _go_to(self, places: list[tuple[int, ...]]) -> None:
-        """Reach places, each from the one before it on the straight line from the assembled configuration."""
+    def _go_to(self, places: list[tuple[int, ...]], missing: bool) -> None:
+        """Reach places, but for those that may be `missing`, each from the one before it on the straight line from the
+        assembled configuration."""
         if len(self._kept) > MOST_KEPT:
             self._kept.clear()
         before: dict[int, dict[tuple[int, ...], tuple[int, ...]]] = {}  # of places to be reached, by their distance
         for place in places:
-            while any(place) and place not in self._kept:
+            while any(place) and not (place in self._kept and (missing or np.isfinite(self._kept[place]).all())):
                 far = max(map(abs, place))
                 if place in before.setdefault(far, {}):
                     break
@@ -473,7 +475,7 @@ class Walk:
         for far in sorted(before):
             theta = self._theta + self._steps * np.array(list(before[far]))
             begun = np.stack([self._at(one) for one in before[far].values()], axis=-1)
-            reached = self._closure.close(begun, theta, tolerance=ON_THE_WAY)
+            reached = self._closure.close(begun, theta, tolerance=ON_THE_WAY, missing=missing)
             self._kept.update(zip(before[far], np.moveaxis(reached, -1, 0)))
 
 

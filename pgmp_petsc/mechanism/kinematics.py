@@ -200,18 +200,23 @@ class RigidKinematics:
         """Name a configuration (n_theta,), for messages: ``theta = 0.1 rad``."""
         return words_of(self.coordinates, np.atleast_1d(theta))
 
-    def poses(self, theta: np.ndarray) -> np.ndarray:
+    def poses(self, theta: np.ndarray, missing: bool = False) -> np.ndarray:
         """Solve the rigid closure: return the poses of all bodies, shape (n_bodies, n_pose, n), at coordinates (n,
-        n_theta), rad or m, inside the range where a coordinate is not periodic."""
+        n_theta), rad or m, inside the range where a coordinate is not periodic.
+
+        Raises `InputError` where loops cannot close; poses may be `missing` instead, and are not a number there. Over
+        more than two coordinates nobody has followed the range, and a flexible mechanism goes where the rigid one
+        cannot.
+        """
         theta = self.configurations(theta)
         if self._walk is not None:
-            return self._walk.poses(theta)
+            return self._walk.poses(theta, missing)
         turns = self._turns(theta)
         inside = theta - 2 * np.pi * turns
         poses, closed = self._interpolated(inside, 1)
         poses = poses[0]
         if not closed.all():
-            poses[..., ~closed] = self._closure.close(poses[..., ~closed], inside[~closed])
+            poses[..., ~closed] = self._closure.close(poses[..., ~closed], inside[~closed], missing=missing)
         return self.mechanism.space.turned(poses, np.einsum("kb,nk->bn", self.branch.winding, turns))
 
     def near(

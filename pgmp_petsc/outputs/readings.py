@@ -337,22 +337,8 @@ class RigidReference:
     def _poses(self, measured: np.ndarray) -> np.ndarray:
         inside = self._reached(measured)
         if inside.all():
-            return poses_where_closed(self._kinematics, measured)
+            return self._kinematics.poses(measured, missing=True)
         mechanism = self._kinematics.mechanism
         poses = np.full((len(mechanism.bodies), mechanism.space.n_pose, len(measured)), np.nan)
-        poses[..., inside] = poses_where_closed(self._kinematics, measured[inside])
+        poses[..., inside] = self._kinematics.poses(measured[inside], missing=True)
         return poses
-
-
-def poses_where_closed(kinematics: RigidKinematics, theta: np.ndarray) -> np.ndarray:
-    """Return rigid poses (n_bodies, n_pose, n) at configurations (n, n_theta), not a number where loops cannot close.
-
-    Over more than two coordinates nobody has followed the range, and a flexible mechanism goes where the rigid one
-    cannot.
-    """
-    try:
-        return kinematics.poses(theta)
-    except InputError:
-        if len(theta) > 1:
-            return np.concatenate([poses_where_closed(kinematics, half) for half in np.array_split(theta, 2)], axis=2)
-        return np.full((len(kinematics.mechanism.bodies), kinematics.mechanism.space.n_pose, 1), np.nan)

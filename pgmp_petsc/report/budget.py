@@ -483,6 +483,11 @@ def _of_error(error: ModelError | None, sources: Sequence[Source], ensembles: Se
         yield ["Model error ", error.datums[error.worst], of]
         if error.with_step is not None:
             yield from _what_steps_hide(error, error.with_step)
+        for source in ensembles:
+            if source.result.model not in models:
+                said = f"The samples are of {MODELS[source.result.model]}, whose error in them is "
+                checked = ["estimated to be at most ", *_checked(source)]
+                yield [said, *checked[:-1], "."] if checked[1:] else [f"{said}not known."]
     elif "reduced" in models:
         checked = [part for source in ensembles for part in _checked(source)]
         if checked:

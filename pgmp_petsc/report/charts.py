@@ -29,6 +29,7 @@ from pgmp_petsc.results.numbers import with_unit
 WIDTH, HEIGHT = 4.3, 2.5  # inches: on a phone type is then as large as in the text
 ROW = 58  # characters that keys above a picture may take in a row
 MOST_MARKS = 300  # of samples that failed
+MISSED = 0.1  # share of what a run varies by, which lines between the instants of an ensemble may miss
 NARROW = 1e-3  # share of the values that their range takes, below which numbers on its axis are long
 FAILED = "#A32A00"
 LEVEL = "#A32A00"
@@ -128,6 +129,13 @@ def _seen(event: Level | None, unit: str, *arrays: np.ndarray) -> tuple[float | 
     return None, f"The level of {event.label}, {with_unit(event.value, unit)}, is far beyond this picture."
 
 
+def _is_missed(curve: Curve, instants: np.ndarray) -> bool:
+    """Return whether straight lines between instants miss a run by more than `MISSED` of what it varies by."""
+    straight = np.interp(curve.time, instants, np.interp(instants, curve.time, curve.values))
+    known = np.isfinite(straight)
+    return bool(known.any()) and np.abs(straight - curve.values)[known].max() > MISSED * np.ptp(curve.values[known])
+
+
 def output_over_time(
     name: str, unit: str, curves: Sequence[Curve], band: Band | None, model: str, event: Level | None
 ) -> Chart:
@@ -136,14 +144,20 @@ def output_over_time(
     arrays += [] if band is None else [band.quantiles, band.mean]
     factor, shown = axis_unit(unit, *arrays)
     level, beyond = _seen(event, unit, *arrays)
+    sparse = band is not None and any(_is_missed(curve, band.time) for curve in curves)
 
     def draw(axes: Axes) -> None:
         if band is not None:
             pairs, _ = pairs_of(band.probabilities)
             for low, high in pairs:
                 ends = factor * band.quantiles[:, [low, high]]
-                axes.fill_between(band.time, *ends.T, color=COLOURS[model], alpha=0.4 / len(pairs), linewidth=0)
-            axes.plot(band.time, factor * band.mean, color=COLOURS[model], linestyle=":", label="mean of the samples")
+                look = {"color": COLOURS[model], "alpha": 0.4 / len(pairs)}
+                if sparse:
+                    axes.vlines(band.time, *ends.T, linewidth=3.0, **look)
+                else:
+                    axes.fill_between(band.time, *ends.T, linewidth=0, **look)
+            look = {"linestyle": "", "marker": ".", "markersize": 4.0} if sparse else {"linestyle": ":"}
+            axes.plot(band.time, factor * band.mean, color=COLOURS[model], label="mean of the samples", **look)
         for number, curve in enumerate(curves):
             is_first = number < 3 and all(one.model != curve.model for one in curves[:number])
             colour = COLOURS[curve.model] if is_first else PALETTE[number % len(PALETTE)]
@@ -164,6 +178,7 @@ def output_over_time(
         pairs, _ = pairs_of(band.probabilities)
         ends = ", ".join(f"{100 * band.probabilities[a]:g} to {100 * band.probabilities[b]:g} %" for a, b in pairs)
         of, at = counted(band.count, "sample"), counted(len(band.time), "instant")
+        at += ", between which the run goes to and fro; a larger ensemble.bands tells more" if sparse else ""
         caption = f"Areas: {ends} of {of}, at {at}. {beyond}".rstrip()
     drawn = chart(draw, name, caption, over_time=True, output=name)
     return replace(drawn, factor=factor, unit="" if shown == "1" else shown)

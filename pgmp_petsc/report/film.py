@@ -396,11 +396,12 @@ def _pair(place: np.ndarray) -> str:
 
 
 def _paths(run: Trajectory, joints: dict[str, np.ndarray], picture: _Picture, moving: bool) -> list[np.ndarray]:
-    """Return the paths (n_f, 3) of the ends of bodies that move, as far as frames follow them, or of those at rest."""
+    """Return the paths (n_f, 3) of the ends of bodies that move, as far as frames follow them, or of those at rest;
+    where all are, none tells what the ground holds."""
     extent = max(np.ptp(np.concatenate([at.reshape(-1, 3) for at in joints.values()]), axis=0)[:2])
-    every = (joints[body][:, node] for body, cells in run.frames.cells.items() for node in ends(cells))
+    every = [joints[body][:, node] for body, cells in run.frames.cells.items() for node in ends(cells)]
     moved = [path for path in every if len(path) > 1 and (np.ptp(path, axis=0).max() >= AT_REST * extent) == moving]
-    return [path for path in moved if not moving or is_followed(path)]
+    return [path for path in moved if is_followed(path)] if moving else moved * (len(moved) < len(every))
 
 
 def _notes(run: Trajectory, bodies: list[FilmBody], enlarged: bool) -> list[str]:

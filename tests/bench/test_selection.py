@@ -209,6 +209,36 @@ def test_a_smooth_motion_gets_the_step_that_its_order_allows(allowed: float) -> 
     # not smaller than the next halving would have been good for, or than the first run
     assert search.chosen == 32 or true > 0.2 * allowed
     assert search.error == pytest.approx(true, rel=0.4)
+    begun = searched(apart(smooth), allowed, 256)
+    assert begun.chosen is None or begun.chosen <= 256
+    begun.advance(65536)
+    assert begun.chosen == search.chosen, "it goes on where it stopped"
+
+
+#: Comparisons of runs, what is allowed, the most steps of a run, the fewest, and what is chosen.
+CHOSEN = {
+    # runs with 8 and 16 steps have errors of 3.9 and 0.99 %; halving begins with 32
+    **{f"{allowed} with long steps": (apart(smooth), allowed, 65536, 8, chosen)
+       for allowed, chosen in ((4e-2, 8), (1e-2, 16), (4e-3, 32), (1e-3, 64))},
+    # at few instants a vibration is seen smaller than it is: 16 steps see less of it than 32 do
+    "a long step that is good by chance": (
+        lambda n, m: np.array([{16: 1e-4, 32: 3e-3, 64: 2e-3}.get(n, 1e-5)]), 1e-3, 65536, 8, 128),
+    "no step is small enough": (apart(vibrating), 1e-5, 4096, 32, None),
+    # the difference of a run that fails from others is infinite
+    "fewer than 300 steps fail": (
+        lambda n, m: apart(smooth)(n, m) if n >= 300 else np.array([np.inf]), 1e-2, 65536, 32, 512),
+    "all outputs count": (
+        apart(smooth, vibrating), 5e-4, 2**17, 32, searched(apart(vibrating), 5e-4, 2**17).chosen),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CHOSEN)
+def test_the_step_that_is_chosen(name: str) -> None:
+    compare, allowed, most, coarsest, chosen = CHOSEN[name]
+    search = searched(compare, allowed, most, coarsest=coarsest)
+    assert search.chosen == chosen
+    assert chosen is not None or search.finest == most
+    assert "long steps" not in name or search.finest == 32 * SEEN, "errors are seen against what sees the vibrations"
 
 
 @pytest.mark.parametrize("allowed", [4e-3, 2.5e-3, 1e-3, 5e-4])
@@ -218,21 +248,6 @@ def test_a_vibration_is_seen_with_every_step(allowed: float) -> None:
     true = np.max(np.abs(vibrating(search.chosen) - vibrating(2**20)))
     assert true <= 1.25 * allowed
     assert search.error == pytest.approx(true, rel=0.6)
-
-
-@pytest.mark.parametrize(("allowed", "chosen"), [(4e-2, 8), (1e-2, 16), (4e-3, 32), (1e-3, 64)])
-def test_a_step_may_be_longer_than_those_that_are_halved(allowed: float, chosen: int) -> None:
-    """Runs with 8 and 16 steps have errors of 3.9 and 0.99 %; halving begins with 32."""
-    search = searched(apart(smooth), allowed, 65536, coarsest=8)
-    assert search.chosen == chosen
-    assert search.finest == 32 * SEEN, "errors are seen against the run that sees the vibrations"
-
-
-def test_a_long_step_is_not_good_by_chance() -> None:
-    """At few instants a vibration is seen smaller than it is: 16 steps see less of it than 32 do."""
-    seen = {16: 1e-4, 32: 3e-3, 64: 2e-3}
-    search = searched(lambda n, m: np.array([seen.get(n, 1e-5)]), 1e-3, 65536, coarsest=8)
-    assert search.chosen == 128
 
 
 @pytest.mark.parametrize("duration", [0.05, 0.7, 1.0, 3.0, 40.0])
@@ -255,11 +270,6 @@ def test_steps_of_sampled_controllers_have_samplings_at_their_ends() -> None:
     assert search.chosen % 900 == 0 and search.chosen != 900 and search.error < 1e-8
 
 
-def test_it_gives_up_where_no_step_is_small_enough() -> None:
-    search = searched(apart(vibrating), 1e-5, 4096)
-    assert search.chosen is None and search.finest == 4096
-
-
 @pytest.mark.parametrize(("last", "chosen"), [(4e-4, 2048), (6e-4, None), (9e-4, None)])
 def test_the_finest_run_is_taken_where_its_halving_moved_less_than_half(last: float, chosen: int | None) -> None:
     """The allowed error is 7e-4; 6e-4 after 1e-3 may go on for ever."""
@@ -271,24 +281,6 @@ def test_the_finest_run_is_taken_where_its_halving_moved_less_than_half(last: fl
     search.settle_for_finest()
     assert search.chosen == chosen
     assert chosen is None or search.error == last
-
-
-def test_it_goes_on_where_it_stopped() -> None:
-    search = searched(apart(smooth), 1e-5, 256)
-    assert search.chosen is None
-    search.advance(65536)
-    assert search.chosen == searched(apart(smooth), 1e-5, 65536).chosen
-
-
-def test_a_failed_run_is_no_reason_to_stop() -> None:
-    """Runs with fewer than 300 steps fail: their difference from others is infinite."""
-    search = searched(lambda n, m: apart(smooth)(n, m) if n >= 300 else np.array([np.inf]), 1e-2, 65536)
-    assert search.chosen == 512
-
-
-def test_all_outputs_count() -> None:
-    search = searched(apart(smooth, vibrating), 5e-4, 2**17)
-    assert search.chosen == searched(apart(vibrating), 5e-4, 2**17).chosen
 
 
 @pytest.mark.parametrize("duration", [1.0, 0.3, 7.0, 1e-6])
@@ -304,7 +296,8 @@ SECOND = 'parameters.E={nominal=2.1e11, distribution={name="uniform", loc=2.0e11
 USED = 'materials.steel.E="E"'
 
 
-def test_a_star_to_three_standard_deviations() -> None:
+def test_samples_span_the_parameters() -> None:
+    """A star to three standard deviations, cut as an ensemble's distributions are, with corners of two parameters."""
     values, n = spanning_values(slider_crank(NORMAL % ""))
     assert n == 5
     expected = 5.6e-3 + 0.56e-3 * np.array([0.0, -3.0, -1.5, 1.5, 3.0])
@@ -314,26 +307,17 @@ def test_a_star_to_three_standard_deviations() -> None:
     values, n = spanning_values(slider_crank("parameters.r1={nominal=5.6e-3, value=5.0e-3}"))
     np.testing.assert_array_equal(values["r1"], [5.6e-3, 5.0e-3])  # the value of a run is tried too
     assert n == 2
-
-
-def test_bounds_cut_the_distribution_as_an_ensemble_does() -> None:
     values, _ = spanning_values(slider_crank(NORMAL % ", bounds=[5.0e-3, 6.0e-3]"))
     assert 5.0e-3 < values["r1"].min() < 5.01e-3 and 5.99e-3 < values["r1"].max() < 6.0e-3
-
-
-def test_two_parameters_have_corners() -> None:
     values, n = spanning_values(slider_crank(NORMAL % "", SECOND, USED))
     assert n == 1 + 2 * 4 + 4
     pairs = set(zip(values["r1"].round(6), values["E"].round(-9)))
     low, high = values["r1"].min().round(6), values["r1"].max().round(6)
     assert {(r, e) for r in (low, high) for e in (2.0e11, 2.2e11)} <= pairs
     assert (values["r1"][0], values["E"][0]) == (5.6e-3, 2.1e11), "the nominal sample is the first"
-
-
-def test_of_many_parameters_only_two_corners() -> None:
     many = [f'parameters.p{k}={{nominal=1.0, distribution={{name="uniform", loc=0.9, scale=0.2}}}}' for k in range(4)]
     values, n = spanning_values(slider_crank("parameters.r1={nominal=5.6e-3}", *many))
-    assert n == 1 + 4 * 4 + 2
+    assert n == 1 + 4 * 4 + 2, "of many parameters only two corners"
     np.testing.assert_array_equal(values["r1"], 5.6e-3)
 
 
@@ -362,6 +346,31 @@ def table(scene: Scene) -> np.ndarray:
     return np.array(scene.effects["motor"].table)
 
 
+def motor(rows: str, duration: float = 1.0) -> Scene:
+    return slider_crank(f"effects.motor.table={rows}", f"simulation.duration={duration}")
+
+
+RAMP = "[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]"
+
+
+@pytest.mark.parametrize(
+    ("scene", "all_loads", "for_step"),
+    [
+        (motor("[[0.0, 0.4]]"), ["own", "pulse"], ["own", "pulse"]),  # constant: there is no quicker one
+        (motor("[[0.0, 0.0], [1.0, 0.0]]"), ["own"], ["own"]),
+        # the step is found with loads no quicker than the own
+        (motor(RAMP), ["own", "pulse", "quick"], ["own", "pulse"]),
+        (motor(RAMP, 0.3), ["own", "pulse", "quick"], ["own"]),  # a pulse over so short a run rises four times as fast
+        (motor("[[0.0, 0.5], [1.0, 0.0]]", 0.3), ["own", "pulse", "quick"], ["own", "pulse"]),  # it sets in at once
+    ],
+    ids=["constant", "none", "ramp", "short", "at once"],
+)
+def test_kinds_of_loads(scene: Scene, all_loads: list[str], for_step: list[str]) -> None:
+    loads = training_loads(scene)
+    assert [load.name for load in loads] == all_loads
+    assert [load.name for load in loads if load.for_step] == for_step
+
+
 def test_loads_are_the_own_a_pulse_and_a_quicker_one() -> None:
     scene = slider_crank(
         "effects.motor.table=[[0.0, 0.0], [0.25, -0.5], [1.0, 0.2]]", "effects.weight={type='gravity'}"
@@ -383,32 +392,13 @@ def test_harmonics_are_made_larger_and_quicker() -> None:
         "effects.motor={type='torque', joint='crank_hinge', harmonic={amplitude=-0.5, mean=0.1, frequency_hz=3.0}}"
     )
     own, pulse, quick = training_loads(scene)
-    own, half, pulse, quick = (
-        load.of(scene, factor).effects["motor"].harmonic
-        for load, factor in ((own, 1.0), (own, 0.5), (pulse, 1.0), (quick, 1.0))
-    )
-    assert own == scene.effects["motor"].harmonic
-    assert (half.amplitude, half.mean, half.frequency_hz) == (-0.25, 0.05, 3.0)
-    assert (pulse.amplitude, pulse.mean, pulse.frequency_hz) == pytest.approx((-0.5 * PULSE, 0.1 * PULSE, 3.0))
-    assert (quick.amplitude, quick.mean, quick.frequency_hz) == (-0.5, 0.1, 3.0 * HASTE)
-
-
-def test_the_step_is_found_with_loads_no_quicker_than_the_own() -> None:
-    def of_step(duration: float, rows: str) -> list[str]:
-        scene = slider_crank(f"simulation.duration={duration}", f"effects.motor.table={rows}")
-        return [load.name for load in training_loads(scene) if load.for_step]
-
-    ramp = "[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]"
-    assert of_step(1.0, ramp) == ["own", "pulse"]
-    assert of_step(0.3, ramp) == ["own"], "a pulse over so short a run rises four times as fast"
-    assert of_step(0.3, "[[0.0, 0.5], [1.0, 0.0]]") == ["own", "pulse"], "the own one sets in at once"
-
-
-def test_a_constant_torque_has_no_quicker_one() -> None:
-    scene = slider_crank("effects.motor.table=[[0.0, 0.4]]")
-    assert [load.name for load in training_loads(scene)] == ["own", "pulse"]
-    none = slider_crank("effects.motor.table=[[0.0, 0.0], [1.0, 0.0]]")
-    assert [load.name for load in training_loads(none)] == ["own"]
+    assert own.of(scene).effects["motor"].harmonic == scene.effects["motor"].harmonic
+    for load, factor, expected in (
+        (own, 0.5, (-0.25, 0.05, 3.0)), (pulse, 1.0, (-0.5 * PULSE, 0.1 * PULSE, 3.0)),
+        (quick, 1.0, (-0.5, 0.1, 3.0 * HASTE)),
+    ):  # fmt: skip
+        found = load.of(scene, factor).effects["motor"].harmonic
+        assert (found.amplitude, found.mean, found.frequency_hz) == pytest.approx(expected)
 
 
 def test_end_stops_are_made_softer_where_their_stiffness_is_a_number() -> None:

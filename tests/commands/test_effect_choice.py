@@ -178,7 +178,9 @@ def test_a_slow_motion_leaves_the_terms_of_second_order_out() -> None:
 def test_of_what_moves_out_of_the_range_no_sizes_are_known() -> None:
     """The motion is prescribed from 0 to 0.1 rad, and the model goes from 0.45 to 0.55 rad."""
     moved = 'effects={drive={type="prescribed_motion",coordinate="theta",table=[[0.0,0.0],[0.2,0.1]]}}'
-    scene = read(FOUR_BAR, moved, "coordinates.theta={joint='crank_hinge',range=[0.45,0.55]}", "simulation.duration=0.2")
+    scene = read(
+        FOUR_BAR, moved, "coordinates.theta={joint='crank_hinge',range=[0.45,0.55]}", "simulation.duration=0.2"
+    )
     (remark,) = remarks_on_sizes(*scene)
     assert "nowhere within coordinates.theta.range" in remark.text
 

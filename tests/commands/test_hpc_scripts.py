@@ -148,10 +148,13 @@ def output_of(checkout: Path, script: str) -> Path:
     return checkout / ("rom.h5" if script.startswith("build") else "many.h5")
 
 
-def stopped(checkout: Path, script: str, status: int = STOPPED, **variables: object) -> tuple[str, str]:
-    """Run a script that is stopped after two parts of its work."""
-    job, output = start(checkout, script, WORK="slow", **variables), output_of(checkout, script)
-    stop(job, output.with_name(f"{output.name}.partial") / "2.npz")
+def stopped(
+    checkout: Path, script: str, status: int = STOPPED, output: str = "", part: int = 2, work: str = "slow",
+    number: signal.Signals = signal.SIGUSR1, **variables: object,
+) -> tuple[str, str]:  # fmt: skip
+    """Run a script that is stopped after some parts of its work."""
+    job, path = start(checkout, script, WORK=work, **variables), output_of(checkout, script)
+    stop(job, checkout / f"{output or path.name}.partial" / f"{part}.npz", number)
     return ended(job, status)
 
 
@@ -187,15 +190,10 @@ def test_a_stopped_job_is_queued_again_under_its_id(checkout: Path, script: str)
 
 def test_one_job_of_an_array_is_queued_again_alone(checkout: Path) -> None:
     """The id of an array's last job is that of the whole array."""
-    array = {"SLURM_ARRAY_JOB_ID": 17, "SLURM_ARRAY_TASK_ID": 3}
-    given = worker(checkout) | {"OUTPUT": "m%any.h5"}
-    job = start(checkout, "montecarlo.slurm", WORK="slow", **array, **given)
-    stop(job, checkout / "m3ny.h5.partial" / "2.npz")
-    assert "3600 s left" in ended(job, STOPPED)[0]
+    given = worker(checkout) | {"SLURM_ARRAY_JOB_ID": 17, "SLURM_ARRAY_TASK_ID": 3, "OUTPUT": "m%any.h5"}
+    assert "3600 s left" in stopped(checkout, "montecarlo.slurm", output="m3ny.h5", **given)[0]
     assert calls(checkout)[1:] == ["scontrol requeue 17_3"]
-    job = start(checkout, "montecarlo.slurm", WORK="slow", REQUEUE="no", **array, **given | {"OUTPUT": "n%a.h5"})
-    stop(job, checkout / "n3.h5.partial" / "2.npz")
-    ended(job, STOPPED)
+    stopped(checkout, "montecarlo.slurm", output="n3.h5", REQUEUE="no", **given | {"OUTPUT": "n%a.h5"})
     assert calls(checkout)[-1].startswith("sbatch ")
 
 
@@ -225,9 +223,7 @@ def test_a_job_stopped_by_its_own_clock_is_followed_by_one_with_its_options(chec
 
 def test_one_job_of_a_pbs_array_is_followed_by_one_that_knows_its_index(checkout: Path) -> None:
     given = worker(checkout) | {"PBS_JOBID": "17[3].host", "PBS_ARRAY_INDEX": 3, "ROM": "r%a.h5"}
-    job = start(checkout, "build.pbs", WORK="slow", **given)
-    stop(job, checkout / "r3.h5.partial" / "2.npz")
-    ended(job, STOPPED)
+    stopped(checkout, "build.pbs", output="r3.h5", **given)
     assert calls(checkout)[1] == f"{PBS_AGAIN}scripts/hpc/build.pbs"
     run(checkout, "build.pbs", PGMP_INDEX=3, **{k: v for k, v in given.items() if k != "PBS_ARRAY_INDEX"})
     assert calls(checkout)[2] == "pgmp build scene.toml -o r3.h5 --resume"
@@ -242,20 +238,14 @@ def test_what_cannot_be_queued_is_said(checkout: Path, script: str) -> None:
 
 
 def test_a_command_that_does_not_heed_the_signal_is_killed(checkout: Path) -> None:
-    given = worker(checkout) | {"LEAD": 3}
-    job = start(checkout, "build.slurm", WORK="deaf", **given)
-    stop(job, checkout / "rom.h5.partial" / "2.npz")
-    ended(job, STOPPED)
+    stopped(checkout, "build.slurm", work="deaf", LEAD=3, **worker(checkout))
     assert calls(checkout)[1:] == ["scontrol requeue 17"]
 
 
 def test_a_job_that_ends_when_it_is_stopped_is_done(checkout: Path) -> None:
-    given = worker(checkout)
-    job = start(checkout, "build.slurm", WORK="late", THEN="touch then", **given)
-    stop(job, checkout / "rom.h5.partial" / "1.npz")
-    assert "done at the last moment" in ended(job)[0]
+    out, _ = stopped(checkout, "build.slurm", 0, part=1, work="late", THEN="touch then", **worker(checkout))
+    assert "done at the last moment" in out and (checkout / "then").exists()
     assert len(calls(checkout)) == 1, "not queued again"
-    assert (checkout / "then").exists()
 
 
 def test_a_job_that_finished_nothing_is_not_repeated(checkout: Path) -> None:
@@ -280,9 +270,7 @@ def test_a_failure_ends_the_job(checkout: Path, script: str) -> None:
 
 
 def test_a_job_that_is_cancelled_says_so(checkout: Path) -> None:
-    job = start(checkout, "build.slurm", WORK="slow", **worker(checkout))
-    stop(job, checkout / "rom.h5.partial" / "2.npz", signal.SIGTERM)
-    _, err = ended(job, 143)
+    _, err = stopped(checkout, "build.slurm", 143, number=signal.SIGTERM, **worker(checkout))
     assert "build.slurm: ended from outside (SIGTERM: cancelled, preempted, or out of time)" in err
     assert "no further job is submitted, what was finished is in 'rom.h5.partial': the same job goes on" in err
     assert len(calls(checkout)) == 1

@@ -5,7 +5,6 @@ import json
 import logging
 import pickle
 import re
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -117,12 +116,6 @@ def test_two_ranks_of_a_script(commands: Path, tmp_path: Path, mpirun: Callable,
         assert failure.startswith(start)
     for kind in KINDS:
         assert_same(tmp_path / f"{kind}.h5", commands / f"{kind}.h5")
-
-
-def test_importing_loads_nothing() -> None:
-    script = "import sys, pgmp_petsc; print({m.split('.')[0] for m in sys.modules} & {'numpy', 'mpi4py', 'petsc4py'})"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=True)
-    assert done.stdout.strip() == "set()"
 
 
 def test_every_name_is_there() -> None:

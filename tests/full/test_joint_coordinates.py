@@ -3,19 +3,17 @@
 import numpy as np
 import pytest
 from conftest import ROOT
-from runs import components_model, history, run_model, samples
-from scipy.integrate import solve_ivp
+from runs import components_model, run_model, samples
 from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.full.joint_systems import JointBatch
 from pgmp_petsc.full.joint_tree import BY_AXES
-from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel
-from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+from pgmp_petsc.scene import load_scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.status import Status
-from scenes import HEADER, four_bar, meshes_of, slider_crank, tables, trammel
+from scenes import four_bar, meshes_of, slider_crank, trammel
 
 STIFFENING = ('effects.stiffening={type="geometric_stiffening"}', 'effects.shapes={type="mode_inertia"}')
 # of joints that turn, slide, are balls and close loops, in the plane and in space
@@ -141,53 +139,6 @@ def test_the_limit_is_that_of_all_unknowns_with_multipliers(make, monkeypatch: p
             found.append(np.array(frames)[:: 1 if step > 1.5e-4 else 2])
         apart.append(np.abs(found[0] - found[1]).max())
     assert np.log2(apart[0] / apart[1]) == pytest.approx(2.0, abs=0.35)
-
-
-ROD = 'line = { length = 0.5, elements = 1 }; element = "beam2d"; material = "steel"; flexible = false;'
-CHAIN = HEADER + tables(f"""
-bodies.one: {ROD}
-    section = {{ shape = "circle", radius = 0.01 }}
-bodies.two: {ROD}
-    section = {{ shape = "circle", radius = 0.01 }}; placement = {{ origin = [0.5, 0.0] }}
-joints.top: type = "revolute"; connect = ["ground:origin", "one:hinge"]
-joints.middle: type = "revolute"; connect = ["one:tip", "two:hinge"]
-coordinates.a: joint = "top"; range = [0.0, 6.283185307179586]; periodic = true
-coordinates.b: joint = "middle"; range = [0.0, 6.283185307179586]; periodic = true
-effects.weight: type = "gravity"; acceleration = 9.81; direction = [0.0, -1.0]
-outputs.a: type = "angle"; joint = "top"
-outputs.b: type = "angle"; joint = "middle"
-simulation: duration = 1.0; step = 1e-3
-""")
-
-
-def rods_of(scene: Scene) -> dict:
-    return {name: straight_beam(body.line.length, body.line.elements, 0.0, 2) for name, body in scene.bodies.items()}
-
-
-def test_a_chain_of_two_rods_swings_as_lagrange_says() -> None:
-    """Angles from the start, against scipy; no constraint is left, and the order is two."""
-
-    def rates(t: float, y: np.ndarray) -> np.ndarray:
-        a, b, v, w = y  # of both rods from the ground's x axis, per mass
-        length, g = 0.5, 9.81
-        c, s = length**2 / 2.0 * np.cos(a - b), length**2 / 2.0 * np.sin(a - b)
-        mass = np.array([[4.0 * length**2 / 3.0, c], [c, length**2 / 3.0]])
-        turned = 0.01**2 / 4.0  # what a round section has about the axis of the turning
-        mass += turned * np.eye(2)
-        force = [-s * w * w - 1.5 * g * length * np.cos(a), s * v * v - 0.5 * g * length * np.cos(b)]
-        return np.concatenate([[v, w], np.linalg.solve(mass, force)])
-
-    exact = solve_ivp(rates, (0.0, 1.0), np.zeros(4), "DOP853", rtol=1e-11, atol=1e-12).y[:2, -1]
-    errors = []
-    for step in (1e-3, 5e-4):
-        scene = scene_from_toml(CHAIN, ".", [f"simulation.step={step}"])
-        model = components_model(scene, rods_of(scene))
-        system = model.batch(samples(scene, 1), 1)
-        assert (system.n_dofs, system.n_constraints) == (2, 0)
-        found = history(model, samples(scene, 1), 1, system=system)[1]
-        errors.append(np.abs([found["a"][-1, 0] - exact[0], found["b"][-1, 0] - (exact[1] - exact[0])]).max())
-    assert errors[1] < 1e-4
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
 
 
 def test_a_loop_that_is_driven_beyond_straight_ends_with_a_status() -> None:

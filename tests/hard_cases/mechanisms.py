@@ -6,11 +6,10 @@ from functools import lru_cache
 import numpy as np
 import scipy.linalg
 from mpi4py import MPI
+from pencils import constraints_at, dense_of
 from runs import history, rom_of, samples
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
-from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -103,12 +102,9 @@ def dense_eigenvalues(kinematics: RigidKinematics, theta: float, values: Mapping
     s)``: the largest mu are good to round-off, 1e-11 where radii differ by a factor of ten (checked with 40 digits).
     On K and M unscaled it errs by round-off of the highest lambda, there 7e-7 of the lowest.
     """
-    mechanism, shift = kinematics.mechanism, 1e4
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
-    stiffness, mass = (weighted_sum(terms, values).toarray() for terms in (matrices.stiffness, matrices.mass))
-    constraints = constraint_jacobian(mechanism, kinematics.poses(np.array([theta]))[..., 0]).toarray()
+    (stiffness, mass), shift = dense_of(kinematics.mechanism, values), 1e4
     scale = 1 / np.sqrt(np.diag(stiffness))
-    null = scale[:, None] * scipy.linalg.null_space(constraints * scale)
+    null = scale[:, None] * scipy.linalg.null_space(constraints_at(kinematics, theta) * scale)
     stiffness, mass = null.T @ stiffness @ null, null.T @ mass @ null
     mu = scipy.linalg.eigvalsh(mass, stiffness + shift * mass)[::-1]
     return 1 / mu[1 : n + 1] - shift

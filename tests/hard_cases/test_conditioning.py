@@ -7,13 +7,12 @@ import pytest
 import scipy.linalg
 from elimination import circle
 from mechanisms import accurate, both, dense_eigenvalues, modal_problem, run_for, start
+from pencils import constraints_at, dense_of, matrices_of
 from refusals import refusal
 from runs import assert_close, built_rom, full_model, history, samples
 
 from pgmp_petsc.base.errors import RunError
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.sections.section import BeamSection
-from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.solvers import shift_invert
@@ -37,9 +36,8 @@ def with_rotary_inertia(share: float) -> RigidKinematics:
 def condensed_eigenvalues(kinematics: RigidKinematics, theta: float) -> np.ndarray:
     """Return the finite eigenvalues of the pencil without rotary inertia: rotations are condensed statically."""
     mechanism = kinematics.mechanism
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
-    stiffness, mass = (weighted_sum(m, VALUES).toarray() for m in (matrices.stiffness, matrices.mass))
-    constraints = constraint_jacobian(mechanism, kinematics.poses(np.array([theta]))[..., 0]).toarray()
+    stiffness, mass = dense_of(mechanism, VALUES)
+    constraints = constraints_at(kinematics, theta)
     turns = np.arange(mechanism.n_dofs) % 3 == 2
     assert not constraints[:, turns].any()  # revolute joints and a fixed line hold translations alone
     coupling = stiffness[np.ix_(turns, ~turns)]
@@ -168,8 +166,7 @@ def test_where_round_off_enters_with_ten_thousand_elements(
     """The vectors are good; the stiffness matrix, whose entries k_s G A / h were rounded, is not quite the beam's."""
     monkeypatch.setattr(shift_invert, "RESIDUAL_TOLERANCE", 1e-3)
     kinematics = fine(10_000)
-    mechanism = kinematics.mechanism
-    stiffness = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).stiffness, VALUES)
+    stiffness, _ = matrices_of(kinematics.mechanism, VALUES)
     with modal_problem(kinematics, VALUES, 3) as problem:
         modes = problem.solve(THETA)
     weights = np.abs(modes.flexible)

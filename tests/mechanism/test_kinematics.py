@@ -8,7 +8,6 @@ from combinations import KINDS, WHEEL
 from frames import check_derivatives
 from refusals import refusal
 
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.scene import scene_from_toml
 from scenes import CRANK, ROD, four_bar, kinematics_of, slider_crank, trammel
 
@@ -45,16 +44,6 @@ def four_bar_poses(theta: np.ndarray) -> np.ndarray:
     )
 
 
-@pytest.fixture(scope="module")
-def crank_slider() -> RigidKinematics:
-    return kinematics_of(slider_crank())
-
-
-@pytest.fixture(scope="module")
-def crank_rocker() -> RigidKinematics:
-    return kinematics_of(four_bar())
-
-
 @pytest.mark.parametrize("lower", [-12.2, -20.1, -61.3])
 def test_a_range_that_begins_turns_away_from_where_bodies_are_placed(lower: float) -> None:
     turning = kinematics_of(slider_crank(NOT_PERIODIC, f"coordinates.theta.range=[{lower}, 20.1]"))
@@ -63,7 +52,8 @@ def test_a_range_that_begins_turns_away_from_where_bodies_are_placed(lower: floa
     np.testing.assert_allclose(turning.poses(theta), slider_crank_poses(theta), rtol=0, atol=1e-11)
 
 
-def test_slider_crank_poses(crank_slider: RigidKinematics) -> None:
+def test_slider_crank_poses() -> None:
+    crank_slider = kinematics_of(slider_crank())
     poses = crank_slider.poses(THETA)
     # the closure is solved to 1e-12 of the largest body, 0.7 m
     np.testing.assert_allclose(poses, slider_crank_poses(THETA), rtol=0, atol=1e-11)
@@ -74,13 +64,37 @@ def test_slider_crank_poses(crank_slider: RigidKinematics) -> None:
     np.testing.assert_allclose(slider[2], poses[1, 2], rtol=0, atol=0)
 
 
-def test_four_bar_poses(crank_rocker: RigidKinematics) -> None:
-    np.testing.assert_allclose(crank_rocker.poses(THETA), four_bar_poses(THETA), rtol=0, atol=1e-11)
+def lever_poses(theta: np.ndarray) -> list:
+    zero, lever = 0.0 * theta, np.arctan2(CRANK * np.sin(theta), 1.0 + CRANK * np.cos(theta))
+    return [[zero, zero, theta], [zero - 1.0, zero, lever]]
 
 
-@pytest.mark.parametrize(
-    "scene", [lambda: slider_crank(), lambda: four_bar(), lambda: quick_return(), lambda: trammel()]
-)
+def trammel_poses(theta: np.ndarray) -> list:
+    """Return poses at the rod's end on the x axis: it turns backwards, and its ends are on the axes."""
+    zero = 0.0 * theta
+    return [[np.cos(theta), zero, np.pi - theta], [zero, zero, theta]]
+
+
+#: The placement chooses the branch in which a mechanism is assembled.
+MIRRORED = (
+    "bodies.coupler.placement={origin=[0.3,0.0],angle=-0.8}", "bodies.rocker.placement={origin=[1.0,0.0],angle=-1.5}",
+)  # fmt: skip
+CLOSED_FORMS = {
+    "four-bar": (four_bar, four_bar_poses),
+    "slotted lever": (lambda: quick_return(), lever_poses),
+    "another branch": (
+        lambda: four_bar(*MIRRORED), lambda theta: four_bar_poses(-theta) * np.array([1.0, -1.0, -1.0])[:, None]),
+    "turns backwards": (trammel, trammel_poses),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CLOSED_FORMS)
+def test_poses_are_those_of_the_closed_form(name: str) -> None:
+    scene, poses = CLOSED_FORMS[name]
+    np.testing.assert_allclose(kinematics_of(scene()).poses(THETA), poses(THETA), rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("scene", [slider_crank, four_bar, lambda: quick_return(), trammel])
 def test_derivatives_are_those_of_the_poses(scene) -> None:
     # dead centres are among the places
     check_derivatives(kinematics_of(scene()), np.linspace(-3.0, 9.0, 13)[:, None])
@@ -97,33 +111,6 @@ def quick_return() -> object:
     )
 
 
-def test_a_slotted_lever_follows_its_closed_form() -> None:
-    poses = kinematics_of(quick_return()).poses(THETA)
-    lever = np.arctan2(CRANK * np.sin(THETA), 1.0 + CRANK * np.cos(THETA))
-    zero = 0.0 * THETA
-    np.testing.assert_allclose(poses, [[zero, zero, THETA], [zero - 1.0, zero, lever]], rtol=0, atol=1e-11)
-
-
-def test_the_placement_chooses_the_assembly_branch() -> None:
-    mirrored = kinematics_of(
-        four_bar(
-            "bodies.coupler.placement={origin=[0.3,0.0],angle=-0.8}",
-            "bodies.rocker.placement={origin=[1.0,0.0],angle=-1.5}",
-        )
-    )
-    expected = four_bar_poses(-THETA) * np.array([1.0, -1.0, -1.0])[:, None]
-    np.testing.assert_allclose(mirrored.poses(THETA), expected, rtol=0, atol=1e-11)
-
-
-def test_a_body_that_turns_backwards_keeps_counting() -> None:
-    kinematics = kinematics_of(trammel())
-    # rod: ends on the axes, so its angle is pi - theta; poses at the rod's end on the x axis
-    theta = THETA
-    zero = 0.0 * theta
-    expected = [[np.cos(theta), zero, np.pi - theta], [zero, zero, theta]]
-    np.testing.assert_allclose(kinematics.poses(theta), expected, rtol=0, atol=1e-11)
-
-
 def test_a_rod_too_short_cannot_close() -> None:
     message = refusal(kinematics_of, slider_crank('bodies.rod.mesh="0.3:0.5:5"'))
     assert message.startswith("joints.slider: the mechanism cannot close at theta = 0.7")
@@ -133,25 +120,88 @@ def test_a_rod_too_short_cannot_close() -> None:
         assert part in message
 
 
-def test_too_many_degrees_of_freedom() -> None:
+def joined_by(coordinate: str, *joints: str) -> object:
+    """Return a slider-crank with some of its joints, whose coordinate is in one of them."""
     scene = slider_crank()
-    joints = {name: joint for name, joint in scene.joints.items() if name != "slider"}
-    message = refusal(kinematics_of, scene.model_copy(update={"joints": joints}))
-    assert message == (
-        "joints: they leave the rigid mechanism 2 degrees of freedom (6 of its 2 bodies less 4 independent "
-        "constraints), but 1 coordinate was named: theta. Both numbers must be equal. rod can move by itself in elbow: "
-        "name a coordinate for it, or join it otherwise"
-    )
+    kept = {name.replace("elbow", coordinate): scene.joints[name] for name in joints}
+    coordinates = {"theta": scene.coordinates["theta"].model_copy(update={"joint": coordinate})}
+    return scene.model_copy(update={"joints": kept, "coordinates": coordinates})
 
 
-def test_bodies_that_are_joined_to_each_other_alone() -> None:
-    """A frame on mounts that are effects, and a crank on it: neither moves while the other rests."""
-    scene = slider_crank()
-    joints = {"hub": scene.joints["elbow"]}
-    coordinates = {"theta": scene.coordinates["theta"].model_copy(update={"joint": "hub"})}
-    message = refusal(kinematics_of, scene.model_copy(update={"joints": joints, "coordinates": coordinates}))
-    assert "4 degrees of freedom" in message
-    assert "crank and rod are joined to each other alone" in message and "elastic.stiffness" in message
+def up_to(upper: float, lower: float = 0.0, rod: str = "0.3:0.6:5", *more: str) -> object:
+    """Return a slider-crank that starts at the lower end of a range; its rod is as long as its crank unless said."""
+    ends = f"coordinates.theta.range=[{lower},{upper}]", f"simulation.initial.theta.position={lower}"
+    return slider_crank(f'bodies.rod.mesh="{rod}"', NOT_PERIODIC, *ends, *more)
+
+
+DEAD = np.arcsin(2 / 3)  # the rod of 0.2 m stands upright under a crank of 0.3 m
+#: A triangle of both ends on the ground, assembled at the only angle that it can have.
+TRIANGLE = np.arccos((1.0 + CRANK**2 - 0.8**2) / (2 * CRANK))
+TO_A_WALL = "ground.points.wall=[1.0,0.0]", 'joints.pin={type="revolute",connect=["ground:wall","rod:tip"]}'
+#: Mechanisms, and one of the ways in which each may be refused: how it begins, and further words.
+REFUSED = {
+    "too many degrees of freedom": (
+        lambda: slider_crank().model_copy(update={"joints": joined_by("elbow", "crank_hinge", "elbow").joints}),
+        ("joints: they leave the rigid mechanism 2 degrees of freedom (6 of its 2 bodies less 4 independent "
+         "constraints), but 1 coordinate was named: theta. Both numbers must be equal. rod can move by itself in "
+         "elbow: name a coordinate for it, or join it otherwise",),
+    ),
+    "more coordinates": (
+        lambda: slider_crank('coordinates.psi={joint="elbow",range=[0.0,1.0]}'),
+        ("joints: they leave the rigid mechanism 1 degree of freedom (6 of its 2 bodies less 5 independent "
+         "constraints), but 2 coordinates were named: theta, psi. Both numbers must be equal",),
+    ),
+    # a frame on mounts that are effects, and a crank on it: neither moves while the other rests
+    "joined to each other alone": (
+        lambda: joined_by("hub", "elbow"),
+        ("", "4 degrees of freedom", "crank and rod are joined to each other alone", "elastic.stiffness"),
+    ),
+    # a parallelogram with its links in one line, where it can fold as well
+    "begins in a singular position": (
+        lambda: four_bar(*(f'bodies.{name}.mesh="0.0:{length}:4"' for name, length in
+                           {"crank": 0.3, "coupler": 1.0, "rocker": 0.3}.items())),
+        ("joints: at theta = 0 rad the rigid mechanism is in a singular position", "2 degrees of freedom",
+         "elsewhere it has 1, as many as coordinates"),
+    ),
+    "no degree of freedom": (
+        lambda: up_to(2.0, TRIANGLE, "0.0:0.8:5", *TO_A_WALL),
+        ("", "leave the rigid mechanism 0 degrees of freedom", "6 of its 2 bodies less 6 independent constraints"),
+    ),
+    # a step of the continuation falls on pi/2, where both stand upright
+    "loses control": (
+        lambda: up_to(np.pi),
+        ("coordinates.theta: it does not control the mechanism at 1.5708 rad (smallest singular",
+         "choose another joint or a range without this configuration"),
+    ),
+    # steps fall beside pi/2: the determinant of the closure changes its sign between them
+    **{
+        f"loses control between steps to {upper}": (
+            lambda upper=upper: up_to(upper), ("", "coordinates.theta: it does not control the mechanism at 1.57")
+        )
+        for upper in (2.0, 2 * np.pi)
+    },
+    "closes nowhere": (
+        lambda: four_bar('bodies.coupler.mesh="0.0:0.1:2"', 'bodies.rocker.mesh="0.0:0.1:2"'),
+        ("joints.", "the mechanism cannot close at theta = 0 rad", "a gap of ", " remains",
+         "the first guess of how it is assembled; angles in rad"),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_does_not_move_by_its_coordinates_is_refused(name: str) -> None:
+    scene, (start, *words) = REFUSED[name]
+    message = refusal(kinematics_of, scene())
+    assert message.startswith(start) and all(one in message for one in words), message
+    assert name not in ("too many degrees of freedom", "more coordinates") or message == start
+
+
+@pytest.mark.parametrize("ends", [(0.0, DEAD), (DEAD, 1.0)], ids=["upper", "lower"])
+def test_a_dead_centre_at_an_end_of_the_range(ends: tuple[float, float]) -> None:
+    start = f"simulation.initial.theta.position={DEAD}"
+    message = refusal(kinematics_of, up_to(ends[1], ends[0], "0.3:0.5:5", start))
+    # the closure, solved to 1e-12, finds a double root to 1e-6 only: which refusal comes first is a matter of round-off
+    assert "it does not control the mechanism at 0.729" in message or "cannot close at theta = 0.7" in message
 
 
 def test_a_direction_that_other_joints_hold_is_not_released() -> None:
@@ -170,75 +220,6 @@ def test_a_direction_that_other_joints_hold_is_not_released() -> None:
         scene_from_toml(KINDS["all rigid in space"], ".", (loose.replace("1.0,1.0", "1.0,0.0"),))
     )
     assert kinematics.unheld(np.array([0.3]), [False, True]) == 0
-
-
-def test_a_range_that_begins_in_a_singular_position() -> None:
-    """A parallelogram with its links in one line, where it can fold as well."""
-    lengths = {"crank": 0.3, "coupler": 1.0, "rocker": 0.3}
-    message = refusal(
-        kinematics_of, four_bar(*(f'bodies.{name}.mesh="0.0:{length}:4"' for name, length in lengths.items()))
-    )
-    assert message.startswith("joints: at theta = 0 rad the rigid mechanism is in a singular position")
-    assert "2 degrees of freedom" in message and "elsewhere it has 1, as many as coordinates" in message
-
-
-def test_no_degree_of_freedom() -> None:
-    # both ends on the ground: a triangle, assembled at the only angle that it can have
-    angle = np.arccos((1.0 + CRANK**2 - 0.8**2) / (2 * CRANK))
-    message = refusal(
-        kinematics_of,
-        slider_crank(
-            'bodies.rod.mesh="0.0:0.8:5"', "ground.points.wall=[1.0,0.0]",
-            'joints.pin={type="revolute",connect=["ground:wall","rod:tip"]}', NOT_PERIODIC,
-            f"coordinates.theta.range=[{angle},2.0]", f"simulation.initial.theta.position={angle}",
-        ),
-    )  # fmt: skip
-    assert "leave the rigid mechanism 0 degrees of freedom" in message
-    assert "6 of its 2 bodies less 6 independent constraints" in message
-
-
-def test_more_coordinates_than_degrees_of_freedom() -> None:
-    message = refusal(kinematics_of, slider_crank('coordinates.psi={joint="elbow",range=[0.0,1.0]}'))
-    assert message == (
-        "joints: they leave the rigid mechanism 1 degree of freedom (6 of its 2 bodies less 5 independent "
-        "constraints), but 2 coordinates were named: theta, psi. Both numbers must be equal"
-    )
-
-
-@pytest.mark.parametrize("end", ["upper", "lower"])
-def test_a_dead_centre_at_an_end_of_the_range(end: str) -> None:
-    dead = np.arcsin(2 / 3)  # the rod of 0.2 m stands upright under a crank of 0.3 m
-    limits = [0.0, dead] if end == "upper" else [dead, 1.0]
-    message = refusal(
-        kinematics_of,
-        slider_crank(
-            'bodies.rod.mesh="0.3:0.5:5"',
-            NOT_PERIODIC,
-            f"coordinates.theta.range={limits}",
-            f"simulation.initial.theta.position={dead}",
-        ),
-    )
-    # the closure, solved to 1e-12, finds a double root to 1e-6 only: which refusal comes first is a matter of round-off
-    assert "it does not control the mechanism at 0.729" in message or "cannot close at theta = 0.7" in message
-
-
-def equal_lengths(upper: float) -> object:
-    """Return a slider-crank with crank and rod of one length, over [0, upper]."""
-    return slider_crank('bodies.rod.mesh="0.3:0.6:5"', NOT_PERIODIC, f"coordinates.theta.range=[0.0,{upper}]")
-
-
-def test_a_configuration_in_which_the_coordinate_loses_control() -> None:
-    # a step of the continuation falls on pi/2, where both stand upright
-    message = refusal(kinematics_of, equal_lengths(np.pi))
-    assert message.startswith("coordinates.theta: it does not control the mechanism at 1.5708 rad (smallest singular")
-    assert "choose another joint or a range without this configuration" in message
-
-
-@pytest.mark.parametrize("upper", [2.0, 2 * np.pi])
-def test_a_loss_of_control_between_two_steps_of_the_continuation(upper: float) -> None:
-    # the same, with steps that fall beside pi/2: the determinant of the closure changes its sign between them
-    message = refusal(kinematics_of, equal_lengths(upper))
-    assert "coordinates.theta: it does not control the mechanism at 1.57" in message
 
 
 def test_a_turn_that_does_not_come_back() -> None:
@@ -266,10 +247,3 @@ def test_placements_too_far_off_are_told_with_others_that_close(angles: tuple[fl
     given = re.findall(r"bodies\.(\w+)\.placement = (\{[^}]*\})", message)
     assert [name for name, _ in given] == ["crank", "coupler", "rocker"]
     kinematics_of(four_bar(*(f"bodies.{name}.placement={table}" for name, table in given)))
-
-
-def test_lengths_that_close_nowhere_are_no_matter_of_placements() -> None:
-    message = refusal(kinematics_of, four_bar('bodies.coupler.mesh="0.0:0.1:2"', 'bodies.rocker.mesh="0.0:0.1:2"'))
-    assert re.search("a gap of .* remains", message)
-    assert "the first guess of how it is assembled; angles in rad" in message
-    assert message.startswith("joints.") and "the mechanism cannot close at theta = 0 rad" in message

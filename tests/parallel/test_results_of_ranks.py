@@ -10,16 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
+from effect_scenes import EVERYTHING
+from machine_scenes import ACROSS, cart
 from runs import in_turn, overridden, pgmp
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
+from pgmp_petsc.scene import scene_to_toml
 
-BEAMS, EFFECTS, SOLIDS, GEARED, SPACE, SPATIAL_SOLIDS = (
+BEAMS, EFFECTS, SOLIDS, GEARED, SPACE, SPATIAL_SOLIDS, TURNING = (
     ROOT / "scenes" / f"{name}.toml"
     for name in (
         "slider_crank", "slider_crank_effects", "slider_crank_solid2d", "geared_five_bar", "rssr_beams",
-        "slider_crank_solid3d",
+        "slider_crank_solid3d", "quick_return",
     )
 )  # fmt: skip
 SHARED = "import pgmp_petsc.studies.simulate as study\nstudy.UNKNOWNS_PER_RANK = 1\n"
@@ -51,7 +54,14 @@ STRESSED = overridden(
     "reduction.modes=3", "reduction.angles=8", "simulation.duration=0.02", "simulation.step=1e-3", STRESS % "rod"
 )
 OF_ROWS = "test_results_are_those_of_one_rank"
-ROM, RANKS = object(), object()  # the reduced model that settles, and the number of ranks
+# the reduced model that settles, that of the same start, the number of ranks, the scenes of `EVERYTHING` and `ACROSS`
+ROM, OWN, RANKS, EVERY, CART = (object() for _ in range(5))
+# forces in the joints of a line that turns, whose nodes are on different ranks; with damping of the scheme and without
+FORCED = overridden(
+    "simulation.duration=0.03", "simulation.step=1e-3",
+    *(f'outputs.{axis}={{type="joint_force", joint="slot", component="{axis}"}}' for axis in "xy"),
+    'outputs.hinge={type="joint_force", joint="rocker_hinge", component="x"}',
+)  # fmt: skip
 TABLE = ("--angles", 5, "--ranks-per-angle", RANKS)
 #: What some ranks make, by the files' names.
 STARTS = {
@@ -73,6 +83,18 @@ STARTS = {
     },
     "model in space": {"rom": ("build", SPACE, *overridden("reduction.angles=8"), "--ranks-per-angle", RANKS)},
     "solids": {"full": ("simulate", SPATIAL_SOLIDS, "--full", *SUDDEN)},
+    "effects": {
+        "all": ("simulate", EVERY, "--full"),
+        "damped": ("simulate", TURNING, "--full", *FORCED),
+        "undamped": ("simulate", TURNING, "--full", *FORCED, *overridden("simulation.spectral_radius=1.0")),
+    },
+    # what leads is measured on every rank that has what it leads
+    "loads": {
+        "rom": ("build", CART),
+        "reduced": ("simulate", OWN),
+        "full": ("simulate", CART, "--full"),
+        "components": ("simulate", CART, "--components"),
+    },
     "stresses": {"rom": ("build", SOLIDS, "--ranks-per-angle", RANKS, *STRESSED)},
 }
 
@@ -90,13 +112,18 @@ def made(request: pytest.FixtureRequest, folder: Path) -> Callable[[str, int], P
         pgmp("build", BEAMS, *FREE, *FEW, "-o", folder / "settled_rom.h5")
         return folder / "settled_rom.h5"
 
+    (folder / "every.toml").write_text(EVERYTHING)
+    over = cart(*ACROSS, "simulation.duration=0.02", "reduction.angles=6")
+    (folder / "cart.toml").write_text(scene_to_toml(over))
+
     @cache
     def make(n: int) -> None:
-        wanted = []
+        wanted, stand_for = [], {RANKS: n, EVERY: folder / "every.toml", CART: folder / "cart.toml"}
         for start in (start for start in STARTS if (start, n) in asked):
             (folder / f"{start}_{n}").mkdir()
+            stand_for[OWN] = folder / f"{start}_{n}" / "rom.h5"
             for name, words in STARTS[start].items():
-                words = [settled_rom() if word is ROM else n if word is RANKS else word for word in words]
+                words = [settled_rom() if word is ROM else stand_for.get(word, word) for word in words]
                 wanted.append([*map(str, words), "-o", str(folder / f"{start}_{n}" / f"{name}.h5")])
         statuses, done = in_turn(n, wanted, before=SHARED)
         # a sample without equilibrium is a record, with exit status 1
@@ -122,6 +149,9 @@ ROWS = [
     # 240 unknowns, the nodes of a beam on different ranks, with damping: measured 1e-12
     ("run in space", (3,), ("full",), Trajectory, 1e-9, 1e-8),
     ("model in space", (2, 3), ("rom",), ReducedOrderModel, 1e-7, 0.0),
+    # Newton's tolerance of 1e-12 in places is 1e-6 of what holds them; balances have the same of all effects
+    ("effects", (2, 3), ("all", "damped", "undamped"), Trajectory, 1e-6, 1e-6),
+    ("loads", (3,), ("reduced", "full", "components"), Trajectory, 1e-9, 1e-8),
     # 9,000 unknowns on one rank and on two
     ("solids", (2,), ("full",), Trajectory, 1e-9, 1e-8),
 ]  # fmt: skip
@@ -151,11 +181,13 @@ def test_results_are_those_of_one_rank(
         # a deformation of 0.4 um is a difference of places at 1 m, which have 2.2e-16 m in their last digit
         same(several.outputs, one.outputs, share, {name: 1e-15 for name, unit in one.units.items() if unit == "m"})
         assert start != "settled" or one.balance.strain[0] > 0.0
+        assert name != "all" or (len(one.balance.work) == 9 and one.balance.work["stop"][-1] < 0.0), "the stop is hit"
         for part in ("kinetic", "strain"):
             found, wanted = (getattr(run.balance, part) for run in (several, one))
             np.testing.assert_allclose(found, wanted, rtol=of_energy, atol=1e-15, err_msg=part)
         same(several.balance.work, one.balance.work, 1e-6, dict.fromkeys(one.balance.work, 1e-15))
-        off = 1e-11 if start == "settled" else 1e-12  # free equilibria, where little pulls back, are 4e-12 m apart
+        # free equilibria, where little pulls back, are 4e-12 m apart; a stop that is hit makes more of 1e-12
+        off = {"settled": 1e-11, "effects": 1e-8 if name == "all" else 1e-10}.get(start, 1e-12)
         for body, places in one.frames.positions.items():
             np.testing.assert_allclose(several.frames.positions[body], places, atol=off)
         # stresses are derivatives: round-off of the displacements is ten times as large in them

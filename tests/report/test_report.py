@@ -606,6 +606,16 @@ def test_outputs_that_are_not_known_are_no_figures(folder: Path) -> None:
     assert headline_of_comparison(*files) == told
 
 
+def test_an_ensemble_is_dots_and_bars_where_a_run_swings_between_its_instants() -> None:
+    time, band = np.linspace(0.0, 1.0, 401), synthetic.band((0.025, 0.975))
+    for frequency, swings in ((1.0, False), (15.0, True)):
+        run = Curve("run", "reduced", time, np.sin(2.0 * np.pi * frequency * time))
+        chart = output_over_time("x", "m", [run], band, "reduced", None)
+        told = "at 21 instants"
+        told += "; ".join([", between which the run goes to and fro", "a larger"] if swings else ["."])
+        assert told in chart.caption
+
+
 def test_an_error_that_two_runs_with_the_same_step_share_is_said(folder: Path) -> None:
     """The estimate knows of the time step, a comparison with the same step does not."""
     run, full = (synthetic.trajectory(model) for model in ("reduced", "full"))
@@ -625,6 +635,9 @@ def test_an_error_that_two_runs_with_the_same_step_share_is_said(folder: Path) -
     verdict, budget = of(*files[:2])
     said = r"Model error 3\.4 % .* at the same time step; the time-step error is not included\."
     assert re.search(said, verdict)
+    synthetic.ensemble("components", 20, 0).write(folder / "of_components.h5")
+    with_samples, _ = of(*files[:2], folder / "of_components.h5")
+    assert "The samples are of component modes, whose error in them is" in with_samples
     assert "With the error of the time step it is estimated to be 80 % of the largest" in verdict
     assert verdict.count("off by up to 80 % of that.") == len(run.outputs)
     assert budget["model: slider_deformation"][0] == "3.4 %"

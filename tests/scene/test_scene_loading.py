@@ -1,7 +1,5 @@
 """Scenes from files and back: what is read, changed by options, resolved and written, and what cannot be."""
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -91,15 +89,6 @@ def test_set_gives_the_value_of_a_run_and_keeps_the_nominal_one() -> None:
     assert scene.number("r1") == 5e-3
     again = scene_from_toml(scene_to_toml(scene), scene.directory, settings=["r1=4e-3"])
     assert again.values == {"r1": 4e-3}
-
-
-def test_scenes_and_meshes_need_no_petsc() -> None:
-    code = (
-        "import sys, pgmp_petsc.scene, pgmp_petsc.mesh; "
-        "print(*{'petsc4py', 'mpi4py', 'scipy', 'meshio', 'gmsh', 'matplotlib'} & set(sys.modules))"
-    )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == ""
 
 
 def test_a_missing_file(tmp_path: Path) -> None:

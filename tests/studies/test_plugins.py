@@ -72,6 +72,28 @@ pytestmark = pytest.mark.usefixtures("no_plugins")
 TABLE = '{type="line_spring", point="rod:tip", direction=[0.0, 1.0], stiffness=20.0}'
 
 
+def plugged(folder: Path, *texts: str) -> Path:
+    """Use files of these texts; return the first."""
+    paths = [folder / f"mine{number or ''}.py" for number in range(len(texts))]
+    for path, text in zip(paths, texts):
+        path.write_text(text)
+        pgmp.use(path)
+    return paths[0]
+
+
+def beams(*overrides: str) -> Scene:
+    """Return the slider-crank of `combinations`, of beams."""
+    return scene_from_toml(scene_to_toml(scene_of("beams", "nothing")), ".", overrides)
+
+
+def assert_same_in_c(rom: object, folder: Path, wanted: Trajectory) -> None:
+    """Check that the model's program in C runs as the model has."""
+    pgmp.export_model(rom, str(folder / "model"))
+    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *compiled_of("reduced"), "-lm"]
+    subprocess.run(command, cwd=folder / "model", check=True)
+    assert_equal(outputs_of(folder / "model" / "run"), wanted.outputs)
+
+
 @pytest.fixture
 def line_spring(tmp_path: Path) -> Path:
     """The file of docs/extending.md."""
@@ -85,44 +107,6 @@ MODELS: dict[str, Callable[[Scene], Trajectory]] = {
     "components": lambda scene: simulate(_components(scene, meshes_for(scene), {}), MPI.COMM_SELF),
     "reduced": lambda scene: simulate(ReducedModel(scene, _build(scene, meshes_for(scene), {})), MPI.COMM_SELF),
 }
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_the_effect_of_the_page_acts_as_a_bushing_with_one_spring(line_spring: Path, model: str) -> None:
-    """Two writings of one force: the same statement, law and numbers, so that results differ by round-off at most."""
-    (of_output := line_spring.with_name("along.py")).write_text(OUTPUT)
-    for path in (line_spring, of_output):
-        pgmp.use(path)
-    text = scene_to_toml(scene_of("beams", "nothing"))
-    along = 'outputs.along={type="along", point="rod:tip", direction=[1.0, 0.0]}'
-    entries = {
-        "plugin": 'effects.x={type="line_spring", point="rod:tip", direction=[0.0, 1.0], stiffness=20.0, damping=0.5}',
-        "own": 'effects.x={type="bushing", points=["ground:origin", "rod:tip"], reference=[[0.0, 1.0]], '
-        "stiffness=[20.0, 0.0], damping=[0.5, 0.0]}",
-    }
-    found = {name: MODELS[model](scene_from_toml(text, ".", [entry, along])) for name, entry in entries.items()}
-    for name, values in found["own"].outputs.items():
-        np.testing.assert_allclose(found["plugin"].outputs[name], values, rtol=1e-12, atol=1e-14)
-    outputs = found["plugin"].outputs
-    np.testing.assert_allclose(outputs["along"], outputs["place"], rtol=1e-14)
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_the_controller_of_the_page_acts_as_the_formula_that_it_is(tmp_path: Path, model: str) -> None:
-    """Two writings of one force, which is large enough to move the crank by more than round-off."""
-    (path := tmp_path / "bang.py").write_text(CONTROLLER)
-    pgmp.use(path)
-    text = scene_to_toml(scene_of("beams", "nothing"))
-    acting = 'measures="angle", joint="crank_hinge", reference=0.2'
-    entries = {
-        "plugin": f'controllers.x={{type="bang", most=2.0, {acting}}}',
-        "own": f'controllers.x={{type="formula", output="2 * tanh((r - y) / 0.05)", {acting}}}',
-        "none": "simulation.step=1e-3",
-    }
-    found = {name: MODELS[model](scene_from_toml(text, ".", [entry])).outputs for name, entry in entries.items()}
-    for name, values in found["own"].items():
-        np.testing.assert_allclose(found["plugin"][name], values, rtol=1e-12, atol=1e-14)
-    assert np.abs(found["own"]["angle"] - found["none"]["angle"]).max() > 1e-6
 
 
 BY_ANGLE = """
@@ -154,23 +138,6 @@ class ByAngle(EffectEntry):
         push = Action(name, following(np.array(self.direction)), *sides, LAW, (Quantity(3.0),), led=True)
         return ActionEffect(name, [lead, push], mechanism)
 """
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_a_force_at_a_point_by_the_angle_of_a_joint_is_one_over_that(tmp_path: Path, model: str) -> None:
-    (path := tmp_path / "by_angle.py").write_text(BY_ANGLE)
-    pgmp.use(path)
-    text, place = scene_to_toml(scene_of("beams", "nothing")), 'point="crank:tip", direction=[0.0, 1.0]'
-    entries = {
-        "plugin": f'effects.x={{type="by_angle", joint="crank_hinge", {place}}}',
-        "own": f'effects.x={{type="force", over="crank_hinge", table=[[-9, -27], [9, 27]], follows=true, {place}}}',
-        "none": "simulation.step=1e-3",
-    }
-    start = "simulation.initial.theta={position=0.4, velocity=0.0}"
-    found = {name: MODELS[model](scene_from_toml(text, ".", [entry, start])).outputs for name, entry in entries.items()}
-    for name, values in found["own"].items():
-        np.testing.assert_allclose(found["plugin"][name], values, rtol=0, atol=1e-9 * np.abs(values).max())
-    assert np.abs(found["own"]["angle"] - found["none"]["angle"]).max() > 1e-5
 
 
 #: What `Along` and others add to say more of themselves than what they read; an output of another one's multipliers; an
@@ -236,64 +203,74 @@ EXPRESSED = """
 """
 
 
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize(
-    ("texts", "entry", "same", "share"),
-    [
-        ((OUTPUT + STATED,), 'type="along", point="rod:tip", direction=[2.0, 0.0]', "y", 1e-12),
-        ((OUTPUT,), 'type="along", point="rod:tip", direction=[2.0, 0.0]', "y", 1e-6),
-        ((TWICE,), 'type="twice", of="place"', "2 * y", 1e-6),
-        ((TWICE + EXPRESSED,), 'type="twice", of="place"', "2 * y", 1e-12),
-    ],
-    ids=("of a statement", "of a reading", "of another output", "of an expression"),
-)
-def test_what_controllers_measure_is_what_the_output_says(
-    tmp_path: Path, model: str, texts: tuple[str, ...], entry: str, same: str, share: float
-) -> None:
-    """A controller of a plugin's output, and of the program's own that is the same. Without a statement iterations have
-    no slopes by it, and leave more."""
-    for number, text in enumerate(texts):
-        (path := tmp_path / f"mine_{number}.py").write_text(text)
-        pgmp.use(path)
-    text = scene_to_toml(scene_of("beams", "nothing"))
-    acting = 'type="formula", joint="crank_hinge", output="20 * (0.9 - {})"'
-    found = {
-        name: MODELS[model](scene_from_toml(text, ".", [f"outputs.mine={{{entry}}}", controller])).outputs
-        for name, controller in {
-            "plugin": f'controllers.x={{measures="mine", {acting.format("y")}}}',
-            "own": f'controllers.x={{measures="place", {acting.format(same)}}}',
-            "none": "simulation.step=1e-3",
-        }.items()
-    }
-    for name, values in found["own"].items():
-        np.testing.assert_allclose(found["plugin"][name], values, rtol=0, atol=share * np.abs(values).max())
-    assert np.abs(found["own"]["angle"] - found["none"]["angle"]).max() > 1e-4
+ALONG = 'outputs.mine={type="along", point="rod:tip", direction=[2.0, 0.0]}'
+DOUBLED = 'outputs.mine={type="twice", of="place"}'
+AT_TIP = 'point="crank:tip", direction=[0.0, 1.0]'
+BY_REFERENCE = 'measures="angle", joint="crank_hinge", reference=0.2'
+MEASURES = 'controllers.x={type="formula", joint="crank_hinge", measures="%s", output="20 * (0.9 - %s)"}'
+#: Files, what is beside, an entry of theirs, the program's own that is the same, how far runs with these are off, and
+#: what either moves the crank by at least. Without a statement iterations have no slopes by what a controller measures,
+#: and leave more. Those of one statement, law and numbers differ by round-off of each value.
+WRITINGS = {
+    "effect of the page": (
+        (LISTING,), ("simulation.initial.theta={position=0.4, velocity=0.0}",),
+        'effects.x={type="line_spring", point="rod:tip", direction=[0.6, 0.8], stiffness=20.0, damping=0.5}',
+        'effects.x={type="bushing", points=["ground:origin", "rod:tip"], reference=[[0.6, 0.8]], '
+        "stiffness=[20.0, 0.0], damping=[0.5, 0.0]}", 1e-12, 1e-5,
+    ),
+    "controller of the page": (
+        (CONTROLLER,), (), f'controllers.x={{type="bang", most=2.0, {BY_REFERENCE}}}',
+        f'controllers.x={{type="formula", output="2 * tanh((r - y) / 0.05)", {BY_REFERENCE}}}', 1e-12, 1e-6,
+    ),
+    "force at a point by an angle": (
+        (BY_ANGLE,), ("simulation.initial.theta={position=0.4, velocity=0.0}",),
+        f'effects.x={{type="by_angle", joint="crank_hinge", {AT_TIP}}}',
+        f'effects.x={{type="force", over="crank_hinge", table=[[-9,-27],[9,27]], follows=true, {AT_TIP}}}', 1e-9, 1e-5,
+    ),
+    "measure of a statement": (
+        (OUTPUT + STATED,), (ALONG,), MEASURES % ("mine", "y"), MEASURES % ("place", "y"), 1e-12, 1e-4),
+    "measure of a reading": ((OUTPUT,), (ALONG,), MEASURES % ("mine", "y"), MEASURES % ("place", "y"), 1e-6, 1e-4),
+    "measure of another output": (
+        (TWICE,), (DOUBLED,), MEASURES % ("mine", "y"), MEASURES % ("place", "2 * y"), 1e-6, 1e-4),
+    "measure of an expression": (
+        (TWICE + EXPRESSED,), (DOUBLED,), MEASURES % ("mine", "y"), MEASURES % ("place", "2 * y"), 1e-12, 1e-4),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_an_output_of_multipliers_is_the_one_that_it_is_made_of(tmp_path: Path, model: str) -> None:
-    (path := tmp_path / "pull.py").write_text(PULL)
-    pgmp.use(path)
-    both = (
-        'outputs.mine={type="pull", bearing="crank_hinge"}',
+@pytest.mark.parametrize("name", WRITINGS)
+def test_two_writings_of_one_force_act_alike(tmp_path: Path, name: str, model: str) -> None:
+    texts, beside, theirs, own, share, moved = WRITINGS[name]
+    plugged(tmp_path, *texts)
+    plugin, wanted, none = (MODELS[model](beams(*beside, *entry)).outputs for entry in ((theirs,), (own,), ()))
+    for output, values in wanted.items():
+        close = {"rtol": share, "atol": 1e-14} if "page" in name else {"rtol": 0, "atol": share * np.abs(values).max()}
+        np.testing.assert_allclose(plugin[output], values, **close, err_msg=output)
+    assert np.abs(wanted["angle"] - none["angle"]).max() > moved
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_outputs_are_those_that_they_are_made_of(tmp_path: Path, model: str) -> None:
+    plugged(tmp_path, OUTPUT, PULL)
+    found = MODELS[model](beams(
+        'outputs.along={type="along", point="rod:tip", direction=[1.0, 0.0]}',
+        'outputs.pull={type="pull", bearing="crank_hinge"}',
         'outputs.own={type="joint_force", joint="crank_hinge", component="x"}',
         'effects.weight={type="gravity", direction=[0.0, -1.0]}',
-    )
-    found = MODELS[model](scene_from_toml(scene_to_toml(scene_of("beams", "nothing")), ".", both)).outputs
-    np.testing.assert_array_equal(found["mine"], found["own"])
+    )).outputs  # fmt: skip
+    np.testing.assert_allclose(found["along"], found["place"], rtol=1e-14)
+    np.testing.assert_array_equal(found["pull"], found["own"])
     assert np.abs(found["own"]).max() > 1e-3
 
 
 def test_a_derivative_that_an_output_does_not_say_is_refused_where_controllers_measure_it(tmp_path: Path) -> None:
     text = OUTPUT.replace("return Reading", "return Rate(Reading").replace("mechanism.space)", "mechanism.space))")
-    (path := tmp_path / "mine.py").write_text(text.replace("import Reading", "import Rate, Reading"))
-    pgmp.use(path)
+    plugged(tmp_path, text.replace("import Reading", "import Rate, Reading"))
     along = 'outputs.mine={type="along", point="rod:tip", direction=[1.0, 0.0]}'
-    scene = scene_from_toml(scene_to_toml(scene_of("beams", "nothing")), ".", [along])
-    MODELS["full"](scene)
+    MODELS["full"](beams(along))
     acting = 'controllers.x={type="formula", measures="mine", joint="crank_hinge", output="-y"}'
     with pytest.raises(InputError, match=r"line \d+: class Along: it reads a derivative of order 1, and says 0; contr"):
-        MODELS["full"](scene_from_toml(scene_to_toml(scene), ".", [acting]))
+        MODELS["full"](beams(along, acting))
 
 
 #: A force of its own beside that of `PULL`.
@@ -316,15 +293,15 @@ class Pull""",
 @pytest.mark.parametrize(
     ("text", "entry", "words"),
     [
-        (TWICE, 'type="twice", of="place"', r"line \d+: class Doubled: a model in C has no code for it; make outputs"),
-        (OWN_FORCE, 'type="pull", bearing="crank_hinge"', r"line \d+: class Mine: a model in C has no .*; make it of"),
+        (TWICE, DOUBLED, r"line \d+: class Doubled: a model in C has no code for it; make outputs"),
+        (OWN_FORCE, 'outputs.mine={type="pull", bearing="crank_hinge"}',
+         r"line \d+: class Mine: a model in C has no .*; make it of"),
     ],
     ids=("a reading", "a force"),
-)
+)  # fmt: skip
 def test_what_c_has_no_code_for_is_refused_by_its_class(tmp_path: Path, text: str, entry: str, words: str) -> None:
-    (path := tmp_path / "mine.py").write_text(text)
-    pgmp.use(path)
-    scene = scene_from_toml(scene_to_toml(scene_of("beams", "nothing")), ".", [f"outputs.mine={{{entry}}}"])
+    plugged(tmp_path, text)
+    scene = beams(entry)
     rom = _build(scene, meshes_for(scene), {})
     with pytest.raises(InputError, match=words):
         constants_of(ReducedModel(scene, rom), "it")
@@ -399,8 +376,7 @@ SLIDING_AND_TURNING = {
 def test_a_bar_that_slides_and_turns_in_a_plane(tmp_path: Path, kind: str) -> None:
     """Its middle moves on a circle about the origin, so that a torque T turns it by T t^2 / (2 I) with I about its end:
     in every model, its derivatives and C."""
-    (path := tmp_path / "pin_in_slot.py").write_text(JOINT)
-    pgmp.use(path)
+    plugged(tmp_path, JOINT)
     (scene_file := tmp_path / "trammel.toml").write_text(TRAMMEL)
     scene = pgmp.load(scene_file, overrides=SLIDING_AND_TURNING[kind])
     rom = pgmp.build(scene)
@@ -419,10 +395,7 @@ def test_a_bar_that_slides_and_turns_in_a_plane(tmp_path: Path, kind: str) -> No
         np.testing.assert_allclose(run.outputs["place"], place, rtol=0, atol=2e-4 * turned[-1], err_msg=model)
     slopes = pgmp.sensitivities(rom)
     assert slopes.derivatives["angle"]["strength"][-1] == pytest.approx(turned[-1], rel=2e-4)
-    pgmp.export_model(rom, str(tmp_path / "model"))
-    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *compiled_of("reduced"), "-lm"]
-    subprocess.run(command, cwd=tmp_path / "model", check=True)
-    assert_equal(outputs_of(tmp_path / "model" / "run"), runs["reduced"].outputs)
+    assert_same_in_c(rom, tmp_path, runs["reduced"])
 
 
 PARABOLA = """
@@ -447,8 +420,7 @@ class Parabola(JointEntry):
 def test_a_point_stays_on_a_curve_in_every_model_and_in_c(tmp_path: Path) -> None:
     """Newton's iteration closes the constraint to round-off in full-order and component runs; a reduced one is off by
     what is of third order in its deformation."""
-    (path := tmp_path / "parabola.py").write_text(PARABOLA)
-    pgmp.use(path)
+    plugged(tmp_path, PARABOLA)
     slot = 'joints.slider={type="parabola", connect=["ground:origin", "rod:tip"], a=0.3}'
     across = 'outputs.across={type="position", point="rod:tip", axis="y"}'
     scene = pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=[slot, across, "simulation.duration=0.5"])
@@ -460,10 +432,7 @@ def test_a_point_stays_on_a_curve_in_every_model_and_in_c(tmp_path: Path) -> Non
         assert np.abs(off).max() < (1e-7 if model == "reduced" else 1e-12), model
         angle = runs["full"].outputs["crank_angle"]
         np.testing.assert_allclose(run.outputs["crank_angle"], angle, rtol=0, atol=2e-4 * angle[-1], err_msg=model)
-    pgmp.export_model(rom, str(tmp_path / "model"))
-    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *compiled_of("reduced"), "-lm"]
-    subprocess.run(command, cwd=tmp_path / "model", check=True)
-    assert_equal(outputs_of(tmp_path / "model" / "run"), runs["reduced"].outputs)
+    assert_same_in_c(rom, tmp_path, runs["reduced"])
     with pytest.raises(InputError, match=r"^joints\.slider\.elastic: this joint has no axes that are the same"):
         springs = "joints.slider.elastic={reference=[[1.0, 0.0]], stiffness=[0.0, 1e5]}"
         pgmp.check(pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=[slot, springs]))
@@ -551,14 +520,10 @@ LATER = {
 def test_what_fails_in_a_scene_is_refused_with_its_line(tmp_path: Path, name: str) -> None:
     text, (before, after), words = LATER[name]
     assert before in text
-    (path := tmp_path / "mine.py").write_text(text.replace(before, after, 1))
-    Body(
-        element="beam2d",
-        line={"length": 1.0, "elements": 2},
-        material="steel",
-        section={"shape": "circle", "radius": 1},
-    )
-    pgmp.use(path)  # after a body was made: a table by itself does not know of later sections
+    # a body made before: a table by itself does not know of later sections
+    section = {"shape": "circle", "radius": 1}
+    Body(element="beam2d", line={"length": 1.0, "elements": 2}, material="steel", section=section)
+    plugged(tmp_path, text.replace(before, after, 1))
     along = 'outputs.e={type="along", point="rod:tip", direction=[1.0, 0.0]}'
     square = 'bodies.crank.section={shape="square", side=0.01}'
     overrides = {OUTPUT: [along], LISTING: [f"effects.e={TABLE}"], SECTION: [square]}[text]
@@ -596,9 +561,8 @@ class Nothing(EffectEntry):
 
 
 def test_a_term_of_the_reduction_is_kept_and_not_judged_by_its_work(tmp_path: Path) -> None:
-    (path := tmp_path / "mine.py").write_text(f"{NOTHING.format('reduction')}    second_order = True\n")
-    pgmp.use(path)
-    scene = scene_from_toml(scene_to_toml(scene_of("beams", "nothing")), ".", ["effects.mine={type='nothing'}"])
+    plugged(tmp_path, f"{NOTHING.format('reduction')}    second_order = True\n")
+    scene = beams("effects.mine={type='nothing'}")
     meshes = meshes_for(scene)
     chosen, sizes = choose_effects(scene, meshes, meshes)
     assert "mine" not in {size.name for size in sizes.sizes}

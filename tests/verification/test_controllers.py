@@ -4,16 +4,17 @@ import os
 import shutil
 import subprocess
 import zipfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from alike import assert_samples_are_those_alone, orders
+from alike import assert_order, assert_samples_are_those_alone
 from conftest import ROOT
 from exported import FMPY, Unit, assert_equal, compiled, needs_compiler, outputs_of
-from machine_scenes import MODELS, cart, run
+from machine_scenes import MODELS, cart, errors_of, of_text, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
 from runs import assert_close, full_model, history, in_turn, motion, overridden, reduced_model, run_model, samples
@@ -121,14 +122,16 @@ LOOPS = {
 }  # fmt: skip
 
 
+def of(rates: Callable, start: list[float]) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
+    return lambda times: {"angle": exactly(times, rates, start)}
+
+
 @pytest.mark.parametrize("servo", LOOPS)
 def test_continuous_controllers(servo: str) -> None:
     """Against scipy's integrator, of second order."""
-    (more, (rates, start)), errors = LOOPS[servo], []
-    for step in (2e-3, 1e-3, 5e-4):
-        times, found = angle(wheel(servo, *more, f"simulation.step={step}"))
-        errors.append(np.abs(found - exactly(times, rates, start)).max())
-    np.testing.assert_allclose(orders(errors), 2.0, atol=0.25 if more else 0.15, err_msg=str(errors))
+    more, exact = LOOPS[servo]
+    errors = errors_of(lambda step: wheel(servo, *more, step), "full", of(*exact), 2e-3, 1e-3, 5e-4)
+    assert_order(errors, within=0.25 if more else 0.15)
     assert errors[-1] < (5e-4 if more else 1e-4), errors
 
 
@@ -136,13 +139,9 @@ def test_continuous_controllers(servo: str) -> None:
 def test_limits_and_windup(tracking: str) -> None:
     """A torque at its limits for half the run; without a time p / i leads the integral back. Corners of the torque are
     within steps: the error falls as the square of the step, with what the corners leave."""
-    errors, time = [], 0.02 if tracking else 40.0 / 300.0
-    servo = f"reference=2.0,gains={{p=40.0,i=300.0,d=1.6,filter=0.01}},limits=[-9.0,9.0],{tracking}"
-    for step in (2e-3, 5e-4):
-        scene = wheel(servo.rstrip(","), f"simulation.step={step}", "simulation.duration=0.6")
-        times, found = angle(scene)
-        rates = loop(lambda t: 2.0, low=-9.0, high=9.0, tracking=time)
-        errors.append(np.abs(found - exactly(times, *rates)).max())
+    servo = f"reference=2.0,gains={{p=40.0,i=300.0,d=1.6,filter=0.01}},limits=[-9.0,9.0],{tracking}".rstrip(",")
+    exact = of(*loop(lambda t: 2.0, low=-9.0, high=9.0, tracking=0.02 if tracking else 40.0 / 300.0))
+    errors = errors_of(lambda step: wheel(servo, step, "simulation.duration=0.6"), "full", exact, 2e-3, 5e-4)
     free = loop(lambda t: 2.0)[0](0.0, [0.0, 0.0, 0.0, 2.0])[1] * INERTIA
     assert free > 8 * 9.0 and errors[-1] < 5e-5 and errors[0] / errors[-1] > 10.0, errors
 
@@ -500,13 +499,14 @@ MOTOR = (
 def test_a_motor_with_inductance() -> None:
     """Speed and current under a constant voltage, by the matrix exponential."""
     system, voltage = np.array([[0.0, 0.9 / INERTIA], [-0.9 / 0.02, -1.5 / 0.02]]), np.array([0.0, 24.0 / 0.02])
-    rest, errors = np.linalg.solve(system, -voltage), []
-    for step in (2.5e-4, 1.25e-4, 6.25e-5):  # with larger ones the largest error is that of the first step
-        short = "simulation.duration=0.05", f"simulation.step={step}"
-        times, found = run(scene_from_toml(WHEEL, ".", (*MOTOR, *short)), "full")
-        exact = [(rest - expm(system * time) @ rest)[0] for time in times]
-        errors.append(np.abs(found["speed"] - exact).max())
-    np.testing.assert_allclose(orders(errors), 2.0, atol=0.15, err_msg=str(errors))
+    rest = np.linalg.solve(system, -voltage)
+
+    def exact(times: np.ndarray) -> dict[str, np.ndarray]:
+        return {"speed": np.array([(rest - expm(system * time) @ rest)[0] for time in times])}
+
+    # with larger steps the largest error is that of the first one
+    scene = of_text(WHEEL, *MOTOR, "simulation.duration=0.05")
+    assert_order(errors_of(scene, "full", exact, 2.5e-4, 1.25e-4, 6.25e-5), within=0.15)
 
 
 LUGRE = (
@@ -525,15 +525,14 @@ def test_bristles_of_friction() -> None:
         bend = v - 2e3 * abs(v) * z / (0.5 + 0.4 * np.exp(-((v / 0.1) ** 2)))
         return [v, (1.6 * np.sin(10 * np.pi * t) - 2e3 * z - 6.0 * bend - 0.02 * v) / INERTIA, bend]
 
-    errors = []
-    for step in (5e-4, 1.25e-4):
-        times, found = angle(
-            scene_from_toml(WHEEL, ".", (*LUGRE, "simulation.duration=0.3", f"simulation.step={step}"))
-        )
-        exact, speed, _ = solve_ivp(rates, (0.0, 0.3), [0.0] * 3, "Radau", times, rtol=1e-10, atol=1e-13).y
+    def exact(times: np.ndarray) -> dict[str, np.ndarray]:
+        turned, speed, _ = solve_ivp(rates, (0.0, 0.3), [0.0] * 3, "Radau", times, rtol=1e-10, atol=1e-13).y
         assert speed.min() < -0.1 * speed.max()
-        errors.append(np.abs(found - exact).max() / np.abs(exact).max())
-    assert errors[-1] < 1e-4 and errors[0] / errors[-1] > 10.0, errors
+        return {"angle": turned}
+
+    errors = errors_of(of_text(WHEEL, *LUGRE, "simulation.duration=0.3"), "full", exact, 5e-4, 1.25e-4)
+    largest = np.abs(exact(np.linspace(0.0, 0.3, 2401))["angle"]).max()
+    assert errors[-1] < 1e-4 * largest and errors[0] / errors[-1] > 10.0, errors
 
 
 def test_a_formula_of_outputs_is_measured_without_slopes() -> None:

@@ -1,14 +1,13 @@
 """Effects in the full-order model: closed forms of rigid and flexible bodies, and published benchmarks."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 import effect_scenes
 import numpy as np
 import pytest
 from cantilevers import PUBLISHED
 from conftest import ROOT
-from effect_scenes import CANTILEVER, STEP, linear_mode, recorded, run_batch, run_of, scene_of
+from effect_scenes import CANTILEVER, linear_mode, recorded, run_batch, run_of, scene_of
 from scipy.optimize import brentq, curve_fit
 from scipy.special import ellipk
 
@@ -38,8 +37,8 @@ PUSH = 'effects.e: type = "force"; direction = [3.0, 4.0]; table = [[0.0, 0.0], 
 STOP = 'effects.e: type = "end_stop"; joint = "hinge"; lower = -0.5; stiffness = 2000.0; damping = '
 STRUT = 'effects.e: type = "spring_damper"; stiffness = 20.0; damping = 0.7; rest = 0.9; points = '
 Row = tuple[str, Callable[[float, float, float], float], float, float, dict[str, float], float]
-#: Effects; torque about the hinge of (t, angle, speed); further moment of inertia; duration and start; tolerance: of the
-#: scheme (omega h)^2 / 12 of what swings, and as much again by the circle that the centre of mass makes.
+#: Effects; torque about the hinge of (t, angle, speed); further moment of inertia; duration and start; tolerance: of
+#: the scheme (omega h)^2 / 12 of what swings, and as much again by the circle that the centre of mass makes.
 TURNED: dict[str, Row] = {
     "harmonic torque": (
         'effects.e: type = "torque"; joint = "hinge"; scale = 1.5; '
@@ -50,7 +49,8 @@ TURNED: dict[str, Row] = {
     **{
         f"force on bar:{point}": (
             f'{PUSH}"bar:{point}"',
-            lambda t, a, w, arm=arm: 4.0 * t * arm * (0.8 * np.cos(a) - 0.6 * np.sin(a)), 0.0, 0.3, {"velocity": 0.3}, 1e-5,
+            lambda t, a, w, arm=arm: 4.0 * t * arm * (0.8 * np.cos(a) - 0.6 * np.sin(a)),
+            0.0, 0.3, {"velocity": 0.3}, 1e-5,
         )
         for point, arm in {"tip": 1.0, "middle": 0.5, "hinge": 0.0}.items()
     },
@@ -279,72 +279,3 @@ joints.weld: type = "fixed"; connect = ["hub:hinge", "beam:hinge"]
     np.testing.assert_allclose(welded.point("beam:tip"), clamped.point("beam:tip"), rtol=0, atol=1e-9)
     np.testing.assert_allclose(welded.balance.strain, clamped.balance.strain, rtol=0, atol=1e-9)
     assert np.abs(clamped.point("beam:tip")[:, 1]).max() > 0.3
-
-
-EVERYTHING = (
-    CANTILEVER.split("[effects.hold]")[0]
-    + tables("""
-ground.points: anchor = [0.4, 0.9]
-bodies.pendant: line = { length = 0.4, elements = 2 }; element = "beam2d"; flexible = false;
-    section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 };
-    placement = { origin = [1.0, 0.0], angle = -0.5 }
-[bodies.tail]
-line = { length = 0.4, elements = 3 }
-element = "beam2d"
-section = { shape = "coefficients", axial = 1e4, shear = 1e4, bending = 5.0, line_density = 1.0, rotary_density = 1e-4 }
-placement = { origin = [1.351, -0.1918], angle = -0.9 }
-joints.weld: type = "fixed"; connect = ["beam:tip", "pendant:hinge"]
-joints.second_weld: type = "fixed"; connect = ["pendant:tip", "tail:hinge"]
-effects.motor: type = "torque"; joint = "hub"; harmonic = { amplitude = 2.0, frequency_hz = 3.0 }
-effects.jet: type = "force"; point = "pendant:tip"; direction = [0.0, 1.0]; follows = true;
-    table = [[0.0, 0.0], [0.2, 1.0]]
-effects.rope: type = "force"; point = "beam:tip"; towards = "ground:anchor"; table = [[0.0, 0.5], [0.2, 0.5]]
-effects.weight: type = "gravity"
-effects.bob: type = "point_mass"; point = "pendant:tip"; mass = 0.2
-effects.lump: type = "point_mass"; point = "beam:middle"; mass = 0.3; inertia = 0.01
-effects.oil: type = "joint_damping"; joint = "hub"; coefficient = 0.1
-effects.rub: type = "joint_friction"; joint = "hub"; limit = 0.1; speed = 0.2
-effects.spring: type = "spring_damper"; points = ["ground:anchor", "tail:tip"]; stiffness = 3.0; damping = 0.1;
-    rest = 0.5
-effects.loss: type = "structural_damping"; bodies = ["beam"]; stiffness = 1e-3; mass = 0.2; ratios = [0.05, 0.02]
-effects.stop: type = "end_stop"; joint = "hub"; lower = -0.05; stiffness = 300.0; damping = 0.2
-""")
-    + run_of(0.2, STEP, 0.8)
-)
-
-ON_RANKS = """
-import sys
-import numpy as np
-from mpi4py import MPI
-from effect_scenes import line_model
-from pgmp_petsc.stepping.generalised_alpha import integrate
-from pgmp_petsc.scene import load_scene
-comm = MPI.COMM_WORLD
-scene = load_scene(sys.argv[1])
-with line_model(scene).distributed({}, comm) as system:
-    found = []
-    def record(step, time, state):
-        energies = system.energies(time, state)
-        parts = [energies.kinetic, energies.strain, *energies.potential.values(), *energies.powers.values()]
-        found.append(np.concatenate([np.ravel(part)[:1] for part in parts]))
-    run = integrate(system, scene.simulation, observer=record)
-    q = system.unpack(run.state.q)[:, 0]
-if comm.rank == 0:
-    np.savez(sys.argv[2], q=q, energies=np.array(found), status=run.status)
-"""
-
-
-@pytest.mark.parametrize("n_ranks", [3])
-def test_all_effects_together_on_several_ranks(mpirun: Callable, tmp_path: Path, n_ranks: int) -> None:
-    path = tmp_path / "everything.toml"
-    path.write_text(EVERYTHING)
-    one = recorded(load_scene(path))
-    assert set(one.balance.work) == {"motor", "jet", "rope", "weight", "oil", "rub", "spring", "loss", "stop"}
-    assert one.balance.work["stop"][-1] < 0.0, "the stop is hit"
-    mpirun(n_ranks, "-c", ON_RANKS, path, tmp_path / "found.npz")
-    found = np.load(tmp_path / "found.npz")
-    assert found["status"][0] == 0
-    np.testing.assert_allclose(found["q"], one.frames[-1].ravel(), rtol=0, atol=1e-8)
-    np.testing.assert_allclose(found["energies"][:, 0], one.balance.kinetic, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(found["energies"][:, 1], one.balance.strain, rtol=0, atol=1e-6)
-    assert np.abs(one.balance.residual).max() < 0.02 * one.balance.exchanged

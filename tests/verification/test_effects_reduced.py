@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from counting import count_calls
 from effect_scenes import BAR, BAR_INERTIA, STEP, G, line_model, scene_of, turning
-from runs import full_model, history, motion, reduced_model, rom_of, samples, trajectory
+from runs import history, motion, reduced_model, rom_of, samples, trajectory
 from runs import reduced_model as in_memory
 from test_damping_and_drives import DECAYS, MOTIONS, SPINNER
 from test_effects_full import TURNED
@@ -64,7 +64,8 @@ CLOSED = {name: row[:5] for name, row in TURNED.items() if "stop" not in name an
         'effects.e: type = "end_stop"; joint = "hinge"; upper = 0.3; stiffness = 100.0; damping = 0.1',
         lambda t, a, w: -100.0 * max(0.0, a - 0.3) * max(0.0, 1.0 + 0.1 * w), 0.0, 0.5, ONE,
     ),
-    "mass damping": ('effects.e: type = "structural_damping"; mass = 1.5', lambda t, a, w: -1.5 * INERTIA * w, 0.0, 0.5, ONE),
+    "mass damping": (
+        'effects.e: type = "structural_damping"; mass = 1.5', lambda t, a, w: -1.5 * INERTIA * w, 0.0, 0.5, ONE),
 }  # fmt: skip
 
 
@@ -134,34 +135,6 @@ MODES = (
     "reduction.modes=4", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
     'reduction.interpolation="spline"',
 )  # fmt: skip
-OUTPUTS = (
-    'outputs.angle={type="angle",joint="crank_hinge"}', 'outputs.slider={type="position",point="rod:tip",axis="x"}',
-)  # fmt: skip
-MOVING = (
-    "simulation.initial.theta.position=0.4", "effects.motor.table=[[0.0,0.0],[0.1,1.5],[1.0,1.5]]",
-    "simulation.duration=0.15", "simulation.step=1e-3",
-)  # fmt: skip
-FOLLOWED = {
-    "spring of the slider": 'effects.extra={type="spring_damper",joint="slider",stiffness=200.0,damping=2.0,rest=0.95}',
-    "friction of the slider": 'effects.extra={type="joint_friction",joint="slider",limit=2.0,speed=0.05}',
-    "stop of the slider": 'effects.extra={type="end_stop",joint="slider",lower=0.955,stiffness=5000.0,damping=0.2}',
-}
-
-
-@pytest.mark.parametrize("name", FOLLOWED)
-def test_the_motion_is_that_of_the_full_order_model(name: str) -> None:
-    scene = slider_crank(FOLLOWED[name], *MODES, *OUTPUTS, *MOVING)
-    values = samples(scene, 2, r1=np.array([5.6e-3, 5.0e-3]))
-    _, reduced = history(in_memory(scene), values, 2)
-    _, full = history(full_model(scene), values, 2)
-    bare = slider_crank(*MODES, *OUTPUTS, *MOVING)
-    _, without = history(full_model(bare), values, 2)
-    for output, expected in full.items():
-        moved = np.ptp(expected)
-        np.testing.assert_allclose(reduced[output], expected, rtol=0, atol=1e-3 * moved)
-        assert np.abs(without[output] - expected).max() > 0.02 * moved, "the effect takes part"
-
-
 SHORT = "\n[simulation]\nduration = 2e-2\nstep = 2e-3\n"
 NAMED = {
     "torque": 'type = "torque"\njoint = "hinge"\nharmonic = { amplitude = 1.0, frequency_hz = 1.0 }',

@@ -9,7 +9,7 @@ import pytest
 from alike import assert_alike
 from differences import differences
 from exported import assert_same_in_c, needs_compiler
-from machine_scenes import MODELS, RIGID, CartAndPole, cart, run
+from machine_scenes import MODELS, cart, cart_errors, run
 from refusals import cases, check_said, refusal
 from runs import assert_close, overridden, reduced_model, refused
 
@@ -79,12 +79,8 @@ def torque(t: float, x: float, phi: float, v: float, w: float) -> float:
 
 def test_formulas_move_a_cart_and_a_pole() -> None:
     """Errors fall as the square of the step: the force that sets in has no jump."""
-    errors = []
-    for step in (2e-3, 1e-3, 5e-4):
-        times, found = run(cart(*RIGID, *START, *LAWS, f"simulation.step={step}"), "full")
-        exact = CartAndPole().motion(times, (0.0, 0.0, 0.3, -2.0), force, torque)
-        errors.append([np.abs(found["x"] - exact[0]).max(), np.abs(found["swing"] - exact[1]).max()])
-    assert np.all(np.array(errors[0]) / errors[-1] > 10.0) and np.all(errors[-1] < np.array([3e-6, 3e-5])), errors
+    errors = cart_errors((*START, *LAWS), (0.0, 0.0, 0.3, -2.0), force, torque)(2e-3, 1e-3, 5e-4)
+    assert np.all(errors[0] / errors[-1] > 10.0) and np.all(errors[-1] < [3e-6, 3e-5]), errors
 
 
 def test_formulas_in_every_model() -> None:
@@ -127,8 +123,7 @@ def test_derivatives_say_that_they_leave_out_jumps_that_move(force: str, jumps: 
 @needs_compiler
 @pytest.mark.usefixtures("short_tables")
 def test_formulas_in_c(tmp_path: Path) -> None:
-    model = reduced_model(cart(*START, *LAWS, "reduction.angles=6"))
-    assert_same_in_c(model, tmp_path)
+    assert_same_in_c(reduced_model(cart(*START, *LAWS, "reduction.angles=6")), tmp_path)
 
 
 FORMULA = 'effects.e={type="law",joint="pivot",force='

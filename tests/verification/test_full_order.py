@@ -1,6 +1,5 @@
 """The full-order model: formulations against each other, closed forms, energy, published numbers, order, projection."""
 
-from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -86,37 +85,6 @@ def test_the_deformation_is_the_slider_less_the_rigid_one() -> None:
     angle = outputs["crank_angle"]
     rigid = CRANK * np.cos(angle) + np.sqrt(ROD**2 - (CRANK * np.sin(angle)) ** 2)
     np.testing.assert_allclose(outputs["slider_deformation"], outputs["slider_position"] - rigid, rtol=0, atol=1e-12)
-
-
-# the distributed model on all ranks, with numerical damping and without, where velocities are projected onto constraints
-# that turn; the first prints how far it is from the batched one, as shares of the maximum
-DISTRIBUTED = """
-import numpy as np
-from mpi4py import MPI
-from runs import full_model, quick_return, run_model
-from pgmp_petsc.stepping.generalised_alpha import integrate
-
-for radius in (0.8, 1.0):
-    scene = quick_return("simulation.duration=0.03", f"simulation.spectral_radius={radius}")
-    model = full_model(scene)
-    with model.distributed(scene.values, MPI.COMM_WORLD) as system:
-        run = integrate(system, scene.simulation)
-        q, v, multipliers = (*(system.unpack(p)[:, 0] for p in (run.state.q, run.state.v)), system.multipliers(run.state)[:, 0])
-    batch, expected = run_model(model)
-    for one, name in ((q, "q"), (v, "v"), (multipliers, "multipliers")):
-        two = batch.unpack(getattr(expected.state, name))[:, 0]
-        wrong = MPI.COMM_WORLD.allreduce(float(np.abs(one - two).max() / np.abs(two).max()), op=MPI.MAX)
-        if MPI.COMM_WORLD.rank == 0:
-            print(wrong)
-"""
-
-
-@pytest.mark.parametrize("n_ranks", [2, 5])
-def test_the_distributed_model_on_several_ranks_with_a_turning_line(mpirun: Callable, n_ranks: int) -> None:
-    """Its joint connects nodes of different ranks."""
-    found = np.reshape(mpirun(n_ranks, "-c", DISTRIBUTED).stdout.split(), (2, 3)).astype(float)
-    # Newton's tolerance of 1e-12 in q is 1e-9 in v and 1e-6 in multipliers after division by the step
-    assert (found < [1e-10, 1e-9, 1e-6]).all(), found
 
 
 def test_constraints_that_turn_with_a_body_hold_at_every_step() -> None:

@@ -588,32 +588,3 @@ def test_files_keep_forces_and_models_without_them_refuse(tmp_path: Path) -> Non
         np.testing.assert_array_equal(motion(ReducedModel(scene, read)).outputs[name], values)
     with pytest.raises(InputError, match=r"outputs.pin_x: .*built without.*pgmp build again"):
         ReducedModel(scene, without)
-
-
-DISTRIBUTED = """
-import numpy as np
-from mpi4py import MPI
-from pgmp_petsc.studies.simulate import FullRecord
-from pgmp_petsc.stepping.generalised_alpha import integrate
-from runs import full_model, motion
-from scenes import slider_crank
-
-scene = slider_crank(
-    "simulation.duration=0.01", "simulation.initial.theta.velocity=20.0",
-    'outputs.x={type="joint_force", joint="elbow", component="x"}',
-    'outputs.normal={type="joint_force", joint="slider", component="radial"}',
-)
-model = full_model(scene)
-with model.distributed(scene.values, MPI.COMM_WORLD) as system:
-    record = FullRecord(model, system, model.fields(), (), lambda n_steps: None)
-    integrate(system, scene.simulation, observer=record)
-    found = model.outputs.evaluate(record.outputs())
-if MPI.COMM_WORLD.rank == 0:
-    expected = motion(model).outputs
-    print(max(np.abs(found[name] - expected[name]).max() / np.abs(expected[name]).max() for name in found))
-"""
-
-
-def test_ranks_that_share_a_sample_have_the_same_forces(mpirun: Callable) -> None:
-    found = float(mpirun(3, "-c", DISTRIBUTED).stdout)
-    assert found < 1e-4  # of 20 N: Newton's tolerance of 1e-12 m times EA / L = 3.4e8 N/m

@@ -7,20 +7,19 @@ import pytest
 from conftest import ROOT
 from coupled_scenes import SCREW
 from differences import SHARES, carefully, compare
-from exported import assert_equal, assert_same_in_c, needs_compiler
+from exported import assert_same_in_c, needs_compiler
 from length_scenes import SMALL, long_crank
-from machine_scenes import MODELS, RIGID, CartAndPole, cart, rail, run
+from machine_scenes import ACROSS, MODELS, RIGID, CartAndPole, cart, rail, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
-from runs import assert_close, full_model, in_turn, pgmp, reduced_model
+from runs import assert_close, full_model, reduced_model
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.optimize import root
 
 from pgmp_petsc.effects.formula import table_law, turns_of
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.models import of_samples
-from pgmp_petsc.results import Trajectory
-from pgmp_petsc.scene import load_scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.scene.uses import motion_over
 from pgmp_petsc.studies.simulate import simulate
 from scenes import pendulum, slider_crank
@@ -72,16 +71,6 @@ def test_the_work_of_a_torque_over_turns_of_a_crank() -> None:
     assert angle[-1] > 2.0 * turn
     # (w h)^2 / 12 of the energy, with accelerations by the crank 20 times as fast as it
     np.testing.assert_allclose(kinetic - kinetic[0], np.interp(angle, grid, area), rtol=0, atol=1e-2)
-
-
-#: Each acts on one joint, and hangs on the other: a torque and a formula, forces along a joint and at a point.
-ACROSS = (
-    'effects.motor={type="torque",joint="pivot",over="rail",table=[[-0.2,-0.6],[0.0,0.0],[0.2,0.8]],scale="factor"}',
-    'effects.follow={type="law",joint="rail",over="pivot",force="k * (s + 1.2) - c * v",constants={k=2.0,c="drag"}}',
-    'effects.push={type="force",joint="rail",over="pivot",table=[[-3.0,1.0],[-1.5,-0.5],[0.0,1.5]]}',
-    'effects.blow={type="force",point="pole:tip",direction=[1.0,0.0],over="rail",table=[[-0.1,1.0],[0.3,0.2]]}',
-    "parameters.factor={nominal=2.0}", "parameters.drag={nominal=0.3}", "simulation.initial.x.velocity=0.3",
-)  # fmt: skip
 
 
 def blow(x: float) -> float:
@@ -192,24 +181,6 @@ def test_derivatives_with_a_length_of_what_leads(monkeypatch) -> None:
 @pytest.mark.parametrize("loads", [LOADS, ACROSS], ids=["own", "other"])
 def test_loads_over_joints_in_c(loads: tuple[str, ...], tmp_path: Path) -> None:
     assert_same_in_c(reduced_model(cart(*loads, "simulation.duration=0.2", "reduction.angles=6")), tmp_path)
-
-
-def test_loads_over_the_other_joint_on_ranks(tmp_path: Path) -> None:
-    """The action that leads is measured on every rank that has what it leads."""
-    scene = tmp_path / "cart.toml"
-    scene.write_text(scene_to_toml(cart(*ACROSS, "simulation.duration=0.02", "reduction.angles=6")))
-
-    def commands(n: int) -> list[list[object]]:
-        rom, *runs = (tmp_path / f"{n}_{name}.h5" for name in ("rom", *MODELS))
-        of = {"full": [scene, "--full"], "components": [scene, "--components"], "reduced": [rom]}
-        return [["build", scene, "-o", rom], *(["simulate", *of[m], "-o", path] for m, path in zip(MODELS, runs))]
-
-    for one in commands(1):
-        pgmp(*one)
-    statuses, done = in_turn(3, commands(3))
-    assert statuses == [[0] * 3] * 4, done.stderr
-    for model in MODELS:
-        assert_equal(*(Trajectory.read(tmp_path / f"{n}_{model}.h5").outputs for n in (3, 1)))
 
 
 REFUSED = """

@@ -9,12 +9,12 @@ import pytest
 import scipy.linalg
 import scipy.sparse as sp
 from mpi4py import MPI
+from pencils import constraints_at, dense_of, dense_pencil, matrices_of
 from petsc4py import PETSc
 from refusals import refusal
 from two_coordinates import double_pendulum, five_bar
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -40,15 +40,6 @@ REFERENCE_HZ = {
 def modal_problem(kinematics: RigidKinematics, n_modes: int) -> ModalProblem:
     """Return the problem of one process at the nominal radius."""
     return ModalProblem(kinematics, VALUES, n_modes, MPI.COMM_SELF)
-
-
-def dense_pencil(kinematics: RigidKinematics, theta: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return stiffness and mass on an orthonormal null space of the constraints."""
-    mechanism = kinematics.mechanism
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
-    constraints = constraint_jacobian(mechanism, kinematics.poses(np.array([theta]))[..., 0]).toarray()
-    null = scipy.linalg.null_space(constraints)
-    return tuple(null.T @ weighted_sum(terms, VALUES).toarray() @ null for terms in (matrices.stiffness, matrices.mass))
 
 
 def petsc_matrix(dense: np.ndarray) -> object:
@@ -108,21 +99,18 @@ def test_the_bands_of_the_paper_over_a_revolution() -> None:
 @pytest.mark.parametrize(("scene", "n_modes"), [(slider_crank(), 15), (four_bar(), 8), (trammel(), 6), (pendulum(), 5)])
 def test_modes_are_those_of_the_dense_pencil(scene: object, n_modes: int) -> None:
     kinematics = kinematics_of(scene)
-    mechanism = kinematics.mechanism
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
-    stiffness, mass = (weighted_sum(terms, VALUES) for terms in (matrices.stiffness, matrices.mass))
+    stiffness, mass = matrices_of(kinematics.mechanism, VALUES)
     with modal_problem(kinematics, n_modes) as problem:
         for theta in (0.0, 0.7, np.pi / 2, np.pi, 4.0):
             modes = problem.solve(theta)
-            exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta))
+            exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta, VALUES))
             # the dense solver errs by round-off of the largest eigenvalue
             np.testing.assert_allclose(modes.eigenvalues, exact[1 : n_modes + 1], rtol=1e-9, atol=1e-14 * exact[-1])
             flexible, rigid = modes.flexible, modes.rigid
             np.testing.assert_allclose(flexible.T @ mass @ flexible, np.eye(n_modes), rtol=0, atol=1e-9)
             size = np.sqrt((rigid.T @ mass @ rigid).item())
             np.testing.assert_allclose(rigid.T @ mass @ flexible, 0.0, rtol=0, atol=1e-12 * size)
-            constraints = constraint_jacobian(mechanism, kinematics.poses(np.array([theta]))[..., 0])
-            np.testing.assert_allclose(constraints @ flexible, 0.0, rtol=0, atol=1e-11)
+            np.testing.assert_allclose(constraints_at(kinematics, theta) @ flexible, 0.0, rtol=0, atol=1e-11)
             projected = flexible.T @ stiffness @ flexible
             allowed = 1e-8 * modes.eigenvalues[-1]
             np.testing.assert_allclose(projected, np.diag(modes.eigenvalues), rtol=1e-8, atol=allowed)
@@ -142,7 +130,7 @@ def test_counting_by_inertia_agrees_at_all_configurations(solved_by: str) -> Non
     with modal_problem(kinematics, 5) as problem:
         for theta in (0.0, 0.7, np.pi / 2, np.pi, 4.0, 0.0):
             problem.solve(theta)
-            exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta))
+            exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta, VALUES))
             for k in range(2, 16):
                 tau = 0.5 * (exact[k - 1] + exact[k])
                 assert problem._pencil.count_below(tau) == k
@@ -154,7 +142,7 @@ def test_any_number_of_modes_is_found_at_all_configurations(n_modes: int, solved
     with modal_problem(kinematics, n_modes) as problem:
         assert isinstance(problem._pencil, DensePencil if solved_by == "LAPACK" else SparsePencil)
         for theta in np.arange(12) * np.pi / 6:
-            exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta))[1 : 1 + n_modes]
+            exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta, VALUES))[1 : 1 + n_modes]
             np.testing.assert_allclose(problem.solve(theta).eigenvalues, exact, rtol=1e-7)  # the exact ones' own error
 
 
@@ -171,7 +159,7 @@ def rotor(n_blades: int, n_cells: int) -> RigidKinematics:
 @pytest.mark.parametrize(("n_blades", "n_cells"), [(3, 4), (5, 8)])
 def test_the_equal_frequencies_of_equal_blades_are_all_found(n_blades: int, n_cells: int) -> None:
     kinematics = rotor(n_blades, n_cells)
-    exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, 0.3))[1:]
+    exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, 0.3, VALUES))[1:]
     for n_modes in range(1, 13):
         with modal_problem(kinematics, n_modes) as problem:
             np.testing.assert_allclose(problem.solve(0.3).eigenvalues, exact[:n_modes], rtol=1e-7)
@@ -299,11 +287,9 @@ def test_a_mechanism_that_does_not_move_freely_is_noticed(solved_by: str) -> Non
 def test_static_answers_are_those_of_the_whole_equations(kept: str, solved_by: str) -> None:
     """K x + C^T mu = f less inertia forces of what is deflated, C x = 0, x M-orthogonal to it: one linear system."""
     kinematics, theta = kinematics_of(slider_crank()), 0.7
-    mechanism = kinematics.mechanism
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
-    stiffness, mass = (weighted_sum(terms, VALUES).toarray() for terms in (matrices.stiffness, matrices.mass))
-    constraints = constraint_jacobian(mechanism, kinematics.poses(np.array([theta]))[..., 0]).toarray()
-    loads = np.random.default_rng(4).normal(size=(mechanism.n_dofs, 3))
+    stiffness, mass = dense_of(kinematics.mechanism, VALUES)
+    constraints = constraints_at(kinematics, theta)
+    loads = np.random.default_rng(4).normal(size=(len(mass), 3))
     with modal_problem(kinematics, 5) as problem:
         modes = problem.solve(theta)
         deflated = modes.rigid if kept == "rigid motion" else modes.eigenvectors

@@ -36,8 +36,8 @@ OSCILLATOR = (
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("model", MODELS)
 def test_an_oscillator_s_accelerations_and_energy(model: str, dimension: int) -> None:
-    """x = g m / k (1 - cos w t) in a field g: its second derivative, its energy, which stays, and its balance of forces;
-    errors fall with the square of the step."""
+    """x = g m / k (1 - cos w t) in a field g: its second derivative, its energy, which stays, and its balance of
+    forces; errors fall with the square of the step."""
     w, off = np.sqrt(400.0 / RAIL_MASS), []
     for step in (4e-3, 2e-3):
         entries = [one.format([0.0, 1.0, 0.0][:dimension]) if "{{" in one else one for one in OSCILLATOR]
@@ -189,7 +189,8 @@ def test_what_is_refused(override: str, said: str) -> None:
 
 AT_START = {
     "third derivative": (
-        ('outputs.o={type="rate",of="q",order=2}', 'outputs.q={type="rate",of="x"}'), "outputs.o: its rate is asked for",
+        ('outputs.o={type="rate",of="q",order=2}', 'outputs.q={type="rate",of="x"}'),
+        "outputs.o: its rate is asked for",
     ),
     "rate of a stress": (
         ('outputs.o={type="rate",of="s"}', 'outputs.s={type="stress",body="pole",quantity="stress_max"}'),

@@ -32,14 +32,17 @@ EFFECTS = {
     "spring between points": (
         'effects.extra={type="spring_damper",points=["ground:origin","rod:1"],stiffness=300.0,damping=1.0,rest=0.43}'
     ),
+    "spring of the slider": 'effects.extra={type="spring_damper",joint="slider",stiffness=200.0,damping=2.0,rest=0.95}',
     "damper of the slider": 'effects.extra={type="joint_damping",joint="slider",coefficient=3.0}',
     "friction": 'effects.extra={type="joint_friction",joint="elbow",limit=0.2,speed=0.5}',
+    "friction of the slider": 'effects.extra={type="joint_friction",joint="slider",limit=2.0,speed=0.05}',
     "end stop": 'effects.extra={type="end_stop",joint="crank_hinge",upper=0.5,stiffness=400.0,damping=0.05}',
+    "stop of the slider": 'effects.extra={type="end_stop",joint="slider",lower=0.955,stiffness=5000.0,damping=0.2}',
     "following force": (
         'effects.extra={type="force",point="rod:tip",direction=[0.0,1.0],follows=true,table=[[0.0,0.0],[0.05,8.0]]}'
     ),
     "pulling force": (
-        'effects.extra={type="force",point="rod:hinge",towards="ground:origin",table=[[0.0,0.0],[0.05,8.0]]}'
+        'effects.extra={type="force",point="rod:1",towards="ground:origin",table=[[0.0,0.0],[0.05,8.0]]}'
     ),
     "rayleigh": 'effects.extra={type="structural_damping",stiffness=2e-4,mass=2.0}',
     "rayleigh of one body": 'effects.extra={type="structural_damping",bodies=["rod"],stiffness=2e-4,mass=2.0}',
@@ -119,18 +122,33 @@ def test_newton_converges_with_every_effect(models, effect: str) -> None:
     assert sizes[3] < 1e-4 * sizes[0], sizes
 
 
+#: Radii of the rod in two samples.
+RADII = np.array([5.6e-3, 5.0e-3])
+
+
+@lru_cache
+def without_effects() -> np.ndarray:
+    """Return the crank's angle over time that follows without any effect, by the full-order model."""
+    scene = slider_crank(*MODES, *OUTPUTS, *MOVING, *RUN)
+    return history(full_model(scene), samples(scene, 2, r1=RADII), 2)[1]["angle"]
+
+
 @pytest.mark.parametrize("effect", list(EFFECTS))
 def test_the_motion_is_that_of_the_full_order_model(models, effect: str) -> None:
     model = model_of(models, effect)
     scene = model.scene
-    values = samples(scene, 2, r1=np.array([5.6e-3, 5.0e-3]))
-    time, reduced = history(model, values, 2)
+    values = samples(scene, 2, r1=RADII)
+    _, reduced = history(model, values, 2)
     _, full = history(full_model(scene), values, 2)
     moved = np.ptp(full["angle"])
     assert moved > 0.08
+    if effect in LOCAL:
+        assert np.abs(full["angle"] - without_effects()).max() > 0.05 * moved, "the effect takes part"
     largest = np.abs(full["bend"]).max()
     # a blow excites more than 4 modes
-    of_angle, of_bend = {"end stop": (5e-4, 0.05), "following force": (1e-3, 0.15)}.get(effect, (5e-5, 3e-3))
+    of_angle, of_bend = {
+        "end stop": (5e-4, 0.05), "stop of the slider": (2e-4, 0.01), "following force": (1e-3, 0.15),
+    }.get(effect, (5e-5, 3e-3))  # fmt: skip
     if effect == "drive":
         # the angle is given; clamped modes change faster with it than 32 angles follow, 96 leave a third of the error
         of_angle, of_bend = 1e-12, 0.1

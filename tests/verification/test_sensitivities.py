@@ -89,8 +89,8 @@ SCENES = {
         "simulation.initial={theta1={position=0.4,velocity=2.0},theta2={position=-0.3,velocity=-1.0}}",
         'outputs.elbow={type="angle",joint="elbow"}', 'outputs.x={type="position",point="lower:tip",axis="x"}',),
     "a loop with two coordinates": five_bar(
-        *RUN, "reduction.angles=6", "reduction.second_order=true", *WEIGHT, 'parameters.r={nominal=4e-3}', 'bodies.first.section.radius="r"',
-        'coordinates.theta1={joint="left_hinge",range=[1.6,2.6]}',
+        *RUN, "reduction.angles=6", "reduction.second_order=true", *WEIGHT, 'parameters.r={nominal=4e-3}',
+        'bodies.first.section.radius="r"', 'coordinates.theta1={joint="left_hinge",range=[1.6,2.6]}',
         'coordinates.theta2={joint="right_hinge",range=[0.6,1.6]}',
         "simulation.initial={theta1={position=2.0,velocity=3.0},theta2={position=1.0,velocity=-2.0}}",
         'outputs.pin={type="angle",joint="pin"}', 'outputs.x={type="position",point="first:tip",axis="x"}',

@@ -10,6 +10,7 @@ import scipy.linalg
 import spatial
 from conftest import ROOT
 from mpi4py import MPI
+from pencils import dense_pencil
 from runs import history, samples
 from scipy.spatial.transform import Rotation
 from scrambling import clusters, turned
@@ -18,7 +19,6 @@ from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.effects.damping import free_modes
-from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -174,16 +174,6 @@ def test_nothing_depends_on_how_the_mechanism_lies_in_space() -> None:
     np.testing.assert_allclose(found[1], found[0], rtol=1e-9)
 
 
-def dense_pencil(scene: Scene, kinematics: RigidKinematics, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return stiffness and mass on an orthonormal null space of the constraints."""
-    mechanism = kinematics.mechanism
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
-    null = scipy.linalg.null_space(constraint_jacobian(mechanism, kinematics.poses(theta)[..., 0]).toarray())
-    return tuple(
-        null.T @ weighted_sum(terms, scene.nominal).toarray() @ null for terms in (matrices.stiffness, matrices.mass)
-    )
-
-
 ARM_PART = [f"coordinates.theta{k}.{entry}" for k in (1, 2) for entry in ("range=[-0.5,0.5]", "periodic=false")]
 SCENES = {
     "slider_crank": (spatial.slider_crank_in_space(*LIMITED), ([-0.8], [0.3])),
@@ -200,7 +190,7 @@ def test_condensed_bodies_have_the_modes_of_their_meshes(name: str) -> None:
     with modal_problem(scene, small) as condensed_problem, modal_problem(scene, large) as problem:
         for theta in np.array(angles):
             found, expected = condensed_problem.solve(theta), problem.solve(theta)
-            exact = scipy.linalg.eigvalsh(*dense_pencil(scene, large, theta[None]))
+            exact = scipy.linalg.eigvalsh(*dense_pencil(large, theta[None], scene.nominal))
             # what the component modes leave, compliances are served to 1e-10, and round-off of the meshes' largest
             # eigenvalue
             round_off = 1e-16 * exact[-1]

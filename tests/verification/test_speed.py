@@ -30,8 +30,8 @@ def test_speeds_of_a_driven_crank(name: str) -> None:
     theta = 0.3 + SPIN * time
     root = np.sqrt(ROD**2 - (CRANK * np.sin(theta)) ** 2)
     slider = -SPIN * CRANK * np.sin(theta) * (1.0 + CRANK * np.cos(theta) / root)
-    # the crank's hinge is on a node that may vibrate; the slider's speed differs by that of the vibration that the sudden
-    # start leaves, 8 % at 40 rad/s, and falls with the speed
+    # the crank's hinge is on a node that may vibrate; the slider's speed differs by that of the vibration that the
+    # sudden start leaves, 8 % at 40 rad/s, and falls with the speed
     np.testing.assert_allclose(found["turning"], SPIN, rtol=1e-9 if name == "reduced" else 1e-6)
     np.testing.assert_allclose(found["sliding"], found["v"], rtol=0, atol=1e-9 * SPIN)
     assert np.abs(found["v"] - slider).max() < 0.05 * np.abs(slider).max()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from mpi4py import MPI
+from pencils import dense_of, matrices_of
 from runs import full_model, history, rom_of
 from scipy.optimize import brentq
 from spatial import slider_crank_in_space
@@ -13,7 +14,6 @@ from spatial_beams import pendulum_in_space, slider_crank_of_beams
 from spring_measures import measure_of, slopes_of
 from two_coordinates import double_pendulum
 
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.effects import actions_of, effects_of
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
@@ -52,8 +52,7 @@ def dense(scene: Scene, kinematics: RigidKinematics, theta: float | np.ndarray) 
     """
     mechanism = kinematics.mechanism
     poses = kinematics.poses(np.atleast_1d(theta))[..., 0]
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
-    stiffness, mass = (weighted_sum(part, scene.values).toarray() for part in (matrices.stiffness, matrices.mass))
+    stiffness, mass = dense_of(mechanism, scene.values)
     stiffness += spring_stiffness(scene, kinematics, poses)
     clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
     null = scipy.linalg.null_space(constraint_jacobian(mechanism, poses, clamped).toarray())
@@ -141,7 +140,7 @@ def test_a_pendulum_in_space_under_its_weight_and_a_spring() -> None:
     )  # fmt: skip
     kinematics = kinematics_of(scene)
     mechanism = kinematics.mechanism
-    mass = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).mass, scene.values)
+    _, mass = matrices_of(mechanism, scene.values)
     along = np.zeros(mechanism.n_dofs)
     mechanism.by_node(along)[:, 0] = 1.0
     whole = along @ mass @ along
@@ -210,7 +209,8 @@ def test_the_dense_pencil_in_the_plane(stiffness: float) -> None:
 
 
 RIGID_CRANK = (
-    "ground.points.post=[0.2,0.1]", "bodies.crank.flexible=false", "parameters={}", "bodies.crank.section.radius=5.6e-3",
+    "ground.points.post=[0.2,0.1]", "bodies.crank.flexible=false", "parameters={}",
+    "bodies.crank.section.radius=5.6e-3",
 )  # fmt: skip
 SPATIAL = (
     "ground.points.far=[-1.0,0.3,0.2]",

@@ -8,9 +8,9 @@ from runs import assert_close, components_model, full_model, history, largest_er
 from scipy.integrate import solve_ivp
 from test_many_coordinates import chain
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.outputs.readings import poses_where_closed
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from scenes import kinematics_of
 
@@ -216,7 +216,9 @@ def test_configurations_that_cannot_close_leave_the_others_alone() -> None:
     kinematics = full_model(platform()).kinematics
     theta = np.repeat([[-0.876359184978, 1.218035917415, 3.312431019808]], 5, axis=0)
     theta[3] = [-1.14237, -0.572915, 3.12684]
-    poses = poses_where_closed(kinematics, theta)
+    poses = kinematics.poses(theta, missing=True)
     fine = np.delete(np.arange(5), 3)
     assert np.isnan(poses[..., 3]).all()
     np.testing.assert_array_equal(poses[..., fine], kinematics.poses(theta[fine]))
+    with pytest.raises(InputError, match="cannot close"):
+        kinematics.poses(theta)

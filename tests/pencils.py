@@ -1,0 +1,36 @@
+"""Stiffness and mass of mechanisms as matrices, by themselves and on a null space of their constraints."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import scipy.linalg
+from scipy.sparse import csr_matrix
+
+from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.mechanism.body_frames import constraint_jacobian
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+
+
+def matrices_of(mechanism: Mechanism, values: Mapping[str, float]) -> tuple[csr_matrix, csr_matrix]:
+    """Return stiffness and mass at parameter values."""
+    found = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    return tuple(weighted_sum(terms, values) for terms in (found.stiffness, found.mass))
+
+
+def dense_of(mechanism: Mechanism, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    return tuple(matrix.toarray() for matrix in matrices_of(mechanism, values))
+
+
+def constraints_at(kinematics: RigidKinematics, theta: float | np.ndarray) -> np.ndarray:
+    """Return the Jacobian of the constraints, dense, at one configuration."""
+    poses = kinematics.poses(np.atleast_1d(theta))[..., 0]
+    return constraint_jacobian(kinematics.mechanism, poses).toarray()
+
+
+def dense_pencil(
+    kinematics: RigidKinematics, theta: float | np.ndarray, values: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return stiffness and mass on an orthonormal null space of the constraints."""
+    null = scipy.linalg.null_space(constraints_at(kinematics, theta))
+    return tuple(null.T @ matrix @ null for matrix in dense_of(kinematics.mechanism, values))
