@@ -94,7 +94,7 @@ bodies.crank.element='beam4d' -> = "beam4d": unknown; did you mean 'beam3d'? (al
 outputs.slider_position.axis='w' -> = "w": unknown (allowed: x, y, z)
 outputs.slider_position.axis='z' -> = "z": x or y is needed in the plane
 outputs.slider_position.axis=1 -> = 1: unknown (allowed: x, y, z)
-outputs.speed={type="rate", of="crank_angle", order=3} -> .order = 3: unknown (allowed: 1, 2)
+outputs.speed={type="rate", of="crank_angle", order=3} -> outputs.speed.order = 3: unknown (allowed: 1, 2)
 outputs.v={type="speed",point="rod:tip",axis="x",motion="turning"} -> outputs.v.motion = "turning": without effect, as \
     no joint is named; leave it out
 effects.e={type="law",points=["rod:tip","ground:origin"],motion="turning",force="-s"} -> effects.e.motion = "turning": \
