@@ -140,9 +140,9 @@ def served_remarks(model: ReducedModel, names: Sequence[str]) -> Iterator[Remark
         low, high = max(bounds[0], served.low), min(bounds[1], served.high)
         if (low, high) != tuple(bounds):
             yield note(
-                f"{name} is searched in [{served.shown(low)}, {served.shown(high)}], the range that the reduced "
-                f"model was built for, and not in all of its bounds [{', '.join(map(served.shown, bounds))}]: for "
-                f"these build with a distribution that spans them, or without one (pgmp build SCENE)"
+                f"{name} is searched in {served.between(low, high)}, the range that the reduced model was built for, "
+                f"and not in all of its bounds {served.between(*bounds)}: for these build with a distribution that "
+                f"spans them, or without one (pgmp build SCENE)"
             )
 
 

@@ -10,6 +10,7 @@ number alone.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
@@ -125,14 +126,14 @@ class Integration:
         """Take the samples of an ensemble's file that are fine for finished, and try the others further."""
 
         def taking() -> Finished:
-            last = self._finished
-            known = [*last.samples], [*last.checked]
+            known, added = (self._finished.samples, self._finished.checked), ([], [])
             for piece, batch in fine_pieces(earlier, self._watching.share, self._watching.block):
-                if missing([(piece.first, piece.last)], known[piece.is_checked]):
+                ends, there = (piece.first, piece.last), known[piece.is_checked]
+                near = there[max(bisect_left(there, ends) - 1, 0) : bisect_left(there, (piece.last,))]
+                if missing([ends], near):
                     self.checkpoint.add(piece, batch)
-                    known[piece.is_checked].append((piece.first, piece.last))
-                    known[piece.is_checked].sort()
-            return Finished(*map(tuple, known))
+                    added[piece.is_checked].append(ends)
+            return Finished(*(tuple(sorted((*before, *now))) for before, now in zip(known, added)))
 
         self._divisors = FURTHER
         self._finished = on_root(self.comm, taking)

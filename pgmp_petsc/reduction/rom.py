@@ -256,10 +256,14 @@ class Served:
         """Return a value as messages have it."""
         return f"{self.to_own * value:.6g}"
 
+    def between(self, low: float, high: float) -> str:
+        """Return a range as messages have it."""
+        return f"[{self.shown(low)}, {self.shown(high)}] {self.unit}".rstrip()
+
     @property
     def range(self) -> str:
         """What is served, in messages."""
-        return f"[{self.shown(self.low)}, {self.shown(self.high)}] {self.unit}".rstrip()
+        return self.between(self.low, self.high)
 
     @property
     def limits(self) -> str:

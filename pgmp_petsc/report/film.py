@@ -291,7 +291,8 @@ class _Shots:
             "width": SIZE,
             "height": self.height + FOOT,
             "start": self.start,
-            "bar": self.bar * run.record.system.length,
+            "bar": self.bar,
+            "metre": run.record.system.unit("m"),
             "bodies": [entry | {"colour": colour} for entry, colour in zip(packed, self.colours)],
             "factors": [factor for factor in FACTORS if factor == 1 or 0.0 < factor * reach <= largest],
             "outputs": {

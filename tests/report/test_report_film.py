@@ -191,13 +191,14 @@ def test_without_a_script_a_still_is_there() -> None:
     np.testing.assert_allclose(shown, colours, atol=12)
 
 
-def test_the_bar_of_the_scale_is_in_metres() -> None:
-    """The same numbers in a scene in mm are a thousandth as long."""
+def test_the_bar_of_the_scale_is_in_the_unit_of_the_scene() -> None:
     run = flat_run()
     text = run.record.scene_toml.lstrip().replace("[scene]", '[scene]\nunits = "mm"', 1)
     in_mm = replace(run, record=replace(run.record, scene_toml=text))
-    assert film_of(in_mm).data["bar"] == pytest.approx(1e-3 * film_of(run).data["bar"], rel=1e-12)
-    assert film_of(in_mm).scale[1].endswith(" mm")
+    for one, metre in ((run, "m"), (in_mm, "mm")):
+        film = film_of(one)
+        assert film.data["metre"] == metre and film.data["bar"] == film_of(run).data["bar"]
+    assert film.scale[1].endswith(" mm")
 
 
 def test_unknown_deformations_and_stresses_are_drawn_as_they_are() -> None:

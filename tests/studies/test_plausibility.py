@@ -127,6 +127,7 @@ reduction.stretching="dynamic" & reduction.second_order=false -> reduction.stret
 reduction.max_angles=99 & reduction.parameter_modes=0 -> reduction.max_angles | as there is no
 reduction.length_points=4 -> reduction.length_points | no parameter is a leng
 ensemble.replicates=16 -> ensemble.replicates | it is for "sobol"
+ensemble.copula_freedom=9.0 -> ensemble.copula_freedom | as ensemble.copula = "gaussian"
 ensemble.bands=0 & ensemble.band_samples=99 -> ensemble.band_samples | as ensemble.bands = 0
 effects.a={type="gravity", acceleration=0.0} -> effects.a.acceleration | leave it out
 effects.again={type="torque", joint="crank_hinge", table=[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]} ->

@@ -577,7 +577,7 @@ def test_a_search_stays_where_the_model_serves_and_says_so() -> None:
     assert served.low <= design.parameters[0].value <= served.high
     assert (design.parameters[0].lower, design.parameters[0].upper) == (served.low, served.high)
     (said,) = (remark.text for remark in design.record.remarks if "r1 is searched in" in remark.text)
-    assert "not in all of its bounds [0.001, 0.012]" in said and "pgmp build SCENE" in said
+    assert "not in all of its bounds [0.001, 0.012] m" in said and "pgmp build SCENE" in said
 
 
 def test_the_answers_are_kept_with_the_model_and_count_for_its_identity(tmp_path) -> None:

@@ -49,7 +49,10 @@ for (const film of document.querySelectorAll(".film")) {
   });
   const largest = Object.fromEntries(Object.entries(data.outputs).map(([name, values]) => [name, Math.max(...values.map((v) => Math.abs(v ?? 0)))]));
   // four digits; what is nothing but round-off is zero
-  const shown = (value, most) => (Math.abs(value) < 1e-9 * most ? "0" : value.toPrecision(4));
+  const shown = (value, most) => {
+    const text = Math.abs(value) < 1e-9 * most ? "0" : value.toPrecision(4);
+    return text.includes("e+") ? `${Number(text)}` : text; // 24250, not 2.425e+4
+  };
   const stroke = (shape, frame, a, b) =>
     css(palette[Math.max(...[a, b].map((node) => { const shade = shape.shade(frame, node); return shade > 254 ? 0 : shade; }))]);
   const drawLine = (shape, group, frame, factor) => {
@@ -90,9 +93,10 @@ for (const film of document.querySelectorAll(".film")) {
     return found ?? nearest(data.width / 2, data.height / 2, data.start, 1);
   };
   let target = hottest();
-  const lengthText = (metres) => {
-    const [factor, unit] = metres >= 0.1 ? [1, "m"] : metres >= 1e-4 ? [1e3, "mm"] : [1e6, "µm"];
-    return `${Number((metres * factor).toPrecision(3))} ${unit}`;
+  const lengthText = (length) => {
+    const own = data.metre !== "m" || length >= 0.1; // metres alone have prefixes
+    const [factor, unit] = own ? [1, data.metre] : length >= 1e-4 ? [1e3, "mm"] : [1e6, "µm"];
+    return `${Number((length * factor).toPrecision(3))} ${unit}`;
   };
   const traces = [...film.querySelectorAll(".paths path")], grounds = [...film.querySelectorAll(".ground path")].map((path) => [path, path.getAttribute("d").split("l")[0]]);
   const turn = () => {

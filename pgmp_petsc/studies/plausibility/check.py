@@ -240,6 +240,9 @@ def _without_effect(scene: Scene) -> Iterator[Finding]:
         own = f'without effect, as ensemble.sampler = "{ensemble.sampler}"'
         why = f'{own}; it is for "sobol" and "saltelli" (--sampler)'
         yield doubt("ensemble.replicates", why, ensemble.replicates)
+    if _is_set(ensemble, "copula_freedom") and ensemble.copula != "student":
+        why = f'without effect, as ensemble.copula = "{ensemble.copula}"; it is for "student"'
+        yield doubt("ensemble.copula_freedom", why, ensemble.copula_freedom)
     if _is_set(ensemble, "band_samples") and not ensemble.bands:
         yield doubt("ensemble.band_samples", "without effect, as ensemble.bands = 0", ensemble.band_samples)
 
