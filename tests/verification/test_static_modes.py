@@ -393,7 +393,7 @@ def test_with_all_snapshots_of_a_point_the_basis_is_exact_there() -> None:
                     basis.T @ low.times_stiffness(basis), basis.T @ low.times_mass(basis), eigvals_only=True
                 )[1:4]
                 worst = np.abs(found / exact - 1.0).max()
-                # measured: 9e-3 with nominal vectors alone; round-off of the largest eigenvalue, 4e11, is 7e-10 of the first
+                # measured: 9e-3 with nominal vectors alone; round-off of the largest, 4e11, is 7e-10 of the first
                 assert worst < error if error < 1e-6 else worst > error
 
 
