@@ -387,13 +387,13 @@ def test_with_all_snapshots_of_a_point_the_basis_is_exact_there() -> None:
             (low,) = snapshots.problems
             missed = snapshots.missed(snapshots.at(2.0, kept), np.hstack([modes.rigid, kept]))
             exact = low.solve(2.0).eigenvalues
-            for flexible, error in ((kept, 1e-3), (np.hstack([kept, missed]), 1e-9)):
+            for flexible, error in ((kept, 1e-3), (np.hstack([kept, missed]), 1e-8)):
                 basis = np.hstack([modes.rigid, flexible])
                 found = scipy.linalg.eigh(
                     basis.T @ low.times_stiffness(basis), basis.T @ low.times_mass(basis), eigvals_only=True
                 )[1:4]
                 worst = np.abs(found / exact - 1.0).max()
-                # measured: 4e-2 with nominal vectors alone
+                # measured: 9e-3 with nominal vectors alone; round-off of the largest, 4e11, is 7e-10 of the first
                 assert worst < error if error < 1e-6 else worst > error
 
 
