@@ -403,10 +403,8 @@ def _explained(ordered: np.ndarray, slices: _Slices) -> tuple[float, float]:
     `ordered` are values (n,) of mean 0 and variance 1, in the order of the parameter.
     """
     n, places, across = ordered.size, slices.places, slices.across
-    lines = (np.bincount(places, ordered) / slices.counts)[places] + np.bincount(places, ordered * across)[
-        places
-    ] * across
-    left = (ordered - lines) ** 2
+    means, slopes = np.bincount(places, ordered) / slices.counts, np.bincount(places, ordered * across)
+    left = (ordered - means[places] - slopes[places] * across) ** 2
     n_lines = np.count_nonzero(np.bincount(places, across != 0.0))
     share = 1.0 - np.sum(left) / (n - slices.counts.size - n_lines) * (n - 1) / n
     # without the leverage of a sample what a line leaves of it is too small; nothing is left of one that has a line
