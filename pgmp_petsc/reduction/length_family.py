@@ -29,7 +29,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.continuity import POOR_COSINE
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.cell_products import pair_rotations
-from pgmp_petsc.reduction.rom import LengthCheck, LengthFamily, ReducedOrderModel
+from pgmp_petsc.reduction.rom import LengthCheck, LengthFamily, ReducedOrderModel, ranges_of_lengths
 from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints, SampleGrid, Samples
 from pgmp_petsc.reduction.tables import indefinite_between, mode_changes
 from pgmp_petsc.scene import Scene, scene_to_toml
@@ -228,24 +228,24 @@ def _joined(
     for model in built:
         for phase, time in model.record.timings.items():
             timings[phase] = timings.get(phase, 0.0) + time
-    remarks = (*nominal.record.remarks, *_remarks(family, len(built), cosine, indefinite))
+    remarks = (*nominal.record.remarks, *_remarks(scene, family, len(built), cosine, indefinite))
     text, values = scene_to_toml(scene), own_values(scene, scene.nominal)
     record = replace(nominal.record, scene_toml=text, parameters=values, timings=timings, remarks=remarks)
     return replace(nominal, record=record, family=family, indefinite=nominal.indefinite or indefinite)
 
 
 @gathered
-def _remarks(family: LengthFamily, n_builds: int, cosine: float, indefinite: str) -> Iterator[Remark]:
+def _remarks(
+    scene: Scene, family: LengthFamily, n_builds: int, cosine: float, indefinite: str
+) -> Iterator[Remark]:
     grid, check = family.grid, family.check
-    system = family.members[0].record.system
-    at = ", ".join(f"{name} = {system.shown(value, 'm'):.6g}" for name, value in check.values.items())
     ranges = ", ".join(
-        f"{name} from {system.shown(low, 'm'):g} to {system.text(high, 'm', 'g')}"
-        for name, (low, high) in zip(grid.names, grid.ranges)
+        f"{name} from {one.shown(one.low)} to {one.shown(one.high)} {one.unit}".rstrip()
+        for name, one in ranges_of_lengths(scene, grid).items()
     )
     said = (
         f"lengths: {ranges} are served by polynomials through models at {len(grid.points)} points ({n_builds} "
-        f"builds); at {at}, between them, frequencies are within {check.frequencies:.2g} and the "
+        f"builds); at {values_text(scene, check.values)}, between them, frequencies are within {check.frequencies:.2g} and the "
         f"rigid inertia of ensembles within {check.inertia:.2g} of a model built there"
     )
     poor = max(check.frequencies, check.inertia) > LARGE
