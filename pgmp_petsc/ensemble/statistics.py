@@ -361,48 +361,67 @@ def of_given(
     if n_slices < FEWEST_SLICES or is_constant(values[chosen]):
         return None
     output = (values[chosen] - values[chosen].mean()) / values[chosen].std()
-    orders = [np.argsort(x[chosen], kind="stable") for x in parameters.values()]
+    slices = [_Slices.of(x[chosen], n_slices) for x in parameters.values()]
     if replicates is None:
-        first, errors = np.array([_explained(output[order], n_slices) for order in orders]).T
+        first, errors = np.array([_explained(output[part.order], part) for part in slices]).T
         ends = first[:, None] + scipy.special.ndtri(0.5 + 0.5 * confidence) * errors[:, None] * np.array([-1.0, 1.0])
     else:
         numbers = np.unique(replicates[chosen], return_inverse=True)[1]
         if numbers.max() + 1 < FEWEST_REPLICATES:
             return None
-        found = [_explained_alike(output[order], numbers[order], n_slices) for order in orders]
+        found = [_explained_alike(output[part.order], numbers[part.order], part) for part in slices]
         first = np.array([share for share, _ in found])
         ends = intervals.of_replicates(first, np.transpose([figures for _, figures in found]), confidence)
     return Sensitivity(tuple(parameters), "given data", n, confidence, first, ends)
 
 
-def _explained(ordered: np.ndarray, n_slices: int) -> tuple[float, float]:
+@dataclass(frozen=True, eq=False)
+class _Slices:
+    """Slices of the samples in the order of a parameter, as many in each, and lines over its values there.
+
+    Over ranks, the tails of a normal parameter left 1.5 % of what is linear in it.
+    """
+
+    order: np.ndarray  # numbers of the samples, shape (n,)
+    places: np.ndarray  # slice of each one in this order, shape (n,)
+    counts: np.ndarray  # samples in each slice
+    across: np.ndarray  # lines in the slices, of mean 0 and norm 1 in each; 0 where the parameter has one value
+
+    @classmethod
+    def of(cls, values: np.ndarray, n_slices: int) -> _Slices:
+        order = np.argsort(values, kind="stable")
+        places = np.arange(order.size) * n_slices // order.size
+        counts, ordered = np.bincount(places), values[order]
+        across = ordered - (np.bincount(places, ordered) / counts)[places]
+        norms = np.sqrt(np.bincount(places, across**2))[places]
+        return cls(order, places, counts, np.divide(across, norms, out=np.zeros(order.size), where=norms > 0.0))
+
+
+def _explained(ordered: np.ndarray, slices: _Slices) -> tuple[float, float]:
     """Return the share of the variance that straight lines in slices explain, less what chance adds, and its error.
 
     `ordered` are values (n,) of mean 0 and variance 1, in the order of the parameter.
     """
-    n, numbers = ordered.size, np.arange(ordered.size)
-    places = numbers * n_slices // n
-    counts = np.bincount(places)
-    steps = numbers - (np.bincount(places, numbers) / counts)[places]
-    steps /= np.sqrt(np.bincount(places, steps**2))[places]
-    lines = (np.bincount(places, ordered) / counts)[places] + np.bincount(places, ordered * steps)[places] * steps
-    left = (ordered - lines) ** 2
-    share = 1.0 - np.sum(left) / (n - 2 * n_slices) * (n - 1) / n
-    # without the leverage of a sample what a line leaves of it is too small
-    left /= 1.0 - 1.0 / counts[places] - steps**2
+    n, places, across = ordered.size, slices.places, slices.across
+    means, slopes = np.bincount(places, ordered) / slices.counts, np.bincount(places, ordered * across)
+    left = (ordered - means[places] - slopes[places] * across) ** 2
+    n_lines = np.count_nonzero(np.bincount(places, across != 0.0))
+    share = 1.0 - np.sum(left) / (n - slices.counts.size - n_lines) * (n - 1) / n
+    # without the leverage of a sample what a line leaves of it is too small; nothing is left of one that has a line
+    left /= np.maximum(1.0 - 1.0 / slices.counts[places] - across**2, ROUND_OFF)
     return float(share), float(np.std((1.0 - share) * ordered**2 - left) / np.sqrt(n))
 
 
-def _explained_alike(ordered: np.ndarray, numbers: np.ndarray, n_slices: int) -> tuple[float, np.ndarray]:
+def _explained_alike(ordered: np.ndarray, numbers: np.ndarray, slices: _Slices) -> tuple[float, np.ndarray]:
     """Return the share of the variance that lines in slices explain alike in independent replicates, and pseudo-values
     of its jackknife, (n_replicates,).
 
     `ordered` are values (n,) of mean 0 and variance 1, in the order of the parameter, `numbers` their replicates.
     """
-    counts, places = np.bincount(numbers), (np.arange(ordered.size) + 0.5) * n_slices / ordered.size
-    slices, n = places.astype(int), counts.size
-    across = np.sqrt(3.0) * (2.0 * (places - slices) - 1.0)  # of norm 1 in a slice, as the constant is
-    sums = [np.bincount(numbers * n_slices + slices, of, n * n_slices) for of in (ordered, ordered * across)]
+    counts, n_slices = np.bincount(numbers), slices.counts.size
+    across, n = slices.across * np.sqrt(slices.counts)[slices.places], counts.size  # of norm 1, as the constant is
+    places = numbers * n_slices + slices.places
+    sums = [np.bincount(places, of, n * n_slices) for of in (ordered, ordered * across)]
     lines = np.sqrt(n_slices) * np.hstack([one.reshape(n, -1) for one in sums]) / counts[:, None]
     products = lines @ lines.T
     np.fill_diagonal(products, 0.0)

@@ -228,6 +228,14 @@ class JointEquations:
         """Return coordinates and rates, shape (2, n_y, n), of unknowns and velocities (n_dofs, n)."""
         return coordinates_of(self._unknowns, self._tree, self.motions, q, v)
 
+    def count_from(self, y: np.ndarray, theta: np.ndarray) -> None:
+        """Put the turns of coordinates (n_y, n) to those of the mechanism, (n_theta, 1 or n): driven ones are to have
+        the angles of their motions."""
+        for coordinate, angle in zip(self._unknowns.mechanism.coordinates, theta):
+            if coordinate.turns and coordinate.statement in self._of_tree:
+                own, sign = self._of_tree[coordinate.statement]
+                y[own] += 2.0 * np.pi * np.rint((sign * angle - y[own]) / (2.0 * np.pi))
+
     def left(self, rows: np.ndarray, driven_rows: np.ndarray) -> np.ndarray:
         """Return what is of the constraints that are left, (n_left, n), of rows of all (n_constraints, n) and of what
         driven coordinates have (n_driven, n)."""
@@ -269,7 +277,9 @@ class JointBatch(FullBatch):
     def consistent(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray) -> State:
         """Return the state at time 0 with given unknowns and velocities that obey the constraints; see `FullSystem`."""
         q, v = (part.reshape(self._equations.n_dofs, -1) for part in (q, v))
-        return super().consistent(*self.own.coordinates(*np.broadcast_arrays(q, v)), theta)
+        found = self.own.coordinates(*np.broadcast_arrays(q, v))
+        self.own.count_from(found[0], theta.reshape(len(theta), -1))
+        return super().consistent(*found, theta)
 
     def _drift(self, times: Sequence[float], q: np.ndarray, v: np.ndarray) -> np.ndarray:
         own, accelerations = self.own, self._accelerations(times, q.shape[1])

@@ -89,10 +89,29 @@ def test_first_indices_of_any_samples_are_those_of_lines_in_slices_by_least_squa
     y = np.sin(6.0 * x) + 0.3 * random.normal(size=n)
     left = 0.0
     for part in np.array_split(np.argsort(x), 10):
-        ranks = np.arange(part.size)
-        left += np.sum((y[part] - np.polyval(np.polyfit(ranks, y[part], 1), ranks)) ** 2)
+        left += np.sum((y[part] - np.polyval(np.polyfit(x[part], y[part], 1), x[part])) ** 2)
     found = of_given(y, {"x": x}, 0.95)
     assert found.first[0] == pytest.approx(1.0 - left / (n - 20) / y.var(ddof=1), rel=1e-10)
+
+
+@pytest.mark.parametrize("law", ("normal", "lognormal", "three values"))
+@pytest.mark.parametrize("n", (160, 4000))
+def test_intervals_hold_where_one_parameter_of_any_law_does_nearly_all(n: int, law: str) -> None:
+    """Of 60 intervals of 95 %, 51 or more with a chance of 1 - 1 in 1,000. By lines over ranks tails were left out: of
+    10,000 samples one interval in three held with a normal law, one in thirty with a lognormal one."""
+    laws = {
+        "normal": (lambda z: z, 1.0),
+        "lognormal": (lambda z: np.exp(0.5 * z), (np.exp(0.25) - 1.0) * np.exp(0.25)),
+        "three values": (lambda z: np.floor(3.0 * stats.norm.cdf(z)), 2.0 / 3.0),
+    }
+    of_normal, variance = laws[law]
+    held = 0
+    for seed in range(60):
+        z, rest = np.random.default_rng(seed).normal(size=(2, n))
+        x = of_normal(z)
+        ((low, high), _) = of_given(x + 0.2 * rest, {"x": x, "rest": rest}, 0.95).first_interval
+        held += low <= variance / (variance + 0.04) <= high
+    assert held >= 51
 
 
 def test_failed_samples_are_left_out_and_that_is_said() -> None:

@@ -106,13 +106,17 @@ outputs.power: type = "power"; coordinate = "phi"
 )
 
 
-def test_a_flywheel_out_of_balance_in_space() -> None:
-    """It turns at a constant speed: its centre of mass has the acceleration ``e W^2``, and nothing turns about it."""
+@pytest.mark.parametrize(("kind", "begun"), [("full", 0.0), ("components", 4.0)])
+def test_a_flywheel_out_of_balance_in_space(kind: str, begun: float) -> None:
+    """It turns at a constant speed: its centre of mass has the acceleration ``e W^2``, and nothing turns about it. It
+    begins beyond half a turn too."""
     mass, e, b, speed = 3.0, 0.01, 0.2, 30.0
+    start = f"effects.drive.constant_speed.start={begun}"
     wanted = outputs("bearing", **along("radial", "axial"), y='component="y"', body='component="y", frame="body"')
     moments = outputs("bearing", MOMENT, moment="", mz='component="z", frame="body"')
-    run = motion("full", scene_from_toml(FLYWHEEL, ".", (*wanted, *moments)))
-    cos, sin, zero = np.cos(speed * run.time), np.sin(speed * run.time), 0.0 * run.time
+    run = motion(kind, scene_from_toml(FLYWHEEL, ".", (*wanted, *moments, start)))
+    angle, zero = begun + speed * run.time, 0.0 * run.time
+    cos, sin = np.cos(angle), np.sin(angle)
     force = np.array([zero, mass * (GRAVITY - e * speed**2 * cos), -mass * e * speed**2 * sin])
     moment = np.cross([b + zero, e * cos, e * sin], force, axis=0)  # about the bearing
     torque = -moment[0]  # of all that acts about the axis, which is in balance
