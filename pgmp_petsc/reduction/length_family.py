@@ -235,9 +235,7 @@ def _joined(
 
 
 @gathered
-def _remarks(
-    scene: Scene, family: LengthFamily, n_builds: int, cosine: float, indefinite: str
-) -> Iterator[Remark]:
+def _remarks(scene: Scene, family: LengthFamily, n_builds: int, cosine: float, indefinite: str) -> Iterator[Remark]:
     grid, check = family.grid, family.check
     ranges = ", ".join(
         f"{name} from {one.shown(one.low)} to {one.shown(one.high)} {one.unit}".rstrip()
@@ -245,8 +243,8 @@ def _remarks(
     )
     said = (
         f"lengths: {ranges} are served by polynomials through models at {len(grid.points)} points ({n_builds} "
-        f"builds); at {values_text(scene, check.values)}, between them, frequencies are within {check.frequencies:.2g} and the "
-        f"rigid inertia of ensembles within {check.inertia:.2g} of a model built there"
+        f"builds); at {values_text(scene, check.values)}, between them, frequencies are within {check.frequencies:.2g} "
+        f"and the rigid inertia of ensembles within {check.inertia:.2g} of a model built there"
     )
     poor = max(check.frequencies, check.inertia) > LARGE
     yield warning(f"{said}; {MORE}") if poor else note(said)
