@@ -159,7 +159,10 @@ def _beyond_tolerance(
     """
     if previous is None:
         return [midpoints(axis) for axis in grid]
-    tolerance, wanted, before = scene.reduction.sampling_tolerance, [], previous.tables.samples
+    tolerance, wanted = scene.reduction.sampling_tolerance, []
+    # over one turn, whatever vectors changed their signs after it in the round before
+    known = [np.intersect1d(axis.theta, old.theta) for axis, old in zip(grid, previous.tables.samples)]
+    before = SampleGrid(tuple(replace(axis, theta=theta) for axis, theta in zip(grid, known)))
     for k, (name, samples, old) in enumerate(zip(scene.coordinates, grid, before)):
         new = np.setdiff1d(samples.theta, old.theta)
         if not new.size:
