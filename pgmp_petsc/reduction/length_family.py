@@ -95,6 +95,7 @@ def build_over_lengths(
         if nominal is not None:
             with timings.phase("lengths"):
                 gauge = _Gauge.of(held(scene, nominal_lengths), nominal)
+                gauge.check(held(scene, between), checked)
                 turned = [gauge.turned(held(scene, values), member) for values, member in zip(grid.points, members)]
             everyone = (nominal, *(member for member in (*members, checked) if member is not nominal))
             found = _joined(scene, grid, everyone, turned, (between, checked), timings.as_dict())
@@ -141,11 +142,9 @@ class _Gauge:
         masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
         return cls(model, weighted_sum(masses, scene.nominal))
 
-    def turned(self, scene: Scene, member: ReducedOrderModel) -> tuple[ReducedOrderModel, float]:
-        """Return a model of other lengths, whose scene is given, in this basis, and the least cosine to it.
-
-        Raises `RunError` if its basis has another number of vectors, or covers another number of turns.
-        """
+    def check(self, scene: Scene, member: ReducedOrderModel) -> None:
+        """Raise `RunError` if the basis of a model of other lengths, whose scene is given, has another number of
+        vectors, or covers another number of turns."""
         own, wanted = member.projection, self.model.projection
         if own.shape != wanted.shape:
             lengths = values_text(scene, {name: scene.values[name] for name in length_names(scene)})
@@ -160,6 +159,14 @@ class _Gauge:
                     lengths, own.shape[2], len(own), wanted.shape[2], len(wanted), cosine, *causes
                 )
             )
+
+    def turned(self, scene: Scene, member: ReducedOrderModel) -> tuple[ReducedOrderModel, float]:
+        """Return a model of other lengths, whose scene is given, in this basis, and the least cosine to it.
+
+        Raises what `check` raises.
+        """
+        self.check(scene, member)
+        own, wanted = member.projection, self.model.projection
         n_given = member.tables.n_given
         n = own.shape[2] - n_given
         own, wanted = own[..., :n], wanted[..., :n]

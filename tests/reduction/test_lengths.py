@@ -32,7 +32,7 @@ from pgmp_petsc.scene.uses import length_names, length_range
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.inputs import with_meshes
-from scenes import mechanism_of
+from scenes import mechanism_of, meshes_of
 
 TWO = LengthGrid(("a", "b"), ((0.6, 0.8), (-1.0, 2.0)), 4)
 
@@ -212,6 +212,11 @@ def test_models_that_do_not_fit_together_are_refused_with_the_length(
         with pytest.raises(RunError, match=f"{line}.*take {first}, or {second}, or a narrower range$"):
             told = replace(gauge, model=replace(gauge.model, cosines=np.array([cosine])))
             told.turned(long_crank(*SMALL), replace(fewer, cosines=np.array([1.0])))
+    # the one between the points, which is compared alone, too
+    whole, scene = replace(member, meshes=rom.meshes), long_crank(*SMALL)
+    built = iter([whole, whole, whole, replace(fewer, meshes=rom.meshes)])
+    with pytest.raises(RunError, match="at rod_length = 0.684.*: 7 vectors over 12 configurations"):
+        length_family.build_over_lengths(scene, meshes_of(scene), lambda *_: next(built), MPI.COMM_SELF)
     rom.write(path := tmp_path / "rom.h5")
     with resealed(path) as file:
         shorter = file["lengths/1/projection"][:, 3:]
