@@ -402,18 +402,20 @@ def _weighted(terms: Interpolant, weights: np.ndarray, theta: np.ndarray) -> np.
 def least_stiffness(terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray) -> np.ndarray:
     """Return the least share of the stiffness at rest that is left in the deformed state, shape (n,).
 
-    The lowest eigenvalue of the tangent of the strain energy, ``K + V delta``, beside K: 1 without terms of second
-    order, and negative where their cubic energy, which has no lower bound, has pulled the state over its crest. NaN
-    where K itself is not positive definite, as between samples that are too few for their interpolation.
+    The lowest eigenvalue of the tangent of the strain energy, ``K + V delta``, beside K, of what moves: 1 without terms
+    of second order, and negative where their cubic energy, which has no lower bound, has pulled the state over its
+    crest. NaN where K itself is not positive definite, as between samples that are too few for their interpolation.
     """
     layout = terms.layout
     weights = np.broadcast_to(evaluate_weights(terms.weights, values).T, (len(q), len(terms.weights)))
     r = len(layout.rigid)
     entries = np.einsum("nt,nte->ne", weights, terms.terms(q[:, :r]))
-    stiffness = with_units(unpacked(entries[:, layout.stiffness : layout.cubic]))
+    moving = slice(terms.tables.n_modes - terms.tables.n_given)
+    stiffness = with_units(unpacked(entries[:, layout.stiffness : layout.cubic])[:, moving, moving])
     bent = np.zeros_like(stiffness)
     if layout.second_order:
-        bent = np.einsum("nijk,nk->nij", _unpacked_cubic(entries[:, layout.cubic : layout.swing]), q[:, r:])
+        cubic = _unpacked_cubic(entries[:, layout.cubic : layout.swing])[:, moving, moving]
+        bent = np.einsum("nijk,nk->nij", cubic, q[:, r:])
     # both scaled to a unit diagonal of K, so that round-off decides on nothing but a singular one
     diagonal = np.einsum("nii->ni", stiffness)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))

@@ -159,7 +159,10 @@ def _beyond_tolerance(
     """
     if previous is None:
         return [midpoints(axis) for axis in grid]
-    tolerance, wanted, before = scene.reduction.sampling_tolerance, [], previous.tables.samples
+    tolerance, wanted = scene.reduction.sampling_tolerance, []
+    # over one turn, whatever vectors changed their signs after it in the round before
+    known = [np.intersect1d(axis.theta, old.theta) for axis, old in zip(grid, previous.tables.samples)]
+    before = SampleGrid(tuple(replace(axis, theta=theta) for axis, theta in zip(grid, known)))
     for k, (name, samples, old) in enumerate(zip(scene.coordinates, grid, before)):
         new = np.setdiff1d(samples.theta, old.theta)
         if not new.size:
@@ -361,13 +364,14 @@ def interpolation_errors(
     since at new samples, shape (n_new, n_theta).
 
     A new sample is turned to the interpolated basis first, within the groups of the round before: more samples resolve
-    more, so that groups can only become smaller. Terms are weighted by nominal parameters.
+    more, so that groups can only become smaller. Terms are weighted by nominal parameters. Given coordinates, whose
+    units are any, are left out.
     """
-    old = before.tables
+    old = before.tables.moving()
     rows = now.tables.samples.nearest(theta)
     guessed = interpolant(old.samples, before.projection, "spline")(theta)
     rotations = np.array([_align(now.projection[row], guess, before.groups) for row, guess in zip(rows, guessed)])
-    fresh = now.tables.at(rows).turned(rotations)
+    fresh = now.tables.at(rows).turned(rotations).moving()
     errors = np.zeros(len(theta))
     for name, weights in (("mass", old.mass_weights), ("inertia", old.mass_weights), ("load", old.load_weights)):
         known = 1.0 if name == "mass" else _weighted(getattr(old, name), weights, values)

@@ -214,7 +214,7 @@ class _Build:
             wider = np.concatenate([basis.projection, gaps.shapes], axis=2)
             gaps = gaps.changing(mode_changes(kinematics, mass, tables.samples, wider, scheme), tables.samples, scheme)
         n_parameter = tables.n_modes - tables.n_given - joined.n_kept
-        indefinite = indefinite_between(tables.moving(), scene, *spanning_values(scene))
+        indefinite = indefinite_between(tables, scene, *spanning_values(scene))
         remarks = (
             *scene.remarks,
             *(() if self._way.checkpoint is None else self._way.checkpoint.remarks),

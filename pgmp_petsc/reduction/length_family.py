@@ -29,7 +29,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.continuity import POOR_COSINE
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.cell_products import pair_rotations
-from pgmp_petsc.reduction.rom import LengthCheck, LengthFamily, ReducedOrderModel
+from pgmp_petsc.reduction.rom import LengthCheck, LengthFamily, ReducedOrderModel, ranges_of_lengths
 from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints, SampleGrid, Samples
 from pgmp_petsc.reduction.tables import indefinite_between, mode_changes
 from pgmp_petsc.scene import Scene, scene_to_toml
@@ -95,6 +95,7 @@ def build_over_lengths(
         if nominal is not None:
             with timings.phase("lengths"):
                 gauge = _Gauge.of(held(scene, nominal_lengths), nominal)
+                gauge.check(held(scene, between), checked)
                 turned = [gauge.turned(held(scene, values), member) for values, member in zip(grid.points, members)]
             everyone = (nominal, *(member for member in (*members, checked) if member is not nominal))
             found = _joined(scene, grid, everyone, turned, (between, checked), timings.as_dict())
@@ -141,11 +142,9 @@ class _Gauge:
         masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
         return cls(model, weighted_sum(masses, scene.nominal))
 
-    def turned(self, scene: Scene, member: ReducedOrderModel) -> tuple[ReducedOrderModel, float]:
-        """Return a model of other lengths, whose scene is given, in this basis, and the least cosine to it.
-
-        Raises `RunError` if its basis has another number of vectors, or covers another number of turns.
-        """
+    def check(self, scene: Scene, member: ReducedOrderModel) -> None:
+        """Raise `RunError` if the basis of a model of other lengths, whose scene is given, has another number of
+        vectors, or covers another number of turns."""
         own, wanted = member.projection, self.model.projection
         if own.shape != wanted.shape:
             lengths = values_text(scene, {name: scene.values[name] for name in length_names(scene)})
@@ -160,6 +159,14 @@ class _Gauge:
                     lengths, own.shape[2], len(own), wanted.shape[2], len(wanted), cosine, *causes
                 )
             )
+
+    def turned(self, scene: Scene, member: ReducedOrderModel) -> tuple[ReducedOrderModel, float]:
+        """Return a model of other lengths, whose scene is given, in this basis, and the least cosine to it.
+
+        Raises what `check` raises.
+        """
+        self.check(scene, member)
+        own, wanted = member.projection, self.model.projection
         n_given = member.tables.n_given
         n = own.shape[2] - n_given
         own, wanted = own[..., :n], wanted[..., :n]
@@ -228,25 +235,23 @@ def _joined(
     for model in built:
         for phase, time in model.record.timings.items():
             timings[phase] = timings.get(phase, 0.0) + time
-    remarks = (*nominal.record.remarks, *_remarks(family, len(built), cosine, indefinite))
+    remarks = (*nominal.record.remarks, *_remarks(scene, family, len(built), cosine, indefinite))
     text, values = scene_to_toml(scene), own_values(scene, scene.nominal)
     record = replace(nominal.record, scene_toml=text, parameters=values, timings=timings, remarks=remarks)
     return replace(nominal, record=record, family=family, indefinite=nominal.indefinite or indefinite)
 
 
 @gathered
-def _remarks(family: LengthFamily, n_builds: int, cosine: float, indefinite: str) -> Iterator[Remark]:
+def _remarks(scene: Scene, family: LengthFamily, n_builds: int, cosine: float, indefinite: str) -> Iterator[Remark]:
     grid, check = family.grid, family.check
-    system = family.members[0].record.system
-    at = ", ".join(f"{name} = {system.shown(value, 'm'):.6g}" for name, value in check.values.items())
     ranges = ", ".join(
-        f"{name} from {system.shown(low, 'm'):g} to {system.text(high, 'm', 'g')}"
-        for name, (low, high) in zip(grid.names, grid.ranges)
+        f"{name} from {one.shown(one.low)} to {one.shown(one.high)} {one.unit}".rstrip()
+        for name, one in ranges_of_lengths(scene, grid).items()
     )
     said = (
         f"lengths: {ranges} are served by polynomials through models at {len(grid.points)} points ({n_builds} "
-        f"builds); at {at}, between them, frequencies are within {check.frequencies:.2g} and the "
-        f"rigid inertia of ensembles within {check.inertia:.2g} of a model built there"
+        f"builds); at {values_text(scene, check.values)}, between them, frequencies are within {check.frequencies:.2g} "
+        f"and the rigid inertia of ensembles within {check.inertia:.2g} of a model built there"
     )
     poor = max(check.frequencies, check.inertia) > LARGE
     yield warning(f"{said}; {MORE}") if poor else note(said)

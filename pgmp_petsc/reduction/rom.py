@@ -34,7 +34,7 @@ from pgmp_petsc.reduction.sample_grid import EACH, LengthGrid
 from pgmp_petsc.reduction.tables import ReducedTables, StiffnessChanges, rigid_inertia
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import to_own
-from pgmp_petsc.scene.parameters import Parameter, spanning_values
+from pgmp_petsc.scene.parameters import Parameter, share_below, spanning_values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -268,7 +268,7 @@ class Served:
     @property
     def limits(self) -> str:
         """What is not refused, in messages."""
-        return f"[{self.shown(self.least)}, {self.shown(self.most)}] {self.unit}".rstrip()
+        return self.between(self.least, self.most)
 
     @property
     def is_sharp(self) -> bool:
@@ -288,13 +288,15 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
     """Return by name the ranges of the parameters that the tables of a reduced model, built from a scene, depend on."""
     weights = (*rom.tables.mass_weights, *rom.tables.stiffness_weights)
     found = ranges_of(built, {name for weight in weights for name, _ in weight.powers})
-    if rom.family is not None:
-        grid = rom.family.grid
-        found |= {
-            name: Served(low, high, low, high, to_own(built, name), built.system.unit(built.parameters[name].unit))
-            for name, (low, high) in zip(grid.names, grid.ranges)
-        }
-    return found
+    return found if rom.family is None else found | ranges_of_lengths(built, rom.family.grid)
+
+
+def ranges_of_lengths(built: Scene, grid: LengthGrid) -> dict[str, Served]:
+    """Return by name the ranges of lengths over a grid, of the scene that a model was built from."""
+    return {
+        name: Served(low, high, low, high, to_own(built, name), built.system.unit(built.parameters[name].unit))
+        for name, (low, high) in zip(grid.names, grid.ranges)
+    }
 
 
 def ranges_of(built: Scene, names: Collection[str]) -> dict[str, Served]:
@@ -386,5 +388,5 @@ def _of_parameter(name: str, served: Served, scene: Scene) -> Iterator[str]:
 def _share(parameter: Parameter, low: float, high: float) -> float:
     """Return the share of a distribution, truncated to its bounds, between two numbers."""
     law, (least, most) = parameter.distribution.law, parameter.bounds or (-np.inf, np.inf)
-    inside = float(law.cdf(min(high, most)) - law.cdf(max(low, least)))
-    return max(inside, 0.0) / float(law.cdf(most) - law.cdf(least))
+    below = share_below(law)  # values at the ends are between them
+    return max(float(law.cdf(min(high, most)) - below(max(low, least))), 0.0) / float(law.cdf(most) - below(least))

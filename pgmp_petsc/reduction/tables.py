@@ -407,8 +407,9 @@ SMALLEST = 1e-6  # eigenvalue of a matrix with unit diagonal
 
 
 def indefinite_between(tables: ReducedTables, scene: Scene, values: Mapping[str, np.ndarray], n_samples: int) -> str:
-    """Say where flexible mass or stiffness is indefinite between samples, which matrix, where, with which parameter
-    values, shape (n_samples,) each, and what helps; empty where it is nowhere."""
+    """Say where mass or stiffness of what is flexible and moves is indefinite between samples, which matrix, where,
+    with which parameter values, shape (n_samples,) each, and what helps; empty where it is nowhere."""
+    tables = tables.moving()  # given coordinates may have no stiffness at all
     samples, r = tables.samples, tables.n_coordinates
     places = PLACES if samples.n_coordinates == 1 else MIDDLE
     theta = SampleGrid(tuple(_between(axis, places) for axis in samples)).theta

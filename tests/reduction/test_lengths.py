@@ -32,7 +32,7 @@ from pgmp_petsc.scene.uses import length_names, length_range
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.inputs import with_meshes
-from scenes import mechanism_of
+from scenes import mechanism_of, meshes_of
 
 TWO = LengthGrid(("a", "b"), ((0.6, 0.8), (-1.0, 2.0)), 4)
 
@@ -149,6 +149,8 @@ def test_nothing_is_served_outside_the_range_of_a_length(rom: ReducedOrderModel)
     with pytest.raises(InputError, match="parameters.rod_length.value = 0.66: beyond what the model serves"):
         check_served(served, long_crank(wider, "parameters.rod_length.distribution={name='uniform', loc=0.6, "
                                         "scale=0.2}", settings=("rod_length=0.66",)))  # fmt: skip
+    ends = f"{{nominal=0.7, unit='m', distribution={{name='discrete', values=[{LOW}, 0.7, {HIGH}]}}}}"
+    assert check_served(served, long_crank(*SMALL, f"parameters.rod_length={ends}")) == ()
     shifted = 'parameters.rod_length.distribution={name="uniform", loc=0.66, scale=0.07}'
     with pytest.raises(InputError, match="serves no length, place or ratio"):
         check_served(served, long_crank(wider, shifted))
@@ -210,6 +212,11 @@ def test_models_that_do_not_fit_together_are_refused_with_the_length(
         with pytest.raises(RunError, match=f"{line}.*take {first}, or {second}, or a narrower range$"):
             told = replace(gauge, model=replace(gauge.model, cosines=np.array([cosine])))
             told.turned(long_crank(*SMALL), replace(fewer, cosines=np.array([1.0])))
+    # the one between the points, which is compared alone, too
+    whole, scene = replace(member, meshes=rom.meshes), long_crank(*SMALL)
+    built = iter([whole, whole, whole, replace(fewer, meshes=rom.meshes)])
+    with pytest.raises(RunError, match="at rod_length = 0.684.*: 7 vectors over 12 configurations"):
+        length_family.build_over_lengths(scene, meshes_of(scene), lambda *_: next(built), MPI.COMM_SELF)
     rom.write(path := tmp_path / "rom.h5")
     with resealed(path) as file:
         shorter = file["lengths/1/projection"][:, 3:]
@@ -220,12 +227,15 @@ def test_models_that_do_not_fit_together_are_refused_with_the_length(
 
 
 def test_spaces_and_matrices_that_are_poor_between_lengths_are_warned_of(rom: ReducedOrderModel) -> None:
-    said = length_family._remarks(rom.family, 4, 0.3, "the interpolated mass matrix is not positive definite")
+    scene = long_crank(*SMALL)
+    said = length_family._remarks(scene, rom.family, 4, 0.3, "the interpolated mass matrix is not positive definite")
     assert [remark.kind for remark in said[1:]] == ["warning", "warning"]
     assert "turns away between lengths (least cosine 0.3" in said[1].text
     assert said[2].text.startswith("between lengths: the interpolated mass matrix")
+    ratio = long_crank(*SMALL, 'parameters.rod_length.unit=""')
+    assert "rod_length from 0.665 to 0.735 are" in length_family._remarks(ratio, rom.family, 4, 0.9, "")[0].text
     (poor,) = length_family._remarks(
-        replace(rom.family, check=LengthCheck({"rod_length": 0.68}, 2e-3, 1e-9)), 4, 0.9, ""
+        scene, replace(rom.family, check=LengthCheck({"rod_length": 0.68}, 2e-3, 1e-9)), 4, 0.9, ""
     )
     assert poor.kind == "warning" and "frequencies are within 0.002" in poor.text
     assert poor.text.endswith("take more reduction.length_points, or a narrower range")

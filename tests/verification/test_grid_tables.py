@@ -1,6 +1,7 @@
 """Tables over one coordinate and two: order of their interpolation, gauge, clamped coordinates, the file, commands; and
 angles that are added until tables meet a tolerance."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -18,7 +19,7 @@ from pgmp_petsc.mechanism.body_frames import linear_motion, rigid_velocities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.angles import interpolation_errors, midpoints
+from pgmp_petsc.reduction.angles import _beyond_tolerance, interpolation_errors, midpoints
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -302,6 +303,24 @@ def test_a_sample_that_was_interpolated_exactly_has_no_error() -> None:
     some = rom.tables.samples.axes[0].theta[[3, 17]]
     errors = interpolation_errors(basis, basis, some[:, None], {"r1": RADIUS})
     np.testing.assert_allclose(errors, 0.0, atol=1e-9)
+
+
+def test_rounds_are_compared_where_vectors_no_longer_change_their_sign_after_a_turn() -> None:
+    scene = double_pendulum(SPLINE, "reduction.sampling_tolerance=1e-3")
+    rom = rom_of(double_pendulum(SPLINE))
+    m, samples = rom.tables.n_modes, rom.tables.samples
+    few = np.flatnonzero([theta in samples.axes[1].theta[::2] for theta in samples.theta[:, 1]])
+    groups, own, flipped = [np.array([k]) for k in range(m)], np.zeros((1, m, m)), np.zeros((2, m), dtype=bool)
+    now, before = (
+        ContinuousBasis(tables, projection, groups, own, flipped)
+        for tables, projection in ((rom.tables, rom.projection), (rom.tables.at(few), rom.projection[few]))
+    )
+    twice = before.tables.samples.twice(0, before.projection, before.projection)
+    turned = replace(before, tables=before.tables.over_two_turns(np.zeros(0, dtype=int), 0), projection=twice)
+    wanted = _beyond_tolerance(scene, samples, before, now)
+    assert wanted[1].size and not wanted[0].size
+    for found, expected in zip(_beyond_tolerance(scene, samples, turned, now), wanted):
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_a_tolerance_that_needs_too_many_angles_is_said() -> None:

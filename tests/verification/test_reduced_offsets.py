@@ -10,6 +10,7 @@ import pytest
 from alike import assert_alike
 from conftest import ROOT
 from differences import compare
+from length_scenes import SMALL, long_crank
 from machine_scenes import MODELS
 from millimetres import in_millimetres
 from mpi4py import MPI
@@ -37,6 +38,7 @@ from pgmp_petsc.design.measured_history import MeasuredHistory
 from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
+from pgmp_petsc.reduced.lagrangian import least_stiffness
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import load_scene
@@ -263,6 +265,29 @@ def test_beside_what_reduced_models_have(beside: str) -> None:
         # of second order in 0.02 rad, and in 2 % of a section or a length
         assert energy == pytest.approx(expected, rel=1e-3)
         assert outputs["aside"] == pytest.approx(others["aside"], rel=1e-3)
+
+
+#: An offset of a slider-crank's elbow, which its rigid motion takes.
+LOOSE = ("joints.elbow.offset={place=[0.0,'d']}", "parameters.d={nominal=1e-4,unit='m',bounds=[0.0,2e-4]}")
+
+
+@pytest.mark.parametrize(
+    "beside",
+    [
+        ("bodies.rod.line.length=0.7", "reduction={sampling_tolerance=1e-2,interpolation='spline',modes=2,angles=12}"),
+        ("bodies.rod.line.length=0.7", "reduction.parameter_modes=1", "reduction.angles=96", "reduction.max_angles=400"),
+        ("reduction.angles=96",),
+    ],
+)
+def test_offsets_that_strain_nothing_have_no_part_in_the_angles(beside: tuple[str, ...]) -> None:
+    """Their stiffness is round-off: a build said that it is indefinite, and took angles for that."""
+    scene = long_crank(*SMALL, *LOOSE, *beside)
+    rom, without = built_rom(scene), built_rom(long_crank(*SMALL, *beside))
+    assert rom.tables.n_given == 1 and rom.tables.samples.shape == without.tables.samples.shape
+    assert not any("positive definite" in remark.text for remark in rom.record.remarks)
+    model = ReducedModel(scene, rom)
+    share = least_stiffness(model.terms, scene.values, np.zeros((1, model.terms.layout.n_eta)))
+    np.testing.assert_allclose(share, 1.0, rtol=1e-12)
 
 
 @pytest.mark.parametrize("part", [{"turn": (0.0, TILT, 0.0)}, {"place": (0.0, 0.0, 8e-3)}])
