@@ -46,6 +46,7 @@ MOST_COORDINATES = len(STEPS)  # whose range can be covered by a grid
 MOST_FOLLOWED = 2  # coordinates that are followed over their range whatever the model
 FURTHEST = 1e6  # rad that a coordinate turns; beyond, round-off shows in where it stands, and runs have run away
 MOST_KEPT = 16  # branches that were followed
+COUNTING_STEP = 1e-4  # rad or m of a coordinate, with which rates of angles are found: within half a turn at 30,000 : 1
 REACH = 0.05  # rad, or of the mechanism's size, beyond a limited range: the bending of a joint's node at its end
 
 
@@ -469,9 +470,31 @@ class RigidKinematics:
         return (theta >= coordinate.lower - reach) & (theta <= coordinate.upper + reach)
 
 
+def turns_counted(
+    measured: Callable[..., np.ndarray], poses: np.ndarray, rates: np.ndarray, axes: Sequence[np.ndarray]
+) -> np.ndarray:
+    """Return an angle in space over a grid of configurations, of the grid's shape, with its turns counted: from one to
+    the next it changes about as its rates there say, behind a gear by many turns.
+
+    It is `measured` on poses (n_bodies, n_pose, n), nearest to given angles; rates (n_bodies, n_pose, n_theta, n) are
+    those of the poses.
+    """
+    found = measured(poses)
+    moved = (SPATIAL.moved(poses, COUNTING_STEP * rates[:, :, k]) for k in range(len(axes)))
+    slopes = [(measured(one, found) - found) / COUNTING_STEP for one in moved]
+    found = found.reshape([axis.size for axis in axes])
+    for k, (axis, slope) in enumerate(zip(axes, slopes)):
+        along, slope = np.moveaxis(found, k, -1), np.moveaxis(slope.reshape(found.shape), k, -1)
+        expected = 0.5 * (slope[..., 1:] + slope[..., :-1]) * np.diff(axis)
+        turns = np.rint((np.diff(along) - expected) / (2.0 * np.pi))
+        along = np.concatenate([along[..., :1], along[..., 1:] - 2.0 * np.pi * np.cumsum(turns, axis=-1)], axis=-1)
+        found = np.moveaxis(along, -1, k)
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class JointTurns:
-    """The line that a joint's angle is near to: offset, rad, and slopes (n_theta,)."""
+    """The line that a joint's angle in space is near to: offset, rad, and slopes (n_theta,)."""
 
     offset: float
     slopes: np.ndarray
@@ -489,14 +512,12 @@ class JointTurns:
         if kinematics.branch is None:
             return cls(0.0, np.zeros(n))
 
-        def measured(poses: np.ndarray) -> np.ndarray:
+        def measured(poses: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
             sides = (side.frame_of_pose(poses) for side in connection.sides)
-            return kinematics.mechanism.space.measure(connection.angle, *sides)
+            return kinematics.mechanism.space.measure(connection.angle, *sides, turned)
 
-        axes = kinematics.branch.axes
-        angles = measured(np.moveaxis(kinematics.branch.poses, 0, -1)).reshape([axis.size for axis in axes])
-        for k in range(n):
-            angles = np.unwrap(angles, axis=k)
+        axes, poses = kinematics.branch.axes, np.moveaxis(kinematics.branch.poses, 0, -1)
+        angles = turns_counted(measured, poses, np.moveaxis(kinematics.branch.rates, 0, -1), axes)
         theta = np.meshgrid(*axes, indexing="ij")
         slopes = np.zeros(n)
         for k, (axis, coordinate) in enumerate(zip(axes, kinematics.coordinates)):

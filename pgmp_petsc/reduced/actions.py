@@ -15,7 +15,7 @@ from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.effects.time_function import TimeFunction, joined
 from pgmp_petsc.lanes.vectors import same_in_all_lanes
 from pgmp_petsc.mechanism.joints import Attachment
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.kinematics import RigidKinematics, turns_counted
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import ANGLE, FOLLOWING, Statement
 from pgmp_petsc.reduced.action_frames import Places
@@ -218,8 +218,8 @@ def _counted(
     """Return an angle on the rigid mechanism less its winding (n,), and the winding (n_theta,), with turns counted; 0
     for what is no angle.
 
-    A coordinate is its own angle. In the plane bodies count their turns; in space the angle of another joint is
-    followed over the grid, and nearest to `near` at the start.
+    A coordinate is its own angle. In the plane bodies count their turns; in space those of another joint's angle are
+    counted over the grid, and it is nearest to `near` at the start.
     """
     winding = np.zeros(fine.n_coordinates)
     if part.kind != ANGLE:
@@ -229,12 +229,13 @@ def _counted(
             return np.zeros(fine.n), np.eye(fine.n_coordinates)[k]
     space = kinematics.mechanism.space
 
-    def measured(at: np.ndarray, turned: float = 0.0) -> np.ndarray:
+    def measured(at: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
         return space.measure(part, *(side.frame_of_pose(at) for side in sides), turned)
 
-    angles = measured(poses).reshape(fine.shape)
-    for k in range(fine.n_coordinates):
-        angles = np.unwrap(angles, axis=k)
+    if space.dimension == 3:
+        angles = turns_counted(measured, poses, kinematics.rates(poses), [axis.theta for axis in fine])
+    else:
+        angles = measured(poses).reshape(fine.shape)
     for k, axis in enumerate(fine.axes):
         if axis.periodic:
             line = np.moveaxis(angles, k, 0).reshape(axis.n, -1)[:, 0]
@@ -242,7 +243,7 @@ def _counted(
     angles = angles.ravel() - fine.theta @ winding
     if space.dimension == 3:
         first = measured(kinematics.poses(start[None]), near)[0]
-        away = first - angles[fine.nearest(start[None])[0]] - winding @ start
+        away = first - interpolant(fine, angles, "spline")(start[None])[0] - winding @ start
         angles += 2 * np.pi * np.rint(away / (2 * np.pi))
     return angles, winding
 

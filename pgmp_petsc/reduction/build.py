@@ -23,6 +23,7 @@ from pgmp_petsc.bodies.matrices import assemble, mass_of_bodies, owned_rows
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import Load, actions_of, effects_of, loads_of, patterns_of, start_of
+from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.springs import spring_remarks
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
@@ -51,6 +52,7 @@ from pgmp_petsc.reduction.static_loads import InfluenceProbe, StaticLoads
 from pgmp_petsc.reduction.tables import (
     SecondOrderTables,
     StiffnessChanges,
+    fine_grid,
     flipping_signs,
     indefinite_between,
     mode_changes,
@@ -63,6 +65,7 @@ from pgmp_petsc.scene.references import stressed_bodies
 from pgmp_petsc.scene.uses import length_names
 
 OverSamples = TypeVar("OverSamples", MissedAnswers, JointGaps)
+MISPLACED = 1e-4  # share by which forces may be off without a warning
 CROSSED = 0.1  # below it modes have changed places: an exact crossing has no angle between
 
 
@@ -221,6 +224,7 @@ class _Build:
             *kinematics.remarks,
             *spring_remarks(self._effects, scene.reduction),
             *_doubts(float(joined.cosines.min()), found.n_redundant, indefinite),
+            *_quick_places(self._effects, kinematics, tables.samples),
             *found.rounds.remarks(found.samples, basis),
             *_few_vectors(scene.reduction.parameter_modes, n_parameter),
         )
@@ -259,6 +263,26 @@ def _doubts(cosine: float, n_redundant: int, indefinite: str) -> Iterator[Remark
         yield warning(indefinite)
     if n_redundant:
         yield note(f"{n_redundant} redundant constraints were dropped: others say the same")
+
+
+@gathered
+def _quick_places(effects: Sequence[Effect], kinematics: RigidKinematics, samples: SampleGrid) -> Iterator[Remark]:
+    """Warn of effects at bodies that turn, as motors behind gears do, too far from one place to the next of the table
+    by whose splines forces know where they stand (`fine_grid`): directors err by h^4 / 384 over h rad."""
+    d, mechanism = kinematics.mechanism.space.dimension, kinematics.mechanism
+    steps = np.array([(axis.upper - axis.lower) / axis.n for axis in fine_grid(samples)])
+    spins = np.array([kinematics.motion(theta).velocities[:, d:] for theta in samples.theta])
+    turns = np.max(np.linalg.norm(spins, axis=2) * steps, axis=(0, 2)) / np.sqrt(2.0)  # of |W| of a spin
+    for effect in effects:
+        bodies = {side.body for action in effect.actions() for side in action.sides if not side.on_ground}
+        far, name = max(((turns[body], mechanism.bodies[body].name) for body in bodies), default=(0.0, ""))
+        if far**4 / 384.0 > MISPLACED:
+            share = f"{100.0 * far**4 / 384.0:.2g} %" if far < 1.0 else "a percent and more"
+            yield warning(
+                f"{effect.entry}: body '{name}' turns by {far:.2g} rad from one place to the next of the table by "
+                f"which reduced models know where it stands: its forces may be off by {share}; let it act on the "
+                "slow side of the gear, or take a smaller range of the coordinates, --components or --full"
+            )
 
 
 def _few_vectors(asked: int, found: int) -> tuple[Remark, ...]:

@@ -1,6 +1,7 @@
 """Joints that couple motions, rigid and elastic: closed forms, other integrators, all models; ratios, radii and leads
 as parameters."""
 
+import re
 from pathlib import Path
 
 import exported
@@ -24,6 +25,8 @@ from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.estimates.own_error import why_not_of_full_order
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel, SeparateLengths, of_samples
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
@@ -32,7 +35,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.inputs import with_meshes
 from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
 from pgmp_petsc.studies.plausibility import plausibility
-from scenes import HEADER, kinematics_of, tables
+from scenes import HEADER, kinematics_of, meshes_of, tables
 
 RATIO = -0.37
 
@@ -154,6 +157,44 @@ def test_a_sum_of_motions_is_a_gear() -> None:
     _, summed = run(scene_from_toml(ROTORS, ".", [terms]), "full")
     for name in gear:
         np.testing.assert_allclose(summed[name], gear[name], rtol=1e-9, atol=1e-9)
+
+
+def _geared_arm(ratio: float) -> Scene:
+    """An arm of two links in space with a motor behind a gear at its shoulder, and a spring on the motor."""
+    return scene_from_toml(HEADER + tables(f"""
+bodies.upper: line = {{ length = 0.5, elements = 1 }}; element = "beam3d"; material = "steel";
+    section = {{ shape = "circle", radius = 0.02 }}
+bodies.lower: line = {{ length = 0.4, elements = 1 }}; element = "beam3d"; material = "steel";
+    section = {{ shape = "circle", radius = 0.02 }}
+bodies.rotor: rigid = {{ mass = 0.1, inertia = [1e-6, 1e-6, 1e-6, 0, 0, 0], points = {{ hub = [0.0, 0.0, 0.0] }} }}
+joints.shoulder: type = "revolute"; connect = ["ground:origin", "upper:hinge"]; axis = [0.0, 0.0, 1.0]
+joints.elbow: type = "revolute"; connect = ["upper:tip", "lower:hinge"]; axis = [0.0, 0.0, 1.0]
+joints.motor: type = "revolute"; connect = ["ground:origin", "rotor:hub"]; axis = [0.0, 0.0, 1.0]
+joints.drive: type = "gear"; joints = ["shoulder", "motor"]; ratio = {ratio}
+coordinates.shoulder: joint = "shoulder"; range = [-0.6, 0.6]
+coordinates.elbow: joint = "elbow"; range = [-0.4, 0.4]
+effects.hold: type = "spring_damper"; joint = "motor"; stiffness = 1e-3
+reduction: modes = 2; angles = 4
+outputs.motor: type = "angle"; joint = "motor"
+"""), ".")
+
+
+def test_turns_behind_a_gear_are_counted_between_places_far_apart() -> None:
+    """Over two coordinates places are 0.1 rad apart, 12 rad of the motor."""
+    scene = _geared_arm(120.0)
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes_of(scene)), over_range=True)
+    (motor,) = (one for one in kinematics.mechanism.connections if one.name == "motor")
+    turns = JointTurns.of(motor, kinematics, np.array([0.0, 0.1]))
+    np.testing.assert_allclose([*turns.slopes, turns.offset], [120.0, 0.0, 0.0], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "said"), [(120.0, "body 'rotor' turns by 0.75 rad .* may be off by 0.082 %"), (2.0, "")]
+)
+def test_effects_on_motors_that_turn_too_far_between_places_are_warned_of(ratio: float, said: str) -> None:
+    remarks = rom_of(_geared_arm(ratio)).record.remarks
+    found = [remark.text for remark in remarks if "from one place to the next" in remark.text]
+    assert len(found) == bool(said) and all(re.search(said, text) for text in found)
 
 
 GENTLY = ("effects.motor.table=[[0.0,0.0],[0.2,0.3],[1.0,0.3]]",)
