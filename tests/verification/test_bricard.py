@@ -118,7 +118,8 @@ def test_the_quadrature_is_the_published_motion(exact: Quadrature) -> None:
     """The published figure: the second hinge falls from (1, -1, 0) by (-, -0.866, -0.5) to (-1, -1, 0) and back."""
     assert exact.period == pytest.approx(4.99, abs=0.02)  # as read from it; twice in the 10 s of the benchmark
     assert exact.period == pytest.approx(Quadrature(32).period, rel=1e-13)
-    assert np.abs(exact.waves[-3:]).max() < 1e-15
+    # what round-off leaves of the waves, which differs from machine to machine
+    assert np.abs(exact.waves[-3:]).max() < 1e-14
 
 
 @pytest.mark.parametrize("model", ["full", "components"])
