@@ -79,6 +79,15 @@ class Samples:
         """Return whether values lie in the range; always, if it is periodic."""
         return self.periodic | ((theta >= self.lower) & (theta <= self.upper))
 
+    def nearest(self, theta: np.ndarray) -> np.ndarray:
+        """Return the numbers of the samples next to values, of their shape."""
+        turn = self.upper - self.lower
+        known, numbers = self.theta, np.arange(self.n)
+        if self.periodic:
+            theta = self.lower + np.mod(theta - self.lower, turn)
+            known, numbers = np.append(known, known[0] + turn), np.append(numbers, 0)
+        return numbers[np.searchsorted(0.5 * (known[1:] + known[:-1]), theta)]
+
 
 @dataclass(frozen=True)
 class GridFile(Record):
@@ -144,6 +153,10 @@ class SampleGrid(Record):
         """Return whether configurations (..., n_theta) lie in the range, shape (...)."""
         inside = [axis.contains(theta[..., k]) for k, axis in enumerate(self.axes)]
         return np.logical_and.reduce([np.broadcast_to(part, theta.shape[:-1]) for part in inside])
+
+    def nearest(self, theta: np.ndarray) -> np.ndarray:
+        """Return the numbers of the samples next to configurations (n, n_theta), shape (n,)."""
+        return np.ravel_multi_index([axis.nearest(part) for axis, part in zip(self.axes, theta.T)], self.shape)
 
     @property
     def periodic(self) -> tuple[bool, ...]:

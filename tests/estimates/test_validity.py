@@ -134,12 +134,11 @@ def test_what_estimates_leave_out(entries: tuple[str, ...], why: str | None) -> 
         assert left_out_of_estimates(ReducedModel(scene, rom)) == ()
 
 
-def _nearest(grid: SampleGrid, theta: np.ndarray) -> np.ndarray:
-    """Return the numbers of the samples next to configurations (n, n_theta)."""
-    turns = np.array([axis.upper - axis.lower if axis.periodic else 1e9 for axis in grid.axes])
-    away = theta[:, None] - grid.theta
-    away -= turns * np.rint(away / turns)
-    return np.argmin(np.sum(away**2, axis=2), axis=1)
+def test_the_nearest_sample() -> None:
+    turn = Samples.uniform(0.0, 2 * np.pi, 8, True)
+    assert turn.nearest(np.array([0.1, 6.2, -0.1, 6.3, 0.8, 4 * np.pi + 1.5])).tolist() == [0, 0, 0, 0, 1, 2]
+    part = Samples.chebyshev(-1.0, 1.0, 3)
+    assert part.nearest(np.array([-2.0, -0.6, -0.4, 0.4, 5.0])).tolist() == [0, 0, 1, 1, 2]
 
 
 @pytest.mark.parametrize(
@@ -174,7 +173,7 @@ def test_what_is_kept_of_a_run(grid: SampleGrid) -> None:
 
     found = looked_at(np.arange(n))
     for sample in range(n):
-        nearest = _nearest(grid, trail[:, 0, sample, :r])
+        nearest = grid.nearest(trail[:, 0, sample, :r])
         q, v, a = trail[:, 0, sample, r:], trail[:, 1, sample, :r], trail[:, 2, sample, :r]
         own = np.einsum("t,ntij->nij", weights[1, sample], stiffness)[nearest]
         energies = 0.5 * np.einsum("ni,nij,nj->n", q, own, q)
