@@ -139,8 +139,8 @@ def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[st
     shown = behind(unit)
 
     def figure(value: float, ends: np.ndarray) -> str:
-        shown = number_text(factor * value, factor * ends, MOST_DIGITS)
-        return f"{shown} {interval_text(factor * ends)}" if ends[1] > ends[0] else shown
+        text = number_text(factor * value, factor * ends, MOST_DIGITS)
+        return f"{text} {interval_text(factor * ends)}" if ends[1] > ends[0] else text
 
     for number, (one, colour) in enumerate(zip(known, colours)):
         mean, std = figure(one.mean, one.mean_interval), figure(one.std, one.std_interval)
