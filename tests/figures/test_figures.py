@@ -113,6 +113,13 @@ def test_runs_are_paired_by_their_parameters():
     assert [len(comparison.runs) for comparison in comparisons] == [2, 2, 2, 1]
 
 
+def test_pictures_name_the_model_that_reduced_runs_are_compared_with():
+    runs = [synthetic.trajectory(model, n_frames=0) for model in ("components", "reduced")]
+    figure = trajectories(paired(runs))
+    assert legend_texts(figure)[:2] == ["component modes", "reduced"]
+    assert all("full" not in text for text in texts(figure))
+
+
 def test_the_error_is_in_per_cent_of_the_full_order_maximum():
     full, reduced = synthetic.trajectory("full"), synthetic.trajectory("reduced")
     shifted = replace(reduced, outputs={**full.outputs, "crank_angle": full.outputs["crank_angle"] + 0.01})
