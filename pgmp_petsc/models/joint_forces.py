@@ -151,6 +151,11 @@ class ReducedMultipliers:
 
         return multipliers
 
+    def take_actions(self, actions: ReducedActions) -> None:
+        """Take local effects of samples with any lengths in place of the model's own: a law that bends, of a stop or of
+        friction, has the force that it has at the sample's places, not at those of the model's lengths."""
+        self._actions = actions
+
     def in_lanes(self) -> CarriedForces | None:
         """Return what steps in lanes take of the forces that joints carry; see `CarriedForces.of`."""
         actions = self._actions.actions
@@ -185,7 +190,10 @@ class ReducedMultipliers:
         if not self._actions.actions:
             return np.empty((times.size, 0))
         trail = np.stack([part.reshape(-1, system.n_samples, part.shape[1]) for part in (state.q, state.v)], axis=1)
-        return system.node_loads(times.reshape(len(trail), -1), trail).reshape(times.size, -1)
+        found = system.node_loads(times.reshape(len(trail), -1), trail)
+        # behind the nodes of bodies there may be points of the ground: `ReducedActions.joined`
+        nodes = found.reshape(times.size, self._actions.places.n_nodes, -1)[:, : len(nodes_of(self._actions.actions))]
+        return nodes.reshape(times.size, -1)
 
     def _loads(self, state: State, multipliers: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the forces that joints carry, (n_carried, n)."""

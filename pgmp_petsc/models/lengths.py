@@ -135,7 +135,8 @@ class LengthLanes(Observing):
 
     What outputs are made of, displacements and angles of joints are interpolated as the tables are
     (`reduction.sample_grid`): they are evaluated in the model of each point of the grid, its `members`. What has
-    corners or jumps is made behind: magnitudes, stresses of the forces in their laws, formulas. Effects, start and so
+    corners or jumps is made behind: magnitudes, stresses of the forces in their laws, formulas; and laws of local
+    effects, which are parts of forces in joints, are those of the samples in all members. Effects, start and so
     on are as of `ReducedModel`; rigid motions and shapes of the scene's own lengths have no part in them.
     """
 
@@ -178,6 +179,9 @@ class LengthLanes(Observing):
         for each in zip(*(member.actions.actions for member in self.members)):
             self._require_alike(each)
         self.actions = ReducedActions.joined(self.grid, [member.actions for member in self.members])
+        for member in self.members:
+            if member.multipliers is not None:
+                member.multipliers.take_actions(self.actions)
         self.measures = model.measures  # what is beside, of which each member has its own reading
 
     def _member(self, number: int) -> ReducedModel:

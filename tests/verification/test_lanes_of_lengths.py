@@ -76,11 +76,17 @@ def test_samples_in_lanes_are_those_of_single_runs_with_their_lengths(rom: Reduc
     assert_as_alone(ReducedModel(long_crank(*ACTING, *STARTS[start]), rom))
 
 
-def test_magnitudes_and_stresses_have_no_corners_between_the_models() -> None:
+#: It is met at some of the models' lengths, and in some states.
+BUMPER = 'effects.bumper={type="end_stop", joint="slider", upper=0.9829, stiffness=1e5, damping=0.1}'
+
+
+@pytest.mark.parametrize("also", [(), (BUMPER,)], ids=["loads", "a stop"])
+def test_magnitudes_and_stresses_have_no_corners_between_the_models(also: tuple[str, ...]) -> None:
     """Interpolated themselves they were off by 3e-4 (force) and 7e-4 (stress) of their largest: where a force is small,
-    and where another section has the largest stress."""
+    and where another section has the largest stress. With the stop at each model's own length the force was
+    38 % off."""
     largest = 'outputs.largest={type="stress", body="rod", quantity="stress_max"}'
-    model = reduced_model(long_crank(*SMALL, "reduction.length_points=5", PIN, largest))
+    model = reduced_model(long_crank(*SMALL, "reduction.length_points=5", PIN, largest, *also))
     lanes, n = of_samples(model, ["rod_length"]), 200
     rng, scale = np.random.default_rng(2), 1.0 / model.terms.scale
     states = State(*(size * scale * rng.normal(size=(n, scale.size)) for size in (1e-2, 0.1, 1.0)), np.zeros(0))
@@ -89,13 +95,13 @@ def test_magnitudes_and_stresses_have_no_corners_between_the_models() -> None:
     )
     own = model.at_lengths(model.scene.with_values({"rod_length": 0.683}))
     exact = own.outputs.evaluate(own.observed_of(0.0, states, own.scene.values))
-    for name, bound in (("pin", 1e-12), ("largest", 1e-5)):  # round-off, and what polynomials leave
+    for name, bound in (("pin", 1e-9 if also else 1e-12), ("largest", 1e-5)):  # round-off, and what polynomials leave
         assert np.abs(found[name] - exact[name]).max() < bound * np.abs(exact[name]).max(), name
 
 
 def test_springs_on_places_of_the_ground_that_are_parameters() -> None:
     spring = ACTING[len(SMALL) + 1].replace("50.0", "5e3")
-    entries = *SMALL, "reduction.length_points=5", *GUIDE, spring
+    entries = *SMALL, "reduction.length_points=5", *GUIDE, spring, PIN
     assert_as_alone(reduced_model(long_crank(*entries)), height=np.array([0.005, 0.033]))
 
 
