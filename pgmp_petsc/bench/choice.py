@@ -23,7 +23,6 @@ from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.bench import candidates, step_choice
 from pgmp_petsc.bench.bench import Bench
-from pgmp_petsc.bench.candidates import MOST_CONDENSED, Limits
 from pgmp_petsc.bench.cases import Training
 from pgmp_petsc.bench.history import Errors, Trial
 from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, refuse, refuse_basis, shares_of
@@ -416,7 +415,7 @@ def choose(
     with timings.phase("components"):
         # as many as the scene gives, or as are tried
         given = scene.reduction.tolerance is None or "modes" in scene.reduction.model_fields_set
-        n_modes = scene.reduction.modes if given else MOST_CONDENSED
+        n_modes = scene.reduction.modes if given else candidates.MOST_CONDENSED
         subject = Subject.of(scene, meshes, group, n_modes)
     with timings.phase("selection"), progress(None, "choosing, tried so far", group.world) as bar:
         period = subject.first_period(group)
@@ -470,7 +469,7 @@ def _tried(
         step.finish({})
         return step.allowed, bench.try_out(scene.reduction, step.n_basis, step.loads)
     bench.check_references(step.n_basis)
-    limits = Limits.of(scene, subject.kinematics, subject.n_modes)
+    limits = candidates.Limits.of(scene, subject.kinematics, subject.n_modes)
     reduction = ReductionChoice(bench, ledger, limits, step.n_basis, step.allowed)
     say(reduction.price)
     allowed, trial = reduction.allowed, reduction.run()

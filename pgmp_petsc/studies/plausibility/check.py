@@ -108,14 +108,11 @@ def setting_findings(scene: Scene, sizes: Mapping[str, bodies.Size], first: Freq
         low, high = coordinate.range
         if slides(scene, coordinate):
             continue
-        entry, what = (
-            f"coordinates.{name}.range",
-            f"{(high - low) / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}",
-        )
+        entry = f"coordinates.{name}.range"
         if high - low < SMALL_RANGE:
             yield doubt(entry, "hardly a range; it is in rad, and a run ends where it leaves it", [low, high])
         elif _like_degrees(low, high) and coordinate.joint not in geared:
-            yield doubt(entry, what, [low, high])
+            yield doubt(entry, _in_turns(high - low), [low, high])
     for name, body in scene.bodies.items():
         if (given := body.placement) is None:
             continue
@@ -128,7 +125,7 @@ def setting_findings(scene: Scene, sizes: Mapping[str, bodies.Size], first: Freq
         position = state.position
         if isinstance(position, float) and position % DEGREES == 0.0 and abs(position) > WHOLE_TURN:
             where = f"simulation.initial.{name}.position"
-            yield doubt(where, f"{position / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}", position)
+            yield doubt(where, _in_turns(position), position)
     yield from _tables(scene)
     yield from _breaks(scene)
     yield from _without_effect(scene)
@@ -136,6 +133,10 @@ def setting_findings(scene: Scene, sizes: Mapping[str, bodies.Size], first: Freq
         yield from output.doubts(scene, name)
     if not scene.outputs:
         yield doubt("outputs", "none: a run reports nothing, and an ensemble has no statistics; add [outputs.NAME]")
+
+
+def _in_turns(angle: float) -> str:
+    return f"{angle / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}"
 
 
 def _like_degrees(low: float, high: float) -> bool:
