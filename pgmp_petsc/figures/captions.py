@@ -19,7 +19,9 @@ from matplotlib.figure import Figure
 
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.figures.style import heading, quantity, scene_of, top_legend
+from pgmp_petsc.files.claims import KINDS, named
 from pgmp_petsc.files.hdf5 import RunRecord, open_file
+from pgmp_petsc.files.seal import kind_of
 from pgmp_petsc.results import Trajectory
 
 MOST, LONGEST = 3, 220  # a picture has room for so many, of so many characters; the files have the rest
@@ -97,8 +99,8 @@ def read_scenes(
     files: Sequence[Path], readers: Mapping[str, type], done: str
 ) -> tuple[list[list[tuple[Path, Any, str]]], list[str]]:
     """Return results with their files before and the programs' versions behind, one list a scene, in the order in which
-    they come, and a line for each file given twice, of what is done once; raises `InputError` if a file is damaged, or
-    none of those that there are readers for."""
+    they come, and a line for each file given twice, of what is done once, or of a kind that there is no reader for;
+    raises `InputError` if a file is damaged, or all are of such kinds."""
     scenes: dict[tuple, list[tuple[Path, Any, str]]] = {}
     lines, seen = [], set()
     for path in files:
@@ -106,10 +108,16 @@ def read_scenes(
             lines.append(f"{path} is given twice and {done} once")
             continue
         seen.add(real)
+        kind = kind_of(path)
+        if kind in KINDS and kind not in readers:
+            lines.append(f"{path} holds {named(kind)} and is not {done}: see pgmp info")
+            continue
         with open_file(path, readers) as file:
-            reader, program = readers[str(file.attrs["kind"])], str(file.attrs["program_version"])
-        result = reader.read(path)
+            program = str(file.attrs["program_version"])
+        result = readers[kind].read(path)
         scenes.setdefault(mechanism_key(result.record), []).append((path, result, program))
+    if not scenes:
+        open_file(files[0], readers)  # which says what there is to give
     return list(scenes.values()), lines
 
 

@@ -70,12 +70,14 @@ def test_an_fmu_without_a_compiler_has_sources(model, tmp_path, monkeypatch, ver
     assert not any(name.startswith("binaries") for name in names)
 
 
-def test_an_effect_with_the_name_of_a_variable(model, tmp_path) -> None:
+def test_names_of_variables_and_columns(model, tmp_path) -> None:
     found = constants_of(model, "it")
     (name, unit), *_ = found.strength_units.items()
     clash = {name: unit, f"{name}_follows_scene": unit}
     with pytest.raises(InputError, match=f"effects.{name}_follows_scene: .* for effects.{name}; give the effect"):
         write_fmu(replace(found, strength_units=clash), tmp_path / "m.fmu", compiler="true")
+    with pytest.raises(InputError, match="outputs.validity: main.c prints a column of this name; give the output"):
+        write_sources(replace(found, output_units={"validity": "m"}), tmp_path / "c")
 
 
 def test_a_compiler_that_fails(model, tmp_path) -> None:
