@@ -158,7 +158,7 @@ class Displacement(OnTheGround):
         found = Reading.at_point("POSITION", self.point, name, kinematics, AXES[self.axis])
         origin = float(found.sides[0].frame_of_pose(kinematics.poses(start[None]))[found.axis, 0])
         found = replace(found, origin=origin)
-        return Absolute(found) if self.absolute else found
+        return Absolute(found, from_start=True) if self.absolute else found
 
 
 class Deformation(AlongAxis):

@@ -251,6 +251,7 @@ class Absolute(OfReading):
     """A place along an axis of the ground, and how far the base has gone along it."""
 
     of: Reading
+    from_start: bool = False  # whether it is less the place at the start of the run, where the base may be anywhere
 
     @property
     def needs(self) -> Needs:
@@ -261,8 +262,10 @@ class Absolute(OfReading):
         """Return the sum of both."""
         found = self.of.jet(seen, order)
         for direction, factor, course in seen.bases:
-            share = direction[self.of.axis] * factor.at(seen.values)
-            found = [x + share * y for x, y in zip(found, course.jet(seen.time, order))]
+            share, gone = direction[self.of.axis] * factor.at(seen.values), course.jet(seen.time, order)
+            if self.from_start:
+                gone[0] = gone[0] - course.at_start
+            found = [x + share * y for x, y in zip(found, gone)]
         return found
 
 
