@@ -154,11 +154,10 @@ def export_result(
     target = Path(output)
     if is_table(target):
         rows, columns = on_root(comm, _write_table, file, target)
-        tell(comm, f"{target}: {rows} rows, {columns} columns, with their units in the first line")
-        return target
-    n_frames = on_root(comm, _write_frames, file, target)
-    tell(comm, f"{target}: {n_frames} frames, stored in {file}")
-    for line in on_root(comm, _what_lacks, file):
+        written, lacking = f"{rows} rows, {columns} columns, with their units in the first line", stopped_runs
+    else:
+        written, lacking = f"{on_root(comm, _write_frames, file, target)} frames, stored in {file}", _what_lacks
+    for line in (f"{target}: {written}", *on_root(comm, lacking, file)):
         tell(comm, line)
     return target
 
