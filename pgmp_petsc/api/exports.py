@@ -15,7 +15,7 @@ from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom, file_of
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import Origin, kind_of
-from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.errors import InputError, counted
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.c_export.constants import (
     CORRECTIONS,
@@ -154,7 +154,7 @@ def export_result(
     target = Path(output)
     if is_table(target):
         rows, columns = on_root(comm, _write_table, file, target)
-        written, lacking = f"{rows} rows, {columns} columns, with their units in the first line", stopped_runs
+        written, lacking = f"{counted(rows, 'row')}, {columns} columns, with their units in the first line", stopped_runs
     else:
         written, lacking = f"{on_root(comm, _write_frames, file, target)} frames, stored in {file}", _what_lacks
     for line in (f"{target}: {written}", *on_root(comm, lacking, file)):
