@@ -146,10 +146,10 @@ def export_result(
     target = Path(output)
     if is_table(target):
         rows, columns = on_root(comm, _write_table, file, target)
-        written, lacking = f"{counted(rows, 'row')}, {columns} columns, with their units in the first line", stopped_runs
+        written = f"{counted(rows, 'row')}, {columns} columns, with their units in the first line"
     else:
-        written, lacking = f"{on_root(comm, _write_frames, file, target)} frames, stored in {file}", _what_lacks
-    for line in (f"{target}: {written}", *on_root(comm, lacking, file)):
+        written = f"{on_root(comm, _write_frames, file, target)} frames, stored in {file}"
+    for line in (f"{target}: {written}", *on_root(comm, stopped_runs if is_table(target) else _what_lacks, file)):
         tell(comm, line)
     return target
 
