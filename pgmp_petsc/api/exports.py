@@ -15,7 +15,7 @@ from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom, file_of
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import Origin, kind_of
-from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.errors import InputError, counted
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.c_export import constants
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
@@ -146,11 +146,10 @@ def export_result(
     target = Path(output)
     if is_table(target):
         rows, columns = on_root(comm, _write_table, file, target)
-        tell(comm, f"{target}: {rows} rows, {columns} columns, with their units in the first line")
-        return target
-    n_frames = on_root(comm, _write_frames, file, target)
-    tell(comm, f"{target}: {n_frames} frames, stored in {file}")
-    for line in on_root(comm, _what_lacks, file):
+        written = f"{counted(rows, 'row')}, {columns} columns, with their units in the first line"
+    else:
+        written = f"{on_root(comm, _write_frames, file, target)} frames, stored in {file}"
+    for line in (f"{target}: {written}", *on_root(comm, stopped_runs if is_table(target) else _what_lacks, file)):
         tell(comm, line)
     return target
 
