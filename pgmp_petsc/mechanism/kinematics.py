@@ -330,8 +330,9 @@ class RigidKinematics:
         self, start: list[int], axes: list[np.ndarray], assembled: np.ndarray
     ) -> tuple[list[int], list[np.ndarray]]:
         """Return numbers of the first configuration and axes on which no body in space turns far from one value of a
-        coordinate to the next, as a spindle does: in between the table has polynomials of directors."""
-        if self.mechanism.space is not SPATIAL:
+        coordinate to the next, as a spindle does: in between the table has polynomials of directors. A table over more
+        than two coordinates would be large, and is where Newton's method starts."""
+        if self.mechanism.space is not SPATIAL or len(axes) > 2:
             return start, axes
         turns = self.turning(self.rates(assembled)).max(axis=0) * [axis[1] - axis[0] for axis in axes]
         parts = [max(int(np.ceil(turn / FURTHEST_TURN)), 1) for turn in turns]
