@@ -20,8 +20,8 @@ from pgmp_petsc.base.errors import InputError, Remark
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.declare.records import Result as RunResult
+from pgmp_petsc.files import seal
 from pgmp_petsc.files.claims import check_folder, claimed, form_of, is_table, named
-from pgmp_petsc.files.seal import BrokenSeal, seal_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
 from pgmp_petsc.models.component_file import ComponentsFile
@@ -128,16 +128,12 @@ class Origin:
 
 
 def kind_of(source: AnySource) -> str | None:
-    """Return the kind of a built model, or of the file of one; None of others. What is wrong with a file is said where
-    it is read."""
+    """Return the kind of a built model, or of the file of one; None of others."""
     if isinstance(source, Rom):
         return source.kind
     if isinstance(source, Scene):
         return None
-    try:
-        kind = seal_of(Path(source)).kind
-    except (OSError, BrokenSeal):
-        return None
+    kind = seal.kind_of(Path(source))
     return kind if kind in NAME_OF else None
 
 

@@ -33,6 +33,7 @@ from pgmp_petsc.reduced import lagrangian
 SHARED = ("steps", "statements", "over_time", "actions", "control", "kinematics", "outputs", "counts")
 #: Parts of each kind of model beside the shared ones; the first has a header too.
 OWN = {"reduced": ("reduced", "interpolation", "lagrangian", "solution", "forces"), "tree": ("tree", "reactions")}
+COLUMNS = {"elastic_rotation", "validity"}  # of `main.c` beside outputs
 OLDER = "model.c"  # what `steps.c` was called
 PRINTED = {"lagrangian": lagrangian, "statements": statements}
 HEAD = f"/* written by pgmp_petsc {__version__} */\n\n"
@@ -70,8 +71,10 @@ def read_common(name: str) -> str:
 
 def write_sources(constants: Constants, folder: str | Path) -> int:
     """Write a model in C into a folder, made if there is none, and return the number of bytes; one process. Raises
-    `InputError` if the folder cannot be made, or a file in it is not of this program; `RunError` if the system fails to
-    write."""
+    `InputError` if the folder cannot be made, a file in it is not of this program, or an output has a name that it may
+    not have; `RunError` if the system fails to write."""
+    for name in COLUMNS & constants.output_units.keys():
+        raise InputError(f"outputs.{name}: main.c prints a column of this name; give the output another, build anew")
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"output folder '{folder}' is a file; give the name of a folder, or of an FMU, NAME.fmu")

@@ -242,9 +242,10 @@ class Combiner:
             case Absolute(of=place):
                 own = self.of(place)
                 parts = [own + "[j]"]
-                for k, (direction, factor, _) in enumerate(self._bases):
-                    share = float(direction[place.axis] * factor.coefficient)
-                    parts.append(f"{share!r} * {monomial_in_c(factor.monomial, self._values)} * bases[{k}][j]")
+                for k, (direction, factor, course) in enumerate(self._bases):
+                    share, begun = float(direction[place.axis] * factor.coefficient), course.at_start
+                    gone = f"(bases[{k}][j] - (j ? 0.0 : {begun!r}))" if reading.from_start else f"bases[{k}][j]"
+                    parts.append(f"{share!r} * {monomial_in_c(factor.monomial, self._values)} * {gone}")
                 self.lines.append(f"double {name}[3];")
                 self.lines.append(f"for (int j = 0; j < 3; j++) {name}[j] = {' + '.join(parts)};")
                 return name

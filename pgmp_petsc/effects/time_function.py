@@ -76,6 +76,11 @@ class TimeFunction:
             c = np.arange(1, len(c))[:, None] * c[1:]
         return found
 
+    @property
+    def at_start(self) -> float:
+        """Its value at time 0."""
+        return float(self.with_rates(0.0)[0])
+
     @cached_property
     def _alone(self) -> TimeFunctions:
         return joined([self])

@@ -43,6 +43,7 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import REDUCED, LengthLanes, Model
 from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble, Place, ShardSamples
+from pgmp_petsc.results.numbers import VANISHING
 from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Sensitivity, Statistics
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.border import own_values, result_units
@@ -100,7 +101,7 @@ def describe_ensemble(
         *over_time_remarks({name: one.count for name, one in statistics.items()}, samples.over_time, n_chosen),
         *_estimate_remarks(origin, samples.estimates, status, samples.peaks, samples.length),
         *own_error.of_statistics(
-            (one for one in samples.outputs.items() if one[0] not in constant), samples.estimates["errors_at_end"],
+            samples.felt(constant), samples.estimates["errors_at_end"],
             samples.chosen, units, ("mean", f"deviation, quantiles{' and Sobol indices' if sobol else ''}"),
             origin.model, scene.system,
         ),
@@ -162,6 +163,14 @@ class _Samples:
     def varying(self, constant: Collection[str]) -> Iterator[tuple[str, np.ndarray]]:
         """Return the outputs, at the end and over time, but for those that are constant."""
         return (one for one in self._quantities() if one[0] not in constant)
+
+    def felt(self, constant: Collection[str]) -> Iterator[tuple[str, np.ndarray]]:
+        """Return the outputs at the end but for those that are constant, or with their errors what is left of none."""
+        for name, values in self.outputs.items():
+            both = np.abs((values, self.estimates["errors_at_end"].get(name, values)))[:, self.chosen]
+            largest = np.max(both, where=np.isfinite(both), initial=0.0)
+            if name not in constant and largest > VANISHING * self.sizes[name]:
+                yield name, values
 
     def statistics(self) -> dict[str, Statistics]:
         """Return those of outputs, of parameters and of first passages."""

@@ -56,6 +56,7 @@ SHORTEST = 10  # looks of which one state is evaluated
 TURNED = 0.02  # rad, beyond which a rotation is a share of what forces that do not turn with it do
 LARGEST = 2**17  # displacements that are evaluated together, no more than stay in the cache
 EVERYONE = (1 << LANES) - 1
+NOTHING = 1e-15  # rad, or a share: what sums of numbers of the size of 1 leave of none
 ROUND_OFF = 1e-9  # of an angle: so close to the middle between two places, the nearer one is found anew
 
 
@@ -96,10 +97,10 @@ class Validity(Observer):
 
     @property
     def extremes(self) -> dict[str, np.ndarray]:
-        """By the names of `VALIDITY`, each of shape (n_samples,): NaN where nothing is known."""
+        """By the names of `VALIDITY`, each of shape (n_samples,): NaN where nothing is known, 0 where round-off is."""
         gained, lost = self._kept.shares(self._system.n_samples)
         found = self._deformed | {"stiffness_gained": gained, "stiffness_lost": lost}
-        return {name: found[name] for name in VALIDITY}
+        return {name: np.where(np.abs(found[name]) < NOTHING, 0.0, found[name]) for name in VALIDITY}
 
     def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
         """Look at those of many states whose turn it is; see `Observer`."""

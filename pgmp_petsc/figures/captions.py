@@ -19,7 +19,9 @@ from matplotlib.figure import Figure
 
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.figures.style import heading, quantity, scene_of, top_legend
+from pgmp_petsc.files.claims import KINDS, named
 from pgmp_petsc.files.hdf5 import RunRecord, open_file
+from pgmp_petsc.files.seal import kind_of
 from pgmp_petsc.results import Trajectory
 
 MOST, LONGEST = 3, 220  # a picture has room for so many, of so many characters; the files have the rest
@@ -97,8 +99,8 @@ def read_scenes(
     files: Sequence[Path], readers: Mapping[str, type], done: str
 ) -> tuple[list[list[tuple[Path, Any, str]]], list[str]]:
     """Return results with their files before and the programs' versions behind, one list a scene, in the order in which
-    they come, and a line for each file given twice, of what is done once; raises `InputError` if a file is damaged, or
-    none of those that there are readers for."""
+    they come, and a line for each file given twice, of what is done once, or of a kind that there is no reader for;
+    raises `InputError` if a file is damaged, or all are of such kinds."""
     scenes: dict[tuple, list[tuple[Path, Any, str]]] = {}
     lines, seen = [], set()
     for path in files:
@@ -106,10 +108,16 @@ def read_scenes(
             lines.append(f"{path} is given twice and {done} once")
             continue
         seen.add(real)
+        kind = kind_of(path)
+        if kind in KINDS and kind not in readers:
+            lines.append(f"{path} holds {named(kind)} and is not {done}: see pgmp info")
+            continue
         with open_file(path, readers) as file:
-            reader, program = readers[str(file.attrs["kind"])], str(file.attrs["program_version"])
-        result = reader.read(path)
+            program = str(file.attrs["program_version"])
+        result = readers[kind].read(path)
         scenes.setdefault(mechanism_key(result.record), []).append((path, result, program))
+    if not scenes:
+        open_file(files[0], readers)  # which says what there is to give
     return list(scenes.values()), lines
 
 
@@ -164,8 +172,9 @@ def labels_by_parameters(records: Sequence[RunRecord]) -> list[str]:
     varied = [name for name in names if len({record.parameters.get(name) for record in records}) > 1]
     words = []
     for record in records:
-        known = {name: record.parameters[name] for name in varied if name in record.parameters}
-        words.append(", ".join(quantity(name, value, _parameter_unit(record, name)) for name, value in known.items()))
+        entries, known = scene_of(record).get("parameters", {}), [name for name in varied if name in record.parameters]
+        units = (str(entries.get(name, {}).get("unit", "1")) for name in known)
+        words.append(", ".join(quantity(name, record.parameters[name], unit) for name, unit in zip(known, units)))
     return words
 
 
@@ -208,7 +217,3 @@ def _entry(name: str, value: Any) -> str:
     text = f"{name} = {str(value).lower() if isinstance(value, bool) else value}"
     # long values are all cut alike: names of files then tell the results apart
     return text if len(text) <= len(name) + LONGEST_VALUE else f"{name} = …"
-
-
-def _parameter_unit(record: RunRecord, name: str) -> str:
-    return str(scene_of(record).get("parameters", {}).get(name, {}).get("unit", "1"))

@@ -21,7 +21,7 @@ from pgmp_petsc.base.units import inverse
 from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.results import Band, Ensemble, Statistics
-from pgmp_petsc.results.numbers import behind, interval_text, number_text
+from pgmp_petsc.results.numbers import ROUND_OFF, behind, interval_text, number_text
 from pgmp_petsc.results.statistics import RareEvent, Sensitivity
 
 LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
@@ -30,6 +30,7 @@ MOST_DIGITS = 8  # of a mean beside its interval
 DASHES = (0, (4, 3))
 BAND = "#F3F3F3"
 N_PLACES = 400  # of a density
+REPEATED = 0.05  # of all samples: a value that more have is drawn by itself
 COLOURS = {"full": style.FULL_COLOUR, "components": style.COMPONENT_COLOUR, "reduced": style.REDUCED_COLOUR}
 
 
@@ -40,7 +41,8 @@ def densities(
     """Draw the density of every drawn parameter and output that the ensembles have in common, one panel each; of
     `names` only, in their order, where they are given.
 
-    Densities are by a kernel (`kernel_density`); the file has them counted in bins. Outputs are those of the samples
+    Densities are by a kernel (`kernel_density`); the file has them counted in bins. Values that many samples have alike
+    are bars as high as their share of the panel. Outputs are those of the samples
     that are fine, parameters those of all samples, as in the file's statistics. The first ensemble is drawn as an area,
     the others as steps over it. Dashed lines mark the means; the band reaches a standard deviation to both sides of the
     first ensemble's mean. Above each panel are mean and standard deviation, each with its confidence interval in
@@ -115,6 +117,7 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
             axes.fill_between(places, height, color=_tint(colour), linewidth=0)
         axes.plot(places, height, color=colour, linewidth=1.4 if number else 1.1)
         axes.axvline(factor * one.mean, color=colour, linestyle=DASHES, linewidth=1.0)
+        draw_repeated(axes, samples[number], colour, number)
     style.span(axes, places[0], places[-1])
     axes.set_ylim(0.0, 1.08 * max(height.max() for height in heights) or 1.0)
     axes.set_title(name, pad=8.0 + LINES * LINE_POINTS * len(known))
@@ -173,13 +176,48 @@ def kernel_density(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Return the density of samples (n,) at places: Gaussian kernels of Scott's width, reflected at both ends.
 
     Reflected, as many distributions end within their range, where kernels would reach beyond (Schuster 1985). Zero
-    beyond the samples, and everywhere where they do not differ.
+    beyond the samples, and everywhere where they do not differ. Values that many have alike have no density: what is
+    left is that of the others, a share of one.
     """
-    low, high = values.min(), values.max()
-    if not high > low:
+    known = {value for value, _ in repeated(values)}
+    rest = values[~np.isin(values, list(known))] if known else values
+    if rest.size < 2 or not _differ(rest):
         return np.zeros(places.shape)
-    of = scipy.stats.gaussian_kde(values)
-    return np.where((low <= places) & (places <= high), of(places) + of(2 * low - places) + of(2 * high - places), 0.0)
+    low, high, of = rest.min(), rest.max(), scipy.stats.gaussian_kde(rest)
+    mirrored = of(places) + of(2 * low - places) + of(2 * high - places)
+    return np.where((low <= places) & (places <= high), rest.size / values.size * mirrored, 0.0)
+
+
+def _differ(values: np.ndarray) -> bool:
+    return np.ptp(values) > ROUND_OFF * np.abs(values).max()
+
+
+def repeated(values: np.ndarray) -> list[tuple[float, float]]:
+    """Return values that more than `REPEATED` of samples (n,) have to the last bit, as the force of a contact that is
+    open, and the share that does; none where all are the same but for round-off."""
+    found, counts = np.unique(values, return_counts=True)
+    many = counts > max(1.0, REPEATED * values.size)
+    return list(zip(found[many].tolist(), (counts[many] / values.size).tolist())) if _differ(values) else []
+
+
+def draw_repeated(axes: Axes, values: np.ndarray, colour: str, row: int = 0) -> None:
+    """Draw what share of samples has each of the `repeated` values, the height of the axes being all of them."""
+    middle = 0.5 * (values.min() + values.max())
+    look = {"color": colour, "clip_on": False}
+    for value, share in repeated(values):
+        side, across = (3.0, "left") if value <= middle else (-3.0, "right")
+        axes.plot([value, value], [0.0, share], linewidth=3.0, transform=axes.get_xaxis_transform(), **look)
+        axes.annotate(
+            f"{100.0 * share:.2g} % at {value:.4g}".replace("-", "\N{MINUS SIGN}"),
+            xy=(value, share),
+            xycoords=axes.get_xaxis_transform(),
+            xytext=(side, -row * LINE_POINTS),
+            textcoords="offset points",
+            ha=across,
+            va="top",
+            fontsize=NOTE_SIZE,
+            color=colour,
+        )
 
 
 def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list[str]:

@@ -38,17 +38,19 @@ def outputs_of(run: Trajectory, kinds: tuple[str, ...]) -> dict[str, Mapping[str
 class Load:
     """What one diagram shows."""
 
-    title: str  # joint or output
+    title: str  # joint, or outputs where a joint has several diagrams
     names: tuple[str, ...]  # of the outputs
 
 
 def joint_forces(run: Trajectory) -> list[Load]:
-    """Return joints with the outputs of the forces in them along x and y, on one body in one frame."""
+    """Return the outputs of the forces in joints along x and y, on one body in one frame."""
     found: dict[tuple[str, str, str], dict[str, str]] = {}
     for name, entry in outputs_of(run, ("joint_force",)).items():
         of, frame = entry.get("of", "second"), entry.get("frame", "ground")
         found.setdefault((entry["joint"], of, frame), {})[entry.get("component", "magnitude")] = name
-    return [Load(joint, (own["x"], own["y"])) for (joint, *_), own in found.items() if {"x", "y"} <= own.keys()]
+    pairs = [(joint, (own["x"], own["y"])) for (joint, *_), own in found.items() if {"x", "y"} <= own.keys()]
+    joints = [joint for joint, _ in pairs]
+    return [Load(joint if joints.count(joint) == 1 else ", ".join(names), names) for joint, names in pairs]
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,7 +42,7 @@ class Comparison:
     @property
     def kind(self) -> str:
         """The models that are there, in words."""
-        return " and ".join(style.MODELS[run.model] for run in self.runs)
+        return _models(self.runs)
 
     @property
     def same_steps(self) -> bool:
@@ -144,10 +144,15 @@ def trajectories(
     for block, output in zip(blocks, outputs):
         _draw_output(block, comparisons, output)
     notes = captions.of_runs(*_labelled_runs(comparisons, labels))
-    kinds = {comparison.kind for comparison in comparisons}
-    what = f"Outputs over time, {kinds.pop() if len(kinds) == 1 else 'full order and reduced'}"
+    what = f"Outputs over time, {_models(runs)}"
     alone = labels[0] if len(comparisons) == 1 else ""
     return style.top_legend(figure, _keys(comparisons, labels), style.heading(what, runs[0].record, alone), notes)
+
+
+def _models(runs: Sequence[Trajectory | None]) -> str:
+    """Return the models of runs in words."""
+    there = {run.model for run in runs if run is not None}
+    return " and ".join(words for model, words in style.MODELS.items() if model in there)
 
 
 def _labelled_runs(comparisons: Sequence[Comparison], labels: Sequence[str]) -> tuple[list[Trajectory], list[str]]:
@@ -215,7 +220,7 @@ def _draw_errors(axes: Axes, comparisons: Sequence[Comparison], output: str) -> 
     axes.set_ylabel("error (%)")
     said = "not known: zero, or nothing to compare with"
     if largest:
-        said = f"at most {plain(max(largest))} % of the full-order maximum"
+        said = f"at most {plain(max(largest))} % of the maximum ({_models([one.full for one in comparisons])})"
     axes.set_title(said, fontsize=8.5, color=style.QUIET, pad=4.0)
 
 
@@ -226,9 +231,11 @@ def _keys(comparisons: Sequence[Comparison], labels: Sequence[str]) -> list[Arti
     if len(comparisons) > 1:
         keys = [Line2D([], [], color=colour, label=label) for label, colour in zip(labels, colours) if label]
     plain = style.QUIET if keys else colours[0]
-    if any(len(comparison.runs) == 2 for comparison in comparisons):
-        keys.append(Line2D([], [], color=style.FULL_COLOUR if _shared(comparisons) else plain, label="full order"))
-        keys.append(Line2D([], [], color=plain, linestyle="none", marker="x", label="reduced"))
+    pairs = [comparison for comparison in comparisons if len(comparison.runs) == 2]
+    if pairs:
+        better, other = (_models(runs) for runs in zip(*(pair.runs for pair in pairs)))
+        keys.append(Line2D([], [], color=style.FULL_COLOUR if _shared(comparisons) else plain, label=better))
+        keys.append(Line2D([], [], color=plain, linestyle="none", marker="x", label=other))
     if any(comparison.runs[0].errors is not None for comparison in comparisons):
         keys.append(Patch(color=plain, alpha=0.25, linewidth=0.0, label="estimated error"))
     if any(captions.ended_early(run) for comparison in comparisons for run in comparison.runs):

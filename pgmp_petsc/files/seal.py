@@ -140,6 +140,14 @@ def seal_of(path: Path) -> Seal:
         return Seal.unpacked(stream.read(SIZE))
 
 
+def kind_of(path: Path) -> str:
+    """Return the kind that a file's seal names; "" of others. What is wrong with a file is said where it is read."""
+    try:
+        return seal_of(path).kind
+    except (OSError, BrokenSeal):
+        return ""
+
+
 def check_seal(path: Path) -> Seal:
     """Check a file as a whole, and return what its seal says. Raises `BrokenSeal` if it has no seal, is cut off or too
     long, or differs from its checksum; `OSError` if the system fails to read."""

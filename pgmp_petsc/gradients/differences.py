@@ -9,7 +9,8 @@ instant passes the end of a step with the parameter, outputs have a corner or ju
 which differences over it do not know from a slope: the closer the runs, the rarer this is. What iterations leave of
 runs asks for the opposite: at `NEAR` it is 1e-8 of motions and up to 1e-4 of small deformations. At 2e-3, derivatives
 over contacts were 4e-2 off, and over limits of controllers 7e-2. Parameters for which `NEAR` may leave more than
-`ENOUGH` have runs at `FAR` too, and each output takes those that may be off by less.
+`ENOUGH` have runs at `FAR` too, those for which more than `CORNER` is left have others at `CLOSE`, and each output
+takes those that may be off by less.
 
 How far a derivative may be off is estimated from what second order is off, for what is smooth, and from the fourth
 difference, which has nothing of that: noise, corners and jumps.
@@ -29,8 +30,11 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel, SeparateLengths
 
 AnyModel = ReducedModel | LengthLanes | ComponentModel | SeparateLengths
-NEAR, FAR = 3e-5, 2e-4  # of a parameter's size, that runs beside are away
+NEAR, FAR, CLOSE = 3e-5, 2e-4, 3e-7  # of a parameter's size, that runs beside are away
 ENOUGH = 1e-5  # of the largest effect on an output: derivatives that may be no more off are good
+CORNER = 1e-3  # of that: what noise at `NEAR` leaves is mostly less, a corner or a jump between runs makes more
+#: Runs after those at `NEAR`: how far they are away, for parameters for which more than a share is left.
+FURTHER = ((FAR, ENOUGH), (CLOSE, CORNER))
 ROUND_OFF = 1e-10  # of an output's largest value: effects that are no larger are what round-off makes of runs so near
 OF_BOUNDS = 0.1  # of the width of its bounds, which its size is at least
 #: Offsets in steps, and weights of the runs there: of fourth order, what second order is off, and a share of the fourth
@@ -90,9 +94,8 @@ def announce_runs(model: AnyModel, names: Sequence[str], what: str, comm: Comm) 
     if n > model.largest_batch:
         each = "one after the other" if model.largest_batch == 1 else f"{model.largest_batch} at a time"
         faster = "" if model.name == ReducedModel.name else "; a reduced model (pgmp build) takes them at once"
-        announce(
-            f"{what} takes {n} to {2 * n} runs, {each}: derivatives are differences, because of {why}{faster}", comm
-        )
+        runs = f"{n} to {(1 + len(FURTHER)) * n} runs"
+        announce(f"{what} takes {runs}, {each}: derivatives are differences, because of {why}{faster}", comm)
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,7 +51,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.gradients.contacts import Contact, Contacts
-from pgmp_petsc.gradients.differences import ENOUGH, FAR, NEAR, AnyModel, Differences, Off, why_differences
+from pgmp_petsc.gradients.differences import FURTHER, NEAR, AnyModel, Differences, Off, why_differences
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import eliminate
@@ -157,15 +157,16 @@ def _by_differences(
     attempt, times, each = _runs_beside(model, near, pulse)
     with np.errstate(all="ignore"):
         found = {output: near.slopes(each[output]) for output in each}
-        offs = [off for output, slopes in found.items() for off in slopes.offs(output)]
-        doubted = [name for name in names if any(off.share > ENOUGH and off.parameter == name for off in offs)]
-        far = Differences.of(model, values, doubted, FAR)
-        try:
-            other, _, wide = _runs_beside(model, far) if doubted else (attempt, times, {})
-        except PgmpError:
-            other, wide = attempt, {}  # what is further away may have no run
-        for output in wide if other.divisor == attempt.divisor else ():
-            found[output].take(far.slopes(wide[output]))
+        for share, enough in FURTHER:
+            offs = [off for output, slopes in found.items() for off in slopes.offs(output)]
+            doubted = [name for name in names if any(off.share > enough and off.parameter == name for off in offs)]
+            beside = Differences.of(model, values, doubted, share)
+            try:
+                other, _, runs = _runs_beside(model, beside) if doubted else (attempt, times, {})
+            except PgmpError:
+                continue  # what is further away may have no run
+            for output in runs if other.divisor == attempt.divisor else ():
+                found[output].take(beside.slopes(runs[output]))
     sizes = dict(zip(names, near.sizes))
     by_name = {name: {output: slopes.effects[name] / sizes[name] for output, slopes in found.items()} for name in names}
     off = max((off for output, slopes in found.items() for off in slopes.offs(output)), default=Off())

@@ -44,7 +44,7 @@ from pgmp_petsc.mechanism.space import PLANE, SPATIAL, cross_matrix
 
 POSES = "m of positions, rad of angles, 1 of directors"
 MOST_HALVINGS = 3
-MOST_PLACES = 40_000  # of a table over one coordinate
+MOST_PLACES = 40_000  # of a table over one coordinate; over more each place has more derivatives
 PROBES = (0.25, 0.5, 0.75)  # of a cell; polynomials are furthest from the solution in the middle
 SHARE = 0.5  # of the closure's tolerance that is left between them
 ROUND_OFF = 1e-14  # of the range, by which angles that are taken to the first turn may be outside it

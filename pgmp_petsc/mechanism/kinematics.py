@@ -17,6 +17,7 @@ turns. No state has to remember turns.
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable, Sequence
 from copy import copy
@@ -31,10 +32,11 @@ from pgmp_petsc.base.errors import InputError, Remark, note
 from pgmp_petsc.mechanism.closure import SINGULAR_TOLERANCE, LoopClosure, ReleasedClosure, size_of
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.continuation import MOST_PLACES, Continuation, PoseBranch, Walk
-from pgmp_petsc.mechanism.joints import Connection, triad
+from pgmp_petsc.mechanism.joints import Attachment, Connection, triad
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, Unknowns, words_of
 from pgmp_petsc.mechanism.pose_patches import PosePatches
-from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.mechanism.space import SPATIAL, Space
+from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.scene.joints import MEASURED
 
 # rad, or of the mechanism's size; Newton's method converges from a linear prediction over far larger steps
@@ -100,7 +102,7 @@ class RigidKinematics:
             self.n_redundant = self._check_count(assembled)
         else:
             self.n_redundant = self.branch.n_redundant
-        self._patches = PosePatches(self.branch) if self.branch is not None and self.n_coordinates == 2 else None
+        self._patches = PosePatches(self.branch) if self._is_smooth() else None
         self._followed: dict[bytes, RigidMotion] = {}
 
     @property
@@ -292,6 +294,12 @@ class RigidKinematics:
         """Return ``dP/dtheta_k`` at poses (n_bodies, n_pose, n), shape (n_bodies, n_pose, n_theta, n)."""
         return self._closure.rates(poses)
 
+    def turning(self, rates: np.ndarray) -> np.ndarray:
+        """Return by how much bodies turn with each coordinate where they turn most, from rates of poses (n_bodies,
+        n_pose, n_theta, n), shape (n_bodies, n_theta), rad per rad or m."""
+        turns = self.mechanism.space.turns
+        return np.stack([turns(rates[:, :, k]).max(axis=-1) for k in range(self.n_coordinates)], axis=1)
+
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``d2P/dtheta_k dtheta_l``, (n_bodies, n_pose, n_theta, n_theta, n), from poses and their rates."""
         return self._closure.curvatures(poses, rates)
@@ -321,13 +329,25 @@ class RigidKinematics:
     def _finer(
         self, start: list[int], axes: list[np.ndarray], assembled: np.ndarray
     ) -> tuple[list[int], list[np.ndarray]]:
-        """Return numbers of the first configuration and axes on which no body in space turns far from one value of one
-        coordinate to the next, as a spindle does: in between the table has polynomials of directors."""
-        if len(axes) > 1 or self.mechanism.space is not SPATIAL:
+        """Return numbers of the first configuration and axes on which no body in space turns far from one value of a
+        coordinate to the next, as a spindle does: in between the table has polynomials of directors. A table over more
+        than two coordinates would be large, and is where Newton's method starts."""
+        if self.mechanism.space is not SPATIAL or len(axes) > 2:
             return start, axes
-        turn = self.mechanism.space.turns(self.rates(assembled)[:, :, 0]).max() * (axes[0][1] - axes[0][0])
-        parts = int(np.clip(np.ceil(turn / FURTHEST_TURN), 1, max(MOST_PLACES // axes[0].size, 1)))
-        return [start[0] * parts], [np.linspace(axes[0][0], axes[0][-1], (axes[0].size - 1) * parts + 1)]
+        turns = self.turning(self.rates(assembled)).max(axis=0) * [axis[1] - axis[0] for axis in axes]
+        parts = [max(int(np.ceil(turn / FURTHEST_TURN)), 1) for turn in turns]
+        while max(parts) > 1 and math.prod(a.size * n for a, n in zip(axes, parts)) > MOST_PLACES / len(axes) ** 2:
+            parts = [-(-n // 2) if n == max(parts) else n for n in parts]
+        fine = [np.linspace(axis[0], axis[-1], (axis.size - 1) * n + 1) for axis, n in zip(axes, parts)]
+        return [number * n for number, n in zip(start, parts)], fine
+
+    def _is_smooth(self) -> bool:
+        """Return whether over two coordinates polynomials over several places of the table come to the poses in
+        between: where two motors turn quickly more of them are needed than anyone asks poses for."""
+        if self.branch is None or self.n_coordinates != 2:
+            return False
+        turns = self.turning(np.moveaxis(self.branch.rates, 0, -1)) * self.branch.steps
+        return self.mechanism.space is not SPATIAL or bool(np.all(turns <= 2.0 * FURTHEST_TURN))
 
     def _assemble(self, axes: Sequence[np.ndarray]) -> tuple[list[int], np.ndarray]:
         """Return the numbers of the first configuration along the axes, and the poses there."""
@@ -470,18 +490,24 @@ class RigidKinematics:
         return (theta >= coordinate.lower - reach) & (theta <= coordinate.upper + reach)
 
 
+def measured(
+    space: Space, statement: Statement, sides: Sequence[Attachment], poses: np.ndarray, turned: np.ndarray | float = 0.0
+) -> np.ndarray:
+    """Return a statement between two sides at poses (n_bodies, n_pose, n), shape (n,); see `Space.measure`."""
+    return space.measure(statement, *(side.frame_of_pose(poses) for side in sides), turned)
+
+
 def turns_counted(
-    measured: Callable[..., np.ndarray], poses: np.ndarray, rates: np.ndarray, axes: Sequence[np.ndarray]
+    angle: Statement, sides: Sequence[Attachment], poses: np.ndarray, rates: np.ndarray, axes: Sequence[np.ndarray]
 ) -> np.ndarray:
     """Return an angle in space over a grid of configurations, of the grid's shape, with its turns counted: from one to
     the next it changes about as its rates there say, behind a gear by many turns.
 
-    It is `measured` on poses (n_bodies, n_pose, n), nearest to given angles; rates (n_bodies, n_pose, n_theta, n) are
-    those of the poses.
+    It is that between two sides at poses (n_bodies, n_pose, n) with rates (n_bodies, n_pose, n_theta, n).
     """
-    found = measured(poses)
+    found = measured(SPATIAL, angle, sides, poses)
     moved = (SPATIAL.moved(poses, COUNTING_STEP * rates[:, :, k]) for k in range(len(axes)))
-    slopes = [(measured(one, found) - found) / COUNTING_STEP for one in moved]
+    slopes = [(measured(SPATIAL, angle, sides, one, found) - found) / COUNTING_STEP for one in moved]
     found = found.reshape([axis.size for axis in axes])
     for k, (axis, slope) in enumerate(zip(axes, slopes)):
         along, slope = np.moveaxis(found, k, -1), np.moveaxis(slope.reshape(found.shape), k, -1)
@@ -511,13 +537,9 @@ class JointTurns:
                 return cls(0.0, np.eye(n)[k])
         if kinematics.branch is None:
             return cls(0.0, np.zeros(n))
-
-        def measured(poses: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
-            sides = (side.frame_of_pose(poses) for side in connection.sides)
-            return kinematics.mechanism.space.measure(connection.angle, *sides, turned)
-
-        axes, poses = kinematics.branch.axes, np.moveaxis(kinematics.branch.poses, 0, -1)
-        angles = turns_counted(measured, poses, np.moveaxis(kinematics.branch.rates, 0, -1), axes)
+        branch = kinematics.branch
+        axes, poses, rates = branch.axes, np.moveaxis(branch.poses, 0, -1), np.moveaxis(branch.rates, 0, -1)
+        angles = turns_counted(connection.angle, connection.sides, poses, rates, axes)
         theta = np.meshgrid(*axes, indexing="ij")
         slopes = np.zeros(n)
         for k, (axis, coordinate) in enumerate(zip(axes, kinematics.coordinates)):
@@ -526,7 +548,7 @@ class JointTurns:
             slopes[k] = turns / (axis[-1] - axis[0])
         rest = angles - sum(slope * part for slope, part in zip(slopes, theta))
         offset = 0.5 * (rest.max() + rest.min())
-        first = measured(kinematics.poses(start[None]))[0]
+        first = measured(SPATIAL, connection.angle, connection.sides, kinematics.poses(start[None]))[0]
         whole = np.rint((offset + slopes @ start - first) / (2.0 * np.pi))
         return cls(float(offset - 2.0 * np.pi * whole), slopes)
 

@@ -36,7 +36,7 @@ class Plane:
         return np.array([size, size, 1.0])
 
     def turns(self, step: np.ndarray) -> np.ndarray:
-        """Return how far bodies turn, about, with a step of poses (n_bodies, n_pose, n), shape (n_bodies, n), rad."""
+        """Return how far bodies turn with a small step of poses (n_bodies, n_pose, n), shape (n_bodies, n), rad."""
         return np.abs(step[:, 2])
 
     def measure(
@@ -132,7 +132,7 @@ class Spatial:
         return np.concatenate([np.full(3, size), np.ones(9)])
 
     def turns(self, step: np.ndarray) -> np.ndarray:
-        return np.max(np.abs(step[:, 3:]), axis=1)
+        return np.linalg.norm(step[:, 3:], axis=1) / np.sqrt(2.0)  # three directors, each of which one axis leaves
 
     def measure(
         self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0

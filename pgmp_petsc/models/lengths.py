@@ -184,7 +184,8 @@ class LengthLanes(Observing):
         family, scene = self._model.rom.family, self.scene.with_values(self.grid.points[number])
         rom = replace(family.members[number], meshes=at_lengths(scene, self._model.rom.meshes))
         try:
-            return ReducedModel(scene, rom, family.kinematics(self.scene, self._model.rom, number))
+            kinematics = family.kinematics(self.scene, self._model.rom, number)
+            return ReducedModel(scene, rom, kinematics, self._model.places)
         except InputError as error:
             at = values_text(scene, self.grid.points[number])
             raise InputError(f"at {at}, where the models of all lengths begin: {error}") from error

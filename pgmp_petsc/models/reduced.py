@@ -27,6 +27,7 @@ from pgmp_petsc.reduced.terms import ReducedDamping, ReducedTerms
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel, Served, served_ranges
 from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.tables import grid_of_places
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.uses import offset_values
 from pgmp_petsc.stepping.second_order_system import State
@@ -69,11 +70,11 @@ class ReducedModel(Observing):
     """Rigid coordinates and flexible modes over interpolated tables; see `Model`.
 
     The scene may differ from the reduced model's in what its tables do not depend on; the kinematics are made from it
-    where they are not at hand. `effects` act by forces, `actions` are local ones and where they hold; `motions` are
-    prescribed, by the numbers of their coordinates; `start` has positions (rad) and velocities (rad/s) of the
-    coordinates at the start, (n_theta,) each. `reconstruction` and `stresses` lead from reduced coordinates to the
-    frames of `outputs.nodes` and to stress outputs, None where there are none; `joint_angles` to the angles of the
-    joints that are coordinates.
+    where they are not at hand. `places` is the grid on which it is known where actions hold. `effects` act by forces,
+    `actions` are local ones and where they hold; `motions` are prescribed, by the numbers of their coordinates; `start`
+    has positions (rad) and velocities (rad/s) of the coordinates at the start, (n_theta,) each. `reconstruction` and
+    `stresses` lead from reduced coordinates to the frames of `outputs.nodes` and to stress outputs, None where there
+    are none; `joint_angles` to the angles of the joints that are coordinates.
 
     Raises `InputError` if the start lies outside the sampled range.
     """
@@ -81,7 +82,13 @@ class ReducedModel(Observing):
     name = "reduced"
     title = "reduced"
 
-    def __init__(self, scene: Scene, rom: ReducedOrderModel, kinematics: RigidKinematics | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        rom: ReducedOrderModel,
+        kinematics: RigidKinematics | None = None,
+        places: SampleGrid | None = None,
+    ) -> None:
         rom = rom.at_lengths(scene)
         self.scene, self.rom = scene, rom
         self.largest_batch = scene.ensemble.batch
@@ -99,8 +106,10 @@ class ReducedModel(Observing):
         self.terms = ReducedTerms.of(
             rom.tables, rom.rigid_inertia, self.kinematics, rom.projection, scheme, damping, scene.gyroscopic
         )
+        actions = actions_of(self.effects)
+        self.places = places or grid_of_places(rom.tables.samples, self.kinematics, actions)
         self.actions = ReducedActions.of(
-            actions_of(self.effects), self.kinematics, rom, scheme, self.start[0], self.terms.parts
+            actions, self.kinematics, rom, scheme, self.start[0], self.terms.parts, self.places
         )
         self.reconstruction = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
         self.stresses = None

@@ -244,11 +244,11 @@ class ModalProblem(AbstractContextManager):
         clamps = self.constraints_at(self.mechanism.first_guess)[self._clamp_rows].toarray().T
         chosen = np.empty((len(loads), 0))
         for load in np.hstack([clamps[self.rows.start : self.rows.stop], loads]).T[..., None]:
-            rest = load / np.sqrt(self.inner(load, load)[0, 0])
+            rest, whole = load, np.sqrt(self.inner(load, load)[0, 0])
             for _ in range(2):
                 rest = rest - chosen @ self.inner(chosen, rest)
             size = np.sqrt(self.inner(rest, rest)[0, 0])
-            if size > DEPENDENT_TOLERANCE:
+            if size > DEPENDENT_TOLERANCE * whole:
                 chosen = np.hstack([chosen, rest / size])
         return chosen[:, clamps.shape[1] :]
 

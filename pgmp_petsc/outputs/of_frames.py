@@ -14,17 +14,35 @@ from pydantic import Field
 
 from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.effects.loads import GROUND_ORIGIN
+from pgmp_petsc.effects.motion import bases_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import along, angle, distance
 from pgmp_petsc.outputs.readings import AXES, Absolute, AnyReading, Rate, Reading, RigidReference
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Connection, Point, refusal
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import Finding, doubt, problem
 from pgmp_petsc.scene.outputs import Axis, OutputEntry
 from pgmp_petsc.scene.uses import slides
 
-ABSOLUTE = "whether it counts from outside of a base that moves (`base_motion`), not from the base"
+
+class FromOutside(OutputEntry):
+    """What may be seen from outside of a base that moves."""
+
+    absolute: bool = Field(
+        False,
+        strict=True,
+        description="whether it counts from outside of a base that moves (`base_motion`), not from the base",
+    )
+
+    @property
+    def is_stated(self) -> bool:
+        return not self.absolute
+
+    def doubts(self, scene: Scene, name: str) -> Iterator[Finding]:
+        """Yield a base that does not move."""
+        if self.absolute and not any(bases_of(scene)):
+            yield doubt(f"outputs.{name}.absolute", "without effect, as there is no base_motion; leave it out", True)
 
 
 class OfStatement(OutputEntry):
@@ -104,15 +122,10 @@ class AlongAxis(OutputEntry):
     reads, unit = ("frames",), "m"
 
 
-class OnTheGround(AlongAxis):
+class OnTheGround(FromOutside, AlongAxis):
     """What is read of a point along an axis of the ground, whose points go along where a base moves."""
 
     reads = ("frames", "time", "parameters")
-    absolute: bool = Field(False, strict=True, description=ABSOLUTE)
-
-    @property
-    def is_stated(self) -> bool:
-        return not self.absolute
 
     def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
         """Return the place along the axis; a displacement has another zero."""
@@ -145,7 +158,7 @@ class Displacement(OnTheGround):
         found = Reading.at_point("POSITION", self.point, name, kinematics, AXES[self.axis])
         origin = float(found.sides[0].frame_of_pose(kinematics.poses(start[None]))[found.axis, 0])
         found = replace(found, origin=origin)
-        return Absolute(found) if self.absolute else found
+        return Absolute(found, from_start=True) if self.absolute else found
 
 
 class Deformation(AlongAxis):
@@ -162,7 +175,7 @@ class Deformation(AlongAxis):
         return replace(found, in_body=self.frame == "body", of_coordinates=RigidReference(kinematics).nodes)
 
 
-class Speed(OutputEntry):
+class Speed(FromOutside):
     """Speed of a point along an axis in space (m/s), or of the rotation (rad/s) or sliding (m/s) in a joint."""
 
     type: Literal["speed"]
@@ -175,7 +188,6 @@ class Speed(OutputEntry):
     motion: Literal["turning", "sliding"] | None = Field(
         None, description="which motion of a cylindrical joint; others have one"
     )
-    absolute: bool = Field(False, strict=True, description=ABSOLUTE)
 
     def check_entries(self) -> None:
         if (self.point is None) != (self.axis is None):
@@ -196,10 +208,6 @@ class Speed(OutputEntry):
         if not slides(mechanism.scene, self):
             return Rate(Reading.of_angle(mechanism.connection(self.joint), kinematics, start))
         return Rate(_measured(joint_measure(mechanism, self), kinematics))
-
-    @property
-    def is_stated(self) -> bool:
-        return not self.absolute
 
     def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
         """Return the place or angle."""

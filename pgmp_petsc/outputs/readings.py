@@ -46,9 +46,12 @@ class Seen:
     #: stresses and other outputs by their name, (n,), and what forces are made of, (n_parts, n)
     of_model: Mapping[str, np.ndarray] = field(default_factory=dict)
     time: np.ndarray | None = None  # s, shape (n,)
-    values: Mapping[str, np.ndarray] = field(default_factory=dict)  # of parameters, each (n,)
+    values: Mapping[str, np.ndarray | float] = field(default_factory=dict)  # of parameters, each (n,) or the same
     bases: Sequence[Base] = ()  # motions of the base
     n: int = 1
+    multipliers: np.ndarray | None = None  # of joints and prescribed coordinates, shape (n_held + n_driven, n)
+    #: force and moment that outputs have found in joints, by their names and whether for the moment, of other rows
+    wrenches: dict[tuple[str, bool], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
 
 class Base(NamedTuple):
@@ -251,6 +254,7 @@ class Absolute(OfReading):
     """A place along an axis of the ground, and how far the base has gone along it."""
 
     of: Reading
+    from_start: bool = False  # whether it is less the place at the start of the run, where the base may be anywhere
 
     @property
     def needs(self) -> Needs:
@@ -261,8 +265,10 @@ class Absolute(OfReading):
         """Return the sum of both."""
         found = self.of.jet(seen, order)
         for direction, factor, course in seen.bases:
-            share = direction[self.of.axis] * factor.at(seen.values)
-            found = [x + share * y for x, y in zip(found, course.jet(seen.time, order))]
+            share, gone = direction[self.of.axis] * factor.at(seen.values), course.jet(seen.time, order)
+            if self.from_start:
+                gone[0] = gone[0] - course.at_start
+            found = [x + share * y for x, y in zip(found, gone)]
         return found
 
 

@@ -3,8 +3,9 @@ interpolants; and over time amplitudes of loads and of local effects, and prescr
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.effects.time_function import TimeFunction, joined
 from pgmp_petsc.lanes.vectors import same_in_all_lanes
 from pgmp_petsc.mechanism.joints import Attachment
-from pgmp_petsc.mechanism.kinematics import RigidKinematics, turns_counted
+from pgmp_petsc.mechanism.kinematics import RigidKinematics, measured, turns_counted
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import ANGLE, FOLLOWING, Statement
 from pgmp_petsc.reduced.action_frames import Places
@@ -27,7 +28,6 @@ from pgmp_petsc.reduced.terms import grid_of
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import LengthGrid, SampleGrid
-from pgmp_petsc.reduction.tables import fine_grid
 from pgmp_petsc.stepping.second_order_system import State
 
 
@@ -52,9 +52,10 @@ class ReducedActions:
         scheme: str,
         start: np.ndarray,
         parts: int,
+        fine: SampleGrid,
     ) -> ReducedActions:
-        """Prepare the tables of the nodes that actions hold at, by a scheme of interpolation of the mode shapes over
-        the samples, in so many parts of a cell between them.
+        """Prepare the tables of the nodes that actions hold at: of the rigid mechanism on a `fine` grid, and of the
+        mode shapes by a scheme of interpolation over the samples, in so many parts of a cell between them.
 
         Angles that are no coordinates count their turns from the coordinates at the start, shape (n_theta,).
         """
@@ -66,7 +67,7 @@ class ReducedActions:
         shapes = rom.projection[:, rows]
         if rom.curvature is not None:
             shapes = np.concatenate([shapes, rom.curvature[:, rows]], axis=2)
-        rigid, winding = rigid_places(actions, kinematics, fine_grid(rom.tables.samples), start)
+        rigid, winding = rigid_places(actions, kinematics, fine, start)
         bent = interpolant(rom.tables.samples, shapes.reshape(len(shapes), 1, -1), scheme)
         places = Places(
             fine=grid_of(rigid),
@@ -179,13 +180,14 @@ def rigid_places(
     """Return the frames of `nodes_of` actions on the rigid mechanism, and behind them the angles that actions measure
     less their winding, 0 for what is no angle, as one interpolant; and the winding, shape (n_parts, n_theta)."""
     space, poses, frames = kinematics.mechanism.space, kinematics.poses(fine.theta), []
+    rates = cache(lambda: kinematics.rates(poses))  # few actions measure angles that need them
     for body, point in map(kinematics.mechanism.body_of, nodes_of(actions)):
         frames.append(space.natural(space.place(poses[body], point[None])[0]).T)
     found = []
     for action in actions:
         near = counted_from(action, kinematics, start[:, None])[:, 0]
         for (part, _), sides, at in zip(action.statement.terms, action.pairs, near):
-            found.append(_counted(part, sides, kinematics, poses, fine, start, at))
+            found.append(_counted(part, sides, kinematics, poses, rates, fine, start, at))
     angles, winding = map(np.array, zip(*found))
     return interpolant(fine, np.concatenate([*frames, angles.T], axis=1)[:, None], "spline"), winding
 
@@ -212,8 +214,8 @@ def _same_turns(rigid: Cells, other: Cells, winding: np.ndarray) -> np.ndarray:
 
 
 def _counted(
-    part: Statement, sides: Sequence[Attachment], kinematics: RigidKinematics, poses: np.ndarray, fine: SampleGrid,
-    start: np.ndarray, near: float,
+    part: Statement, sides: Sequence[Attachment], kinematics: RigidKinematics, poses: np.ndarray,
+    rates: Callable[[], np.ndarray], fine: SampleGrid, start: np.ndarray, near: float,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return an angle on the rigid mechanism less its winding (n,), and the winding (n_theta,), with turns counted; 0
     for what is no angle.
@@ -228,21 +230,17 @@ def _counted(
         if coordinate.statement is part:
             return np.zeros(fine.n), np.eye(fine.n_coordinates)[k]
     space = kinematics.mechanism.space
-
-    def measured(at: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
-        return space.measure(part, *(side.frame_of_pose(at) for side in sides), turned)
-
     if space.dimension == 3:
-        angles = turns_counted(measured, poses, kinematics.rates(poses), [axis.theta for axis in fine])
+        angles = turns_counted(part, sides, poses, rates(), [axis.theta for axis in fine])
     else:
-        angles = measured(poses).reshape(fine.shape)
+        angles = measured(space, part, sides, poses).reshape(fine.shape)
     for k, axis in enumerate(fine.axes):
         if axis.periodic:
             line = np.moveaxis(angles, k, 0).reshape(axis.n, -1)[:, 0]
             winding[k] = 2 * np.pi * np.rint((line[-1] - line[0]) / (2 * np.pi)) / (axis.upper - axis.lower)
     angles = angles.ravel() - fine.theta @ winding
     if space.dimension == 3:
-        first = measured(kinematics.poses(start[None]), near)[0]
+        first = measured(space, part, sides, kinematics.poses(start[None]), near)[0]
         away = first - interpolant(fine, angles, "spline")(start[None])[0] - winding @ start
         angles += 2 * np.pi * np.rint(away / (2 * np.pi))
     return angles, winding

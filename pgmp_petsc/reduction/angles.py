@@ -18,6 +18,7 @@ acceleration. What hardly stresses a body beside the other does not count.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -153,13 +154,13 @@ def _beyond_tolerance(
     scene: Scene, grid: SampleGrid, previous: ContinuousBasis | None, current: ContinuousBasis
 ) -> list[np.ndarray]:
     """Return the angles of the next round of adaptive sampling along each coordinate, shape (n,); none where the
-    tolerance holds.
+    tolerance holds. Raises `RunError` if a build may not take as many.
 
     What an angle along one coordinate brought is seen where the others have angles of the round before.
     """
     if previous is None:
-        return [midpoints(axis) for axis in grid]
-    tolerance, wanted = scene.reduction.sampling_tolerance, []
+        return _allowed(scene, grid, [midpoints(axis) for axis in grid], "it is not known how much they miss")
+    tolerance, wanted, poorest, why = scene.reduction.sampling_tolerance, [], 0.0, ""
     # over one turn, whatever vectors changed their signs after it in the round before
     known = [np.intersect1d(axis.theta, old.theta) for axis, old in zip(grid, previous.tables.samples)]
     before = SampleGrid(tuple(replace(axis, theta=theta) for axis, theta in zip(grid, known)))
@@ -171,22 +172,29 @@ def _beyond_tolerance(
         beside = SampleGrid((*before.axes[:k], replace(old, theta=new), *before.axes[k + 1 :]))
         errors = interpolation_errors(previous, current, beside.theta, scene.nominal).reshape(beside.shape)
         errors = np.moveaxis(errors, k, 0).reshape(new.size, -1).max(axis=1)
-        poor = new[errors > tolerance]
-        if grid.n > scene.reduction.max_angles and poor.size:
-            what = "angles" if grid.n_coordinates == 1 else "configurations"
-            unit = "m" if slides(scene, scene.coordinates[name]) else "rad"
+        if errors.max() > poorest:
+            unit, poorest = "m" if slides(scene, scene.coordinates[name]) else "rad", float(errors.max())
             where = scene.system.text(float(new[np.argmax(errors)]), unit, ".4g")
-            raise RunError(
-                f"reduction.sampling_tolerance = {tolerance:g}: with {grid.n} {what} the tables still differ by "
-                f"{errors.max():.2g} near {name} = {where}; raise reduction.max_angles "
-                f"({scene.reduction.max_angles}) or the tolerance"
-            )
+            why = f"the tables still differ by {poorest:.2g} near {name} = {where}"
         # both halves of the interval that a poor sample has split
         theta = np.append(samples.theta, samples.upper) if samples.periodic else samples.theta
-        left = np.searchsorted(theta, poor)
+        left = np.searchsorted(theta, new[errors > tolerance])
         chosen = np.zeros(theta.size - 1, dtype=bool)
         chosen[left - 1] = chosen[left] = True
         wanted.append(midpoints(samples, chosen))
+    return _allowed(scene, grid, wanted, why)
+
+
+def _allowed(scene: Scene, grid: SampleGrid, wanted: list[np.ndarray], why: str) -> list[np.ndarray]:
+    """Return the angles that are wanted, unless they are too many with those that are there."""
+    n, reduction = math.prod(axis.n + own.size for axis, own in zip(grid, wanted)), scene.reduction
+    if grid.n < n > reduction.max_angles:
+        what = "angles" if grid.n_coordinates == 1 else "configurations"
+        raise RunError(
+            f"reduction.sampling_tolerance = {reduction.sampling_tolerance:g}: with {grid.n} {what} {why}, and the "
+            f"next are {n}; raise reduction.max_angles ({reduction.max_angles}) or the tolerance, or begin with fewer "
+            "reduction.angles"
+        )
     return wanted
 
 

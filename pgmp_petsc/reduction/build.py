@@ -52,11 +52,13 @@ from pgmp_petsc.reduction.static_loads import InfluenceProbe, StaticLoads
 from pgmp_petsc.reduction.tables import (
     SecondOrderTables,
     StiffnessChanges,
-    fine_grid,
+    acted_bodies,
     flipping_signs,
+    grid_of_places,
     indefinite_between,
     mode_changes,
     rigid_inertia,
+    steps_of,
 )
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values
@@ -89,14 +91,12 @@ def build_rom(
     def built(own: Scene, shapes: Mapping[str, BodyShape], *of_lengths: Any) -> ReducedOrderModel | None:
         return _condensed_and_built(own, shapes, group, _Way(scramble, checkpoint, *of_lengths))
 
-    if length_names(scene):
+    over_lengths, tried = bool(length_names(scene)), scene
+    if over_lengths:
         checkpoint = None  # it is of one mechanism
-    tried = scene
     while True:
         try:
-            found = (
-                build_over_lengths(tried, meshes, built, group.world) if length_names(scene) else built(tried, meshes)
-            )
+            found = build_over_lengths(tried, meshes, built, group.world) if over_lengths else built(tried, meshes)
             break
         except NotFollowed as error:
             _, n_modes = error.args
@@ -268,14 +268,12 @@ def _doubts(cosine: float, n_redundant: int, indefinite: str) -> Iterator[Remark
 @gathered
 def _quick_places(effects: Sequence[Effect], kinematics: RigidKinematics, samples: SampleGrid) -> Iterator[Remark]:
     """Warn of effects at bodies that turn, as motors behind gears do, too far from one place to the next of the table
-    by whose splines forces know where they stand (`fine_grid`): directors err by h^4 / 384 over h rad."""
-    d, mechanism = kinematics.mechanism.space.dimension, kinematics.mechanism
-    steps = np.array([(axis.upper - axis.lower) / axis.n for axis in fine_grid(samples)])
-    spins = np.array([kinematics.motion(theta).velocities[:, d:] for theta in samples.theta])
-    turns = np.max(np.linalg.norm(spins, axis=2) * steps, axis=(0, 2)) / np.sqrt(2.0)  # of |W| of a spin
+    by whose splines forces know where they stand (`grid_of_places`): directors err by h^4 / 384 over h rad."""
+    turning = kinematics.turning(kinematics.rates(kinematics.poses(samples.theta)))
+    turns = np.max(turning * steps_of(grid_of_places(samples, kinematics, actions_of(effects))), axis=1)
     for effect in effects:
-        bodies = {side.body for action in effect.actions() for side in action.sides if not side.on_ground}
-        far, name = max(((turns[body], mechanism.bodies[body].name) for body in bodies), default=(0.0, ""))
+        bodies = acted_bodies(effect.actions())
+        far, name = max(((turns[body], kinematics.mechanism.bodies[body].name) for body in bodies), default=(0.0, ""))
         if far**4 / 384.0 > MISPLACED:
             share = f"{100.0 * far**4 / 384.0:.2g} %" if far < 1.0 else "a percent and more"
             yield warning(

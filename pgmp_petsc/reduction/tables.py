@@ -46,6 +46,7 @@ import scipy.sparse as sp
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.bodies.matrices import inertia_moments
 from pgmp_petsc.declare.records import Record, array, attribute, check_sizes, derived
+from pgmp_petsc.effects.action import Action
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.cell_products import congruent, symmetric
 from pgmp_petsc.reduction.interpolation import interpolant
@@ -361,6 +362,8 @@ def flipping_signs(n: int, flipped: np.ndarray) -> np.ndarray:
 
 N_FINE = 1024  # cubic spline: an error of (2 pi / 1024)^4 / 384 = 4e-12 of the fourth derivative
 N_FINE_OF_MORE = 192  # along each axis of two coordinates: 3e-9 of the fourth derivative, and some 40 MB
+#: rad of a body from one place to the next, by which splines of its directors err by 3e-7; places more that it may take
+FURTHEST_TURN, MOST_PARTS = 0.1, (16, 2, 1)
 #: Of three: parts of each cell between samples, and the fewest points. With 16 angles over 3.2 rad an error of 7e-8 of
 #: the fourth derivative, and 100,000 points.
 PARTS_OF_THREE, FEWEST_OF_THREE = 3, 16
@@ -373,8 +376,36 @@ def fine_grid(samples: SampleGrid) -> SampleGrid:
     else:
         ends = [0 if axis.periodic else 1 for axis in samples]
         counts = [max(FEWEST_OF_THREE, PARTS_OF_THREE * (axis.n - end) + end) for axis, end in zip(samples, ends)]
-    uniform = (Samples.uniform(axis.lower, axis.upper, n, axis.periodic) for axis, n in zip(samples, counts))
-    return SampleGrid(tuple(uniform))
+    return _even(samples, counts)
+
+
+def grid_of_places(samples: SampleGrid, kinematics: RigidKinematics, actions: Sequence[Action]) -> SampleGrid:
+    """Return the grid on which it is tabulated where actions hold: `fine_grid`, and finer where their bodies turn far
+    between its places, as motors behind gears do; up to `MOST_PARTS` times as many places."""
+    fine, bodies = fine_grid(samples), acted_bodies(actions)
+    if not bodies:
+        return fine
+    turning = kinematics.turning(kinematics.rates(kinematics.poses(samples.theta)))[bodies].max(axis=0)
+    parts = np.maximum(turning * steps_of(fine) / FURTHEST_TURN, 1.0)
+    too_many = parts.prod() / MOST_PARTS[samples.n_coordinates - 1]
+    if too_many > 1.0:
+        parts = np.maximum(np.where(parts > 1.0, parts * too_many ** (-1.0 / np.sum(parts > 1.0)), 1.0), 1.0)
+    return _even(samples, [int(np.ceil(axis.n * own)) for axis, own in zip(fine, parts)])
+
+
+def acted_bodies(actions: Sequence[Action]) -> list[int]:
+    """Return the numbers of the bodies that actions hold at."""
+    return sorted({side.body for action in actions for side in action.sides if not side.on_ground})
+
+
+def steps_of(fine: SampleGrid) -> np.ndarray:
+    """Return how far places of a grid at equal distances are apart along each coordinate, about, rad or m."""
+    return np.array([(axis.upper - axis.lower) / axis.n for axis in fine])
+
+
+def _even(samples: SampleGrid, counts: Sequence[int]) -> SampleGrid:
+    """Return the range of samples at so many equal distances."""
+    return SampleGrid(tuple(Samples.uniform(a.lower, a.upper, n, a.periodic) for a, n in zip(samples, counts)))
 
 
 def rigid_inertia(

@@ -19,7 +19,7 @@ from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.base.units import inverse
-from pgmp_petsc.figures.ensembles import COLOURS, N_PLACES, draw_indices, kernel_density, pairs_of
+from pgmp_petsc.figures.ensembles import COLOURS, N_PLACES, draw_indices, draw_repeated, kernel_density, pairs_of
 from pgmp_petsc.figures.loads import DIAGRAMS
 from pgmp_petsc.figures.style import PALETTE, QUIET, PlainNumbers, axis_label, axis_unit, new_figure, span, styled
 from pgmp_petsc.figures.trajectories import fitted, residuals
@@ -201,6 +201,7 @@ def distribution(
         axes.fill_between(places, height, color=colour, alpha=0.3, linewidth=0)
         axes.plot(places, height, color=colour, linewidth=1.1)
         axes.axvline(factor * values.mean(), color=colour, linestyle=(0, (4, 3)), linewidth=1.1, label="mean")
+        draw_repeated(axes, factor * values, colour)
         if level is not None:
             axes.axvline(factor * level, color=LEVEL, linewidth=1.1, label=event.label)
         if failed.size:

@@ -610,10 +610,11 @@ def _address(kind: str, content: bytes) -> str:
 
 
 def write_report(files: Sequence[Path], output: Path) -> list[str]:
-    """Write the page of result files, and return lines on what it is and on files given twice; by one process only.
+    """Write the page of result files, and return lines on what it is and on files given twice or not shown; by one
+    process only.
 
     Files of different scenes get sections of their own, with the scenes' names. Raises `InputError` if a file is
-    damaged or none that a page shows, if nothing but models is given, or if the output cannot be written, is
+    damaged, if nothing but models, or what a page does not show, is given, or if the output cannot be written, is
     one of the files, or is another file than a page of this program; `RunError` if the system fails to write.
     """
     check_output(output, "report", files)

@@ -61,8 +61,8 @@ class Source:
 
 
 def read_sources(files: Sequence[Path]) -> tuple[list[list[Source]], list[str]]:
-    """Return the sources, one list a scene, in the order in which they come, and a line for each file given twice;
-    raises `InputError` if a file is damaged, or none of those that a page shows."""
+    """Return the sources, one list a scene, in the order in which they come, and a line for each file given twice or
+    not shown; raises `InputError` if a file is damaged, or none is of those that a page shows."""
     scenes, lines = read_scenes(files, READERS, "shown")
     paths = [path for scene in scenes for path, *_ in scene]
     names = dict(zip(paths, short_names(paths)))

@@ -154,7 +154,7 @@ def ordered_ends(scene: AnyScene) -> Iterator[tuple[str, str, float | str, float
         for low, high, *rest in entry.ordered:
             share = rest[0] if rest else 1.0
             if None not in (ends := (getattr(entry, low), getattr(entry, high))):
-                yield f"{name}.{low}", f"{share:g} {high}" if rest else high, *ends, share
+                yield f"{name}.{low}", high if share == 1.0 else f"{share:g} {high}", *ends, share
 
 
 def slides(scene: AnyScene, entry: Any) -> bool:

@@ -58,7 +58,7 @@ def lines_of(ensemble: Ensemble) -> list[str]:
     lines += _sobol(ensemble)
     if any(band.count for band in ensemble.bands.values()):
         band = next(iter(ensemble.bands.values()))
-        samples = f"{band.count} samples at {band.time.size} instants"
+        samples = f"{counted(band.count, 'sample')} at {band.time.size} instants"
         lines.append(f"  outputs over time: mean, deviation and quantiles of {samples}, in /bands")
     return lines
 

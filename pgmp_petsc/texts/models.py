@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.base.errors import counted
 from pgmp_petsc.results.estimates import OF_STEP
 from pgmp_petsc.results.numbers import ROUND_OFF, axis_unit, behind, plain, share_text, sizes_of
 
@@ -155,7 +156,7 @@ def of_ensemble(ensemble: Ensemble) -> list[str]:
     if found:
         n_checked = max(known.size for known in found.values())
         what = "the reduction and the time step" if ensemble.model == "reduced" else "the time step"
-        lines.append(f"  estimated errors over the run, of {what}; {n_checked} samples: median, largest")
+        lines.append(f"  estimated errors over the run, of {what}; {counted(n_checked, 'sample')}: median, largest")
         for name, known in found.items():
             s = ensemble.statistics.get(name)
             factor, unit = axis_unit(ensemble.units[name], known if s is None or not s.count else s.quantiles)

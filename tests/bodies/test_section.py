@@ -1,6 +1,8 @@
 """Sectional coefficients: closed forms, and which parameters enter which term."""
 
 import math
+import re
+from collections.abc import Callable
 from itertools import product
 
 import numpy as np
@@ -13,7 +15,7 @@ from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.beam3d import section_axes
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.kinds.beam import Beam
-from pgmp_petsc.bodies.sections.hollow_rectangle import HollowRectangle
+from pgmp_petsc.bodies.sections.hollow_shapes import HollowCircle, HollowRectangle
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.sections.solid_shapes import Circle, Rectangle
 from pgmp_petsc.bodies.stresses import BeamLaw
@@ -128,15 +130,35 @@ def by_differences(width: float, height: float, wall: float, n: int) -> float:
     return float(4.0 * 2.0 * areas @ f)
 
 
-@pytest.mark.parametrize("entries", [(B, H, "t"), ("b", H, "t"), ("b", "b", "t"), ("b", "h", "t")])
-def test_a_hollow_rectangle_of_parameters(entries: tuple[float | str, ...]) -> None:
+def pipe(radius: float | str, wall: float | str) -> HollowCircle:
+    return HollowCircle(shape="hollow_circle", radius=radius, wall=wall)
+
+
+def test_closed_forms_of_a_hollow_circle() -> None:
+    """Two circles, one less the other; of a thin wall Cowper's factor is ``2 (1 + nu) / (4 + 3 nu)``."""
+    outer, inner = (Circle(shape="circle", radius=r) for r in (B, B - T))
+    of_all, *of_parts = (one.coefficients(3, Material(**STEEL), {}, dict) for one in (pipe(B, T), outer, inner))
+    for name, known in (("stiffness", [0, 3, 4, 5]), ("mass", [0, 1, 2])):
+        found, whole, hole = ([float(getattr(one, name)[k].at({})) for k in known] for one in (of_all, *of_parts))
+        np.testing.assert_allclose(found, np.subtract(whole, hole), rtol=1e-13)
+    for wall, factor in ((1e-7 * B, 2 * (1 + NU) / (4 + 3 * NU)), ((1.0 - 1e-7) * B, SHEAR_FACTOR)):
+        made = pipe(B, wall)
+        assert float(made.sheared(NU, {}, dict)[0].at({}) / made.area().at({})) == pytest.approx(factor, rel=1e-6)
+    assert in_plane(pipe(B, T), Material(**STEEL)).stiffness[2].at({}) == of_all.stiffness[5].at({})
+
+
+@pytest.mark.parametrize(
+    ("made", "entries"),
+    [(tube, (B, H, "t")), (tube, ("b", H, "t")), (tube, ("b", "b", "t")), (tube, ("b", "h", "t")), (pipe, ("b", "t"))],
+)
+def test_hollow_sections_of_parameters(made: Callable[..., SectionEntry], entries: tuple[float | str, ...]) -> None:
     """Area and second moments are exact at all values, torsion and shear at the nominal ones, and near it elsewhere."""
     nominal = {"b": B, "h": H, "t": T}
     spans = {name: (0.9 * value, 1.1 * value) for name, value in nominal.items()}
-    affine = tube(*entries).coefficients(3, Material(**STEEL), nominal, lambda: spans)
+    affine = made(*entries).coefficients(3, Material(**STEEL), nominal, lambda: spans)
     for factors in product((0.9, 1.0, 1.07), repeat=3):
         values = {name: factor * value for factor, (name, value) in zip(factors, nominal.items())}
-        numbers = tube(*(values.get(entry, entry) for entry in entries)).coefficients(3, Material(**STEEL), {}, dict)
+        numbers = made(*(values.get(entry, entry) for entry in entries)).coefficients(3, Material(**STEEL), {}, dict)
         found, exact = (
             np.array([float(part.at(values)) for part in (*section.stiffness, *section.mass)])
             for section in (affine, numbers)
@@ -167,7 +189,10 @@ def test_a_cantilever_has_the_deflection_and_the_stress_of_beam_theory() -> None
     assert float(found["stress_max"].max()) == pytest.approx(force * length * 0.5 * H / I_3, rel=1e-9)
 
 
-def test_walls_that_leave_no_hole_are_refused() -> None:
-    given = 'bodies.rod.section={shape="hollow_rectangle", width=0.01, height=0.02, wall=0.005}'
-    with pytest.raises(InputError, match=r"bodies\.rod\.section\.wall = 0\.005: must be below 0\.5 width = 0\.005"):
-        slider_crank(given)
+@pytest.mark.parametrize(
+    ("sizes", "said"),
+    [('"hollow_rectangle", width=0.01, height=0.02', "0.5 width = 0.005"), ('"hollow_circle", radius=0.005', "radius")],
+)
+def test_walls_that_leave_no_hole_are_refused(sizes: str, said: str) -> None:
+    with pytest.raises(InputError, match=rf"bodies\.rod\.section\.wall = 0\.005: must be below {re.escape(said)}"):
+        slider_crank(f"bodies.rod.section={{shape={sizes}, wall=0.005}}")

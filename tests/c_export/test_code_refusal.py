@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from exported import scene_of
 from runs import QUICK_RETURN, quick_return, reduced_model
@@ -55,8 +56,10 @@ def with_field() -> Scene:
 
 def test_tables_too_large(model, monkeypatch) -> None:
     monkeypatch.setattr(constants, "MOST_NUMBERS", 10)
-    with pytest.raises(InputError, match=r"it: the tables have \d+ numbers; at most 10 are written"):
+    with pytest.raises(InputError, match=r"it: the tables have \d+ numbers; at most 10 are written\. Build with fewer"):
         constants_of(model, "it")
+    with pytest.raises(InputError, match=r"12 numbers; at most 10 are written\. Most say where the rigid mechanism is"):
+        constants.check_size({"terms_table": np.zeros(4), "branch_table": np.zeros(8)}, "it")
 
 
 @pytest.mark.parametrize("version", fmu.VERSIONS)
@@ -70,12 +73,14 @@ def test_an_fmu_without_a_compiler_has_sources(model, tmp_path, monkeypatch, ver
     assert not any(name.startswith("binaries") for name in names)
 
 
-def test_an_effect_with_the_name_of_a_variable(model, tmp_path) -> None:
+def test_names_of_variables_and_columns(model, tmp_path) -> None:
     found = constants_of(model, "it")
     (name, unit), *_ = found.strength_units.items()
     clash = {name: unit, f"{name}_follows_scene": unit}
     with pytest.raises(InputError, match=f"effects.{name}_follows_scene: .* for effects.{name}; give the effect"):
         write_fmu(replace(found, strength_units=clash), tmp_path / "m.fmu", compiler="true")
+    with pytest.raises(InputError, match="outputs.validity: main.c prints a column of this name; give the output"):
+        write_sources(replace(found, output_units={"validity": "m"}), tmp_path / "c")
 
 
 def test_a_compiler_that_fails(model, tmp_path) -> None:

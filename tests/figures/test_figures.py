@@ -19,7 +19,7 @@ from solids import box_mesh, rectangle_mesh, straightened
 from pgmp_petsc.base.errors import InputError, note
 from pgmp_petsc.figures.captions import labels_by_parameters
 from pgmp_petsc.figures.collection import draw, draw_result
-from pgmp_petsc.figures.ensembles import bands, densities, kernel_density, sobol
+from pgmp_petsc.figures.ensembles import bands, densities, kernel_density, repeated, sobol
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.mechanism import mechanism, shown_positions
 from pgmp_petsc.figures.motion import drawn_faces, normals, outlines, triangles
@@ -113,6 +113,13 @@ def test_runs_are_paired_by_their_parameters():
     assert [len(comparison.runs) for comparison in comparisons] == [2, 2, 2, 1]
 
 
+def test_pictures_name_the_model_that_reduced_runs_are_compared_with():
+    runs = [synthetic.trajectory(model, n_frames=0) for model in ("components", "reduced")]
+    figure = trajectories(paired(runs))
+    assert legend_texts(figure)[:2] == ["component modes", "reduced"]
+    assert all("full" not in text for text in texts(figure))
+
+
 def test_the_error_is_in_per_cent_of_the_full_order_maximum():
     full, reduced = synthetic.trajectory("full"), synthetic.trajectory("reduced")
     shifted = replace(reduced, outputs={**full.outputs, "crank_angle": full.outputs["crank_angle"] + 0.01})
@@ -188,6 +195,9 @@ def test_densities_are_those_of_the_law(law):
     # kernels of width h smooth the law: h^2 / 2 of its curvature, 0.04 of the largest density here, and chance as much
     assert np.abs(found - law.pdf(places)).max() < 0.15 * law.pdf(places).max()
     assert not kernel_density(np.full(5, 2.0), places).any()
+    many = np.append(values, np.zeros(60_000))  # a contact that is open in six of ten samples
+    np.testing.assert_allclose(kernel_density(many, places), 0.4 * found, rtol=1e-9)
+    assert repeated(many) == [(0.0, 0.6)] and not repeated(values) and not repeated(np.full(9, 0.1) + 1e-17)
 
 
 def test_brackets_hold_the_intervals_of_the_file():

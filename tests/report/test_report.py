@@ -19,6 +19,7 @@ from runs import one_message
 
 from pgmp_petsc.base.errors import InputError, note, warning
 from pgmp_petsc.ensemble.statistics import describe, quantile_bounds
+from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.files.hdf5 import write_file
 from pgmp_petsc.report import budget
 from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble, headline_of_run
@@ -446,9 +447,16 @@ def test_sizes_of_parameters_do_not_choose_the_units_of_outputs(tmp_path: Path) 
 
 
 def test_scenes_have_sections_of_their_own(folder: Path) -> None:
-    lines = write_report([folder / name for name in ("run.h5", "other.h5", "run.h5")], folder / "two.html")
+    synthetic.modes_table().write(folder / "modes.h5")
+    files = [folder / name for name in ("run.h5", "other.h5", "run.h5", "modes.h5")]
+    lines = write_report(files, folder / "two.html")
     assert "2 files of 2 scenes, each in a section of its own" in lines[0]
     assert lines[1] == f"{folder / 'run.h5'} is given twice and shown once"
+    assert lines[2] == f"{folder / 'modes.h5'} holds a table of modes and is not shown: see pgmp info"
+    rom = folder / "not_drawn.h5"
+    with write_file(rom, "rom") as file:
+        synthetic.record().write(file)
+    assert f"{rom} holds a reduced model and is not drawn: see pgmp info" in draw([rom, files[0]], folder / "drawn")
     tree = parsed((folder / "two.html").read_text(encoding="utf-8"))
     sections = list(with_class(tree, "scene"))
     assert [words(item) for item in tree.iter("h2") if "scene" in item.get("class", "")] == [
@@ -558,7 +566,7 @@ def test_the_page_and_the_terminal_bound_quantiles_where_samples_failed(folder: 
         (["none.h5"], "x.html", "none.h5' does not exist; needed: a trajectory or an ensemble or a trade-off study"),
         (["damaged.h5"], "x.html", "is damaged"),
         (["foreign.h5"], "x.html", "is not an HDF5 file"),
-        (["run.h5", "modes.h5"], "x.html", "holds a table of modes; needed: a trajectory or an ensemble"),
+        (["modes.h5"], "x.html", "holds a table of modes; needed: a trajectory or an ensemble"),
         (["run.h5"], "run.h5", "is what the command reads"),
         (["run.h5"], "x.pdf", "a report is written as HTML: name it"),
         (["run.h5"], "mine.html", "exists and is not a report of this program"),

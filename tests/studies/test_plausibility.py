@@ -126,6 +126,7 @@ effects.a={type="spring_damper", joint="elbow", damping=1e-3, rest=0.2} -> effec
 reduction.stretching="dynamic" & reduction.second_order=false -> reduction.stretching | reduction.second_order is false
 reduction.max_angles=99 & reduction.parameter_modes=0 -> reduction.max_angles | as there is no
 reduction.length_points=4 -> reduction.length_points | no parameter is a leng
+outputs.seen={type="speed", point="rod:tip", axis="x", absolute=true} -> outputs.seen.absolute | no base_motion
 ensemble.replicates=16 -> ensemble.replicates | it is for "sobol"
 ensemble.copula_freedom=9.0 -> ensemble.copula_freedom | as ensemble.copula = "gaussian"
 ensemble.bands=0 & ensemble.band_samples=99 -> ensemble.band_samples | as ensemble.bands = 0

@@ -106,8 +106,9 @@ def test_adaptive_sampling_adds_angles_along_the_coordinate_that_needs_them() ->
         )
         assert errors[-1] < tolerance
     assert {shape[0] for shape in shapes} == {7} and shapes[0][1] < shapes[1][1] < shapes[2][1]
-    with pytest.raises(RunError, match=r"with 49 configurations the tables still differ by .* near theta2 = .*; raise"):
-        rom_of(double_pendulum(*part, "reduction.sampling_tolerance=1e-6", "reduction.max_angles=20"))
+    for most, why in {20: "16 .* it is not known how much they miss, and .* 49", 60: "49 .* by .* near theta2 = "}.items():
+        with pytest.raises(RunError, match=f"with {why}.*; raise"):
+            rom_of(double_pendulum(*part, "reduction.sampling_tolerance=1e-6", f"reduction.max_angles={most}"))
 
 
 def test_a_basis_over_full_turns_is_continuous_everywhere() -> None:
@@ -325,7 +326,7 @@ def test_rounds_are_compared_where_vectors_no_longer_change_their_sign_after_a_t
 
 def test_a_tolerance_that_needs_too_many_angles_is_said() -> None:
     with pytest.raises(RunError, match="reduction.sampling_tolerance = 1e-06: with 2[0-9] angles .* raise"):
-        adaptive(1e-6, "reduction.max_angles=20")
+        adaptive(1e-6, "reduction.max_angles=30")
 
 
 @pytest.mark.parametrize("scheme", ["overhauser", "spectral"])

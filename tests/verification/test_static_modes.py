@@ -145,6 +145,9 @@ def test_static_modes_are_wanted_only_where_asked_for() -> None:
     loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
     assert patterns.fixed.shape == (36, 5)  # the torque, and two directions of each body's weight
     with ModalProblem(kinematics, scene.nominal, 3, MPI.COMM_SELF) as problem:
+        with np.errstate(all="raise"):  # a load of nothing, as the weight of a body without mass, is none
+            found = problem.independent(np.hstack([np.zeros((36, 1)), patterns.fixed]))
+        np.testing.assert_array_equal(found, problem.independent(patterns.fixed))
         plain, extended = (
             Sampler(problem, loads, StaticLoads.of(problem, patterns, reduction)).sample(0.7, lambda modes: modes)
             for reduction in (scene.reduction, scene.reduction.model_copy(update={"static_modes": True}))
