@@ -62,6 +62,7 @@ SHARED = {
     edge_search: "MAX_EVENTS MAX_TRIALS SHORTEST TIME_TOLERANCE",
     running: "SETTLED SETTLED_IN_STEP FIRST_SECANT SMALLEST_SECANT WEAKEST STRONGEST JUMPS HALVINGS HALF",
 }
+OF_PLACES = {"actions_table", "branch_table", "rigid_table"}
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
 
 
@@ -455,10 +456,11 @@ def _axes(model: ReducedModel, places: Interpolant | None) -> dict[str, list[Alo
 def check_size(tables: Mapping[str, np.ndarray], what: str) -> None:
     size = sum(table.size for table in tables.values())
     if size > MOST_NUMBERS:
-        raise InputError(
-            f"{what}: the tables have {size} numbers; at most {MOST_NUMBERS} are written. Build with fewer "
-            "reduction.modes or reduction.angles, or with reduction.interpolation = 'spline'"
-        )
+        cure = "Build with fewer reduction.modes or reduction.angles, or with reduction.interpolation = 'spline'"
+        if sum(tables[name].size for name in OF_PLACES & tables.keys()) > size / 2:
+            cure = "Most say where the rigid mechanism is: build with smaller ranges of the coordinates, "
+            cure += "or let effects act at fewer points, none of them on motors behind gears"
+        raise InputError(f"{what}: the tables have {size} numbers; at most {MOST_NUMBERS} are written. {cure}")
 
 
 def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, int | float]:
