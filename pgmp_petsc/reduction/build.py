@@ -309,7 +309,7 @@ class _Sampling:
         `acted` says whether there are actions, whose forces static modes answer.
         """
         scene, world, mechanism = self.scene, self.group.world, self.sampler.problem.mechanism
-        joined, basis, rounds = None, None, AngleRounds(scene, mechanism, self.way.samples is None)
+        joined, basis, rounds = None, None, AngleRounds(scene, mechanism, store.samples, self.way.samples is None)
         first_static = self.sampler.problem.n_modes + self.sampler.problem.n_released
         compression: Compression | None = None
         while True:

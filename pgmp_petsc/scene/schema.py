@@ -28,6 +28,7 @@ from pgmp_petsc.scene.units import text_problems, unit_problems
 from pgmp_petsc.scene.uses import Sign, length_problems, uses_of
 
 ANGLES_OF_SEVERAL = {2: 24, 3: 16}  # along each of several coordinates, where a scene does not say
+MOST_OF_SEVERAL = {2: 10_000, 3: 100_000}  # configurations: adaptive sampling begins with twice as many along each
 A_TURN, WITH_ENDS = 22, 5  # along each of three that turn: in a whole turn, and how many more where it has two ends
 
 
@@ -304,6 +305,8 @@ class Scene(Table):
             if n > 1:
                 few = ANGLES_OF_SEVERAL[min(n, max(ANGLES_OF_SEVERAL))]
                 reduction.setdefault("angles", max(few, *map(_along, data["coordinates"].values())) if n == 3 else few)
+                if reduction.get("sampling_tolerance") is not None:
+                    reduction.setdefault("max_angles", MOST_OF_SEVERAL[min(n, max(MOST_OF_SEVERAL))])
         changed = {**data, "reduction": reduction} if reduction else data
         return {**changed, "effects": {}} if automatic else changed
 
