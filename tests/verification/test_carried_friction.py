@@ -215,12 +215,15 @@ def test_bad_input_is_named(entries, said) -> None:
 
 STOP = 'effects.stop={type="end_stop", joint="main", upper=0.7, stiffness=1e4}'
 WORN = "joints.pin.clearance={radius=1e-4,stiffness=1e8,restitution=0.9,restitution_speed=0.1}"
+FEW = "reduction.angles=12"
 IN_C = {
-    "a clearance": lambda: slider(WORN, "simulation.duration=0.005", "simulation.step=2e-5"),
-    "plane": lambda: slider("simulation.duration=0.02"),
-    "over an edge": lambda: slider("simulation.duration=0.01", STOP, "outputs={theta={type='angle',joint='main'}}"),
+    "a clearance": lambda: slider(FEW, WORN, "simulation.duration=0.005", "simulation.step=2e-5"),
+    "plane": lambda: slider(FEW, "simulation.duration=0.02"),
+    "over an edge": lambda: slider(
+        FEW, "simulation.duration=0.01", STOP, "outputs={theta={type='angle',joint='main'}}"
+    ),
     "space": lambda: slider_crank_of_beams(
-        "reduction.modes=4", "reduction.angles=24", 'reduction.interpolation="spline"', "simulation.duration=0.05",
+        "reduction.modes=4", FEW, 'reduction.interpolation="spline"', "simulation.duration=0.05",
         'effects.rub={type="joint_friction",joint="crank_hinge",coefficient=0.3,radius=0.01,speed=0.1}',
     ),
 }  # fmt: skip
