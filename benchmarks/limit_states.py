@@ -22,11 +22,13 @@ indicator                      of a plane, -1 or 1
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from math import exp, pi, sqrt
 
 import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
-from scipy.special import log_ndtr
+from scipy.special import gamma as gamma_function
+from scipy.special import log_ndtr, ndtr
 from scipy.stats import chi2, gamma, norm
 
 LimitState = Callable[[np.ndarray], np.ndarray]
@@ -76,7 +78,8 @@ def _branches(u: np.ndarray, b: float) -> np.ndarray:
 def _of_branches(b: float) -> float:
     """Return the probability of four branches: with ``t = (u_1 - u_2) / sqrt(2)`` beyond the straight ones, or not."""
     straight = 7.0 * b / 6.0
-    bent = quad(lambda t: norm.pdf(t) * 2.0 * norm.sf(b + 0.2 * t**2), -straight, straight, epsrel=1e-10)[0]
+    bent = quad(lambda t: exp(-0.5 * t**2) * ndtr(-b - 0.2 * t**2), -straight, straight, epsrel=1e-10)[0]
+    bent *= sqrt(2.0 / pi)
     return 2.0 * norm.sf(straight) + bent
 
 
@@ -84,6 +87,7 @@ def _of_paraboloid(b: float, d: int, bend: float) -> float:
     """Return the probability of a paraboloid, over the chi-squared law of the sum of squares."""
 
     def density(s: float) -> float:
-        return norm.sf(b + 0.5 * bend * s) * chi2.pdf(s, d - 1)
+        return ndtr(-b - 0.5 * bend * s) * s ** (half - 1.0) * exp(-0.5 * s)
 
-    return quad(density, 0.0, 120.0, points=[1, 5, 20], limit=200)[0]
+    half = 0.5 * (d - 1)
+    return quad(density, 0.0, 120.0, points=[1, 5, 20], limit=200)[0] / (2.0**half * gamma_function(half))

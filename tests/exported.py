@@ -28,7 +28,7 @@ needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc,
 OPTIONS = ("-std=c99", "-O0", "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsanitize=bounds",
            "-fsanitize-undefined-trap-on-error")  # fmt: skip
 SMALL = (
-    "reduction.modes=4", "reduction.angles=24", "reduction.max_angles=24", "simulation.duration=0.2",
+    "reduction.modes=4", "reduction.angles=12", "reduction.max_angles=12", "simulation.duration=0.2",
     "simulation.step=5e-4",
 )  # fmt: skip
 

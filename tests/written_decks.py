@@ -15,16 +15,19 @@ import scipy.sparse as sp
 
 
 def nastran(found, folder: Path) -> None:
-    from pyNastran.bdf.bdf import BDF
+    from pyNastran.bdf.bdf import BDF, DMIG
     from pyNastran.op4.op4 import OP4
 
-    labels, punch, deck = found["labels"], BDF(debug=None), BDF(debug=None)
+    labels, punch, deck = found["labels"], [], BDF(debug=None)
     pairs = [(int(label), axis) for label in labels for axis in (1, 2, 3)]
     for name, key in (("KAAX", "k"), ("MAAX", "m")):
         lower = sp.tril(sp.coo_matrix(found[key])).tocoo()
         of_row, of_column = ([pairs[k] for k in places] for places in (lower.row, lower.col))
-        punch.add_dmig(name, 6, 2, 0, 0, ncols=None, GCj=of_column, GCi=of_row, Real=lower.data.tolist())
-    punch.write_bdf(str(folder / "rod.pch"), size=16, is_double=True)
+        # a part at a time, whose text grows by copying all of it; their head of four lines once
+        for part in (slice(k, k + 500) for k in range(0, lower.nnz, 500)):
+            card = DMIG(name, 6, 2, 0, 0, None, of_column[part], of_row[part], lower.data[part].tolist())
+            punch.append(card.write_card(16, True).split("\n", 5 if part.start else 0)[-1])
+    (folder / "rod.pch").write_text("".join(punch))
     for label, place in zip(labels, found["nodes"]):
         deck.add_grid(int(label), place)
     order = [*range(12), *range(16, 20), *range(12, 16)]

@@ -15,17 +15,9 @@ from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom, file_of
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import Origin, kind_of
-from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.errors import InputError, counted
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.c_export.constants import (
-    CORRECTIONS,
-    MOST_CORRECTIONS,
-    checked_scene,
-    constants_of,
-    left_out,
-    started,
-    tunable,
-)
+from pgmp_petsc.c_export import constants
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
 from pgmp_petsc.c_export.source import write_sources
 from pgmp_petsc.c_export.tree import tree_constants_of
@@ -73,35 +65,35 @@ def export_model(
     notes: list[str] = []
 
     def without_what_is_left_out(scene: Scene) -> Scene:
-        notes.append(left_out(scene))
-        return checked_scene(scene, str(target))
+        notes.append(constants.left_out(scene))
+        return constants.checked_scene(scene, str(target))
 
     model = origin.prepared(comm, without_what_is_left_out, told=False)
 
     def writing_the_model() -> str:
-        constants = (tree_constants_of if kind == "tree" else constants_of)(model, str(target))
+        made = (tree_constants_of if kind == "tree" else constants.constants_of)(model, str(target))
         if target.suffix.lower() != FMU:
-            return f"{target}: C99, {write_sources(constants, target) / 1e6:.1f} MB"
+            return f"{target}: C99, {write_sources(made, target) / 1e6:.1f} MB"
         version = fmi or VERSIONS[0]
-        kinds = "co-simulation and model exchange" if constants.exchanges else "co-simulation"
-        platform, what = write_fmu(constants, target, version), f"FMI {version}.0, {kinds}"
+        kinds = "co-simulation and model exchange" if made.exchanges else "co-simulation"
+        platform, what = write_fmu(made, target, version), f"FMI {version}.0, {kinds}"
         if platform:
             return f"{target}: {what}, sources and a library for {platform}"
         why = "no C compiler (cc, gcc), or no x86-64 Linux"
         return f"{target}: {what}, sources only: {why}; compile sources/ where it is to run"
 
     tell(comm, on_root(comm, writing_the_model))
-    most = f"at most {MOST_CORRECTIONS}"
-    corrections = f"{CORRECTIONS} Newton corrections each, {most} where that is not enough"
+    most = f"at most {constants.MOST_CORRECTIONS}"
+    corrections = f"{constants.CORRECTIONS} Newton corrections each, {most} where that is not enough"
     if kind == "tree":
         corrections = f"as many Newton corrections as pgmp simulate does, {most}"
     steps = f"steps of {model.scene.simulation.step:g} s, {corrections}"
-    scene, variable = model.scene, tunable(model.scene)
+    scene, variable = model.scene, constants.tunable(model.scene)
     tell(comm, f"  {steps}; tunable: {', '.join(variable) or 'no parameters'}")
     fixed = values_text(scene, {name: value for name, value in scene.values.items() if name not in variable})
     if fixed:
         tell(comm, f"  note: {fixed}: the model is made with it; export once more with another --set")
-    for note in (*filter(None, (*notes, started(model))), LEFT_OUT):
+    for note in (*filter(None, (*notes, constants.started(model))), LEFT_OUT):
         tell(comm, f"  {note}")
     tell_remarks(comm, scene.remarks)
     return target
@@ -154,11 +146,10 @@ def export_result(
     target = Path(output)
     if is_table(target):
         rows, columns = on_root(comm, _write_table, file, target)
-        tell(comm, f"{target}: {rows} rows, {columns} columns, with their units in the first line")
-        return target
-    n_frames = on_root(comm, _write_frames, file, target)
-    tell(comm, f"{target}: {n_frames} frames, stored in {file}")
-    for line in on_root(comm, _what_lacks, file):
+        written = f"{counted(rows, 'row')}, {columns} columns, with their units in the first line"
+    else:
+        written = f"{on_root(comm, _write_frames, file, target)} frames, stored in {file}"
+    for line in (f"{target}: {written}", *on_root(comm, stopped_runs if is_table(target) else _what_lacks, file)):
         tell(comm, line)
     return target
 

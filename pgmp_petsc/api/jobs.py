@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike, fspath
 from pathlib import Path
 
@@ -37,13 +37,7 @@ from pgmp_petsc.models import FullModel
 from pgmp_petsc.models.lengths import why_of_one_mesh
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.report.budget import (
-    headline_of_build,
-    headline_of_comparison,
-    headline_of_ensemble,
-    headline_of_meshes,
-    headline_of_run,
-)
+from pgmp_petsc.report import budget
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.parameters import uncertain_names
@@ -200,23 +194,21 @@ class _Job:
             self._say("build", f"left out: no reduced model ({self.why_not_reduced}); runs are of the {instead} model")
             return
 
-        def make(target: Path, resume: bool) -> str:
+        def make(target: Path, resume: bool) -> None:
             build(
                 self.path, parameters=self.settings, overrides=self.overrides, output=target, resume=resume,
                 on_all_ranks=False, comm=self.comm,
             )  # fmt: skip
-            return ""
 
-        self._step("build", ROM, (), make, headline_of_build)
+        self._step("build", ROM, (), make, budget.headline_of_build)
 
     def simulate(self) -> None:
         """Run the model once."""
 
-        def make(target: Path, resume: bool) -> str:
+        def make(target: Path, resume: bool) -> None:
             simulate(**self._source(self.model, with_settings=True), output=target, on_all_ranks=False, comm=self.comm)
-            return ""
 
-        self._step("simulate", RUN, (self._made_from(),), make, headline_of_run)
+        self._step("simulate", RUN, (self._made_from(),), make, budget.headline_of_run)
 
     def compare(self) -> None:
         """Run a better model of the same case, where that is affordable."""
@@ -260,9 +252,9 @@ class _Job:
             return self._say("mesh", f"left out: {why}, and give the report both runs")
         if kind not in ("full", "components") or (not solids and kind == "components"):
             return self._say("mesh", "left out: no run of the mesh to compare with")
-        name = COARSER if solids else FINER
+        name, headline = COARSER if solids else FINER, partial(budget.headline_of_meshes, own)
         if self._is_finished(name, ()):
-            return self._take("mesh", name, lambda path: headline_of_meshes(own, path), again=True)
+            return self._take("mesh", name, headline, again=True)
         if solids:
             with doing("coarser mesh"):
                 others = coarser_parts(self.scene, self.comm)
@@ -275,14 +267,11 @@ class _Job:
             with agreed(self.comm, "preparing the other mesh"):
                 model = FullModel(self.scene, meshes)
         price = Price(step_seconds(model.kinematics.mechanism, True), self.n_steps)
-        if price.seconds > (budget := self.scene.reference.budget):
-            self._say("mesh", f"left out: it is predicted to take {price}, and reference.budget = {budget:g} s")
+        if price.seconds > (limit := self.scene.reference.budget):
+            self._say("mesh", f"left out: it is predicted to take {price}, and reference.budget = {limit:g} s")
             return None
 
-        def make(target: Path, resume: bool) -> str:
-            return self._run_full(model, target)
-
-        return self._step("mesh", name, (), make, lambda path: headline_of_meshes(own, path))
+        return self._step("mesh", name, (), lambda target, _: self._run_full(model, target), headline)
 
     def _run_full(self, model: FullModel, target: Path) -> str:
         """Run a model on meshes, write the trajectory, and return why it stopped; empty where it did not."""
@@ -293,7 +282,7 @@ class _Job:
         return self.comm.bcast("" if data is None else data.why_stopped)
 
     def _headline_of_comparison(self, better: Path) -> str:
-        return headline_of_comparison(self._of(RUN), better)
+        return budget.headline_of_comparison(self._of(RUN), better)
 
     def _better(self) -> Reference | None:
         """Return the model to compare with; None, after saying why, where the mesh is too costly for component runs."""
@@ -306,15 +295,15 @@ class _Job:
         missing = why_no_full_model(self.scene)
         if missing:
             raise InputError(missing)
-        budget = self.scene.reference.budget
+        limit = self.scene.reference.budget
         with agreed(comm, "preparing the full-order model"):
             mesh = FullModel(self.scene, self.meshes, self.kinematics)
             price = Price(step_seconds(mesh.kinematics.mechanism, True), self.n_steps)
         text = f"the mesh: its run is predicted to take {price} of processor time"
-        if price.seconds > budget:
-            self._say("compare", f"left out: {text}, and reference.budget = {budget:g} s")
+        if price.seconds > limit:
+            self._say("compare", f"left out: {text}, and reference.budget = {limit:g} s")
             return None
-        return Reference(mesh, price, f"{text}, within reference.budget = {budget:g} s", {})
+        return Reference(mesh, price, f"{text}, within reference.budget = {limit:g} s", {})
 
     def sample(self, n_samples: int, seed: int) -> None:
         """Draw samples."""
@@ -339,7 +328,7 @@ class _Job:
         known = (self._made_from(), n_samples, seed, *([model] if why else []))
 
         def headline(path: Path) -> str:
-            return headline_of_ensemble(path, *(file for file in self.files if file.name != ROM))
+            return budget.headline_of_ensemble(path, *(file for file in self.files if file.name != ROM))
 
         self._step("ensemble", MANY, known, make, headline)
 
@@ -355,14 +344,14 @@ class _Job:
 
     def _affordable(self, n_samples: int) -> bool:
         """Say what samples of a model that is not reduced will take, and whether they are within the budget."""
-        comm, budget = self.comm, self.scene.reference.budget
+        comm, limit = self.comm, self.scene.reference.budget
         if self.model == "components":
             mechanism = component_model(self.scene, self.meshes, comm, None, self.kinematics).kinematics.mechanism
         else:
             mechanism = self.kinematics.mechanism
         price = Price(step_of_samples(self.scene, step_seconds(mechanism)), self.n_steps * n_samples)
-        text = f"{n_samples} samples are predicted to take {price} of processor time, reference.budget = {budget:g} s"
-        fine = price.seconds <= budget
+        text = f"{n_samples} samples are predicted to take {price} of processor time, reference.budget = {limit:g} s"
+        fine = price.seconds <= limit
         self._say("ensemble", text if fine else f"left out: {text}; take fewer with -n, or raise it")
         return fine
 
@@ -377,9 +366,10 @@ class _Job:
             self._say("report", line)
 
     def _step(
-        self, title: str, name: str, known: tuple, make: Callable[[Path, bool], str], headline: Callable[[Path], str]
-    ) -> None:
-        """Make a file unless it is finished, and say in a line what is in it."""
+        self, title: str, name: str, known: tuple, make: Callable[[Path, bool], str | None],
+        headline: Callable[[Path], str],
+    ) -> None:  # fmt: skip
+        """Make a file unless it is finished, and say in a line what is in it; `make` returns what went wrong."""
         comm, target = self.comm, self._of(name)
         if self._is_finished(name, known):
             self._take(title, name, headline, again=True)
@@ -390,7 +380,7 @@ class _Job:
         on_root(comm, self.steps.begin, name, key, self.changes)
         try:
             with untold(), doing(title):
-                failure = make(target, resume)
+                failure = make(target, resume) or ""
         except RunError as error:
             # a run that stopped early has its file, which the report shows
             if not on_root(comm, self._is_written, target):

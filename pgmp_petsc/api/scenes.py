@@ -17,15 +17,7 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.declare.ideas import take
 from pgmp_petsc.files.claims import check_output, replacing
 from pgmp_petsc.ranks.agreement import agreed, on_root
-from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
-from pgmp_petsc.scene.loading import (
-    ENDING,
-    check_scene_file,
-    describe_template,
-    template_names,
-    write_files,
-    write_template,
-)
+from pgmp_petsc.scene import Scene, load_scene, loading, scene_from_tables
 
 Overrides = Mapping[str, object] | Sequence[str] | None
 Parameters = Mapping[str, float] | Sequence[str]
@@ -87,7 +79,7 @@ def compose(tables: Mapping[str, Any], directory: str | PathLike[str] = ".", *, 
     "new", "Write a commented scene that runs, to begin with.", 10, petsc=False,
     template=Argument(
         "Name of the scene to begin with; with `source` the scene's file.",
-        listed=lambda: {name: describe_template(name) for name in template_names()},
+        listed=lambda: {name: loading.describe_template(name) for name in loading.template_names()},
     ),
     file=Argument("The scene's file; TEMPLATE.toml if not given.", word="FILE.toml", by_last_place=True),
     source=Argument("Make the scene of this part of CAD, or robot.", "--from", "PART.step|ROBOT.urdf"),
@@ -113,12 +105,12 @@ def new(
         if file is not None:
             raise InputError(f"'{template}' '{file}': with --from one name is needed, that of the scene's file")
         target = Path(template)
-        target = target if target.suffix else target.with_suffix(ENDING)
+        target = target if target.suffix else target.with_suffix(loading.ENDING)
         written, lines, attempt = on_root(comm, _write_made, Path(source), target, force)
         for line in lines:
             tell(comm, line)
     else:
-        written = on_root(comm, write_template, template, Path(file or f"{template}{ENDING}"), force)
+        written = on_root(comm, loading.write_template, template, Path(file or f"{template}{loading.ENDING}"), force)
     for path in written:
         tell(comm, str(path))
     tell(comm, f"try: pgmp {attempt.format(shlex.quote(str(written[0])))}")
@@ -131,15 +123,15 @@ def _write_made(source: Path, file: Path, force: bool) -> tuple[list[Path], list
     from pgmp_petsc.figures.style import save
     from pgmp_petsc.studies.new_scene import ROBOT, scene_of_part, scene_of_robot
 
-    check_scene_file(file)
+    loading.check_scene_file(file)
     if source.suffix.lower() in ROBOT:
         text, lines = scene_of_robot(source, file)
-        write_files({file: text.encode()}, file, force)
+        loading.write_files({file: text.encode()}, file, force)
         return [file], lines, "simulate {} --full -o run.h5"
     made, picture = scene_of_part(source, file), file.with_suffix(".png")
     if not force and picture.exists():
         raise InputError(f"file '{picture}' exists; give another name, or replace it with --force")
-    write_files({file: made.text.encode()}, file, force)
+    loading.write_files({file: made.text.encode()}, file, force)
     places = {one.name: one.centre for one in made.part.cylinders}
     save(part_picture(made.part.mesh, places, f"{file.stem}: whole cylinders of {source.name}", "mm"), picture)
     return [file, picture], made.lines, "run {}"

@@ -25,6 +25,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.base.progress import Progress, without_progress
 from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.bench import prices
 from pgmp_petsc.bench.cases import OWN, Case, Setting, Training, at_values, node_values, step_of
 from pgmp_petsc.bench.history import (
     AnyModel,
@@ -37,14 +38,6 @@ from pgmp_petsc.bench.history import (
     round_off_of,
     run_history,
     spacing,
-)
-from pgmp_petsc.bench.prices import (
-    amplitudes,
-    build_seconds,
-    component_step,
-    duration_text,
-    reduced_step,
-    step_seconds,
 )
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bodies.shape import BodyShape
@@ -155,13 +148,15 @@ class Bench:
         scene, mechanism = self.scene, self._subject.kinematics.mechanism
         n_steps = setting.n_steps * (setting.nodes or self.training.n_samples)
         if setting.component_modes:
-            return n_steps * component_step(mechanism, amplitudes(scene, mechanism, setting.component_modes))
+            return n_steps * prices.component_step(
+                mechanism, prices.amplitudes(scene, mechanism, setting.component_modes)
+            )
         if setting.reduction is None:
             return n_steps * setting.refinement * self.reference.price.step
         scene = scene.with_entries(reduction=setting.reduction)
         n_local = sum(effect.local for effect in scene.effects.values())
-        step = reduced_step(setting.reduction.modes, len(scene.coordinates), scene.second_order, n_local)
-        return build_seconds(scene, mechanism) + n_steps * step
+        step = prices.reduced_step(setting.reduction.modes, len(scene.coordinates), scene.second_order, n_local)
+        return prices.build_seconds(scene, mechanism) + n_steps * step
 
     # models of settings
 
@@ -531,8 +526,8 @@ class Bench:
         if price <= allowed:
             return ""
         return (
-            f"too dear to be run at the test values: {duration_text(price)} of processor time are predicted, "
-            f"{duration_text(allowed)} are a tenth of reference.budget; its times are those of its first steps"
+            f"too dear to be run at the test values: {prices.duration_text(price)} of processor time are predicted, "
+            f"{prices.duration_text(allowed)} are a tenth of reference.budget; its times are those of its first steps"
         )
 
     @property
@@ -575,7 +570,7 @@ def history_of(
 
 def step_price(model: AnyModel) -> float:
     """Return the predicted processor time of a step of a sample, s; none of a reduced model."""
-    return 0.0 if isinstance(model, ReducedModel) else step_seconds(model.kinematics.mechanism)
+    return 0.0 if isinstance(model, ReducedModel) else prices.step_seconds(model.kinematics.mechanism)
 
 
 def _now() -> np.ndarray:

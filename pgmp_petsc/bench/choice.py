@@ -21,22 +21,12 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
-from pgmp_petsc.bench import candidates
+from pgmp_petsc.bench import candidates, step_choice
 from pgmp_petsc.bench.bench import Bench
-from pgmp_petsc.bench.candidates import MOST_CONDENSED, Limits
 from pgmp_petsc.bench.cases import Training
 from pgmp_petsc.bench.history import Errors, Trial
 from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, refuse, refuse_basis, shares_of
 from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, distance_from_mesh
-from pgmp_petsc.bench.step_choice import (
-    AHEAD,
-    EARLY_PER_PERIOD,
-    FIRST_PER_PERIOD,
-    MOST_ANYWAY,
-    SEEN,
-    StepChoice,
-    first_steps,
-)
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
@@ -425,7 +415,7 @@ def choose(
     with timings.phase("components"):
         # as many as the scene gives, or as are tried
         given = scene.reduction.tolerance is None or "modes" in scene.reduction.model_fields_set
-        n_modes = scene.reduction.modes if given else MOST_CONDENSED
+        n_modes = scene.reduction.modes if given else candidates.MOST_CONDENSED
         subject = Subject.of(scene, meshes, group, n_modes)
     with timings.phase("selection"), progress(None, "choosing, tried so far", group.world) as bar:
         period = subject.first_period(group)
@@ -433,10 +423,10 @@ def choose(
             scene, meshes, subject.kinematics, _demand(scene, training, period, n_modes, entry), group.world
         )
         say(reference.why)
-        coarse = min(first_steps(scene, period)[1], _given_steps(scene) or MOST_ANYWAY)
+        coarse = min(step_choice.first_steps(scene, period)[1], _given_steps(scene) or step_choice.MOST_ANYWAY)
         reference = distance_from_mesh(reference, meshes, training.values, training.n_samples, coarse, group.world)
         bench = Bench(reference, training, group.world, subject, group, bar, finished)
-        step = StepChoice(bench, ledger, period, reference.model.name)
+        step = step_choice.StepChoice(bench, ledger, period, reference.model.name)
         step.begin()
         allowed, trial = _tried(bench, ledger, step, subject, say)
         if not trial.built:
@@ -470,7 +460,7 @@ def choose(
 
 
 def _tried(
-    bench: Bench, ledger: Ledger, step: StepChoice, subject: Subject, say: Callable[[str], None]
+    bench: Bench, ledger: Ledger, step: step_choice.StepChoice, subject: Subject, say: Callable[[str], None]
 ) -> tuple[Mapping[str, float], Trial]:
     """Return the errors that are allowed, and the reduced model that is given or chosen, with the step it has."""
     scene = subject.scene
@@ -479,7 +469,7 @@ def _tried(
         step.finish({})
         return step.allowed, bench.try_out(scene.reduction, step.n_basis, step.loads)
     bench.check_references(step.n_basis)
-    limits = Limits.of(scene, subject.kinematics, subject.n_modes)
+    limits = candidates.Limits.of(scene, subject.kinematics, subject.n_modes)
     reduction = ReductionChoice(bench, ledger, limits, step.n_basis, step.allowed)
     say(reduction.price)
     allowed, trial = reduction.allowed, reduction.run()
@@ -501,7 +491,7 @@ def _tried(
     return allowed, trial
 
 
-def _of_loads(step: StepChoice) -> Iterator[str]:
+def _of_loads(step: step_choice.StepChoice) -> Iterator[str]:
     """Yield with which loads the step was found, where it was."""
     if not step.kept:
         loads = " and ".join(f"'{name}'" for name in step.loads)
@@ -520,11 +510,11 @@ def _demand(scene: Scene, training: Training, period: float, n_modes: int, entry
     of_step = sum(load.for_step for load in training.loads)
     n_loads, given = (len(training.loads) if scene.reduction.tolerance is not None else of_step), _given_steps(scene)
     if given:
-        steps = n_loads * given + (AHEAD * of_step * given if scene.simulation.tolerance is not None else 0)
+        steps = n_loads * given + (step_choice.AHEAD * of_step * given if scene.simulation.tolerance is not None else 0)
     else:
         # runs with halved steps, up to the smallest that are tried before the reduction, are together two of these
-        early = EARLY_PER_PERIOD // FIRST_PER_PERIOD
-        steps = (n_loads * SEEN + 2 * of_step * early) * first_steps(scene, period)[1]
+        early = step_choice.EARLY_PER_PERIOD // step_choice.FIRST_PER_PERIOD
+        steps = (n_loads * step_choice.SEEN + 2 * of_step * early) * step_choice.first_steps(scene, period)[1]
     cases = f"{training.n_samples} samples under {n_loads} loads"
     cure = "shorten simulation.duration, or let fewer parameters vary"
     tolerance = scene.reduction.tolerance or scene.simulation.tolerance
@@ -532,7 +522,7 @@ def _demand(scene: Scene, training: Training, period: float, n_modes: int, entry
     return Demand(f"{entry} = {tolerance:g}", float(steps * training.n_samples), cases, cure, n_modes)
 
 
-def _chosen_scene(scene: Scene, step: StepChoice, trial: Trial, rom: ReducedOrderModel) -> Scene:
+def _chosen_scene(scene: Scene, step: step_choice.StepChoice, trial: Trial, rom: ReducedOrderModel) -> Scene:
     """Return the scene with the chosen entries; its tables are validated anew.
 
     Where a build took more angles than a candidate had, these are what was chosen: the model was judged with them.

@@ -17,18 +17,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import UnitSystem, dimension_of
 from pgmp_petsc.bodies.affine import AffineSum, Monomial, Quantity
-from pgmp_petsc.c_export.statements import (
-    ActionInC,
-    ControlInC,
-    OutputsInC,
-    StatementInC,
-    TermInC,
-    action_in_c,
-    closure_of,
-    controls_in_c,
-    coordinates_of,
-    outputs_in_c,
-)
+from pgmp_petsc.c_export import statements
 from pgmp_petsc.controllers import running
 from pgmp_petsc.controllers.acting import ACTING_LAW, measured_by
 from pgmp_petsc.declare.ideas import OUTPUTS
@@ -73,6 +62,7 @@ SHARED = {
     edge_search: "MAX_EVENTS MAX_TRIALS SHORTEST TIME_TOLERANCE",
     running: "SETTLED SETTLED_IN_STEP FIRST_SECANT SMALLEST_SECANT WEAKEST STRONGEST JUMPS HALVINGS HALF",
 }
+OF_PLACES = {"actions_table", "branch_table", "rigid_table"}
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
 
 
@@ -143,20 +133,20 @@ class Constants:
     coordinate_units: Mapping[str, str]  # of the rigid coordinates, by their names
     #: coordinates, closure, closure_wanted: what measures the coordinates, what holds the bodies together, and the
     #: values that this has
-    coordinates: Sequence[StatementInC]
-    closure: Sequence[TermInC]
+    coordinates: Sequence[statements.StatementInC]
+    closure: Sequence[statements.TermInC]
     closure_wanted: Sequence[float]
-    constraints: Sequence[TermInC] | None = None  # of what a tree of joints leaves; None of a kind that has none
+    constraints: Sequence[statements.TermInC] | None = None  # of what a tree leaves; None of a kind that has none
     #: actions, action_slots: local effects, and the slots of their nodes
-    actions: Sequence[ActionInC]
+    actions: Sequence[statements.ActionInC]
     action_slots: Sequence[int]
     carried_actions: Sequence[int]  # numbers of those that hang on forces in joints, the first of the outputs' forces
     #: controls, control_actions, control_origins: controllers, the numbers of the actions by which they act, and what
     #: counts as zero of the motions that these measure
-    controls: Sequence[ControlInC]
+    controls: Sequence[statements.ControlInC]
     control_actions: Sequence[int]
     control_origins: Sequence[float] = ()
-    outputs: OutputsInC
+    outputs: statements.OutputsInC
     #: output_units, strength_units, parameter_units: by name; empty where nothing says which
     output_units: Mapping[str, str]
     strength_units: Mapping[str, str]
@@ -235,13 +225,13 @@ def shared_of(
     over_time = dict(loads)
     over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
     windings, motions = iter(windings), motions_of(scene, kinematics.mechanism)
-    closure, wanted = closure_of(kinematics)
+    closure, wanted = statements.closure_of(kinematics)
     first_edges = [0, *accumulate(len(action.law.edges) for action in actions)]
     in_c = parameters_in_c(scene)
     carried = () if model.measures is None else model.measures.carried
-    outputs = outputs_in_c(model.outputs, carried, slots, scene.values | in_c, gaps, actions, scene.system)
+    outputs = statements.outputs_in_c(model.outputs, carried, slots, scene.values | in_c, gaps, actions, scene.system)
     settings = _steps(model.scene)
-    controls = controls_in_c(scene, parameters, settings["STEP"])
+    controls = statements.controls_in_c(scene, parameters, settings["STEP"])
     control_actions = [k for k, action in enumerate(actions) if action.law is ACTING_LAW]
     carried_actions = [k for k, action in enumerate(actions) if action.law.loaded]
     found = Constants(
@@ -255,11 +245,11 @@ def shared_of(
         motions=[motions[k].angle.pieces if k in motions else () for k in range(kinematics.n_coordinates)],
         strength_of_load=[list(over_time).index(name) for name in loads],
         coordinate_units={c.name: c.unit for c in kinematics.coordinates},
-        coordinates=coordinates_of(kinematics, slots),
+        coordinates=statements.coordinates_of(kinematics, slots),
         closure=closure,
         closure_wanted=wanted,
         actions=[
-            action_in_c(number, action, edge, held, slots, list(over_time), windings)
+            statements.action_in_c(number, action, edge, held, slots, list(over_time), windings)
             for number, (action, edge) in enumerate(zip(actions, first_edges))
         ],
         controls=controls,
@@ -466,10 +456,11 @@ def _axes(model: ReducedModel, places: Interpolant | None) -> dict[str, list[Alo
 def check_size(tables: Mapping[str, np.ndarray], what: str) -> None:
     size = sum(table.size for table in tables.values())
     if size > MOST_NUMBERS:
-        raise InputError(
-            f"{what}: the tables have {size} numbers; at most {MOST_NUMBERS} are written. Build with fewer "
-            "reduction.modes or reduction.angles, or with reduction.interpolation = 'spline'"
-        )
+        cure = "Build with fewer reduction.modes or reduction.angles, or with reduction.interpolation = 'spline'"
+        if sum(tables[name].size for name in OF_PLACES & tables.keys()) > size / 2:
+            cure = "Most say where the rigid mechanism is: build with smaller ranges of the coordinates, "
+            cure += "or let effects act at fewer points, none of them on motors behind gears"
+        raise InputError(f"{what}: the tables have {size} numbers; at most {MOST_NUMBERS} are written. {cure}")
 
 
 def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, int | float]:

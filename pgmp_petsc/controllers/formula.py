@@ -16,7 +16,7 @@ from pydantic import Field
 
 from pgmp_petsc.controllers.acting import JointController
 from pgmp_petsc.controllers.law import ControlLaw
-from pgmp_petsc.declare.formulas import FUNCTIONS, FormulaError, declared, jumps_with
+from pgmp_petsc.declare.formulas import FormulaError, declared, jumps_with, why_no_name
 from pgmp_petsc.outputs.of_outputs import OfMotion
 from pgmp_petsc.scene.controllers import OWN
 from pgmp_petsc.scene.fields import NumberOrParameter, Unit, refusal
@@ -79,11 +79,8 @@ class FormulaController(JointController):
             raise refusal("give the name of an output, or { name = output }", "measures")
         for key, names in (("measures", named), ("states", self.states), ("constants", self.constants)):
             for name in names:
-                if not (name.isidentifier() and name.isascii()) or name in self._given or name in FUNCTIONS:
-                    raise refusal(
-                        f"'{name}' cannot be a name in a formula: take letters, digits and _, and no name that it has",
-                        key,
-                    )
+                if why := why_no_name(name, self._given):
+                    raise refusal(why, key)
                 if name in taken:
                     raise refusal(f"'{name}' is the name of something else here already; take another one", key)
                 taken.add(name)

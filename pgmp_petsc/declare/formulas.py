@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, reduce
 from math import comb
@@ -48,6 +48,13 @@ ARITHMETIC = {
 }  # fmt: skip
 OF_NUMBERS = {name: getattr(math, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")} | {"abs": abs}
 ALLOWED = f"+ - * / **, the comparisons < <= > >= and the functions {', '.join(FUNCTIONS)}"
+
+
+def why_no_name(name: str, taken: Collection[str]) -> str:
+    """Return why a name of a scene cannot be one in a formula, which has some of its own; empty where it can."""
+    if name.isidentifier() and name.isascii() and name not in taken and name not in FUNCTIONS:
+        return ""
+    return f"'{name}' cannot be a name in a formula: take letters, digits and _, and no name that it has"
 
 
 class FormulaError(ValueError):

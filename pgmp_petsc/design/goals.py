@@ -34,18 +34,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, nearest_name, warning
 from pgmp_petsc.base.units import SI, UnitSystem, dimension_of, si_name
-from pgmp_petsc.declare.formulas import (
-    FUNCTIONS,
-    LONGEST,
-    DimensionError,
-    Dimensions,
-    FormulaError,
-    Measured,
-    Series,
-    SeriesAlgebra,
-    declared,
-    evaluated,
-)
+from pgmp_petsc.declare import formulas
 from pgmp_petsc.declare.own_units import in_si, shifted
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 from pgmp_petsc.results.gradients import Vertex, vertex
@@ -84,9 +73,9 @@ class Expression:
     outputs: frozenset[str]  # of which these figures are
 
     def __call__(self, outcome: Outcome) -> Dual:
-        parts = {name: Series([np.array(one) for one in part(outcome)]) for name, part in self.parts.items()}
+        parts = {name: formulas.Series([np.array(one) for one in part(outcome)]) for name, part in self.parts.items()}
         with np.errstate(all="ignore"):  # what has no value, such as 1 / 0, is refused by whoever evaluates
-            value, slope = evaluated(self.text, parts, SeriesAlgebra(1)).parts
+            value, slope = formulas.evaluated(self.text, parts, formulas.SeriesAlgebra(1)).parts
         return Dual(float(value), np.broadcast_to(slope, len(outcome.names)))
 
 
@@ -198,8 +187,10 @@ class _Reader:
         self, entry: str, text: str, outputs: Collection[str], parameters: Collection[str], units: Units,
         system: UnitSystem,
     ) -> None:  # fmt: skip
-        if len(text) > LONGEST:  # as of formulas: no line could mark a position
-            raise InputError(f"{entry}: {len(text)} characters; at most {LONGEST} are read. Use parameters for numbers")
+        if len(text) > formulas.LONGEST:  # as of formulas: no line could mark a position
+            raise InputError(
+                f"{entry}: {len(text)} characters; at most {formulas.LONGEST} are read. Use parameters for numbers"
+            )
         self._given, self._system = units, system
         self._units: dict[str, str] = {}  # SI units of what sums name
         self._entry, self._text, self._outputs, self._parameters = entry, text, outputs, parameters
@@ -215,9 +206,12 @@ class _Reader:
 
     def unit_of(self, *sums: Expression) -> str:
         """Return the unit of sums that are added or compared; 1 where they do not fit, or it is not known."""
-        names = {name: Measured(dimension_of(unit), unit) if unit else Measured() for name, unit in self._units.items()}
-        with suppress(DimensionError):
-            found = reduce(add, (evaluated(one.text, names, Dimensions()) for one in sums))
+        names = {
+            name: formulas.Measured(dimension_of(unit), unit) if unit else formulas.Measured()
+            for name, unit in self._units.items()
+        }
+        with suppress(formulas.DimensionError):
+            found = reduce(add, (formulas.evaluated(one.text, names, formulas.Dimensions()) for one in sums))
             if found.dimension is not None:
                 return self._system.unit(found.unit or si_name(found.dimension))
         return "1"
@@ -239,8 +233,8 @@ class _Reader:
         parts: dict[str, Callable[[Outcome], Dual]] = {}
         written = [self._written(token, parts) for token in tokens]
         try:
-            text, _ = declared(" ".join(written), {name: name for name in parts}, WORDS)
-        except FormulaError as error:
+            text, _ = formulas.declared(" ".join(written), {name: name for name in parts}, WORDS)
+        except formulas.FormulaError as error:
             begins = [*accumulate((len(one) + 1 for one in written), initial=0)]
             places = [*(token.start() for token in tokens), tokens[-1].end() if tokens else len(self._text)]
             self.refuse(f"it {error}", places[bisect_right(begins, error.at) - 1])
@@ -257,7 +251,8 @@ class _Reader:
             if output not in self._outputs:
                 self.refuse(f"there is no such output{nearest_name(output, self._outputs)}", token.start("output"))
             return self._part(parts, output, _figure_of(output, FIGURES[token["figure"]], bool(token["abs"])))
-        if token["sign"] or token["relation"] or name in FUNCTIONS and re.match(r"\s*\(", self._text[token.end() :]):
+        is_called = name in formulas.FUNCTIONS and re.match(r"\s*\(", self._text[token.end() :])
+        if token["sign"] or token["relation"] or is_called:
             return "**" if text == "^" else text
         if not name:
             self.refuse(f"'{text}' has no place in a formula", token.start())
@@ -265,7 +260,7 @@ class _Reader:
             needed = f"take a figure of it, such as max({name}) or end({name})"
             self.refuse(f"{name} is an output over time; {needed}", token.start())
         if name not in self._parameters:
-            hint = nearest_name(name, dict.fromkeys((*self._parameters, *FIGURES, *FUNCTIONS)))
+            hint = nearest_name(name, dict.fromkeys((*self._parameters, *FIGURES, *formulas.FUNCTIONS)))
             self.refuse(f"there is no such parameter, figure or function{hint}", token.start())
         return self._part(
             parts, f"parameters.{name}",

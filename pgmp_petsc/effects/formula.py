@@ -25,7 +25,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.declare.formulas import FUNCTIONS, FormulaError, declared, jumps_with
+from pgmp_petsc.declare.formulas import FormulaError, declared, jumps_with, why_no_name
 from pgmp_petsc.declare.own_units import in_si
 from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
@@ -245,9 +245,8 @@ class FormulaEffect(OnJoint):
 
     def check_entries(self) -> None:
         for name in self.constants:
-            if not (name.isidentifier() and name.isascii()) or name in STATE or name in FUNCTIONS:
-                words = f"'{name}' cannot be a name in a formula: take letters, digits and _, and no name that it has"
-                raise refusal(words, "constants")
+            if why := why_no_name(name, STATE):
+                raise refusal(why, "constants")
         try:
             _, used = declared(self.force, known(self.constants), WORDS)
         except FormulaError as error:

@@ -10,11 +10,10 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from pgmp_petsc.effects.effect import ActionEffect
-from pgmp_petsc.effects.joint_effects import joint_measure
+from pgmp_petsc.effects.joint_effects import ElasticEnds, joint_measure
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.scene.effects import OnJoint
-from pgmp_petsc.scene.fields import NotNegativeOrParameter, NumberOrParameter, PositiveOrParameter, Unit
+from pgmp_petsc.scene.fields import NumberOrParameter, Unit
 
 FREE_PLAY = Law(
     "free_play",
@@ -26,31 +25,16 @@ FREE_PLAY = Law(
 )
 
 
-class FreePlay(OnJoint):
+class FreePlay(ElasticEnds):
     """A spring in a joint with free play: no force between lower and upper, elastic beyond, with the instants of
     contact found exactly."""
 
     type: Literal["free_play"]
-    acts = "forces"
-    joints = ("turning", "sliding")
-    changeable = ("stiffness", "damping", "lower", "upper")
-    local = edged = True
-    stiff_by = "stiffness"
-    sets_in = {"lower": -1.0, "upper": 1.0}
-    ordered = (("lower", "upper"),)
     lower: Annotated[NumberOrParameter, Unit("rad", "m")] = Field(
         description="where the play ends below (rad or m), a number or a parameter's name"
     )
     upper: Annotated[NumberOrParameter, Unit("rad", "m")] = Field(
         description="where the play ends above (rad or m), a number or a parameter's name"
-    )
-    stiffness: Annotated[PositiveOrParameter, Unit("N m/rad", "N/m")] = Field(
-        description="Nm/rad or N/m, a number or a parameter's name"
-    )
-    damping: Annotated[NotNegativeOrParameter, Unit("s/rad", "s/m")] = Field(
-        0.0,
-        description="of Hunt and Crossley (s/rad or s/m): force of stiffness times depth (1 + damping depth'), a "
-        "number or a parameter's name",
     )
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:

@@ -71,16 +71,13 @@ def place_of(mechanism: Mechanism, name: str, entry: Any) -> dict[str, Any]:
     return mechanism.between(distance(mechanism.space.dimension), entry.points, f"effects.{name}.points")
 
 
-class EndStop(OnJoint):
-    """A one-sided elastic stop of a joint, with the instants of contact found exactly."""
+class ElasticEnds(OnJoint):
+    """What is elastic beyond ends of a joint's motion, with the instants of contact found exactly."""
 
-    type: Literal["end_stop"]
     acts = "forces"
     joints = ("turning", "sliding")
     changeable = ("lower", "upper", "stiffness", "damping")
-    local = True
-    cause = True
-    edged = True
+    local = edged = True
     stiff_by = "stiffness"
     sets_in = {"lower": -1.0, "upper": 1.0}
     ordered = (("lower", "upper"),)
@@ -98,6 +95,13 @@ class EndStop(OnJoint):
         description="of Hunt and Crossley (s/rad or s/m): force of stiffness times depth (1 + damping depth'), a "
         "number or a parameter's name",
     )
+
+
+class EndStop(ElasticEnds):
+    """A one-sided elastic stop of a joint, with the instants of contact found exactly."""
+
+    type: Literal["end_stop"]
+    cause = True
 
     def check_entries(self) -> None:
         if self.lower is None and self.upper is None:

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -44,6 +45,23 @@ PER_SLOPE = 3  # points a variable
 KERNELS = 120  # about as many of the points; more take time and add little
 FURTHEST = 8.0  # of a variable: beyond it a probability is 1 to round-off
 AT_ONCE = 4_000_000  # numbers of pairs of points and kernels
+
+
+class Cloud(NamedTuple):
+    """Points of an event."""
+
+    points: np.ndarray  # shape (m, d)
+    weights: np.ndarray  # how many each represents, shape (m,)
+    families: np.ndarray  # numbers of the families of points that are alike, shape (m,)
+    values: np.ndarray  # g, whose slope tells where a part of the event lies (`_shrunk_mean`), shape (m,); 0 if unknown
+
+    def of(self, chosen: np.ndarray) -> Cloud:
+        """Return some of the points, by a mask or their numbers."""
+        return Cloud(*(part[chosen] for part in self))
+
+    def with_further(self, other: Cloud) -> Cloud:
+        """Return both."""
+        return Cloud(*map(np.concatenate, zip(self, other)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,33 +176,20 @@ def log_normal(points: np.ndarray) -> np.ndarray:
     return -0.5 * np.sum(points**2, axis=1) - 0.5 * points.shape[1] * np.log(2.0 * np.pi)
 
 
-def chosen_density(
-    points: np.ndarray,
-    weights: np.ndarray,
-    random: np.random.Generator,
-    families: np.ndarray | None = None,
-    values: np.ndarray | None = None,
-) -> Mixture:
-    """Return the density that is nearest to that of the event's points, shape (m, d), with how many each represents,
-    (m,).
-
-    `families` are numbers of the families of points that are alike, shape (m,): a family makes densities or tries them,
-    at random; None where all points are independent. `values` are g of the points, shape (m,), whose slope tells where
-    a part of the event lies (`_shrunk_mean`); None where it is not known.
-    """
-    families = np.arange(len(points)) if families is None else families
-    values = np.zeros(len(points)) if values is None else values
-    if len(points) == 1:  # chains that never moved: it makes densities and tries them
-        points, weights, families, values = (np.repeat(one, 2, axis=0) for one in (points, weights, families, values))
-    weights = np.minimum(weights, weights.mean() * np.sqrt(len(weights)))
+def chosen_density(cloud: Cloud, random: np.random.Generator) -> Mixture:
+    """Return the density that is nearest to that of the event's points; a family makes densities or tries them."""
+    if len(cloud.points) == 1:  # chains that never moved: it makes densities and tries them
+        cloud = cloud.of(np.zeros(2, dtype=int))
+    weights = np.minimum(cloud.weights, cloud.weights.mean() * np.sqrt(len(cloud.weights)))
+    cloud, points = cloud._replace(weights=weights), cloud.points
     scores: dict[tuple[int, float], float] = {}
-    for make, test in _halves(families, random):
+    for make, test in _halves(cloud.families, random):
         other, of_other = _some(points[test], weights[test], 2 * KERNELS, random)
-        own = [part[make] for part in (points, weights, families, values)]
+        own = cloud.of(make)
         for n_clusters in (n for n in CLUSTERS if n == 1 or make.size >= FEWEST * n):
-            clusters = cluster_means(*own, n_clusters, random)
+            clusters = cluster_means(own, n_clusters, random)
             for factor in (*DRAWN, FITTED):
-                density = _density(*own[:3], clusters, factor, random)
+                density = _density(own, clusters, factor, random)
                 distance = np.average(log_normal(other) - density.log(other), weights=of_other)
                 scores[n_clusters, factor] = scores.get((n_clusters, factor), 0.0) + 0.5 * distance
     outside = outside_of(points)
@@ -192,8 +197,7 @@ def chosen_density(
     (n_clusters, factor), least = min(scores.items(), key=lambda item: item[1])
     if np.log(outside) < least:  # all weights are `outside`
         return Mixture(KernelDensity(broad, of_broad, np.ones(len(broad))), outside, 1.0 - DEFENSIVE)
-    clusters = cluster_means(points, weights, families, values, n_clusters, random)
-    found = _density(points, weights, families, clusters, factor, random)
+    found = _density(cloud, cluster_means(cloud, n_clusters, random), factor, random)
     return Mixture(found.with_further(broad, of_broad, DEFENSIVE / (1.0 - OUTSIDE)), outside, OUTSIDE)
 
 
@@ -234,14 +238,9 @@ def _some(
 
 
 def _density(
-    points: np.ndarray,
-    weights: np.ndarray,
-    families: np.ndarray,
-    clusters: tuple[np.ndarray, np.ndarray],
-    factor: float,
-    random: np.random.Generator,
+    cloud: Cloud, clusters: tuple[np.ndarray, np.ndarray], factor: float, random: np.random.Generator
 ) -> KernelDensity:
-    means, shares = clusters
+    (points, weights, families, _), (means, shares) = cloud, clusters
     if factor == FITTED:
         own = np.argmin(np.sum((points[:, None] - means) ** 2, axis=2), axis=1)
         parts = (own == k for k in range(len(means)))
@@ -282,36 +281,25 @@ def _root(steps: np.ndarray, weights: np.ndarray, families: np.ndarray) -> np.nd
     return np.einsum("dk,k,ek->de", axes, np.sqrt(np.maximum(variances, LEAST_VARIANCE)), axes)
 
 
-def cluster_means(
-    points: np.ndarray,
-    weights: np.ndarray,
-    families: np.ndarray,
-    values: np.ndarray,
-    n_clusters: int,
-    random: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray]:
+def cluster_means(cloud: Cloud, n_clusters: int, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return the means of clusters, shape (n_clusters, d) or fewer where some are empty, and their shares."""
-    labels = _labels(points, weights, n_clusters, random)
-    found = [
-        (_shrunk_mean(points[own], weights[own], families[own], values[own]), weights[own].sum())
-        for own in (labels == number for number in range(n_clusters))
-        if own.any()
-    ]
-    means, totals = (np.array(part) for part in zip(*found))
-    return means, totals / totals.sum()
+    labels = _labels(cloud.points, cloud.weights, n_clusters, random)
+    parts = [cloud.of(labels == number) for number in np.unique(labels)]
+    totals = np.array([part.weights.sum() for part in parts])
+    return np.array([_shrunk_mean(part) for part in parts]), totals / totals.sum()
 
 
-def _shrunk_mean(points: np.ndarray, weights: np.ndarray, families: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _shrunk_mean(cloud: Cloud) -> np.ndarray:
     """Return the mean of points, shape (d,), nearer to 0 in every variable that may be noise alone.
 
     As James and Stein's estimator (Berkeley Symposium 4 (1961) I 361-379), by variable: variables that have no part in
     the event have the mean 0 and, as nearly all others, a variance of 1 at most, over as many families as there are by
     their weights. What is left of the mean beside the slope of g is shrunk, as beyond a plane all of it is noise.
     """
-    shares = weights / weights.sum()
-    mean = np.sum(shares[:, None] * points, axis=0)  # not by BLAS, as in `KernelDensity.log`
-    error = np.sum(np.bincount(np.unique(families, return_inverse=True)[1], weights=shares) ** 2)
-    slope = _slope(points, values)
+    shares = cloud.weights / cloud.weights.sum()
+    mean = np.sum(shares[:, None] * cloud.points, axis=0)  # not by BLAS, as in `KernelDensity.log`
+    error = np.sum(np.bincount(np.unique(cloud.families, return_inverse=True)[1], weights=shares) ** 2)
+    slope = _slope(cloud.points, cloud.values)
     along = np.sum(mean * slope) * slope
     rest = mean - along
     return along + rest * np.maximum(1.0 - SHRUNK * error / np.maximum(rest**2, 1e-300), 0.0)

@@ -311,7 +311,8 @@ def _levels(chains: _Chains) -> tuple[list[Level], list[np.ndarray], tuple[np.nd
         families = own[passed][np.arange(size) % passed.size]
         points, g, accepted = chains.go_on(points[passed], g[passed], threshold, size)
         own = np.arange(size) % passed.size
-        directions.append(directions_of(points, own, g, chains.random()))
+        cloud = importance.Cloud(points, np.ones(size), own, g)
+        directions.append(directions_of(cloud, chains.random()))
         levels.append(Level(threshold, share, accepted, before, is_afar, variation))
         if threshold == 0.0:
             break
@@ -482,19 +483,19 @@ class _Chains:
         if self.left < 2 * ROUNDS:
             return []
         centres, first, counts = np.unique(points, axis=0, return_index=True, return_counts=True)
-        alike, values = families[first], g[first]
         known = importance.levelled(centres, counts.astype(float), self.random())
-        of_chains = centres, known / known.sum(), alike, values
+        cloud = importance.Cloud(centres, known, families[first], g[first])
+        of_chains = cloud._replace(weights=known / known.sum())
         sizes = np.full(ROUNDS, self.left // ROUNDS)
         sizes[-1] += self.left % ROUNDS
         before = 1.0 / np.unique(families).size  # share of the event that is not beyond the planes of design points
         weights, densities, inside, g_inside = [], [], np.zeros((0, points.shape[1])), np.zeros(0)
         for size, share in zip(sizes, AT_ENTRANCES):
             random = self.random()
-            density = importance.chosen_density(centres, known, random, alike, values)
+            density = importance.chosen_density(cloud, random)
             if design is not None:
-                outside = ~np.any(centres @ design.alpha.T >= design.beta, axis=1)
-                now = float(np.average(outside, weights=known))
+                outside = ~np.any(cloud.points @ design.alpha.T >= design.beta, axis=1)
+                now = float(np.average(outside, weights=cloud.weights))
                 share += (AT_DESIGN - share) * (1.0 - now)
                 before = max(before, now)
             density = density.with_kernels(entrances, share)
@@ -511,11 +512,10 @@ class _Chains:
                 drawn_so_far = [np.log(m) + one.log(inside) for m, one in zip(sizes, densities)]
                 own = np.exp(importance.log_normal(inside) - np.logaddexp.reduce(drawn_so_far, axis=0))
                 own *= own.sum() / np.sum(own**2)  # how many equally weighted ones they are worth
-                centres, known, alike, values = inside, own, None, g_inside
+                cloud = importance.Cloud(inside, own, len(points) + np.arange(len(inside)), g_inside)
                 if own.sum() < ENOUGH:  # chains supply what is missing
-                    parts = (inside, own, len(points) + np.arange(len(inside)), g_inside), of_chains
-                    centres, known, alike, values = (np.concatenate(part) for part in zip(*parts))
-                    known[len(inside) :] *= ENOUGH - own.sum()
+                    missing = of_chains._replace(weights=(ENOUGH - own.sum()) * of_chains.weights)
+                    cloud = cloud.with_further(missing)
         roots = np.sqrt(np.arange(1, ROUNDS))
         roots /= np.average(roots, weights=sizes[1:])  # so that the mean of all weighted samples is the probability
         return [root * of_round for root, of_round in zip(roots, weights[1:])]
@@ -556,16 +556,10 @@ PART_OF_SAMPLES = 8  # rays take one of so many samples that are left, at most
 RARER = 1e-3  # probability of a part over that of the event
 
 
-def directions_of(
-    points: np.ndarray, families: np.ndarray, values: np.ndarray, random: np.random.Generator
-) -> np.ndarray:
-    """Return unit vectors to the means of clusters of a level's points (m, d), shape (n_clusters, d) at most.
-
-    `families` and `values`, each (m,), are as in :func:`~pgmp_petsc.ensemble.importance.chosen_density`.
-    """
-    n_clusters = max(1, min(importance.CLUSTERS[-1], len(points) // importance.FEWEST))
-    weights = np.ones(len(points))
-    several, one = (importance.cluster_means(points, weights, families, values, n, random)[0] for n in (n_clusters, 1))
+def directions_of(cloud: importance.Cloud, random: np.random.Generator) -> np.ndarray:
+    """Return unit vectors to the means of clusters of a level's points, shape (n_clusters, d) at most."""
+    n_clusters = max(1, min(importance.CLUSTERS[-1], len(cloud.points) // importance.FEWEST))
+    several, one = (importance.cluster_means(cloud, n, random)[0] for n in (n_clusters, 1))
     means = np.concatenate([one, several])
     norms = np.sqrt(np.sum(means**2, axis=1))
     return means[norms > 0.0] / norms[norms > 0.0, None]

@@ -172,8 +172,9 @@ def labels_by_parameters(records: Sequence[RunRecord]) -> list[str]:
     varied = [name for name in names if len({record.parameters.get(name) for record in records}) > 1]
     words = []
     for record in records:
-        known = {name: record.parameters[name] for name in varied if name in record.parameters}
-        words.append(", ".join(quantity(name, value, _parameter_unit(record, name)) for name, value in known.items()))
+        entries, known = scene_of(record).get("parameters", {}), [name for name in varied if name in record.parameters]
+        units = (str(entries.get(name, {}).get("unit", "1")) for name in known)
+        words.append(", ".join(quantity(name, record.parameters[name], unit) for name, unit in zip(known, units)))
     return words
 
 
@@ -216,7 +217,3 @@ def _entry(name: str, value: Any) -> str:
     text = f"{name} = {str(value).lower() if isinstance(value, bool) else value}"
     # long values are all cut alike: names of files then tell the results apart
     return text if len(text) <= len(name) + LONGEST_VALUE else f"{name} = …"
-
-
-def _parameter_unit(record: RunRecord, name: str) -> str:
-    return str(scene_of(record).get("parameters", {}).get(name, {}).get("unit", "1"))

@@ -128,8 +128,11 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
     if len(block) > 1:
         axes.tick_params(labelbottom=False)
         block[1].sharex(axes)
-        difference = 100.0 * (heights[1] - heights[0]) / (heights[0].max() or np.nan)  # constant: no peak
-        block[1].fill_between(places, difference, color=colours[1], linewidth=0)
+        peak = heights[0].max() or np.nan  # none of what is constant, or has but values that come again and again
+        block[1].fill_between(places, 100.0 * (heights[1] - heights[0]) / peak, color=colours[1], linewidth=0)
+        if np.isnan(peak):
+            look = {"ha": "center", "color": style.QUIET, "fontsize": NOTE_SIZE, "transform": block[1].transAxes}
+            block[1].text(0.5, 0.6, "no density to compare with", **look)
         block[1].axhline(0.0, color=style.QUIET, linewidth=0.8)
         block[1].set_ylabel("difference\n(% of peak)")
         reach = max(np.abs(block[1].get_ylim()).max(), 1.0)

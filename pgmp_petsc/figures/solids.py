@@ -29,19 +29,8 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
 from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.figures import style
 from pgmp_petsc.figures.motion import Motion, Skin, drawn_faces, motion_of, normals
-from pgmp_petsc.figures.style import (
-    PROGRAM,
-    QUIET,
-    RESOLUTION,
-    axis_unit,
-    distinct_colours,
-    new_figure,
-    round_below,
-    styled,
-    top_legend,
-    upward,
-)
 from pgmp_petsc.files.claims import replacing
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.ranks.ending import child
@@ -100,7 +89,7 @@ def view_of(points: np.ndarray, flat: bool) -> np.ndarray:
     """Return the directions of a picture to the right, up and towards the eye, shape (3, 3), for places (n, 3)."""
     if flat:
         return np.eye(3)
-    thin, up = int(np.argmin(np.ptp(points, axis=0))), np.eye(3)[upward(points)]
+    thin, up = int(np.argmin(np.ptp(points, axis=0))), np.eye(3)[style.upward(points)]
     towards = np.eye(3)[thin] * (-1.0 if thin == 1 else 1.0)
     side = np.cross(up, towards)
     eye = towards + TILT[0] * up + TILT[1] * side
@@ -231,7 +220,7 @@ class _Drawn:
     def _rgb(self, number: int, nodes: np.ndarray) -> np.ndarray:
         values = self._skin.values[number][nodes]
         found = matplotlib.colormaps[COLOURS](values / max(self._largest, 1e-300))[:, :3]
-        found[~np.isfinite(values)] = to_rgb(QUIET)
+        found[~np.isfinite(values)] = to_rgb(style.QUIET)
         return (255.0 * found).round().astype(np.uint8)
 
 
@@ -266,7 +255,7 @@ WIDTH = 8.6  # inches
 LOWEST, HIGHEST = 2.2, 6.6
 
 
-@styled
+@style.styled
 def solids(run: Trajectory, at: float | None = None, exaggeration: float = 1.0, label: str = "") -> Figure:
     """Draw the bodies of a run, with frames and fields, which `label` tells from others, with von Mises' stress in
     colour.
@@ -290,7 +279,7 @@ def has_solids(run: Trajectory) -> bool:
     return any(own.kind != "line" for own in run.fields.values())
 
 
-@styled
+@style.styled
 def still(motion: Motion, number: int, why: str = "") -> Figure:
     """Return the picture of an instant; `why` follows its caption."""
     motion = motion.only(number)
@@ -301,8 +290,8 @@ def still(motion: Motion, number: int, why: str = "") -> Figure:
     return frame.figure
 
 
-@styled
-def images(motion: Motion, numbers: np.ndarray, resolution: int = RESOLUTION) -> Iterator[np.ndarray]:
+@style.styled
+def images(motion: Motion, numbers: np.ndarray, resolution: int = style.RESOLUTION) -> Iterator[np.ndarray]:
     """Return an iterator over the pictures of instants, all of one size, as bytes of shape (height, width, 3); raises
     `InputError` if there is nothing to draw with."""
     drawing()
@@ -322,11 +311,11 @@ class Surround:
     `resolution` is in pixels an inch; `axes` is where in the figure the bodies are, in `size`, pixels.
     """
 
-    def __init__(self, motion: Motion, caption: str, resolution: int = RESOLUTION) -> None:
+    def __init__(self, motion: Motion, caption: str, resolution: int = style.RESOLUTION) -> None:
         low, high, _ = bounds_of(motion)
         extent = np.maximum(high - low, 1e-12)
         height = float(np.clip((WIDTH - 1.3) * extent[1] / extent[0], LOWEST, HIGHEST))
-        self.figure = new_figure(WIDTH, height + 1.1)
+        self.figure = style.new_figure(WIDTH, height + 1.1)
         self.figure.set_dpi(resolution)
         self.axes = self.figure.subplots()
         self.axes.set_xticks([])
@@ -346,7 +335,7 @@ class Surround:
         keys = [Patch(color=RIGID, label="rigid")] if any(rigid) and not all(rigid) else []
         keys += [Patch(color=PLAIN, label="flexible, not coloured")] if plain and motion.quantity else []
         keys += [Patch(color=FORCE, label=motion.forces)] if motion.forces else []
-        top_legend(self.figure, keys, motion.title, motion.notes)
+        style.top_legend(self.figure, keys, motion.title, motion.notes)
         self.figure.set_figheight(round(self.figure.get_figheight() * resolution / 2) * 2 / resolution)
         self.figure.canvas.draw()
         # the layout is found: what is written from here on moves nothing
@@ -357,13 +346,13 @@ class Surround:
 
     def measure(self, metre: float, unit: str) -> None:
         """Draw a bar of a round length below the bodies, of which a unit of length has so many pixels."""
-        nice = round_below(self.size[0] / 5.0 / metre)
-        factor, unit = axis_unit(unit, np.array([nice]))
+        nice = style.round_below(self.size[0] / 5.0 / metre)
+        factor, unit = style.axis_unit(unit, np.array([nice]))
         share = nice * metre / self.size[0]
-        below = {"transform": self.axes.transAxes, "clip_on": False, "color": QUIET}
-        at = -9.0 / self.size[1] * RESOLUTION / 72.0
+        below = {"transform": self.axes.transAxes, "clip_on": False, "color": style.QUIET}
+        at = -9.0 / self.size[1] * style.RESOLUTION / 72.0
         self.axes.plot([0.0, share], [at, at], linewidth=1.6, **below)
-        beside = {"transform": self.axes.transAxes, "va": "center", "color": QUIET}
+        beside = {"transform": self.axes.transAxes, "va": "center", "color": style.QUIET}
         self.axes.text(share + 0.01, at, f"{nice * factor:g} {unit}", **beside)
 
     def around(self, picture: np.ndarray, caption: str) -> np.ndarray:
@@ -434,7 +423,7 @@ def _write_gif(pictures: Iterable[np.ndarray], path: Path, rate: float) -> None:
     with open(path, "wb") as stream:
         same[0].save(
             stream, format="GIF", save_all=True, append_images=same[1:], duration=duration, loop=0,
-            comment=PROGRAM.encode(),
+            comment=style.PROGRAM.encode(),
         )  # fmt: skip
 
 
@@ -452,7 +441,7 @@ def _write_mp4(pictures: Iterator[np.ndarray], path: Path, rate: float) -> None:
         imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error",
         "-f", "rawvideo", "-s", f"{width}x{height}", "-pix_fmt", "rgb24", "-r", str(Fraction(rate).limit_denominator()),
         "-i", "-", "-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", QUALITY,
-        "-metadata", f"comment={PROGRAM}", "-f", "mp4", "-movflags", "+faststart", path,
+        "-metadata", f"comment={style.PROGRAM}", "-f", "mp4", "-movflags", "+faststart", path,
     ]  # fmt: skip
     with TemporaryFile() as said:
         with child(command, stdin=subprocess.PIPE, stderr=said) as ffmpeg:
@@ -482,16 +471,16 @@ def meshed_part(mesh: SolidMesh, body: str, unit: str) -> Figure:
     return (plane_part if mesh.dimension == 2 else part_picture)(mesh, shown, title, unit)
 
 
-@styled
+@style.styled
 def plane_part(mesh: SolidMesh, places: Mapping[str, np.ndarray], title: str, unit: str) -> Figure:
     """Return the cells of a plane mesh, with named groups of edges coloured and named at their places (2,)."""
     middle, half = 0.5 * (mesh.nodes.max(axis=0) + mesh.nodes.min(axis=0)), 0.5 * np.ptp(mesh.nodes, axis=0)
     half = np.maximum(1.2 * half, LABEL * half.max())
-    figure = new_figure(8.0, float(np.clip(8.0 * half[1] / half[0], 1.2, 7.0)) + 0.8)
+    figure = style.new_figure(8.0, float(np.clip(8.0 * half[1] / half[0], 1.2, 7.0)) + 0.8)
     axes = figure.subplots()
     cells = mesh.nodes[drawn_faces(mesh.kind, mesh.cells)]
     axes.add_collection(PolyCollection(cells, facecolors="#E8EAED", edgecolors="#B5BBC2", linewidths=0.5))
-    for (name, place), colour in zip(places.items(), distinct_colours(len(places))):
+    for (name, place), colour in zip(places.items(), style.distinct_colours(len(places))):
         edges = mesh.nodes[mesh.groups[name][:, :2]]
         axes.add_collection(LineCollection(edges, colors=colour, linewidths=3.0, zorder=3))
         axes.annotate(name, place, xytext=(6, 6), textcoords="offset points", color=colour, fontweight="bold", zorder=4)
@@ -503,14 +492,14 @@ def plane_part(mesh: SolidMesh, places: Mapping[str, np.ndarray], title: str, un
     return figure
 
 
-@styled
+@style.styled
 def part_picture(mesh: SolidMesh, places: Mapping[str, np.ndarray], title: str, unit: str) -> Figure:
     """Return the surface of a mesh, with named groups coloured and named at their places (3,)."""
-    figure = new_figure(8.0, 6.0)
+    figure = style.new_figure(8.0, 6.0)
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     bare = drawn_faces(mesh.kind, mesh.cells)
     owned = {frozenset(face[: bare.shape[1]].tolist()): name for name in places for face in mesh.groups[name]}
-    colours = dict(zip(places, distinct_colours(len(places))))
+    colours = dict(zip(places, style.distinct_colours(len(places))))
     shade = 0.55 + 0.45 * np.clip(normals(bare, mesh.nodes) @ LIT, 0.0, 1.0)
     own = [owned.get(frozenset(face.tolist())) for face in bare]
     base = np.array([STEEL if name is None else to_rgb(colours[name]) for name in own])

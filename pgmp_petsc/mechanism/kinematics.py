@@ -102,7 +102,7 @@ class RigidKinematics:
             self.n_redundant = self._check_count(assembled)
         else:
             self.n_redundant = self.branch.n_redundant
-        self._patches = PosePatches(self.branch) if self.branch is not None and self.n_coordinates == 2 else None
+        self._patches = PosePatches(self.branch) if self._is_smooth() else None
         self._followed: dict[bytes, RigidMotion] = {}
 
     @property
@@ -294,11 +294,11 @@ class RigidKinematics:
         """Return ``dP/dtheta_k`` at poses (n_bodies, n_pose, n), shape (n_bodies, n_pose, n_theta, n)."""
         return self._closure.rates(poses)
 
-    def turning(self, poses: np.ndarray) -> np.ndarray:
-        """Return by how much bodies turn with each coordinate, at that of poses (n_bodies, n_pose, n) where they turn
-        most, shape (n_bodies, n_theta), rad per rad or m."""
-        rates, space = self.rates(poses), self.mechanism.space
-        return np.stack([space.turns(rates[:, :, k]).max(axis=-1) for k in range(self.n_coordinates)], axis=1)
+    def turning(self, rates: np.ndarray) -> np.ndarray:
+        """Return by how much bodies turn with each coordinate where they turn most, from rates of poses (n_bodies,
+        n_pose, n_theta, n), shape (n_bodies, n_theta), rad per rad or m."""
+        turns = self.mechanism.space.turns
+        return np.stack([turns(rates[:, :, k]).max(axis=-1) for k in range(self.n_coordinates)], axis=1)
 
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``d2P/dtheta_k dtheta_l``, (n_bodies, n_pose, n_theta, n_theta, n), from poses and their rates."""
@@ -330,15 +330,24 @@ class RigidKinematics:
         self, start: list[int], axes: list[np.ndarray], assembled: np.ndarray
     ) -> tuple[list[int], list[np.ndarray]]:
         """Return numbers of the first configuration and axes on which no body in space turns far from one value of a
-        coordinate to the next, as a spindle does: in between the table has polynomials of directors."""
-        if self.mechanism.space is not SPATIAL:
+        coordinate to the next, as a spindle does: in between the table has polynomials of directors. A table over more
+        than two coordinates would be large, and is where Newton's method starts."""
+        if self.mechanism.space is not SPATIAL or len(axes) > 2:
             return start, axes
-        turns = self.turning(assembled).max(axis=0) * [axis[1] - axis[0] for axis in axes]
+        turns = self.turning(self.rates(assembled)).max(axis=0) * [axis[1] - axis[0] for axis in axes]
         parts = [max(int(np.ceil(turn / FURTHEST_TURN)), 1) for turn in turns]
         while max(parts) > 1 and math.prod(a.size * n for a, n in zip(axes, parts)) > MOST_PLACES / len(axes) ** 2:
             parts = [-(-n // 2) if n == max(parts) else n for n in parts]
         fine = [np.linspace(axis[0], axis[-1], (axis.size - 1) * n + 1) for axis, n in zip(axes, parts)]
         return [number * n for number, n in zip(start, parts)], fine
+
+    def _is_smooth(self) -> bool:
+        """Return whether over two coordinates polynomials over several places of the table come to the poses in
+        between: where two motors turn quickly more of them are needed than anyone asks poses for."""
+        if self.branch is None or self.n_coordinates != 2:
+            return False
+        turns = self.turning(np.moveaxis(self.branch.rates, 0, -1)) * self.branch.steps
+        return self.mechanism.space is not SPATIAL or bool(np.all(turns <= 2.0 * FURTHEST_TURN))
 
     def _assemble(self, axes: Sequence[np.ndarray]) -> tuple[list[int], np.ndarray]:
         """Return the numbers of the first configuration along the axes, and the poses there."""

@@ -23,7 +23,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError, shortened
-from pgmp_petsc.mesh.reading import ABAQUS, MAX_REASON, check_file, coordinates, made_by, read_abaqus, read_mesh, usable
+from pgmp_petsc.mesh.reading import ABAQUS, check_file, coordinates, made_by, read_abaqus, read_mesh, usable
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.solid_mesh_reading import KINDS, complete_physical_groups, numbered_as_filed
 
@@ -56,18 +56,11 @@ def read_matrix(path: Path, received: str, kind: str = "stiffness") -> MatrixFil
     is that of `kind`, ``"stiffness"``, ``"mass"`` or ``"modes"``, which need not be square. Raises `InputError` if
     there is no such file, it is of another format, damaged, not square, or has entries that are not finite."""
     check_file(path, received, f"a matrix is needed ({FORMATS}; paths are relative to the scene's directory)")
-    try:
-        found = _read(path, received, kind)
-    except InputError:
-        raise
-    except NotTaken as error:
-        raise InputError(f"{received}: {error}") from error
-    except Exception as error:  # of many kinds, on damaged files
-        reason = " ".join(str(error).split())[:MAX_REASON]
-        raise InputError(
-            f"{received}: this file cannot be read as a matrix ({type(error).__name__}: {reason}); it may be damaged: "
-            "write it anew"
-        ) from error
+    with usable(received, "this file cannot be read as a matrix"):
+        try:
+            found = _read(path, received, kind)
+        except NotTaken as error:
+            raise InputError(f"{received}: {error}") from error
     if kind != "modes" and found.matrix.shape[0] != found.matrix.shape[1] or not found.matrix.shape[0]:
         raise InputError(
             f"{received}: it has {' by '.join(map(str, found.matrix.shape))} entries; a square matrix is needed"

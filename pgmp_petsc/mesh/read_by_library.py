@@ -192,6 +192,10 @@ def urdf(path: str, kind: str) -> dict[str, np.ndarray]:
 def mjcf(path: str, kind: str) -> dict[str, np.ndarray]:
     """Read links and joints of a robot; a link's frame is that of its body, moved to where its joint is."""
     import mujoco
+    from scipy.spatial.transform import Rotation
+
+    def turned(quaternion: np.ndarray) -> np.ndarray:
+        return Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()  # of (w, x, y, z)
 
     model = mujoco.MjModel.from_xml_path(path)
     of = {"body": mujoco.mjtObj.mjOBJ_BODY, "joint": mujoco.mjtObj.mjOBJ_JOINT}
@@ -209,13 +213,13 @@ def mjcf(path: str, kind: str) -> dict[str, np.ndarray]:
         if n:
             shift[k] = model.jnt_pos[first]
         own = {"name": name, "meshes": [], "mass": float(model.body_mass[k])}
-        turn = matrix_of(model.body_iquat[k])
+        turn = turned(model.body_iquat[k])
         own |= {"centre": (model.body_ipos[k] - shift[k]).tolist()}
         links.append(own | {"inertia": (turn @ np.diag(model.body_inertia[k]) @ turn.T).tolist()})
         if k == 0:
             continue
         place, parent = np.eye(4), int(model.body_parentid[k])
-        place[:3, :3] = matrix_of(model.body_quat[k])
+        place[:3, :3] = turned(model.body_quat[k])
         place[:3, 3] = model.body_pos[k] + place[:3, :3] @ shift[k] - shift[parent]
         kind = kinds[int(model.jnt_type[first])] if n else "fixed"
         limited = bool(n and model.jnt_limited[first])
@@ -228,18 +232,6 @@ def mjcf(path: str, kind: str) -> dict[str, np.ndarray]:
         joints.append(own | {"place": place.tolist(), "limit": limit, "mimic": False})
     found = {"name": names[1] if len(names) > 1 else "robot", "links": json.dumps(links), "joints": json.dumps(joints)}
     return {name: np.array(text) for name, text in found.items()}
-
-
-def matrix_of(quaternion: np.ndarray) -> np.ndarray:
-    """Return the rotation of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def of_cells(cells: dict[str, list]) -> dict[str, np.ndarray]:

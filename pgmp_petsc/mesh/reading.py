@@ -140,7 +140,7 @@ def _unreadable(received: str, reason: str) -> InputError:
 
 
 @contextmanager
-def usable(received: str) -> Iterator[None]:
+def usable(received: str, words: str = "what this file holds cannot be used as a mesh") -> Iterator[None]:
     """Turn whatever goes wrong with what a damaged file seemed to hold into one message, an `InputError`, but for a
     package that is not installed."""
     try:
@@ -149,10 +149,8 @@ def usable(received: str) -> Iterator[None]:
         raise
     except Exception as error:  # of numpy and meshio, on arrays of impossible shapes and kinds
         reason = " ".join(str(error).split())[:MAX_REASON]
-        raise InputError(
-            f"{received}: what this file holds cannot be used as a mesh ({type(error).__name__}: {reason}); it may be "
-            "damaged: write it anew"
-        ) from error
+        why = f"{words} ({type(error).__name__}: {reason})"
+        raise InputError(f"{received}: {why}; it may be damaged: write it anew") from error
 
 
 def check_file(path: Path, received: str, needed: str) -> None:

@@ -21,7 +21,7 @@ from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.mechanism.space import Space
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.models.stresses import FullStrains, ReducedStrains
+from pgmp_petsc.models.stresses import ReducedStrains, full_strains
 from pgmp_petsc.outputs.stress import EXTREMES, FURTHEST
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -174,7 +174,7 @@ class FullFields:
     """Fields of the bodies wanted from the unknowns of a full-order or a component model."""
 
     def __init__(self, seen: FieldSet, unknowns: Unknowns) -> None:
-        self.seen, self._unknowns, self._strains = seen, unknowns, FullStrains(unknowns)
+        self.seen, self._unknowns = seen, unknowns
 
     def of(self, q: np.ndarray, values: Mapping[str, float]) -> Fields:
         """Return the fields for unknowns (n_dofs, n)."""
@@ -190,7 +190,9 @@ class FullFields:
             places = placed(space, frames[body.nodes.stop - 1], undeformed(field) + moved)
         else:
             places = body.moving_nodes(q, frames)[:, : space.dimension]
-        return with_stresses(field, places, lambda points: self._strains.of(field.number, points, q), values)
+        return with_stresses(
+            field, places, lambda points: full_strains(self._unknowns, field.number, points, q), values
+        )
 
 
 class ReducedFields:

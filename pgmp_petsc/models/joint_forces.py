@@ -21,6 +21,7 @@ from pgmp_petsc.effects import Effect, Motion, actions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models.model import MultipliersOf
 from pgmp_petsc.outputs.joint_forces import ForceOutput
+from pgmp_petsc.outputs.readings import Seen
 from pgmp_petsc.reduced.actions import ReducedActions, nodes_of
 from pgmp_petsc.reduced.carried_forces import CarriedForces
 from pgmp_petsc.reduced.gap_forces import GapForces
@@ -199,10 +200,10 @@ class ReducedMultipliers:
         """Return the forces that joints carry, (n_carried, n)."""
         if not self._carried:
             return np.zeros((0, len(state.q)))
-        jets = ({}, {}) if self._frames is None else self._frames.jets((state.q, state.v), 1)
-        at, moving = (dict(zip(self._nodes, part)) for part in jets)
-        known = at, moving, multipliers, values, {}
-        return np.array([one.made(one.parts(*known)) for one in self._carried])
+        jets = () if self._frames is None else self._frames.jets((state.q, state.v), 1)
+        at = tuple(dict(zip(self._nodes, part)) for part in jets) or ({},)
+        seen = Seen(at, values=values, multipliers=multipliers)
+        return np.array([one.made(one.parts(seen)) for one in self._carried])
 
     def _system_of(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
         """Return n samples of the model; the last ones again where they are the same."""

@@ -19,7 +19,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.outputs.outputs import OutputSet, carried_in, in_order
 from pgmp_petsc.outputs.rainflow import counted_after
-from pgmp_petsc.outputs.readings import AnyReading, Rate, Reading
+from pgmp_petsc.outputs.readings import AnyReading, Rate, Reading, Seen
 from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.outputs import OutputEntry
@@ -205,7 +205,6 @@ class Measures:
     ) -> np.ndarray:
         """Return the vectors whose magnitudes are the forces that joints carry, (n_carried, d, n_samples), of frames as
         of `motions`, and multipliers of joints (n_held + n_driven, n_samples)."""
-        at, moving, *_ = *(dict(zip(self.nodes, part)) for part in frames), {}
-        every = {**self._scene.values, **values}
-        known = at, moving, multipliers, every, {}
-        return np.array([one.parts(*known) for one in self.carried])
+        at = tuple(dict(zip(self.nodes, part)) for part in frames)
+        seen = Seen(at, values={**self._scene.values, **values}, multipliers=multipliers)
+        return np.array([one.parts(seen) for one in self.carried])

@@ -43,19 +43,15 @@ AT_ONCE = 2**22  # strains that are evaluated together: 32 MB
 STATES = 2**12  # states in which the models of several lengths are evaluated together
 
 
-class FullStrains:
-    """Strains from the unknowns of a full-order or a component model."""
-
-    def __init__(self, unknowns: Unknowns) -> None:
-        self.bodies, self._unknowns = unknowns.bodies, unknowns
-
-    def of(self, number: int, points: Strains, q: np.ndarray, linear: np.ndarray | None = None) -> np.ndarray:
-        """Return those of points of a body for unknowns (n_dofs, n), shape (n_points, n_strains, n); `linear` is the
-        matrix S of a body that is condensed, where it is at hand."""
-        body = self.bodies[number]
-        if body.n_amplitudes:
-            return _of_coordinates(body, points, q[body.internal], linear)
-        return points.of_places(body.moving_nodes(q, self._unknowns.frames(q)))
+def full_strains(
+    unknowns: Unknowns, number: int, points: Strains, q: np.ndarray, linear: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the strains of points of a body, shape (n_points, n_strains, n), from the unknowns (n_dofs, n) of a
+    full-order or a component model; `linear` is the matrix S of a body that is condensed, where it is at hand."""
+    body = unknowns.bodies[number]
+    if body.n_amplitudes:
+        return _of_coordinates(body, points, q[body.internal], linear)
+    return points.of_places(body.moving_nodes(q, unknowns.frames(q)))
 
 
 class ReducedStrains:
@@ -122,7 +118,7 @@ class FullStresses:
     """Stresses, outputs of the scene, from the unknowns of a full-order or a component model."""
 
     def __init__(self, outputs: OutputSet, unknowns: Unknowns) -> None:
-        self._stresses, self._strains = outputs.stresses, FullStrains(unknowns)
+        self._stresses, self._unknowns = outputs.stresses, unknowns
         self._linear = _linear_maps(
             [s for s in outputs.stresses if unknowns.bodies[s.body].n_amplitudes], unknowns.bodies
         )
@@ -132,7 +128,8 @@ class FullStresses:
 
         def forces(number: int, part: slice) -> np.ndarray:
             stress = self._stresses[number]
-            strains = self._strains.of(stress.body, stress.points, q[:, part], self._linear.get(stress.name))
+            linear = self._linear.get(stress.name)
+            strains = full_strains(self._unknowns, stress.body, stress.points, q[:, part], linear)
             return stress.law.forces(stress.points, strains, values_of(values, part))
 
         return _in_blocks(self._stresses, forces, q.shape[1], values)

@@ -23,7 +23,7 @@ those of their equations (`full.systems`), of a reduced model those that `reduct
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import ClassVar, Literal, Self
@@ -48,9 +48,6 @@ from pgmp_petsc.scene.references import unknown
 from pgmp_petsc.scene.uses import slides
 
 UNDETERMINED = 1e-8  # share of a combination of multipliers that is round-off
-Values = Mapping[str, np.ndarray | float]
-#: Force and moment in joints, by their names and whether it is for the moment, in which other rows are.
-Wrenches = dict[tuple[str, bool], tuple[np.ndarray, np.ndarray]]
 Component = Literal["x", "y", "z", "axial", "radial", "magnitude"]
 
 
@@ -233,12 +230,8 @@ class ForceOutput:
         """Whether it is the magnitude of what it is made of, else that itself."""
         return getattr(self.entry, "component", "") in ("magnitude", "radial")
 
-    def parts(
-        self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values, wrenches: Wrenches
-    ) -> np.ndarray:  # fmt: skip
-        """Return what the output is made of, shape (n_parts, n), for frames of nodes and their rates, multipliers, and
-        parameter values, which are numbers or of shape (n,); `wrenches` are those that other outputs have found there.
-        """
+    def parts(self, seen: Seen) -> np.ndarray:
+        """Return what the output is made of, shape (n_parts, n)."""
         raise NotImplementedError
 
     def made(self, parts: np.ndarray) -> np.ndarray:
@@ -303,39 +296,33 @@ class OfConnection(ForceOutput):
             gradients.append(-sum(slopes)[:d, 0])
         return np.array(gradients).T
 
-    def parts(
-        self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values, wrenches: Wrenches
-    ) -> np.ndarray:  # fmt: skip
+    def parts(self, seen: Seen) -> np.ndarray:
         """Return the component, or the vector whose magnitude it is."""
         if self.shares is not None:
             # sums of numbers alone: those of matrices hang on what is side by side
-            force = sum(share[:, None] * multipliers[row] for share, row in zip(self.shares.T, self.rows))
-            return self.component(-force if self.entry.of == "first" else force, frames)
-        known = self.connection.name, self.entry.turning
-        if known not in wrenches:
-            wrenches[known] = self.wrench(frames, rates, multipliers, values)
-        acting = wrenches[known][int(self.entry.turning)]
-        if self.entry.of == "first":
-            acting = -acting
-        return self.component(acting, frames)
+            force = sum(share[:, None] * seen.multipliers[row] for share, row in zip(self.shares.T, self.rows))
+        else:
+            known = self.connection.name, self.entry.turning
+            if known not in seen.wrenches:
+                seen.wrenches[known] = self.wrench(seen)
+            force = seen.wrenches[known][int(self.entry.turning)]
+        return self.component(-force if self.entry.of == "first" else force, seen.frames[0])
 
-    def wrench(
-        self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def wrench(self, seen: Seen) -> tuple[np.ndarray, np.ndarray]:
         """Return force (d, n) and moment (1 or 3, n) on the second body at the second point, in the ground's axes."""
-        n, d = multipliers.shape[1], self.space.dimension
-        b = self._natural(self.connection.b, frames, n)
+        n, d = seen.multipliers.shape[1], self.space.dimension
+        b = self._natural(self.connection.b, seen.frames[0], n)
         slopes, firsts = np.zeros_like(b), {side for _, own in self.held for side in own[::2]}
-        at = {side: self._natural(side, frames, n) for side in firsts}
+        natural = {side: self._natural(side, seen.frames[0], n) for side in firsts}
         for row, (part, own) in zip(self.rows, self.held):
             for (statement, function), first in zip(part.terms, own[::2]):
                 # that points meet has the same slopes everywhere
                 some = slice(0, 1) if statement.kind == MEET else slice(None)
-                gradient = statement.gradient(at[first][:, some], b[:, some])[len(b) :]
-                slopes -= multipliers[row] * function.factor * gradient
+                gradient = statement.gradient(natural[first][:, some], b[:, some])[len(b) :]
+                slopes -= seen.multipliers[row] * function.factor * gradient
         if self.pulls:
-            a = self._natural(self.connection.a, frames, n)
-            for pull, force, factors in acting(self.pulls, frames, rates, values):
+            a = self._natural(self.connection.a, seen.frames[0], n)
+            for pull, force, factors in acting(self.pulls, seen):
                 for (statement, _), factor in zip(pull.action.statement.terms, factors):
                     slopes += force * factor * statement.gradient(a, b)[len(a) :]
         return slopes[:d], _moment(b, slopes, d)
@@ -379,34 +366,27 @@ class Pull:
         parts = (part for part, _ in action.statement.terms)
         return cls(action, tuple(Reading("MEASURE", own, part, space) for own, part in zip(action.pairs, parts)))
 
-    def measured(self, frames: Frames, rates: Frames) -> tuple[np.ndarray, np.ndarray, list[np.ndarray | float]]:
+    def measured(self, seen: Seen) -> tuple[np.ndarray, np.ndarray, list[np.ndarray | float]]:
         """Return what the law is of and its rate, (n,) each, and the derivatives with the terms' statements."""
-        read = [reading.value(frames) for reading in self.readings]
+        read = [reading.value(seen.frames[0]) for reading in self.readings]
         found = [function.at(s) for s, (_, function) in zip(read, self.action.statement.terms)]
         factors, speed = [slope for _, slope in found], np.zeros(read[0].shape)
         if self.action.reads_rate:
-            speed = sum(slope * _rate(reading, frames, rates) for slope, reading in zip(factors, self.readings))
+            speed = sum(slope * Rate(reading).jet(seen, 0)[0] for slope, reading in zip(factors, self.readings))
         return sum(value for value, _ in found), speed, factors
 
 
-def acting(
-    pulls: Sequence[Pull], frames: Frames, rates: Frames, values: Values
-) -> Iterator[tuple[Pull, np.ndarray, list[np.ndarray | float]]]:
+def acting(pulls: Sequence[Pull], seen: Seen) -> Iterator[tuple[Pull, np.ndarray, list[np.ndarray | float]]]:
     """Yield what acts in a joint, with the force of its law, (n,), and the derivatives with the terms' statements."""
     s = speed = np.zeros(0)
     for pull in pulls:
-        own, rate, factors = pull.measured(frames, rates)
+        own, rate, factors = pull.measured(seen)
         by_load = pull.action.by_load  # of the measure and the rate of the one before
         amplitude = speed if by_load else 0.0
         if not by_load:
             s, speed = own, rate
-        p = [np.broadcast_to(quantity.at(values), own.shape) for quantity in pull.action.parameters]
+        p = [np.broadcast_to(quantity.at(seen.values), own.shape) for quantity in pull.action.parameters]
         yield pull, pull.action.law.forces(np.stack(p, axis=1), s, rate, amplitude), factors
-
-
-def _rate(reading: Reading, frames: Frames, rates: Frames) -> np.ndarray:
-    """Return how fast a reading changes, shape (n,)."""
-    return Rate(reading).jet(Seen((frames, rates)), 0)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -442,15 +422,13 @@ class OfCoupling(ForceOutput):
             terms[number][1], pull,
         )  # fmt: skip
 
-    def parts(
-        self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values, wrenches: Wrenches
-    ) -> np.ndarray:  # fmt: skip
+    def parts(self, seen: Seen) -> np.ndarray:
         """Return ``-mu df/ds``."""
         if self.pull is None:
-            force = -multipliers[self.rows[0]]
+            force = -seen.multipliers[self.rows[0]]
         else:
-            ((_, force, _),) = acting((self.pull,), frames, rates, values)
-        return np.reshape(force * self.function.at(self.reading.value(frames))[1], (1, -1))
+            ((_, force, _),) = acting((self.pull,), seen)
+        return np.reshape(force * self.function.at(self.reading.value(seen.frames[0]))[1], (1, -1))
 
 
 def _motion(part: Statement, pair: tuple[Attachment, Attachment], mechanism: Mechanism, kinematics: RigidKinematics):
@@ -477,12 +455,10 @@ class OfMotion(ForceOutput):
         row, names = kinematics.mechanism.n_held + number, [one.name for one in kinematics.mechanism.coordinates]
         return cls(name, np.array([row]), nodes, entry.with_rate, entry, reading, names.index(coordinate.name))
 
-    def parts(
-        self, frames: Frames, rates: Frames, multipliers: np.ndarray, values: Values, wrenches: Wrenches
-    ) -> np.ndarray:  # fmt: skip
+    def parts(self, seen: Seen) -> np.ndarray:
         """Return ``-lambda``, or that times the rate of the coordinate."""
-        torque = -multipliers[self.rows]
-        return torque if self.speed is None else torque * _rate(self.speed, frames, rates)
+        torque = -seen.multipliers[self.rows]
+        return torque if self.speed is None else torque * Rate(self.speed).jet(seen, 0)[0]
 
 
 def _acts(part: Statement | Combination, turning: bool, d: int) -> bool:
@@ -574,7 +550,7 @@ def _map_of(output: OfConnection, frames: Frames, mechanism: Mechanism) -> np.nd
     """Return the force or moment of a joint for a unit of each multiplier, shape (n_components, n_held)."""
     columns, nothing = [], replace(output, pulls=())
     for unit in np.eye(mechanism.n_held):
-        force, moment = nothing.wrench(frames, {}, unit[:, None], {})
+        force, moment = nothing.wrench(Seen((frames,), multipliers=unit[:, None]))
         columns.append((moment if output.entry.turning else force)[:, 0])
     return np.array(columns).T
 

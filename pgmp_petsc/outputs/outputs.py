@@ -117,9 +117,8 @@ class OutputSet:
         """Return what forces in joints are made of, a row each, for frames of `nodes` with their derivatives, as of
         `observed`, multipliers of joints and prescribed coordinates (n_held + n_driven, n), and parameter values,
         numbers or of shape (n,)."""
-        by_node, moving, *_ = *(dict(zip(self.nodes, part)) for part in frames), {}
-        known = by_node, moving, multipliers, values, {}
-        return np.concatenate([force.parts(*known) for force in self.forces])
+        seen = Seen(tuple(dict(zip(self.nodes, part)) for part in frames), values=values, multipliers=multipliers)
+        return np.concatenate([force.parts(seen) for force in self.forces])
 
     def smooth(self, apart: Container[str]) -> OutputSet:
         """Return the outputs without stresses and those in `apart`; forces as what they are made of."""

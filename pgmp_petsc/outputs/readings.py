@@ -46,9 +46,12 @@ class Seen:
     #: stresses and other outputs by their name, (n,), and what forces are made of, (n_parts, n)
     of_model: Mapping[str, np.ndarray] = field(default_factory=dict)
     time: np.ndarray | None = None  # s, shape (n,)
-    values: Mapping[str, np.ndarray] = field(default_factory=dict)  # of parameters, each (n,)
+    values: Mapping[str, np.ndarray | float] = field(default_factory=dict)  # of parameters, each (n,) or the same
     bases: Sequence[Base] = ()  # motions of the base
     n: int = 1
+    multipliers: np.ndarray | None = None  # of joints and prescribed coordinates, shape (n_held + n_driven, n)
+    #: force and moment that outputs have found in joints, by their names and whether for the moment, of other rows
+    wrenches: dict[tuple[str, bool], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
 
 class Base(NamedTuple):

@@ -67,10 +67,11 @@ QUICK_STRESSES = "stress outputs change quickly between them: "
 class AngleRounds:
     """Rounds of the build of one mechanism, each with further angles (first rank).
 
-    `refinable` tells whether angles may be added where no tolerance asks for them.
+    The samples are those of the first round, and `refinable` tells whether angles may be added where no tolerance asks
+    for them. Raises `RunError` where a tolerance would be compared with more than there may be.
     """
 
-    def __init__(self, scene: Scene, mechanism: Mechanism, refinable: bool) -> None:
+    def __init__(self, scene: Scene, mechanism: Mechanism, samples: SampleGrid, refinable: bool) -> None:
         self._scene, self._mechanism = scene, mechanism
         self._refinable = refinable and len(scene.coordinates) == 1 and scene.reduction.sampling_tolerance is None
         self.static = range(0)  # numbers of the static modes that answer forces of actions
@@ -79,6 +80,8 @@ class AngleRounds:
         #: why there are angles besides those asked for: by what turns quickly, the names of outputs where it is these
         self._reasons: dict[str, dict[str, None]] = {}
         tolerance = scene.reduction.sampling_tolerance
+        if tolerance is not None:  # before anything is computed
+            _beyond_tolerance(scene, samples, None, None)
         self._cure = (
             "take more reduction.angles" if tolerance is None else "take a smaller reduction.sampling_tolerance"
         )
@@ -151,7 +154,7 @@ def _between(samples: Samples, scheme: str) -> np.ndarray:
 
 
 def _beyond_tolerance(
-    scene: Scene, grid: SampleGrid, previous: ContinuousBasis | None, current: ContinuousBasis
+    scene: Scene, grid: SampleGrid, previous: ContinuousBasis | None, current: ContinuousBasis | None
 ) -> list[np.ndarray]:
     """Return the angles of the next round of adaptive sampling along each coordinate, shape (n,); none where the
     tolerance holds. Raises `RunError` if a build may not take as many.

@@ -385,6 +385,8 @@ class Body(Table):
             self._has_none("for solids from a mesh only; matrices have their own faces", *OF_MESHES)
             cure = "matrices.stiffness_scale and matrices.mass_scale multiply these"
             self._has_none(f"is in the matrices already; {cure}", *in_matrices)
+        elif self.of_cad and self.element != "solid3d":
+            raise refusal('a part of CAD is a solid: element = "solid3d" is needed', "element")
         elif self.continuum:
             self._check_solid()
         else:
@@ -425,8 +427,6 @@ class Body(Table):
             raise refusal("missing; needed: name of a material", "material")
         if self.mesh_size is not None and not self.of_cad:
             raise refusal('for a part of CAD, mesh = "PART.step"; a mesh file has its cells already', "mesh_size")
-        if self.of_cad and self.element != "solid3d":
-            raise refusal('a part of CAD is a solid: element = "solid3d" is needed', "element")
         if self.element == "solid2d" and self.thickness is None:
             raise refusal("missing; needed: thickness of the body (m), a number or a parameter's name", "thickness")
         if self.element == "solid3d" and self.thickness is not None:
@@ -436,8 +436,6 @@ class Body(Table):
 
     def _check_beam(self) -> None:
         self._has_none("for solid2d and solid3d only", "thickness", "section_scale", "regions", *OF_MESHES)
-        if self.of_cad:
-            raise refusal('a part of CAD is a solid: element = "solid3d" is needed', "element")
         if self.section is None:
             raise refusal('missing; needed: a cross-section, such as { shape = "circle", radius = 0.01 }', "section")
         section = self.section

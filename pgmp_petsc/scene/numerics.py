@@ -75,7 +75,10 @@ class Reduction(Table):
         "is then the number to begin with; needs interpolation = spline",
     )
     max_angles: Angles = Field(
-        2000, ge=4, description="most angles, of several coordinates most configurations, that a build takes by itself"
+        2000,
+        ge=4,
+        description="most angles, of several coordinates most configurations, that a build takes by itself; with "
+        "sampling_tolerance 10000 with two coordinates and 100000 with three",
     )
     static_modes: bool = Field(False, description="extend the basis by the static answers to the scene's loads")
     spring_modes: bool = Field(

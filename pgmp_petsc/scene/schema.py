@@ -14,21 +14,13 @@ from pgmp_petsc.base.errors import Remark
 from pgmp_petsc.base.notebooks import Grid, card
 from pgmp_petsc.base.units import SAID, SI, UnitSystem, system_of
 from pgmp_petsc.declare.ideas import WHEN_GROWN
+from pgmp_petsc.scene import numerics
 from pgmp_petsc.scene.bodies import Body, Material
 from pgmp_petsc.scene.controllers import Controller, controller_problems
 from pgmp_petsc.scene.effects import Driving, Effect
 from pgmp_petsc.scene.fields import Name, Number, OneLine, Table
 from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
 from pgmp_petsc.scene.messages import input_error
-from pgmp_petsc.scene.numerics import (
-    Ensemble,
-    Initial,
-    InitialState,
-    Reduction,
-    Reference,
-    Simulation,
-    ensemble_problems,
-)
 from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter, RandomField, correlation_problems, field_problems
 from pgmp_petsc.scene.references import part_problems, parts_of, reference_problems
@@ -36,6 +28,7 @@ from pgmp_petsc.scene.units import text_problems, unit_problems
 from pgmp_petsc.scene.uses import Sign, length_problems, uses_of
 
 ANGLES_OF_SEVERAL = {2: 24, 3: 16}  # along each of several coordinates, where a scene does not say
+MOST_OF_SEVERAL = {2: 10_000, 3: 100_000}  # configurations: adaptive sampling begins with twice as many along each
 A_TURN, WITH_ENDS = 22, 5  # along each of three that turn: in a whole turn, and how many more where it has two ends
 
 
@@ -80,15 +73,15 @@ class Scene(Table):
     )
     effects: dict[Name, Effect] = Field({}, description="what acts on the mechanism")
     controllers: dict[Name, Controller] = Field({}, description="a table for each controller, [controllers.NAME]")
-    reduction: Reduction = Field(Reduction(), description="the reduced model")
-    initial: Initial = Field(Initial(), description="start from static equilibrium")
-    simulation: Simulation = Field(Simulation(), description="a run over time")
-    reference: Reference = Field(Reference(), description="what errors are measured against")
+    reduction: numerics.Reduction = Field(numerics.Reduction(), description="the reduced model")
+    initial: numerics.Initial = Field(numerics.Initial(), description="start from static equilibrium")
+    simulation: numerics.Simulation = Field(numerics.Simulation(), description="a run over time")
+    reference: numerics.Reference = Field(numerics.Reference(), description="what errors are measured against")
     correlation: dict[Name, dict[Name, Number]] = Field(
         {}, description="of the normal variables behind two uncertain parameters: [correlation] r1 = { E = 0.5 }"
     )
     fields: dict[Name, RandomField] = Field({}, description="a table for each random field over a body, [fields.NAME]")
-    ensemble: Ensemble = Field(Ensemble(), description="many runs with drawn parameters")
+    ensemble: numerics.Ensemble = Field(numerics.Ensemble(), description="many runs with drawn parameters")
     outputs: dict[Name, Output] = Field({}, description="what a run reports over time")
 
     _directory: Path = PrivateAttr(default=Path("."))
@@ -289,9 +282,9 @@ class Scene(Table):
                 tables[name] = own.model_copy(update=given)
         return self.model_copy(update=tables)
 
-    def initial_state(self, coordinate: str) -> InitialState:
+    def initial_state(self, coordinate: str) -> numerics.InitialState:
         """Return where a coordinate starts: as given, or 0 and at rest."""
-        return self.simulation.initial.get(coordinate, InitialState())
+        return self.simulation.initial.get(coordinate, numerics.InitialState())
 
     @model_validator(mode="before")
     @classmethod
@@ -312,6 +305,8 @@ class Scene(Table):
             if n > 1:
                 few = ANGLES_OF_SEVERAL[min(n, max(ANGLES_OF_SEVERAL))]
                 reduction.setdefault("angles", max(few, *map(_along, data["coordinates"].values())) if n == 3 else few)
+                if reduction.get("sampling_tolerance") is not None:
+                    reduction.setdefault("max_angles", MOST_OF_SEVERAL[min(n, max(MOST_OF_SEVERAL))])
         changed = {**data, "reduction": reduction} if reduction else data
         return {**changed, "effects": {}} if automatic else changed
 
@@ -331,7 +326,7 @@ class Scene(Table):
             *field_problems(self),
             *length_problems(self),
             *part_problems(self),
-            *ensemble_problems(self),
+            *numerics.ensemble_problems(self),
             *unit_problems(self, given),
             *text_problems(self, raw),
         ]

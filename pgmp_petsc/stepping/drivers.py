@@ -28,12 +28,10 @@ ERROR_PREFIX = "pgmp_error_ts_"  # of the integration of estimated errors
 LOOKING_ON = ("ts_monitor", "ts_view", "ts_adapt_monitor", "ts_converged_reason")
 _CURES = {
     "ts_type": "the integrator is the program's own",
-    "ts_dt": "set simulation.step in the scene",
-    "ts_time_step": "set simulation.step in the scene",
-    "ts_max_steps": "set simulation.duration in the scene",
-    "ts_run_steps": "set simulation.duration in the scene",
-    "ts_max_time": "set simulation.duration in the scene",
-    "ts_time_span": "set simulation.duration in the scene",
+    **dict.fromkeys(("ts_dt", "ts_time_step"), "set simulation.step in the scene"),
+    **dict.fromkeys(
+        ("ts_max_steps", "ts_run_steps", "ts_max_time", "ts_time_span"), "set simulation.duration in the scene"
+    ),
     "ts_init_time": "a run starts at time 0",
     "ts_exact_final_time": "a run ends at simulation.duration exactly",
 }

@@ -17,27 +17,8 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import loads_of
-from pgmp_petsc.estimates.coarser_run import (
-    RELIED_ON,
-    CoarserRun,
-    coarser,
-    fewest_steps,
-    run_coarser,
-    step_errors,
-    times_of,
-)
+from pgmp_petsc.estimates import coarser_run, own_error
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator
-from pgmp_petsc.estimates.own_error import (
-    absence_of_estimates,
-    few_steps,
-    is_estimated,
-    large_errors,
-    left_out_of_estimates,
-    not_estimated,
-    step_remarks,
-    truncated_stresses,
-    why_not_of_full_order,
-)
 from pgmp_petsc.estimates.starts import growth_of, jump_remarks, spread_remarks
 from pgmp_petsc.estimates.validity import Validity, remarks_of
 from pgmp_petsc.files.hdf5 import RunRecord
@@ -153,7 +134,7 @@ class _Part:
         as it may run away before it does."""
         if self.run.status[0] == Status.FINE:
             return self
-        whole, n_steps = self.attempt.simulation, int(RELIED_ON * (self.time.size - 1))
+        whole, n_steps = self.attempt.simulation, int(coarser_run.RELIED_ON * (self.time.size - 1))
         kept, duration = slice(n_steps + 1), float(self.time[n_steps])
         simulation = whole.in_steps(n_steps, duration) if n_steps else whole
         return replace(
@@ -234,7 +215,7 @@ def _full(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
         *steps,
         *(rests or balance_remarks(balance, part.attempt.simulation.step, model.scene.system)),
         *estimated,
-        *why_not_of_full_order(model),
+        *own_error.why_not_of_full_order(model),
         *started,
         *left_out_of_fields(fields.seen),
     )
@@ -249,34 +230,38 @@ def _full(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
 
 def _coarser(
     model: FullModel, system: SecondOrderSystem, part: _Part, timings: Timings, comm: Comm
-) -> CoarserRun | None:
+) -> coarser_run.CoarserRun | None:
     """Run the system of a part again, for the errors of its step; None where there are none. Collective on `comm`."""
     simulation = part.attempt.simulation
-    is_short = part.run.status[0] != Status.FINE and part.run.n_steps < fewest_steps(times_of(model.scene, simulation))
-    if is_short or not is_estimated(model.scene, of_step=True):
+    is_short = part.run.status[0] != Status.FINE and part.run.n_steps < coarser_run.fewest_steps(
+        coarser_run.times_of(model.scene, simulation)
+    )
+    if is_short or not own_error.is_estimated(model.scene, of_step=True):
         return None
     title = f"{model.title} with a coarser step, for the error of the step"
-    with timings.phase("errors"), progress(coarser(model.scene, simulation).n_steps, title, comm) as bar:
-        return run_coarser(model, system, simulation, np.ones(1, dtype=bool), part.run, bar.update)
+    with timings.phase("errors"), progress(coarser_run.coarser(model.scene, simulation).n_steps, title, comm) as bar:
+        return coarser_run.run_coarser(model, system, simulation, np.ones(1, dtype=bool), part.run, bar.update)
 
 
 def _step_errors(
-    model: FullModel, part: _Part, other: CoarserRun | None, rests: Sequence[Remark]
+    model: FullModel, part: _Part, other: coarser_run.CoarserRun | None, rests: Sequence[Remark]
 ) -> tuple[EstimatedErrors | None, list[Remark]]:
     """Return the estimated errors of the step of a full-order or component run, and what is to be said of them: of a
     mechanism that `rests`, nothing."""
     known = part.relied_on
     if other is None:
-        absent = absence_of_estimates(model.scene, of_step=True)
+        absent = own_error.absence_of_estimates(model.scene, of_step=True)
         return None, list(absent) or [note(f"errors of the time step were not estimated: {STOPPED}")]
-    found = step_errors(model.scene, known.time, known.outputs, other)
-    said = list(step_remarks(model, known.time, known.outputs, other, found))
+    found = coarser_run.step_errors(model.scene, known.time, known.outputs, other)
+    said = list(own_error.step_remarks(model, known.time, known.outputs, other, found))
     if found is None:
         return None, said
     errors = EstimatedErrors(found.time, found.outputs, _largest(model, known.outputs), OF_STEP)
     if rests:
         return errors, []
-    large = large_errors(*errors.of_one_run(), model.outputs.units, model.name, model.scene.system, _length(model))
+    large = own_error.large_errors(
+        *errors.of_one_run(), model.outputs.units, model.name, model.scene.system, _length(model)
+    )
     return errors, [*large, *_up_to(part, "errors of the time step"), *said]
 
 
@@ -293,7 +278,7 @@ def _up_to(part: _Part, what: str) -> Iterator[Remark]:
 def _reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
     timings = Timings()
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
-    indicator = ErrorIndicator(model) if is_estimated(model.scene) else None
+    indicator = ErrorIndicator(model) if own_error.is_estimated(model.scene) else None
 
     part, steps = _furthest(
         lambda attempt: _reduced_part(model, values, attempt, indicator, timings, comm), model.scene.simulation
@@ -322,7 +307,7 @@ def _reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
     described = _described(
         model, part, frames, n_ranks, timings,
         (*remarks, *(rests or balance_remarks(balance, part.attempt.simulation.step, model.scene.system)),
-         *truncated_stresses(model.scene), *left_out_of_fields(fields.seen), *part.recorded["started"],
+         *own_error.truncated_stresses(model.scene), *left_out_of_fields(fields.seen), *part.recorded["started"],
          *jump_remarks(model, part.recorded["system"], part.recorded["start"], balance.strain),
          *remarks_of(model.scene, found)),
     )  # fmt: skip
@@ -344,15 +329,17 @@ def _errors(
     that stopped a run of `_Part.relied_on`."""
     watched, scene = known.recorded["watched"], model.scene
     if watched is None or known.run.status[0] != Status.FINE:
-        return None, [*absence_of_estimates(scene)] or [note(f"errors were not estimated: {STOPPED}")]
+        return None, [*own_error.absence_of_estimates(scene)] or [note(f"errors were not estimated: {STOPPED}")]
     with timings.phase("errors"):
         estimate = watched.estimate(known.run.status)
     absent = {name: why for name, (why,) in estimate.absent.items() if why}
     errors = EstimatedErrors(*estimate.histories[0], _largest(model, known.outputs), absent=absent)
-    large = large_errors(*errors.of_one_run(), model.outputs.units, system=scene.system, length=_length(model))
+    large = own_error.large_errors(
+        *errors.of_one_run(), model.outputs.units, system=scene.system, length=_length(model)
+    )
     until = _up_to(part, "errors") if len(absent) < len(errors.outputs) else ()
-    said = [*large, *until, *not_estimated(errors, scene), *few_steps(known.time.size - 1)]
-    return errors, [*said, *left_out_of_estimates(model)]
+    said = [*large, *until, *own_error.not_estimated(errors, scene), *own_error.few_steps(known.time.size - 1)]
+    return errors, [*said, *own_error.left_out_of_estimates(model)]
 
 
 def _reduced_part(

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from exported import scene_of
 from runs import QUICK_RETURN, quick_return, reduced_model
@@ -55,8 +56,10 @@ def with_field() -> Scene:
 
 def test_tables_too_large(model, monkeypatch) -> None:
     monkeypatch.setattr(constants, "MOST_NUMBERS", 10)
-    with pytest.raises(InputError, match=r"it: the tables have \d+ numbers; at most 10 are written"):
+    with pytest.raises(InputError, match=r"it: the tables have \d+ numbers; at most 10 are written\. Build with fewer"):
         constants_of(model, "it")
+    with pytest.raises(InputError, match=r"12 numbers; at most 10 are written\. Most say where the rigid mechanism is"):
+        constants.check_size({"terms_table": np.zeros(4), "branch_table": np.zeros(8)}, "it")
 
 
 @pytest.mark.parametrize("version", fmu.VERSIONS)

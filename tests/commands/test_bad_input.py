@@ -242,6 +242,7 @@ def test_a_run_that_leaves_the_range_ends_with_its_reason(mpirun: Callable, fold
     said = part.record.remarks[0].text
     assert part.status == Status.LEFT_RANGE and said.startswith("reduced simulation stopped at 0.")
     assert part.time.size > 1 and all(np.isfinite(values).all() for values in part.outputs.values())
+    assert said in pgmp("export", path, "-o", folder / "left_3.csv").stdout  # a table is of a part too
 
 
 def test_samples_that_leave_the_range_are_recorded_and_the_others_go_on(folder: Path) -> None:

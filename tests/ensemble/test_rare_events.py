@@ -307,6 +307,12 @@ def test_all_design_points_of_a_series_in_10_variables_are_found_at_1e_9() -> No
         assert rare_events.find(lambda u: limit_state(u @ turned), d, 5000, seed).design.beta.size == 4
 
 
+def cloud_of(points: np.ndarray, families: np.ndarray | None = None) -> importance.Cloud:
+    """Return points that count alike, of independent families unless these are given, whose g is not known."""
+    n = len(points)
+    return importance.Cloud(points, np.ones(n), np.arange(n) if families is None else families, np.zeros(n))
+
+
 def test_the_chosen_density_wastes_little_on_a_plane_and_on_a_ring() -> None:
     random = np.random.default_rng(4)
     beyond = random.standard_normal((400, 6))
@@ -315,7 +321,7 @@ def test_the_chosen_density_wastes_little_on_a_plane_and_on_a_ring() -> None:
     ring = (radius + random.exponential(0.25, 400))[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     events = ((beyond, lambda u: u[:, 0] > ONE_IN_TEN_THOUSAND), (ring, lambda u: np.hypot(*u.T) > radius))
     for points, inside in events:
-        density = importance.chosen_density(points, np.ones(400), random)
+        density = importance.chosen_density(cloud_of(points), random)
         drawn = density.draw(4000, random)
         weights = np.where(inside(drawn), np.exp(importance.log_normal(drawn) - density.log(drawn)), 0.0)
         assert weights.mean() == pytest.approx(1e-4, rel=4.0 * weights.std() / weights.mean() / np.sqrt(4000))
@@ -329,7 +335,7 @@ def test_outside_of_a_ball_is_drawn_from_where_it_is_all_of_the_event() -> None:
     radii = np.sqrt(chi2.isf(chance * (1.0 - random.random(400)), d))
     directions = random.standard_normal((400, d))
     points = radii[:, None] * directions / np.linalg.norm(directions, axis=1)[:, None]
-    density = importance.chosen_density(points, np.ones(400), random)
+    density = importance.chosen_density(cloud_of(points), random)
     assert density.share == pytest.approx(0.8) and density.outside >= chance
     drawn = density.draw(4000, random)
     within = np.sum(drawn**2, axis=1) >= chi2.isf(chance, d)
@@ -423,10 +429,9 @@ def test_families_are_not_torn_apart_and_both_halves_have_some() -> None:
 def test_means_are_shrunk_by_what_their_families_leave_open() -> None:
     points = np.tile([4.0, 0.2, -0.3], (10, 1))
     # of five families of two each the squared error is 1 / 5
-    unknown = np.zeros(10)
-    found = importance._shrunk_mean(points, np.ones(10), np.repeat(np.arange(5), 2), unknown)
+    found = importance._shrunk_mean(cloud_of(points, np.repeat(np.arange(5), 2)))
     np.testing.assert_allclose(found, [4.0 * (1.0 - 2.0 / 5.0 / 16.0), 0.0, 0.0], rtol=1e-12)
-    alone = importance._shrunk_mean(points, np.ones(10), np.zeros(10, dtype=int), unknown)
+    alone = importance._shrunk_mean(cloud_of(points, np.zeros(10, dtype=int)))
     np.testing.assert_allclose(alone, [4.0 * (1.0 - 2.0 / 16.0), 0.0, 0.0], rtol=1e-12)
 
 
@@ -435,11 +440,11 @@ def test_of_a_plane_border_the_slope_tells_the_mean_and_of_a_round_one_it_does_n
     normal = np.full(d, 1.0 / np.sqrt(d))
     points = random.standard_normal((70, d))
     points += np.outer(4.0 + random.exponential(0.25, 70) - points @ normal, normal)
-    found = importance._shrunk_mean(points, np.ones(70), np.arange(70), 4.0 - points @ normal)
+    found = importance._shrunk_mean(cloud_of(points)._replace(values=4.0 - points @ normal))
     # without the slope the mean is off by sqrt(d / 70) = 0.5; what passes for signal beside it is 0.2 to 0.3 of that
     along = found @ normal
     assert along == pytest.approx(np.mean(points @ normal), rel=1e-6)
-    unknown = importance._shrunk_mean(points, np.ones(70), np.arange(70), np.zeros(70))
+    unknown = importance._shrunk_mean(cloud_of(points))
     assert np.linalg.norm(found - along * normal) < 0.8 * np.linalg.norm(unknown - unknown @ normal * normal)
     np.testing.assert_allclose(importance._slope(points, 4.0 - points @ normal), -normal, atol=1e-6)
     around = random.standard_normal((200, 2))
@@ -464,13 +469,12 @@ def test_directions_are_those_of_the_parts_of_an_event() -> None:
     random = np.random.default_rng(10)
     points = random.standard_normal((600, 10))
     points[np.arange(600), np.arange(600) % 4] = 3.0 + random.exponential(0.3, 600)
-    found = rare_events.directions_of(points, np.arange(600), 3.0 - points[:, :4].max(axis=1), random)
+    cloud = cloud_of(points)._replace(values=3.0 - points[:, :4].max(axis=1))
+    found = rare_events.directions_of(cloud, random)
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, rtol=1e-12)
     assert np.all(found[:, :4].max(axis=0) > 0.8)
     # the mean of points all around is shrunk to nothing
-    assert rare_events.directions_of(
-        np.array([[1.0, 0.0], [-1.0, 0.0]] * 4), np.arange(8), np.zeros(8), random
-    ).shape == (0, 2)
+    assert rare_events.directions_of(cloud_of(np.array([[1.0, 0.0], [-1.0, 0.0]] * 4)), random).shape == (0, 2)
 
 
 def test_a_small_cluster_counts_as_much_as_others() -> None:

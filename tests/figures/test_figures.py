@@ -197,6 +197,8 @@ def test_densities_are_those_of_the_law(law):
     assert not kernel_density(np.full(5, 2.0), places).any()
     many = np.append(values, np.zeros(60_000))  # a contact that is open in six of ten samples
     np.testing.assert_allclose(kernel_density(many, places), 0.4 * found, rtol=1e-9)
+    (said,) = visible(densities([constant(0.0), constant(3.0)]))[1].texts
+    assert said.get_text() == "no density to compare with"
     assert repeated(many) == [(0.0, 0.6)] and not repeated(values) and not repeated(np.full(9, 0.1) + 1e-17)
 
 

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from hashlib import sha256
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from pgmp_petsc.mesh.cad_part import CadPart, read_part
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.studies.inputs import with_meshes
 
-pytest.importorskip("gmsh")
+pytestmark = pytest.mark.skipif(find_spec("gmsh") is None, reason="gmsh is not installed")
 MM = 1e-3
 
 

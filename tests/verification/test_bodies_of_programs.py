@@ -1,7 +1,7 @@
 """One rotor through the files of every program: the same frequencies in `pgmp modes`, free and on a hinge.
 
 A round shaft with a disc in the middle, on a coarse mesh whose first free frequency is 104.637 Hz: its length is chosen
-so. The mesh's own error is 2.6 %, which finer ones show; readers have to hand over the same body.
+so. The mesh's own error is 5.3 %, which finer ones show; readers have to hand over the same body.
 """
 
 import io
@@ -36,9 +36,9 @@ from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.results import ModesTable
 from pgmp_petsc.scene import load_scene
 
-LENGTH, E, RHO = 0.84941467, 210e9, 7800.0  # m, Pa, kg/m3
+LENGTH, E, RHO = 0.86130775, 210e9, 7800.0  # m, Pa, kg/m3
 RADIUS, DISC, WIDTH = 0.01, 0.06, 0.02  # of the shaft and the disc, and how wide this is, m
-KNOWN = 104.637  # Hz
+COARSE, KNOWN = 2, 104.637  # cells on either side of the disc, Hz
 SAME = 1e-6
 SCENE = f"""
 [scene]
@@ -111,7 +111,7 @@ def rotor_mesh(n: int) -> SolidMesh:
     return solid_mesh(meshio.Mesh(nodes, blocks, cell_data=tagged, field_data=names), 3, "rotor")
 
 
-MESH = rotor_mesh(3)
+MESH = rotor_mesh(COARSE)
 STIFFNESS, MASS = matrices_of(body_of(MESH, E, RHO))
 #: What stands for ansys-mapdl-reader where there is no Ansys to write a .full: rows from 0, one triangle.
 READER = """
@@ -214,9 +214,9 @@ def test_finer_meshes_lie_between_two_beams() -> None:
         return float(np.linalg.det([[0, 1, 0, 1], [m, k, m, -k], [-c, -s, ch, sh], [s, -c, sh, ch]]))
 
     soft, rigid = (brentq(free, 80.0, 130.0, args=(half,)) for half in (0.5 * LENGTH, 0.5 * (LENGTH - WIDTH)))
-    coarse, fine, finest = (free_frequency(*matrices_of(body_of(rotor_mesh(n), E, RHO))) for n in (3, 12, 24))
+    coarse, fine, finest = (free_frequency(*matrices_of(body_of(rotor_mesh(n), E, RHO))) for n in (COARSE, 12, 24))
     assert coarse == pytest.approx(KNOWN, rel=1e-8)
-    assert soft < finest < fine < rigid < 1.05 * soft and coarse == pytest.approx(finest, rel=0.03)
+    assert soft < finest < fine < rigid < 1.05 * soft and coarse == pytest.approx(finest, rel=0.06)
 
 
 @pytest.mark.parametrize("program", FILES)
@@ -322,7 +322,7 @@ def test_what_is_no_body_is_refused_in_one_message_on_any_number_of_ranks(folder
     for name, text in {
         "none.bdf": "$ nothing\nMAT1           1   2.1+9              .3\n", "none.cdb": "/PREP7\n", "run.op2": "",
         "none.pch": "DMIG    P              0       6       2       0\n", "reduced.pch": modal,
-        "two.pch": (folder / "rod.pch").read_text().replace("KAAX", "MBBX"),
+        "two.pch": modal.replace("KAAX", "MAAX") + modal.replace("KAAX", "MBBX"),
         "cut.op4": (folder / "rod_k.op4").read_text()[:5000],
     }.items():  # fmt: skip
         (folder / name).write_text(text)

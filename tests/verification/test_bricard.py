@@ -59,7 +59,7 @@ class Quadrature:
     With theta = (1 - cos u) pi / 2 what is integrated is an even, smooth and periodic function of u.
     """
 
-    def __init__(self, n: int = 96) -> None:
+    def __init__(self, n: int = 64) -> None:
         u = (np.arange(n) + 0.5) * np.pi / n
         q, rates, start = np.zeros(6), [], self.at(np.zeros(6))[1]
         for theta in 0.5 * np.pi * (1.0 - np.cos(u)):

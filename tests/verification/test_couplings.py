@@ -188,8 +188,9 @@ def test_turns_behind_a_gear_are_counted_between_places_far_apart() -> None:
     np.testing.assert_allclose([*turns.slopes, turns.offset], [120.0, 0.0, 0.0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.usefixtures("coarse")
 def test_effects_on_motors_that_turn_too_far_between_places_are_warned_of() -> None:
-    remarks = [remark.text for remark in rom_of(_geared_arm(300.0)).record.remarks]
+    remarks = [remark.text for remark in rom_of(_geared_arm(37.5)).record.remarks]
     (found,) = (text for text in remarks if "from one place to the next" in text)
     assert re.search(r"body 'rotor' turns by 0.94 rad .* may be off by 0.2 %", found)
 

@@ -278,7 +278,7 @@ def test_angles_come_where_the_modes_change_fast() -> None:
 
 
 def test_models_of_all_lengths_have_the_angles_that_the_extreme_ones_ask_for() -> None:
-    more = (*SMALL, "reduction.sampling_tolerance=0.05", "reduction.max_angles=192")
+    more = (*SMALL, "reduction.sampling_tolerance=0.1", "reduction.max_angles=192")
     scene = long_crank(*more)
     rom = rom_of(scene)
     common = rom.tables.samples.axes[0].theta

@@ -502,6 +502,9 @@ def test_polar_diagrams_of_runs() -> None:
     assert axes.get_title(loc="left") == "hinge (N)"
     angle, size = axes.lines[0].get_data()
     np.testing.assert_allclose(size * np.cos(angle), run.outputs["x"], rtol=0, atol=1e-12)
+    first = outputs("hinge", **along("x", "y"), a='component="x", of="first"', b='component="y", of="first"')
+    both = motion("full", scene_from_toml(PENDULUM, ".", (*first, "simulation.duration=0.01")))
+    assert joint_forces(both) == [Load("x, y", ("x", "y")), Load("a, b", ("a", "b"))]
     with pytest.raises(InputError, match="no joint has its forces along x and y"):
         loads(motion("full", scene_from_toml(PENDULUM, ".", ("simulation.duration=0.01",))), "forces")
 

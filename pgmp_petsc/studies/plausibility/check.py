@@ -28,14 +28,7 @@ from pgmp_petsc.scene.messages import Finding, doubt, input_error, refusal
 from pgmp_petsc.scene.parameters import Parameter, share_below
 from pgmp_petsc.scene.references import DEGREES, points_used, stressed_bodies
 from pgmp_petsc.scene.uses import length_names, slides, uses_of
-from pgmp_petsc.studies.plausibility.bodies import (
-    Size,
-    body_findings,
-    first_frequency,
-    material_findings,
-    matrix_findings,
-    sizes_of,
-)
+from pgmp_petsc.studies.plausibility import bodies
 from pgmp_petsc.studies.plausibility.loads import formula_findings, load_findings, motion_findings, stop_findings
 
 SEVERAL, SHOWN = 3, 6  # findings that are reported as one, and entries of them that are named
@@ -53,14 +46,14 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
     meshes : mapping, optional
         Mesh of every body. Without it only straight beams are looked at, and stops of coordinates.
     """
-    first = cache(lambda: first_frequency(scene, meshes or {}))
-    sizes, system = sizes_of(scene, meshes or {}), scene.number_units
+    first = cache(lambda: bodies.first_frequency(scene, meshes or {}))
+    sizes, system = bodies.sizes_of(scene, meshes or {}), scene.number_units
     findings = [
         *parameter_findings(scene),
-        *material_findings(scene, system),
+        *bodies.material_findings(scene, system),
         *system_findings(scene),
-        *body_findings(scene, sizes, system),
-        *matrix_findings(scene, meshes or {}, system),
+        *bodies.body_findings(scene, sizes, system),
+        *bodies.matrix_findings(scene, meshes or {}, system),
         *load_findings(scene, sizes, system, first),
         *motion_findings(scene, sizes, system),
         *setting_findings(scene, sizes, first),
@@ -103,7 +96,7 @@ LARGE_TABLES, LARGEST_TABLES = 16e9, 1e12  # bytes
 Frequency = Callable[[], float | None]
 
 
-def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) -> Iterator[Finding]:
+def setting_findings(scene: Scene, sizes: Mapping[str, bodies.Size], first: Frequency) -> Iterator[Finding]:
     """Yield settings that do not go together; `first` returns the first frequency of the mechanism, Hz, if it can be
     had."""
     simulation = scene.simulation
@@ -115,14 +108,11 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
         low, high = coordinate.range
         if slides(scene, coordinate):
             continue
-        entry, what = (
-            f"coordinates.{name}.range",
-            f"{(high - low) / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}",
-        )
+        entry = f"coordinates.{name}.range"
         if high - low < SMALL_RANGE:
             yield doubt(entry, "hardly a range; it is in rad, and a run ends where it leaves it", [low, high])
         elif _like_degrees(low, high) and coordinate.joint not in geared:
-            yield doubt(entry, what, [low, high])
+            yield doubt(entry, _in_turns(high - low), [low, high])
     for name, body in scene.bodies.items():
         if (given := body.placement) is None:
             continue
@@ -135,7 +125,7 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
         position = state.position
         if isinstance(position, float) and position % DEGREES == 0.0 and abs(position) > WHOLE_TURN:
             where = f"simulation.initial.{name}.position"
-            yield doubt(where, f"{position / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}", position)
+            yield doubt(where, _in_turns(position), position)
     yield from _tables(scene)
     yield from _breaks(scene)
     yield from _without_effect(scene)
@@ -145,6 +135,10 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size], first: Frequency) 
         yield doubt("outputs", "none: a run reports nothing, and an ensemble has no statistics; add [outputs.NAME]")
 
 
+def _in_turns(angle: float) -> str:
+    return f"{angle / (2 * math.pi):.3g} turns; is it in degrees? {IN_RAD}"
+
+
 def _like_degrees(low: float, high: float) -> bool:
     """Whether a range of an angle is one of degrees: both ends are multiples of 5, or of 1/2 and two turns apart."""
     length = high - low
@@ -152,7 +146,7 @@ def _like_degrees(low: float, high: float) -> bool:
     return fives and length > WHOLE_TURN or halves and length > 2.0 * WHOLE_TURN
 
 
-def _steps(scene: Scene, sizes: Mapping[str, Size], first: Frequency) -> Iterator[Finding]:
+def _steps(scene: Scene, sizes: Mapping[str, bodies.Size], first: Frequency) -> Iterator[Finding]:
     simulation = scene.simulation
     step, n_steps = simulation.step, simulation.duration / simulation.step
     if n_steps <= 1.0:
