@@ -207,6 +207,7 @@ class Matrices(Table):
 
 #: Entries of an inertia in space, in their order; where each is in the tensor.
 MOMENTS = {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), "ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
+IN_ORDER = tuple(map(list, zip(*MOMENTS.values())))  # of a tensor, its entries in the order of a scene's
 ROUNDED = 3e-3  # of the largest moment: moments of flat bodies of three figures may be off by so much
 SINGULAR = 1e-12  # of the largest moment: one below is zero
 

@@ -30,6 +30,7 @@ from pgmp_petsc.models import FullModel
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.results.numbers import behind
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.bodies import IN_ORDER, MOMENTS
 from pgmp_petsc.scene.border import in_own_units, own_units, to_own
 from pgmp_petsc.scene.references import parts_of, points_used
 from pgmp_petsc.scene.uses import length_names
@@ -190,10 +191,10 @@ def _given(scene: Scene, name: str) -> MassProperties | None:
 def _properties_text(found: MassProperties, scene: Scene) -> str:
     system = scene.system
     centre = ", ".join(f"{x:.6g}" for x in system.shown(found.centre, "m"))
-    moments = system.shown(found.inertia[np.triu_indices(len(found.inertia))], "kg m2")
+    moments = system.shown(found.inertia[IN_ORDER] if len(found.inertia) > 1 else found.inertia[0], "kg m2")
     kept = np.where(np.abs(moments) > ROUND_OFF * np.abs(moments).max(), moments, 0.0)
     inertia = ", ".join(f"{x:.6g}" for x in kept)
-    which = "" if len(found.inertia) == 1 else " (xx, xy, xz, yy, yz, zz)"
+    which = "" if len(found.inertia) == 1 else f" ({', '.join(MOMENTS)})"
     mass, metre, of_inertia = system.text(found.mass, "kg", ".6g"), system.unit("m"), system.unit("kg m2")
     return f"{mass}, centre of mass ({centre}) {metre}, inertia about it{which} {inertia} {of_inertia}"
 

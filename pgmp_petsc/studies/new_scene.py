@@ -30,7 +30,7 @@ from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.mesh.cad_part import CadPart, read_part
 from pgmp_petsc.mesh.matrix_files import PROGRAM
 from pgmp_petsc.mesh.reading import check_file, made_by
-from pgmp_petsc.scene.bodies import CAD
+from pgmp_petsc.scene.bodies import CAD, IN_ORDER, MOMENTS
 from pgmp_petsc.scene.loading import scene_from_toml
 from pgmp_petsc.studies.plausibility.bodies import sizes_of
 
@@ -157,7 +157,7 @@ def _lines(part: CadPart, name: str, hold: _Place, load: _Place) -> list[str]:
     box = " x ".join(f"{extent:.4g}" for extent in np.ptp(mesh.nodes, axis=0))
     centre = ", ".join(f"{x:.5g}" for x in part.centre)
     inertia = np.where(np.abs(part.inertia) > ROUND_OFF * np.abs(part.inertia).max(), part.inertia, 0.0)
-    moments = ", ".join(f"{x:.4g}" for x in (density * inertia)[np.triu_indices(3)])
+    moments = ", ".join(f"{x:.4g}" for x in (density * inertia)[IN_ORDER])
     share = Solid("part", mesh, ()).volume / part.volume - 1.0
     n_pins = sum(not one.inner for one in part.cylinders)
     lines = _cylinder_lines(part)
@@ -166,7 +166,7 @@ def _lines(part: CadPart, name: str, hold: _Place, load: _Place) -> list[str]:
         f"  part          {name}: {box} mm, {part.volume:.6g} mm3, {part.n_faces} faces, "
         f"{len(part.cylinders) - n_pins} bores, {n_pins} pins",
         f"  of steel      {density * part.volume:.4g} kg, centre of mass ({centre}) mm, inertia about it "
-        f"(xx, xy, xz, yy, yz, zz) {moments} kg mm2",
+        f"({', '.join(MOMENTS)}) {moments} kg mm2",
         *(f"  {'bore' if one.inner else 'pin':12}  {line}" for one, line in zip(part.cylinders, lines)),
         f"  mesh          {mesh.n_nodes} nodes, {mesh.n_cells} {mesh.kind}, {mass}",
         f"  scene         held at {hold.name}, loaded at {load.name}",
@@ -355,7 +355,7 @@ def _rigid(body: _Body) -> list[str]:
         f"[bodies.{body.name}]",
         f"rigid.mass = {link['mass']!r}  # kg",
         f"rigid.centre = {_exact(link['centre'])}  # m",
-        f"rigid.inertia = {_exact(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])}  # kg m2: xx, yy, zz, xy, xz, yz",
+        f"rigid.inertia = {_exact(tensor[IN_ORDER])}  # kg m2: {', '.join(MOMENTS)}",
         f"rigid.points = {_points(body.points)}  # m",
         f"placement = {{ origin = {_exact(body.place[:3, 3])}, rotation = {_exact(turn)} }}  # m, rad",
         "",

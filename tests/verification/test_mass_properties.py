@@ -290,8 +290,8 @@ def test_check_says_the_mass_properties() -> None:
     meshes = meshes_of(scene)
     said = describe_scene(scene, meshes)
     assert (
-        "top: rigid, 2 kg, centre of mass (0.05, 0, 0.1) m, inertia about it (xx, xy, xz, yy, yz, zz) "
-        "0.02, 0.003, -0.002, 0.03, 0.004, 0.025 kg m2, weights of its mass 1, a, c" in said
+        "top: rigid, 2 kg, centre of mass (0.05, 0, 0.1) m, inertia about it (ixx, iyy, izz, ixy, ixz, iyz) "
+        "0.02, 0.03, 0.025, 0.003, -0.002, 0.004 kg m2, weights of its mass 1, a, c" in said
     )
     body = summary_of_scene(scene, meshes)["bodies"]["top"]
     assert body["element"] == "rigid" and body["mass"] == 2.0 and body["centre"] == [0.05, 0.0, 0.1]
