@@ -363,7 +363,7 @@ def flipping_signs(n: int, flipped: np.ndarray) -> np.ndarray:
 N_FINE = 1024  # cubic spline: an error of (2 pi / 1024)^4 / 384 = 4e-12 of the fourth derivative
 N_FINE_OF_MORE = 192  # along each axis of two coordinates: 3e-9 of the fourth derivative, and some 40 MB
 #: rad of a body from one place to the next, by which splines of its directors err by 3e-7; places more that it may take
-FURTHEST_TURN, MOST_PARTS = 0.1, (16, 2, 1)
+SMALL_TURN, MOST_FINER = 0.1, (16, 2, 1)
 #: Of three: parts of each cell between samples, and the fewest points. With 16 angles over 3.2 rad an error of 7e-8 of
 #: the fourth derivative, and 100,000 points.
 PARTS_OF_THREE, FEWEST_OF_THREE = 3, 16
@@ -381,13 +381,13 @@ def fine_grid(samples: SampleGrid) -> SampleGrid:
 
 def grid_of_places(samples: SampleGrid, kinematics: RigidKinematics, actions: Sequence[Action]) -> SampleGrid:
     """Return the grid on which it is tabulated where actions hold: `fine_grid`, and finer where their bodies turn far
-    between its places, as motors behind gears do; up to `MOST_PARTS` times as many places."""
+    between its places, as motors behind gears do; up to `MOST_FINER` times as many places."""
     fine, bodies = fine_grid(samples), acted_bodies(actions)
     if not bodies:
         return fine
     turning = kinematics.turning(kinematics.rates(kinematics.poses(samples.theta)))[bodies].max(axis=0)
-    parts = np.maximum(turning * steps_of(fine) / FURTHEST_TURN, 1.0)
-    too_many = parts.prod() / MOST_PARTS[samples.n_coordinates - 1]
+    parts = np.maximum(turning * steps_of(fine) / SMALL_TURN, 1.0)
+    too_many = parts.prod() / MOST_FINER[samples.n_coordinates - 1]
     if too_many > 1.0:
         parts = np.maximum(np.where(parts > 1.0, parts * too_many ** (-1.0 / np.sum(parts > 1.0)), 1.0), 1.0)
     return _even(samples, [int(np.ceil(axis.n * own)) for axis, own in zip(fine, parts)])
