@@ -73,7 +73,7 @@ def write_sources(constants: Constants, folder: str | Path) -> int:
     """Write a model in C into a folder, made if there is none, and return the number of bytes; one process. Raises
     `InputError` if the folder cannot be made, a file in it is not of this program, or an output has a name that it may
     not have; `RunError` if the system fails to write."""
-    for name in COLUMNS & constants.output_units.keys():
+    for name in sorted(COLUMNS & constants.output_units.keys()):
         raise InputError(f"outputs.{name}: main.c prints a column of this name; give the output another, build anew")
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():

@@ -160,9 +160,11 @@ def _by_differences(
         for share, enough in FURTHER:
             offs = [off for output, slopes in found.items() for off in slopes.offs(output)]
             doubted = [name for name in names if any(off.share > enough and off.parameter == name for off in offs)]
+            if not doubted:
+                continue
             beside = Differences.of(model, values, doubted, share)
             try:
-                other, _, runs = _runs_beside(model, beside) if doubted else (attempt, times, {})
+                other, _, runs = _runs_beside(model, beside)
             except PgmpError:
                 continue  # what is further away may have no run
             for output in runs if other.divisor == attempt.divisor else ():

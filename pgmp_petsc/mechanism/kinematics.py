@@ -294,11 +294,14 @@ class RigidKinematics:
         """Return ``dP/dtheta_k`` at poses (n_bodies, n_pose, n), shape (n_bodies, n_pose, n_theta, n)."""
         return self._closure.rates(poses)
 
-    def turning(self, rates: np.ndarray) -> np.ndarray:
-        """Return by how much bodies turn with each coordinate where they turn most, from rates of poses (n_bodies,
-        n_pose, n_theta, n), shape (n_bodies, n_theta), rad per rad or m."""
-        turns = self.mechanism.space.turns
-        return np.stack([turns(rates[:, :, k]).max(axis=-1) for k in range(self.n_coordinates)], axis=1)
+    def turning(self, poses: np.ndarray) -> np.ndarray:
+        """Return by how much bodies turn with each coordinate, at that of poses (n_bodies, n_pose, n) where they turn
+        most, shape (n_bodies, n_theta), rad per rad or m."""
+        return self._turns_of(self.rates(poses)).max(axis=-1)
+
+    def _turns_of(self, rates: np.ndarray) -> np.ndarray:
+        """Return how far bodies turn with each coordinate, shape (n_bodies, n_theta, n), rad per rad or m."""
+        return np.stack([self.mechanism.space.turns(rates[:, :, k]) for k in range(self.n_coordinates)], axis=1)
 
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``d2P/dtheta_k dtheta_l``, (n_bodies, n_pose, n_theta, n_theta, n), from poses and their rates."""
@@ -334,7 +337,7 @@ class RigidKinematics:
         than two coordinates would be large, and is where Newton's method starts."""
         if self.mechanism.space is not SPATIAL or len(axes) > 2:
             return start, axes
-        turns = self.turning(self.rates(assembled)).max(axis=0) * [axis[1] - axis[0] for axis in axes]
+        turns = self.turning(assembled).max(axis=0) * [axis[1] - axis[0] for axis in axes]
         parts = [max(int(np.ceil(turn / FURTHEST_TURN)), 1) for turn in turns]
         while max(parts) > 1 and math.prod(a.size * n for a, n in zip(axes, parts)) > MOST_PLACES / len(axes) ** 2:
             parts = [-(-n // 2) if n == max(parts) else n for n in parts]
@@ -343,11 +346,14 @@ class RigidKinematics:
 
     def _is_smooth(self) -> bool:
         """Return whether over two coordinates polynomials over several places of the table come to the poses in
-        between: where two motors turn quickly more of them are needed than anyone asks poses for."""
+        between: where two motors turn quickly more of them are needed than anyone asks poses for. Bodies that do near
+        singular configurations alone leave them where they are."""
         if self.branch is None or self.n_coordinates != 2:
             return False
-        turns = self.turning(np.moveaxis(self.branch.rates, 0, -1)) * self.branch.steps
-        return self.mechanism.space is not SPATIAL or bool(np.all(turns <= 2.0 * FURTHEST_TURN))
+        if self.mechanism.space is not SPATIAL:
+            return True
+        turns = np.median(self._turns_of(np.moveaxis(self.branch.rates, 0, -1)), axis=-1) * self.branch.steps
+        return bool(np.all(turns <= 2.0 * FURTHEST_TURN))
 
     def _assemble(self, axes: Sequence[np.ndarray]) -> tuple[list[int], np.ndarray]:
         """Return the numbers of the first configuration along the axes, and the poses there."""

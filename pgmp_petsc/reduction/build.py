@@ -269,7 +269,7 @@ def _doubts(cosine: float, n_redundant: int, indefinite: str) -> Iterator[Remark
 def _quick_places(effects: Sequence[Effect], kinematics: RigidKinematics, samples: SampleGrid) -> Iterator[Remark]:
     """Warn of effects at bodies that turn, as motors behind gears do, too far from one place to the next of the table
     by whose splines forces know where they stand (`grid_of_places`): directors err by h^4 / 384 over h rad."""
-    turning = kinematics.turning(kinematics.rates(kinematics.poses(samples.theta)))
+    turning = kinematics.turning(kinematics.poses(samples.theta))
     turns = np.max(turning * steps_of(grid_of_places(samples, kinematics, actions_of(effects))), axis=1)
     for effect in effects:
         bodies = acted_bodies(effect.actions())

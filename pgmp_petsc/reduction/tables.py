@@ -385,7 +385,7 @@ def grid_of_places(samples: SampleGrid, kinematics: RigidKinematics, actions: Se
     fine, bodies = fine_grid(samples), acted_bodies(actions)
     if not bodies:
         return fine
-    turning = kinematics.turning(kinematics.rates(kinematics.poses(samples.theta)))[bodies].max(axis=0)
+    turning = kinematics.turning(kinematics.poses(samples.theta))[bodies].max(axis=0)
     parts = np.maximum(turning * steps_of(fine) / SMALL_TURN, 1.0)
     too_many = parts.prod() / MOST_FINER[samples.n_coordinates - 1]
     if too_many > 1.0:
