@@ -274,9 +274,9 @@ LOOSE = ("joints.elbow.offset={place=[0.0,'d']}", "parameters.d={nominal=1e-4,un
 @pytest.mark.parametrize(
     "beside",
     [
-        ("bodies.rod.line.length=0.7", "reduction={sampling_tolerance=1e-2,interpolation='spline',modes=2,angles=12}"),
-        ("bodies.rod.line.length=0.7", "reduction.parameter_modes=1", "reduction.angles=96", "reduction.max_angles=400"),
-        ("reduction.angles=96",),
+        ("bodies.rod.line.length=0.7", "reduction={sampling_tolerance=1e-2,interpolation='spline',modes=2,angles=5}"),
+        ("bodies.rod.line.length=0.7", "reduction.parameter_modes=1", "reduction.angles=20", "reduction.max_angles=80"),
+        ("reduction.angles=20",),
     ],
 )
 def test_offsets_that_strain_nothing_have_no_part_in_the_angles(beside: tuple[str, ...]) -> None:
