@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from length_scenes import SLIDER_CRANK, SMALL, long_crank
+from length_scenes import PART, SLIDER_CRANK, SMALL, long_crank
 from mpi4py import MPI
 from runs import PGMP, full_model, in_turn, overridden, rom_of
 
@@ -33,7 +33,7 @@ def test_two_ranks_build_and_draw_lengths_as_one_does(tmp_path: Path) -> None:
     said = f"{done.stdout}\n{done.stderr}"
     assert statuses == [[0, 0]] * 3 + [[2, 2]] + [[0, 0]], said
     # 3 points, of which one is nominal, and a model between them
-    assert "models at 3 points, 3 along each, and one more to compare with, times 12 configurations are 48 eig" in said
+    assert "models at 3 points, 3 along each, and one more to compare with, times 5 configurations are 20 eig" in said
     assert "parameters.rod_length.value = 0.6: must lie inside the parameter's bounds" in said
     assert "/lengths/<models of all lengths>/projection" in said
 
@@ -66,7 +66,7 @@ def test_two_ranks_take_angles_and_values_of_the_nominal_lengths_as_one_does(mpi
     path.write_text(SLIDER_CRANK, encoding="utf-8")
     settings = (
         "reduction.parameter_modes=2", "reduction.length_points=2", "reduction.second_order=false", "reduction.modes=2",
-        "reduction.angles=12",
+        "reduction.angles=5", PART,
     )  # fmt: skip
     mpirun(2, *PGMP, "build", path, *overridden(*settings), "-o", rom)
     found, own = ReducedOrderModel.read(rom), rom_of(long_crank(*settings))
