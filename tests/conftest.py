@@ -98,7 +98,6 @@ THOROUGH = (
     "verification/test_error_indicator.py::test_estimates_see_friction_stops_and_the_step[frame_in_space]",
     "verification/test_exported.py::test_component_models[six_joint_arm]",
     "verification/test_exported.py::test_component_models[scara]",
-    "verification/test_exported.py::test_it_runs_as_the_program[two coordinates]",
     "verification/test_exported.py::test_loads_that_set_in_at_once[0.0005-2.0-2]",
     "verification/test_grid_tables.py::test_the_order_in_the_angle_spacing[overhauser-3.0]",
     "verification/test_joint_forces.py::test_a_reduced_model_against_the_full_order_one[by a torque]",
