@@ -11,6 +11,7 @@ from refusals import cases, check_said, refusal
 from runs import assert_close, motion, reduced_model, trajectory
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from test_formulas import LAWS, START
 
 from pgmp_petsc.effects.motion import GIVEN, BaseMotion, acceleration_of
 from pgmp_petsc.scene import scene_from_toml
@@ -188,11 +189,13 @@ def test_what_is_given_is_differentiated(of: str) -> None:
 
 @needs_compiler
 @pytest.mark.usefixtures("short_tables")
-@pytest.mark.parametrize("base", [BASE.format(ROWS).replace("displacement", "velocity"), BASE.format(AWAY)])
-def test_a_shaken_model_in_c(base: str, tmp_path: Path) -> None:
+def test_a_shaken_model_in_c(tmp_path: Path) -> None:
     """Velocities in a table, which are differentiated for the motion and integrated for places; a base that begins
-    elsewhere."""
-    assert_same_in_c(reduced_model(cart(base, "reduction.angles=6", *(one.format("true") for one in TIP))), tmp_path)
+    elsewhere; and formulas."""
+    table = BASE.format(ROWS).replace("displacement", "velocity")
+    away = BASE.format(AWAY).replace("effects.base", "effects.away").replace("[1.0,0.0]", "[0.0,1.0]")
+    scene = cart(table, away, "reduction.angles=6", *(one.format("true") for one in TIP), *START, *LAWS)
+    assert_same_in_c(reduced_model(scene), tmp_path)
 
 
 REFUSED = """

@@ -167,11 +167,6 @@ def test_derivatives_by_stiffness_and_damping_are_central_differences():
     compare(reduced_model(machine(*DERIVED)))
 
 
-@exported.needs_compiler
-def test_c_code_runs_as_the_model(tmp_path):
-    exported.assert_same_in_c(reduced_model(machine(*REDUCED)), tmp_path)
-
-
 MOVED = (
     *REDUCED[:2], "simulation={duration=0.02,step=2e-4,initial={theta={position=0.7}}}",
     "parameters.up={nominal=1e-3,unit='m'}", "parameters.aside={nominal=-5e-4,unit='m'}",
@@ -268,8 +263,14 @@ def test_derivatives_by_offsets_of_elastic_joints_are_central_differences():
         compare(ReducedModel(moving, model.rom))
 
 
+CARRIED = (
+    "effects.inner={type='structural_damping',stiffness=1e-5,mass=0.3}",
+    *(f"outputs.{joint}={{type='joint_force',joint='{joint}',component='y'}}" for joint in ("one", "hub")),
+)
+
+
 @exported.needs_compiler
-@pytest.mark.parametrize("start", [MOVED, ("initial.equilibrium=true", *REDUCED[:2])])
+@pytest.mark.parametrize("start", [MOVED, ("initial.equilibrium=true", *REDUCED[:2], *CARRIED)])
 def test_c_code_starts_from_the_balance_of_its_export(start, tmp_path):
     model = reduced_model(machine(*start, "effects.weight={type='gravity'}", "simulation.step=1e-3"))
     exported.assert_same_in_c(model, tmp_path)

@@ -106,7 +106,10 @@ def test_adaptive_sampling_adds_angles_along_the_coordinate_that_needs_them() ->
         )
         assert errors[-1] < tolerance
     assert {shape[0] for shape in shapes} == {7} and shapes[0][1] < shapes[1][1] < shapes[2][1]
-    for most, why in {20: "16 .* it is not known how much they miss, and .* 49", 60: "49 .* by .* near theta2 = "}.items():
+    for most, why in {
+        20: "16 .* it is not known how much they miss, and .* 49",
+        60: "49 .* by .* near theta2 = ",
+    }.items():
         with pytest.raises(RunError, match=f"with {why}.*; raise"):
             rom_of(double_pendulum(*part, "reduction.sampling_tolerance=1e-6", f"reduction.max_angles={most}"))
 
