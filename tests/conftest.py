@@ -87,8 +87,6 @@ THOROUGH = (
     "bodies/test_components.py::test_a_component_does_not_depend_on_ranks_but_for_its_internal_coordinates[hexahedron20-3]",
     "test_contacts_benchmark.py::test_contacts_are_counted_and_timed",
     "verification/test_component_stiffening.py::test_a_slider_crank_is_that_of_the_mesh[solids]",
-    "verification/test_damping_and_drives.py::test_the_decay_of_a_mode[both]",
-    "verification/test_damping_and_drives.py::test_the_decay_of_a_mode[mass]",
     "verification/test_couplings.py::test_reduced_runs_are_those_of_full_order_and_of_c[gear]",
     "verification/test_error_indicator.py::test_estimates_are_within_a_factor_of_the_true_errors[sudden step]",
     "verification/test_error_indicator.py::test_the_scene_is_within_the_factor_on_nearly_all_of_many_samples[false]",
