@@ -97,8 +97,6 @@ THOROUGH = (
     "verification/test_exported.py::test_component_models[six_joint_arm]",
     "verification/test_exported.py::test_component_models[scara]",
     "verification/test_exported.py::test_loads_that_set_in_at_once[0.0005-2.0-2]",
-    "verification/test_grid_tables.py::test_the_order_in_the_angle_spacing[overhauser-3.0]",
-    "verification/test_joint_forces.py::test_a_reduced_model_against_the_full_order_one[by a torque]",
     "verification/test_modal_damping.py::test_what_it_takes_is_what_is_lost[solids in space]",
     "verification/test_sliding_coordinates.py::test_all_models_agree_on_the_moving_mass[reduced-True]",
     "verification/test_scenes.py::test_the_reduced_model_follows_the_full_order_one[spatial_mixed]",

@@ -122,18 +122,11 @@ def _outputs(model, scene: Scene, **values: float) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("k", [5e5, 1e7])
 def test_reduced_and_component_runs_are_those_of_full_order(k) -> None:
-    """Of the largest deformation 1 %; the stiffness of the mounts is no part of the tables."""
+    """Of the largest deformation 1 %; the stiffness of the mounts, built with 2 N/um, is no part of the tables."""
     scene = machine(*REDUCED)
     full, reduced, components = (_outputs(make(scene), scene, k=k) for make in MODELS_IN_ORDER)
     assert_close(full, reduced, lift=0.01, bent=0.01, theta=1e-4)
     assert_close(full, components, lift=2e-3, bent=2e-3)
-
-
-def test_a_stiffness_of_a_built_model_is_that_of_a_new_build():
-    scene, other = machine(*REDUCED), machine(*REDUCED, "parameters.k.nominal=2.3e6")
-    changed = _outputs(MODELS["reduced"](scene), scene, k=2.3e6, c=170.0)
-    built = _outputs(MODELS["reduced"](other), other, c=170.0)
-    assert_alike(built, changed, 1e-6)
 
 
 def test_reduced_frequencies_on_springs_are_those_of_the_mesh():
