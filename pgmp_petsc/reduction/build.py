@@ -223,7 +223,7 @@ class _Build:
             *(() if self._way.checkpoint is None else self._way.checkpoint.remarks),
             *kinematics.remarks,
             *spring_remarks(self._effects, scene.reduction),
-            *_doubts(float(joined.cosines.min()), found.n_redundant, indefinite),
+            *_doubts(float(joined.cosines.min()), basis.tables.unstrained.size > 0, found.n_redundant, indefinite),
             *_quick_places(self._effects, kinematics, tables.samples),
             *found.rounds.remarks(found.samples, basis),
             *_few_vectors(scene.reduction.parameter_modes, n_parameter),
@@ -249,11 +249,17 @@ class _Build:
 
 
 @gathered
-def _doubts(cosine: float, n_redundant: int, indefinite: str) -> Iterator[Remark]:
+def _doubts(cosine: float, is_loose: bool, n_redundant: int, indefinite: str) -> Iterator[Remark]:
     """Return what is doubtful about a basis and its tables, and which constraints are not in it."""
     if cosine < POOR_COSINE:
         cure = "take more reduction.angles, or another number of reduction.modes if the last mode crosses the next one"
-        if cosine < CROSSED:
+        if cosine < CROSSED and is_loose:
+            cure = (
+                "outputs may be wrong by all of their size: take more reduction.angles, as bodies turn far between "
+                "these, or one more of reduction.modes, or one less, as the last mode crosses the next one, until this "
+                "is not said"
+            )
+        elif cosine < CROSSED:
             cure = (
                 "the last mode crosses the next one, and outputs may be wrong by all of their size: take one more of "
                 "reduction.modes, or one less, until this is not said; more angles do not help"

@@ -72,7 +72,8 @@ def join_samples(
     tables = {name: np.array([table[name] for table, _, _ in ordered]) for name in TABLES}
     overlaps = np.array([overlap for _, _, overlap in ordered]).swapaxes(0, 1)
     shapes = np.array([shape for _, shape, _ in ordered])
-    neighbours = GridNeighbours(samples.shape, samples.periodic, tables["eigenvalues"], overlaps)
+    strained = tables["stiffness"][..., : overlaps.shape[-1]].any(axis=(0, 1, 2))
+    neighbours = GridNeighbours(samples.shape, samples.periodic, tables["eigenvalues"], overlaps, strained)
     basis = GridBasis.of(neighbours, tables["canonical"][0])
     # the snapshots of every parameter point turn as the kept vectors do
     n_given = next(iter(own.values())).built_in.shape[1]

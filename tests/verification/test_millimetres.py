@@ -190,8 +190,8 @@ STEPS = {
     "tolerance": "build F/scene.toml -o F/chosen.h5 --override reduction={tolerance=0.3}",
     "run with tolerance": "simulate F/chosen.h5 --override simulation.tolerance=0.1 -o F/chosen_run.h5",
     "trade-off": "tradeoff F/scene.toml --quick -o F/tradeoff.h5",
-    "pictures": "plot F/run.h5 F/samples.h5 F/modes.h5 -o F",
-    "page": "report F/run.h5 F/samples.h5 F/full.h5 -o F/page.html", "code": "export F/rom.h5 -o F/code",
+    "pictures": "plot F/modes.h5 -o F",
+    "page": "report F/run.h5 F/samples.h5 -o F/page.html", "code": "export F/rom.h5 -o F/code",
     "unit": "export F/rom.h5 -o F/unit.fmu",
 }  # fmt: skip
 
