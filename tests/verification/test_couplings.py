@@ -10,7 +10,7 @@ import pytest
 from alike import assert_alike, assert_order
 from coupled_scenes import CAM, CAM_TABLE, GEARED, RACK, ROTORS, ROTORS_IN_SPACE, SCREW, SHAFTS, SPINDLES
 from differences import compare, differences
-from exported import assert_equal, assert_same_in_c, compiled, needs_compiler, outputs_of, simulated
+from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
 from machine_scenes import MODELS, errors_of, of_text, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
@@ -161,7 +161,9 @@ def test_a_sum_of_motions_is_a_gear() -> None:
 
 def _geared_arm(ratio: float, *overrides: str) -> Scene:
     """An arm of two links in space with a motor behind a gear at its shoulder, and a spring on the motor."""
-    return scene_from_toml(HEADER + tables(f"""
+    return scene_from_toml(
+        HEADER
+        + tables(f"""
 bodies.upper: line = {{ length = 0.5, elements = 1 }}; element = "beam3d"; material = "steel";
     section = {{ shape = "circle", radius = 0.02 }}
 bodies.lower: line = {{ length = 0.4, elements = 1 }}; element = "beam3d"; material = "steel";
@@ -176,7 +178,10 @@ coordinates.elbow: joint = "elbow"; range = [-0.4, 0.4]
 effects.hold: type = "spring_damper"; joint = "motor"; stiffness = 1e-3
 reduction: modes = 2; angles = 4
 outputs.motor: type = "angle"; joint = "motor"
-"""), ".", overrides)
+"""),
+        ".",
+        overrides,
+    )
 
 
 def test_turns_behind_a_gear_are_counted_between_places_far_apart() -> None:
@@ -239,11 +244,6 @@ def test_what_component_runs_of_a_geared_five_bar_leave_out_is_of_second_order()
     assert off == pytest.approx(0.034, rel=0.1)
     assert off / stiffer == pytest.approx(4.0, rel=0.2)
     assert with_it < 0.03 * off
-
-
-@needs_compiler
-def test_a_model_in_c_keeps_the_gear(tmp_path: Path) -> None:
-    assert_same_in_c(reduced_model(scene_from_toml(GEARED, ".", ("simulation.duration=0.2",))), tmp_path)
 
 
 @pytest.mark.parametrize("model", ["full", "reduced"])
@@ -709,11 +709,18 @@ def test_a_ratio_is_that_of_the_run_and_not_of_samples() -> None:
 
 @exported.needs_compiler
 def test_a_geared_linkage_has_terms_of_second_order_beside_its_elastic_mesh(tmp_path: Path) -> None:
-    """Against the full-order run, and in C."""
-    scene = scene_from_toml(GEARED, ".", ("joints.mesh.elastic={stiffness=3e3,damping=1.0}", "simulation.duration=0.2"))
+    """Against the full-order run, and in C: the torque of the mesh is a stiffness times a small difference of turns, of
+    which iterations of both leave 1e-8."""
+    carried = (
+        'outputs.knee={type="joint_force",joint="knee",component="x"}',
+        *(f'outputs.{name}={{type="joint_torque",joint="mesh",component="{name}"}}' for name in ("axial", "magnitude")),
+    )
+    elastic = "joints.mesh.elastic={stiffness=3e3,damping=1.0}"
+    scene = scene_from_toml(GEARED, ".", (elastic, "simulation.duration=0.2", *carried))
     model = reduced_model(scene)
     assert model.rom.curvature is not None
-    assert largest_difference(run(scene, "full")[1], exported.assert_same_in_c(model, tmp_path)) < 0.01
+    found, exact = exported.assert_same_in_c(model, tmp_path, 1e-7), run(scene, "full")[1]
+    assert largest_difference({name: exact[name] for name in ("input", "output", "x", "bending")}, found) < 0.01
 
 
 def test_reduced_frequencies_on_an_elastic_mesh_are_those_of_its_linkage() -> None:

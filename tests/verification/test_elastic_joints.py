@@ -122,18 +122,11 @@ def _outputs(model, scene: Scene, **values: float) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("k", [5e5, 1e7])
 def test_reduced_and_component_runs_are_those_of_full_order(k) -> None:
-    """Of the largest deformation 1 %; the stiffness of the mounts is no part of the tables."""
+    """Of the largest deformation 1 %; the stiffness of the mounts, built with 2 N/um, is no part of the tables."""
     scene = machine(*REDUCED)
     full, reduced, components = (_outputs(make(scene), scene, k=k) for make in MODELS_IN_ORDER)
     assert_close(full, reduced, lift=0.01, bent=0.01, theta=1e-4)
     assert_close(full, components, lift=2e-3, bent=2e-3)
-
-
-def test_a_stiffness_of_a_built_model_is_that_of_a_new_build():
-    scene, other = machine(*REDUCED), machine(*REDUCED, "parameters.k.nominal=2.3e6")
-    changed = _outputs(MODELS["reduced"](scene), scene, k=2.3e6, c=170.0)
-    built = _outputs(MODELS["reduced"](other), other, c=170.0)
-    assert_alike(built, changed, 1e-6)
 
 
 def test_reduced_frequencies_on_springs_are_those_of_the_mesh():
@@ -165,11 +158,6 @@ DERIVED = ("parameters.k={nominal=2e6}", "simulation.step=5e-4", "simulation.dur
 
 def test_derivatives_by_stiffness_and_damping_are_central_differences():
     compare(reduced_model(machine(*DERIVED)))
-
-
-@exported.needs_compiler
-def test_c_code_runs_as_the_model(tmp_path):
-    exported.assert_same_in_c(reduced_model(machine(*REDUCED)), tmp_path)
 
 
 MOVED = (
@@ -268,8 +256,14 @@ def test_derivatives_by_offsets_of_elastic_joints_are_central_differences():
         compare(ReducedModel(moving, model.rom))
 
 
+CARRIED = (
+    "effects.inner={type='structural_damping',stiffness=1e-5,mass=0.3}",
+    *(f"outputs.{joint}={{type='joint_force',joint='{joint}',component='y'}}" for joint in ("one", "hub")),
+)
+
+
 @exported.needs_compiler
-@pytest.mark.parametrize("start", [MOVED, ("initial.equilibrium=true", *REDUCED[:2])])
+@pytest.mark.parametrize("start", [MOVED, ("initial.equilibrium=true", *REDUCED[:2], *CARRIED)])
 def test_c_code_starts_from_the_balance_of_its_export(start, tmp_path):
     model = reduced_model(machine(*start, "effects.weight={type='gravity'}", "simulation.step=1e-3"))
     exported.assert_same_in_c(model, tmp_path)
