@@ -12,7 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from alike import assert_order, assert_samples_are_those_alone
+from alike import assert_alike, assert_order, assert_samples_are_those_alone
 from conftest import ROOT
 from exported import FMPY, Unit, assert_equal, compiled, needs_compiler, outputs_of
 from machine_scenes import MODELS, cart, errors_of, of_text, run
@@ -306,9 +306,7 @@ def test_compiled_steps_are_those_by_corrections(kind: str, entries: tuple[str, 
             assert system.held is not continuous and system.carries is (continuous and known)
             system.held &= known
         found.append(history(model, samples(model.scene, 1), 1, system=system)[1])
-    for name, values in found[1].items():
-        allowed = 1e-8 * np.abs(values).max()
-        np.testing.assert_allclose(found[0][name], values, rtol=0, atol=allowed, err_msg=name)
+    assert_alike(found[1], found[0], 1e-8)
     assert np.ptp(found[0]["x"]) > 2e-4 and (entries[0] is not ARM[0] or found[0]["x"].max() > 0.02)
 
 
@@ -742,8 +740,7 @@ def test_a_reduction_is_chosen_under_control() -> None:
     assert found.rom.tables.n_modes < 15
     values = {"lead": np.array([36.0])}
     exact = history(full_model(found.scene), values, 1)[1]
-    for name, one in history(ReducedModel(found.scene, found.rom), values, 1)[1].items():
-        assert np.abs(one - exact[name]).max() < 1e-2 * np.abs(exact[name]).max(), name
+    assert_alike(exact, history(ReducedModel(found.scene, found.rom), values, 1)[1], 1e-2)
 
 
 def test_sizes_of_effects_are_those_of_the_motion_under_control() -> None:

@@ -12,7 +12,6 @@ from conftest import ROOT
 from differences import compare
 from length_scenes import BRIEF, long_crank
 from machine_scenes import MODELS
-from millimetres import in_millimetres
 from mpi4py import MPI
 from offset_scenes import (
     CLAMPED,
@@ -208,17 +207,6 @@ def test_files_keep_what_is_built_in(tmp_path: Path) -> None:
 
 UNCERTAIN = CLAMPED + "[parameters.d]\nnominal=1e-5\nunit='m'\ndistribution={name='norm',loc=1e-5,scale=1e-6}\n"
 ASKED = overridden("joints.right.offset={place=[0.0,'d']}")
-
-
-def test_a_scene_in_millimetres_is_that_in_metres(tmp_path: Path) -> None:
-    (tmp_path / "si.toml").write_text(UNCERTAIN)
-    asked = ["joints.right.offset={place=[1e-6,'d'],turn=[2e-5]}", "reduction.second_order=true"]
-    path = in_millimetres(tmp_path / "si.toml", asked, tmp_path / "mm.toml")
-    scenes = load_scene(tmp_path / "si.toml", asked), load_scene(path)
-    for kind in (reduced_model, full_model):
-        (energy, outputs), (in_mm, of_mm) = (begun(kind(scene)) for scene in scenes)
-        assert in_mm == pytest.approx(energy, rel=1e-12)
-        assert of_mm["middle"] == pytest.approx(outputs["middle"], rel=1e-12)
 
 
 def test_commands(tmp_path: Path) -> None:

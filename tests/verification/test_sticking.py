@@ -351,6 +351,9 @@ def test_iterations_from_any_rate_find_the_balance(name: str) -> None:
                 v, about = start, np.nan
                 for _ in range(40):
                     found = law.evaluate((), 0.0, v, about=about)
-                    v, about = v - (inertia * v - found.force - force) / (inertia + found.damping), found.about
+                    change = (inertia * v - found.force - force) / (inertia + found.damping)
+                    v, about = v - change, found.about
+                    if abs(change) < 1e-15 * abs(v):
+                        break
                 left = inertia * v - law.evaluate((), 0.0, v).force - force
                 assert abs(left) < 1e-9 * max(1.0, abs(force)), (inertia, force, start, v)
