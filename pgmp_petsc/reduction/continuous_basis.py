@@ -261,8 +261,6 @@ def compression_of(
 
     That of the samples `before` stays, for tables to be compared, unless one of its vectors vanishes between these: it
     turned up at a sample that came since. Others are then chosen, or fewer.
-
-    Raises `InputError` if the first samples' snapshots do not span so many vectors.
     """
     n_snapshots = joined.snapshots.stop - joined.n_kept
     if not n_parameter:
@@ -270,7 +268,7 @@ def compression_of(
     grams, flipped = _grams(mechanism, nominal, joined), joined.flipped[:, joined.snapshots]
     if before is not None and before.holds(grams):
         return before
-    return Compression.of(grams, flipped, n_parameter, fewer=before is not None)
+    return Compression.of(grams, flipped, n_parameter)
 
 
 def _unevenness(roots: np.ndarray, inverse: np.ndarray, samples: SampleGrid) -> float:

@@ -142,8 +142,6 @@ simulat ROM -> no command 'simulat' | did you mean 'simulate'
 simulate ROM -o OUT --stp 1 -> --stp
 * build SCENE -o OUT & parameters.r1={nominal=5.6e-3} & reduction.parameter_modes=2 -> \
     reduction.parameter_modes = 2 | no parameter has a distribution
-* build SCENE -o OUT & reduction.parameter_modes=9 & SMALL -> \
-    reduction.parameter_modes = 9 | independent at every configuration
 check SCENE & reduction.parameter_modes=-1 -> reduction.parameter_modes | -1
 # models and what they were built from
 * simulate ROM -o OUT & reduction.modes=3 -> --override reduction | pgmp build

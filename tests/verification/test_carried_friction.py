@@ -6,7 +6,7 @@ from math import cos, hypot, sin, tanh
 
 import numpy as np
 import pytest
-from alike import assert_samples_are_those_alone
+from alike import assert_alike, assert_order, assert_samples_are_those_alone
 from conftest import ROOT
 from exported import assert_same_in_c
 from machine_scenes import cart, run
@@ -87,8 +87,8 @@ def test_a_pendulum_rubs_by_what_its_bearing_carries(model, more):
         _, found = run(scene, model, round(1e-2 / step))
         assert found["angle"][0] == 0.0
         errors.append([np.abs(found[name] - own).max() for name, own in zip(("angle", "carried"), exact)])
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert np.all((1.8 < orders) & (orders < 2.3)) and errors[-1][0] < 2e-5 * np.ptp(exact[0]), (orders, errors)
+    assert_order(errors, 2.05, within=0.25)
+    assert errors[-1][0] < 2e-5 * np.ptp(exact[0]), errors
 
 
 BLOCK = HEADER + tables("""
@@ -315,8 +315,7 @@ def test_compiled_steps_are_those_of_corrections_in_python(entries, make):
     if make is full_model:
         others.append(model.distributed({name: float(value[0]) for name, value in given.items()}, alone()))
     for system in others:
-        for name, values in history(model, given, 1, system=system)[1].items():
-            np.testing.assert_allclose(found[name], values, rtol=0.0, atol=1e-8 * np.abs(values).max(), err_msg=name)
+        assert_alike(history(model, given, 1, system=system)[1], found, 1e-8)
 
 
 def test_a_change_of_forces_that_was_misread_is_forgotten():
@@ -339,8 +338,7 @@ def test_steps_in_lanes_are_those_of_forces_found_in_python(entries):
     found = history(model, given, 9)[1]
     model.actions = replace(model.actions, carried=None)
     assert not model.batch(given, 9).carries
-    for name, values in history(model, given, 9)[1].items():
-        np.testing.assert_allclose(found[name], values, rtol=0.0, atol=1e-8 * np.abs(values).max(), err_msg=name)
+    assert_alike(history(model, given, 9)[1], found, 1e-8)
 
 
 ON_BEAM = (

@@ -155,8 +155,7 @@ def test_a_sum_of_motions_is_a_gear() -> None:
     _, gear = run(scene_from_toml(ROTORS, "."), "full")
     terms = "joints.mesh={type='coupling',terms={output=2.0,input=0.74}}"
     _, summed = run(scene_from_toml(ROTORS, ".", [terms]), "full")
-    for name in gear:
-        np.testing.assert_allclose(summed[name], gear[name], rtol=1e-9, atol=1e-9)
+    assert_alike(gear, summed, 1e-9)
 
 
 def _geared_arm(ratio: float, *overrides: str) -> Scene:
@@ -322,8 +321,7 @@ def rom() -> ReducedOrderModel:
 def test_a_sample_of_flexible_bodies_is_the_model_that_has_its_ratio(model: str) -> None:
     scene = geared()
     found = history(of_samples(MODELS[model](scene), ["ratio"]), samples(scene, 1, ratio=OTHER), 1)[1]
-    exact = history(MODELS[model](numbered()), {}, 1)[1]
-    assert_alike(exact, found, 1e-12)
+    assert_alike(history(MODELS[model](numbered()), {}, 1)[1], found, 1e-12)
 
 
 def test_a_reduced_model_with_another_ratio_is_the_one_that_is_built_with_it(rom: ReducedOrderModel) -> None:
@@ -451,9 +449,7 @@ def test_an_elastic_rack_and_its_pinion_are_two_masses_on_springs() -> None:
     teeth = np.outer([-0.05, 1.0], [-0.05, 1.0])  # of phi and x
     start = (0.0, 0.0, 40.0, 0.05 * 40.0)
     path = linear(np.diag([0.02, 3.0]), 2000.0 * teeth + np.diag([0.0, 200.0]), 3.0 * teeth, np.zeros(2), times, start)
-    for name, exact in zip(("phi", "x"), path):
-        # (rate step)^2 / 12 of a vibration at 26 rad/s
-        np.testing.assert_allclose(found[name], exact, rtol=0, atol=1e-4 * np.abs(exact).max())
+    assert_alike(dict(zip(("phi", "x"), path)), found, 1e-4)  # (rate step)^2 / 12 of a vibration at 26 rad/s
 
 
 def test_an_elastic_cam_lifts_its_follower_through_its_spring() -> None:
@@ -501,9 +497,7 @@ def test_wheels_in_an_elastic_mesh_turn_their_arm(model: str) -> None:
     force = np.array([-0.5, 0.5, 0.0])
     path = linear(mass, 80.0 * np.outer(mesh, mesh), 0.02 * np.outer(mesh, mesh), force, times, np.zeros(6))
     exact = {"swing": path[0], "one": path[1] - path[0], "two": path[2] - path[0]}
-    for name, values in exact.items():
-        # (rate step)^2 / 12 of a vibration at 80 rad/s
-        np.testing.assert_allclose(found[name], values, rtol=0, atol=3e-4 * np.abs(values).max(), err_msg=name)
+    assert_alike(exact, found, 3e-4)  # (rate step)^2 / 12 of a vibration at 80 rad/s
 
 
 # two shafts, each a spring between its disc and its wheel; the wheels are in mesh
@@ -700,9 +694,7 @@ def test_a_ratio_is_that_of_the_run_and_not_of_samples() -> None:
     scene = scene_from_toml(GEARED, ".", (*alike, *any_ratio), ("r=-0.9",))
     own, wanted = reduced_model(scene), reduced_model(scene_from_toml(GEARED, ".", (*alike, "joints.mesh.ratio=-0.9")))
     found, exact = (motion(model).outputs for model in (own, wanted))
-    for name, values in exact.items():
-        # what five ratios leave: as much as frequencies are off between them
-        assert np.abs(found[name] - values).max() < 3e-4 * np.abs(values).max(), name
+    assert_alike(exact, found, 3e-4)  # what five ratios leave: as much as frequencies are off between them
     with pytest.raises(InputError, match=r"joints.mesh: acts on a ratio .* that r change"):
         of_samples(own, ["r"])
 
@@ -738,6 +730,4 @@ def test_reduced_frequencies_on_an_elastic_mesh_are_those_of_its_linkage() -> No
 
 def test_a_stiffness_of_a_built_model_is_that_of_a_new_build() -> None:
     scene, other = with_arm("gear"), with_arm("gear", "parameters.k.nominal=900.0")
-    changed = history(MODELS["reduced"](scene), samples(scene, 1, k=[900.0]), 1)[1]
-    built = history(MODELS["reduced"](other), samples(other, 1), 1)[1]
-    assert largest_difference(changed, built) < 1e-6
+    assert largest_difference(run(scene, "reduced", k=900.0)[1], run(other, "reduced")[1]) < 1e-6
