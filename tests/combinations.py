@@ -163,7 +163,7 @@ FEATURES = {
     ),  # fmt: skip
     "coefficients": ('bodies.{first}={{mesh="{mesh}",element="beam2d",section={coefficients}}}',),
     "section scale": ('bodies.{last}.section_scale="width"',),
-    "random field": ('fields.x={{body="{last}",quantity="E",variation=0.1,length=1.0,terms=2}}',
+    "random field": ('fields.x={{body="{last}",quantity="E",variation=0.1,length=1.0,terms=1}}',
         'fields.y={{body="{last}",quantity="rho",variation=0.05,length=1.0,terms=1,distribution="uniform"}}',),
     "placement": ("bodies.{first}.placement={{origin={origin}}}",),
     "rotation": ('outputs.x={{type="rotation",point="{last}:tip"}}',),

@@ -42,20 +42,25 @@ def with_scene(model: ReducedModel, scene: Scene) -> ReducedModel:
     return ReducedModel(scene, model.rom, model.kinematics)
 
 
-def compiled(model: ReducedModel | ComponentModel, folder: Path, *options: str) -> Path:
-    """Write a model in C, compile it with all warnings as errors, and return the program.
-
-    Without options its files are compiled as one, which takes two thirds of the time: those with macros come last.
-    """
-    constants = (tree_constants_of if isinstance(model, ComponentModel) else constants_of)(model, "the model")
-    write_sources(constants, folder)
-    names, text = ["main.c", *compiled_of(constants.kind)], ""
-    if not options:
-        names.sort(key=lambda name: name in ("main.c", "statements.c", "lagrangian.c"))
-        names, text = ["-x", "c", "-", "-x", "none"], "".join(f'#include "{name}"\n' for name in names)
-    command = [COMPILER, *OPTIONS, *options, "-o", "run", *names, "-lm"]
+def compile_in(folder: Path, *words: str, text: str = "") -> Path:
+    """Call the compiler with all warnings as errors, and a text to read; return what a program is called."""
+    command = [COMPILER, *OPTIONS, *words]
     subprocess.run(command, cwd=folder, check=True, input=text, text=True, timeout=TIMEOUT_SECONDS)
     return folder / "run"
+
+
+def as_one(folder: Path, kind: str, *options: str) -> Path:
+    """Compile the files of a model as one, which takes two thirds of the time: those with macros come last."""
+    names = sorted(["main.c", *compiled_of(kind)], key=lambda name: name in ("main.c", "statements.c", "lagrangian.c"))
+    text = "".join(f'#include "{name}"\n' for name in names)
+    return compile_in(folder, *options, "-o", "run", "-x", "c", "-", "-x", "none", "-lm", text=text)
+
+
+def compiled(model: ReducedModel | ComponentModel, folder: Path, *options: str) -> Path:
+    """Write a model in C, compile it, and return the program."""
+    constants = (tree_constants_of if isinstance(model, ComponentModel) else constants_of)(model, "the model")
+    write_sources(constants, folder)
+    return as_one(folder, constants.kind, *options)
 
 
 def outputs_of(program: Path, *settings: str, check: bool = True) -> dict[str, np.ndarray]:

@@ -32,6 +32,9 @@ SMALL = (
     "reduction.second_order=false", "reduction.modes=2", "reduction.angles=12", "reduction.length_points=3",
     "reduction.max_angles=24", "simulation.duration=0.02",
 )  # fmt: skip
+#: As far as short runs go, with angles as near each other in a fifth of the time.
+PART = 'coordinates.theta={joint="crank_hinge", range=[-0.6, 0.7]}'
+BRIEF = (*SMALL, PART, "reduction.angles=5", "reduction.max_angles=5")
 #: The place of the guide in place of the length of the rod.
 GUIDE = (
     "bodies.rod.line.length=0.7",

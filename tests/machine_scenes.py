@@ -57,9 +57,9 @@ def rail(*overrides: str, dimension: int = 3) -> Scene:
     return scene_from_toml(RAIL if dimension == 3 else IN_PLANE, ".", overrides)
 
 
-def run(scene: Scene, model: str, every: int = 1) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return times and outputs of the scene's run, after every so many steps."""
-    times, outputs = history(MODELS[model](scene), samples(scene, 1), 1, every)
+def run(scene: Scene, model: str, every: int = 1, **values: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return times and outputs of the scene's run, after every so many steps, at other values of parameters."""
+    times, outputs = history(MODELS[model](scene), samples(scene, 1, **values), 1, every)
     return times, {name: values[:, 0] for name, values in outputs.items()}
 
 

@@ -47,7 +47,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh, refined
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, RankGroup, first_ranks
-from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.build import FEW_VECTORS, build_rom
 from pgmp_petsc.reduction.checkpoint import Arrays, Finished
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene.numerics import Reduction
@@ -311,7 +311,12 @@ class Bench:
         """Build a candidate, run it under some loads (all, by default) and compare it with the full-order model."""
         names, start = self._names(loads), perf_counter()
         try:
-            reason = self._shelf.take(reduction).indefinite
+            rom = self._shelf.take(reduction)
+            few = (
+                rom.n_parameter < reduction.parameter_modes
+                and "parameter_modes" not in self.scene.reduction.model_fields_set
+            )
+            reason = rom.indefinite or (FEW_VECTORS if few else "")
         except PgmpError as error:
             # what the scene gives itself is wrong whatever is chosen beside it; a candidate of ours is just no use
             if isinstance(error, InputError) and "parameter_modes" in self.scene.reduction.model_fields_set:

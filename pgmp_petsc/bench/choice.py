@@ -29,7 +29,7 @@ from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, refuse, refu
 from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, distance_from_mesh
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.build import FEW_VECTORS, build_rom
 from pgmp_petsc.reduction.checkpoint import Finished
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
@@ -152,7 +152,7 @@ class ReductionChoice:
             reduction = self._reduction.model_copy(update=entries)
             loads = (self._worst_load,) if self._worst_load else None
             trial = self._bench.try_out(reduction, self._n_steps, loads)
-            if trial.reason.startswith("reduction.parameter_modes") and "parameter_modes" not in self.given:
+            if trial.reason == FEW_VECTORS:
                 # beside many modes there may be no independent ones from other parameter values: they have them all
                 reduction = reduction.model_copy(update={"parameter_modes": 0})
                 trial = self._bench.try_out(reduction, self._n_steps, loads)

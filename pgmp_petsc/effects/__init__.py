@@ -41,6 +41,7 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
             if n_loaded != entry.by_load:
                 words = f"{n_loaded} of its actions have a law that is loaded; by_load says whether one has"
                 raise refuse(type(entry), words)
+            _check_loads(named[-1], mechanism)
             try:
                 [one.at(scene.values) for action in named[-1].actions() for one in action.parameters]
             except KeyError as error:
@@ -49,6 +50,25 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
     named += springs_of_joints(scene, mechanism)
     held = scene.initial.equilibrium and scene.initial.coordinates == "held"
     return (*named, *(HoldingTorque(c) for c in mechanism.coordinates if held and not c.prescribed))
+
+
+def _check_loads(effect: Effect, mechanism: Mechanism) -> None:
+    """Raise `InputError` if the loads of an effect do not fit the unknowns, or one that turns with its body is another
+    one than a couple: a force that does is an action."""
+    if effect.field is not None:
+        return  # of the masses, which are dear to assemble
+    rows, space = np.arange(mechanism.n_dofs), mechanism.space
+    turning = (rows < space.n_dofs * mechanism.n_nodes) & (rows % space.n_dofs >= space.dimension)
+    for load in effect.loads(MassesOnDemand(mechanism.bodies, range(rows.size))):
+        why, given = "", np.shape(load.vector)
+        if given != rows.shape:
+            why = f"a load has a number for each row of the matrices, {rows.shape}, and not {given}"
+        elif load.in_bodies and np.any(load.vector[~turning]):
+            why = "a load with in_bodies is of couples alone; a force that turns with its body is an action (following)"
+        elif load.in_bodies and space.dimension == 3 and type(effect).natural_actions is Effect.natural_actions:
+            why = "couples with in_bodies are no loads in space; natural_actions returns them there"
+        if why:
+            raise refuse(type(effect), why)
 
 
 def springs_of_joints(scene: Scene, mechanism: Mechanism) -> list[Effect]:

@@ -83,7 +83,8 @@ class Load:
     #: their product where nodes are all there is, and a condensed body takes their product in its own frame. None of
     #: others.
     body_force: tuple[Monomial, np.ndarray] | None = None
-    #: whether the vector is constant in the frames of the bodies; otherwise in the inertial frame
+    #: whether the vector, which is of couples alone, is constant in the frames of the bodies; otherwise in the inertial
+    #: frame
     in_bodies: bool = False
 
 

@@ -52,11 +52,12 @@ def canonical_rotation(eigenvalues: np.ndarray, probe: np.ndarray) -> np.ndarray
     return _by_groups(probe, [np.arange(*pair) for pair in zip(bounds, bounds[1:])])[0]
 
 
-def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray) -> list[np.ndarray]:
+def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray, strained: np.ndarray | bool = True) -> list[np.ndarray]:
     """Find groups of modes that stay apart from all others over the whole range; return the increasing numbers of each.
 
     Eigenvalues are of the first n_modes vectors, ascending at every sample, shape (n, n_modes); further vectors (static
-    modes) have none. Overlaps ``V_k^T M V_{k-1}`` go from each sample to the next, shape (n', m, m).
+    modes) have none. Overlaps ``V_k^T M V_{k-1}`` go from each sample to the next, shape (n', m, m). Vectors that are
+    not `strained`, (m,), make groups of their own: one with others would have stiffness between samples.
     """
     n_modes = eigenvalues.shape[1]
     mixing = np.max(np.abs(overlaps), axis=0, initial=0.0)
@@ -68,7 +69,7 @@ def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray) -> list[np.ndarra
     veering = (among > VEERING) & (gaps < FAR_APART)
     # static modes have no eigenvalues: their loads tell them apart, and drift as the modes beside them do
     linked[:n_modes, :n_modes] |= (gaps < CLOSE_TOLERANCE) | veering
-    n_groups, label = connected_components(linked, directed=False)
+    n_groups, label = connected_components(linked & np.equal.outer(strained, strained), directed=False)
     return [np.flatnonzero(label == group) for group in range(n_groups)]
 
 
@@ -233,6 +234,7 @@ class GridNeighbours:
     #: ``V_k^T M V_before`` with the sample before along each axis, shape (n_axes, n, m, m); of the first sample of an
     #: axis that is not periodic it has no meaning
     overlaps: np.ndarray
+    strained: np.ndarray  # whether a vector has stiffness, shape (m,): what elastic joints allow has none
 
     def along(self, axis: int) -> np.ndarray:
         """Return the overlaps along an axis on the grid, shape (*shape, m, m)."""
@@ -248,7 +250,8 @@ class GridNeighbours:
     def of_first(self, n_vectors: int) -> GridNeighbours:
         """Return what is known of the first vectors alone."""
         first = slice(n_vectors)
-        return replace(self, eigenvalues=self.eigenvalues[:, first], overlaps=self.overlaps[..., first, first])
+        few = {"overlaps": self.overlaps[..., first, first], "strained": self.strained[first]}
+        return replace(self, eigenvalues=self.eigenvalues[:, first], **few)
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,13 +301,13 @@ class GridBasis:
         """Carry a basis as `of` does; the error blames the modes."""
         n_axes = len(samples.shape)
         met = np.concatenate([samples.along(axis)[samples.meaningful(axis)] for axis in range(n_axes)])
-        groups = group_modes(samples.eigenvalues, met)
+        groups = group_modes(samples.eigenvalues, met, samples.strained)
         while True:
             rotations, flipped = _carry(samples, groups, start)
             torn = _torn_groups(samples, groups, rotations, flipped)
             if not torn.size:
                 break
-            groups = _joined(groups, int(torn[0]), met)
+            groups = _joined(groups, int(torn[0]), met, samples.strained)
         cosines = np.ones((n_axes, *samples.shape))
         for axis in range(n_axes):
             mask = samples.meaningful(axis)
@@ -357,19 +360,21 @@ def _torn_groups(
     return np.flatnonzero(torn)
 
 
-def _joined(groups: Sequence[np.ndarray], torn: int, met: np.ndarray) -> list[np.ndarray]:
-    """Join a group with the one that it mixes with most among the overlaps (n, m, m) of all neighbours.
+def _joined(groups: Sequence[np.ndarray], torn: int, met: np.ndarray, strained: np.ndarray) -> list[np.ndarray]:
+    """Join a group with the one that it mixes with most among the overlaps (n, m, m) of all neighbours, and that is
+    `strained`, (m,), as it is.
 
     Raises `RunError` if there is no other group.
     """
-    if len(groups) == 1:
+    kind = strained[groups[torn][0]]
+    others = [number for number, group in enumerate(groups) if number != torn and strained[group[0]] == kind]
+    if not others:
         raise RunError(
             "the modes cannot be followed over the configurations: a mode that is kept meets one that is not, or the "
             "configurations are too few; take another number of reduction.modes or more reduction.angles"
         )
     mixing = np.max(np.abs(met), axis=0)
     mixing = np.maximum(mixing, mixing.T)
-    others = [number for number in range(len(groups)) if number != torn]
     partner = max(others, key=lambda number: mixing[np.ix_(groups[torn], groups[number])].max())
     kept = [group for number, group in enumerate(groups) if number not in (torn, partner)]
     return [*kept, np.union1d(groups[torn], groups[partner])]

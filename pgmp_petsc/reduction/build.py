@@ -68,6 +68,10 @@ from pgmp_petsc.scene.uses import length_names
 
 OverSamples = TypeVar("OverSamples", MissedAnswers, JointGaps)
 MISPLACED = 1e-4  # share by which forces may be off without a warning
+FEW_VECTORS = (
+    "reduction.parameter_modes: no more of the modes and static modes at other parameter values are independent at "
+    "every configuration"
+)
 CROSSED = 0.1  # below it modes have changed places: an exact crossing has no angle between
 
 
@@ -223,10 +227,10 @@ class _Build:
             *(() if self._way.checkpoint is None else self._way.checkpoint.remarks),
             *kinematics.remarks,
             *spring_remarks(self._effects, scene.reduction),
-            *_doubts(float(joined.cosines.min()), found.n_redundant, indefinite),
+            *_doubts(float(joined.cosines.min()), basis.tables.unstrained.size > 0, found.n_redundant, indefinite),
             *_quick_places(self._effects, kinematics, tables.samples),
             *found.rounds.remarks(found.samples, basis),
-            *_few_vectors(scene.reduction.parameter_modes, n_parameter),
+            *_few_vectors(n_parameter, scene.reduction.parameter_modes),
         )
         toml, nominal = scene_to_toml(scene), own_values(scene, scene.nominal)
         return ReducedOrderModel(
@@ -249,11 +253,17 @@ class _Build:
 
 
 @gathered
-def _doubts(cosine: float, n_redundant: int, indefinite: str) -> Iterator[Remark]:
+def _doubts(cosine: float, is_loose: bool, n_redundant: int, indefinite: str) -> Iterator[Remark]:
     """Return what is doubtful about a basis and its tables, and which constraints are not in it."""
     if cosine < POOR_COSINE:
         cure = "take more reduction.angles, or another number of reduction.modes if the last mode crosses the next one"
-        if cosine < CROSSED:
+        if cosine < CROSSED and is_loose:
+            cure = (
+                "outputs may be wrong by all of their size: take more reduction.angles, as bodies turn far between "
+                "these, or one more of reduction.modes, or one less, as the last mode crosses the next one, until this "
+                "is not said"
+            )
+        elif cosine < CROSSED:
             cure = (
                 "the last mode crosses the next one, and outputs may be wrong by all of their size: take one more of "
                 "reduction.modes, or one less, until this is not said; more angles do not help"
@@ -283,13 +293,13 @@ def _quick_places(effects: Sequence[Effect], kinematics: RigidKinematics, sample
             )
 
 
-def _few_vectors(asked: int, found: int) -> tuple[Remark, ...]:
-    """Return what is said where there are fewer vectors of other parameter values than asked for."""
-    said = warning(
-        f"reduction.parameter_modes: {found} vectors in place of {asked}: no more are independent at every angle, "
-        "as others vanish between those that were sampled first; outputs at other parameter values may be served less"
-    )
-    return () if found == asked else (said,)
+@gathered
+def _few_vectors(found: int, asked: int) -> Iterator[Remark]:
+    """Warn of fewer vectors of other parameter values than asked for."""
+    if found < asked:
+        yield warning(
+            f"{FEW_VECTORS}: {found} in place of {asked}; outputs at other parameter values may be served less"
+        )
 
 
 @dataclass(frozen=True)

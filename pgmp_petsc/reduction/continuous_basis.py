@@ -72,7 +72,8 @@ def join_samples(
     tables = {name: np.array([table[name] for table, _, _ in ordered]) for name in TABLES}
     overlaps = np.array([overlap for _, _, overlap in ordered]).swapaxes(0, 1)
     shapes = np.array([shape for _, shape, _ in ordered])
-    neighbours = GridNeighbours(samples.shape, samples.periodic, tables["eigenvalues"], overlaps)
+    strained = tables["stiffness"][..., : overlaps.shape[-1]].any(axis=(0, 1, 2))
+    neighbours = GridNeighbours(samples.shape, samples.periodic, tables["eigenvalues"], overlaps, strained)
     basis = GridBasis.of(neighbours, tables["canonical"][0])
     # the snapshots of every parameter point turn as the kept vectors do
     n_given = next(iter(own.values())).built_in.shape[1]
@@ -260,8 +261,6 @@ def compression_of(
 
     That of the samples `before` stays, for tables to be compared, unless one of its vectors vanishes between these: it
     turned up at a sample that came since. Others are then chosen, or fewer.
-
-    Raises `InputError` if the first samples' snapshots do not span so many vectors.
     """
     n_snapshots = joined.snapshots.stop - joined.n_kept
     if not n_parameter:
@@ -269,7 +268,7 @@ def compression_of(
     grams, flipped = _grams(mechanism, nominal, joined), joined.flipped[:, joined.snapshots]
     if before is not None and before.holds(grams):
         return before
-    return Compression.of(grams, flipped, n_parameter, fewer=before is not None)
+    return Compression.of(grams, flipped, n_parameter)
 
 
 def _unevenness(roots: np.ndarray, inverse: np.ndarray, samples: SampleGrid) -> float:

@@ -83,13 +83,13 @@ class Compression:
     flips: np.ndarray
 
     @classmethod
-    def of(cls, grams: np.ndarray, flipped: np.ndarray, n_parameter: int, fewer: bool = False) -> Compression:
-        """Find the leading `n_parameter` vectors, or fewer where these will do, from Gram matrices of the snapshots in
-        the continuous basis, shape (n, n_snapshots, n_snapshots).
+    def of(cls, grams: np.ndarray, flipped: np.ndarray, n_parameter: int) -> Compression:
+        """Find the leading `n_parameter` vectors that are independent at every configuration, or as many as there are:
+        where one vanishes, the reduced mass would be singular. Gram matrices are those of the snapshots in the
+        continuous basis, shape (n, n_snapshots, n_snapshots).
 
         `flipped` tells whether a snapshot changes its sign after a revolution of each coordinate, shape (n_theta,
-        n_snapshots): over two of them, those that do are orthogonal to those that do not. Raises `InputError` if the
-        vectors are not independent at every configuration: where one vanishes, the reduced mass would be singular.
+        n_snapshots): over two of them, those that do are orthogonal to those that do not.
         """
         mean = np.where((flipped[:, :, None] == flipped[:, None, :]).all(axis=0), grams.mean(axis=0), 0.0)
         squares, vectors = np.linalg.eigh(mean)
@@ -104,11 +104,6 @@ class Compression:
             of = everywhere[:, tried][:, :, tried]
             if len(chosen) < n_parameter and np.linalg.eigvalsh(of)[:, 0].min() >= INDEPENDENT:
                 chosen = tried
-        if len(chosen) < n_parameter and not fewer:
-            raise InputError(
-                f"reduction.parameter_modes = {n_parameter}: modes and static modes at other parameter values give no "
-                f"more than {len(chosen)} vectors that are independent at every configuration; take fewer"
-            )
         squares, vectors = squares[chosen], vectors[:, chosen]
         largest = np.argmax(np.abs(vectors), axis=0)
         signs = np.sign(vectors[largest, range(len(chosen))])

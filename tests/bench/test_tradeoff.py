@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from combinations import meshes_for, scene_of
-from length_scenes import SMALL, long_crank, numbered
+from length_scenes import BRIEF, long_crank, numbered
 from mpi4py import MPI
 from runs import full_model, reduced_model
 from tradeoffs import LEAST, small_scene, study
@@ -124,8 +124,8 @@ def test_several_parameters() -> None:
 
 
 def test_a_length_is_held_and_its_study_is_that_of_the_number() -> None:
-    named = long_crank(*SMALL, "ensemble.batch=16", settings=("rod_length=0.68",))
-    number = numbered(0.68, *SMALL, "ensemble.batch=16", "parameters.rod_length={nominal=0.7}")
+    named = long_crank(*BRIEF, "ensemble.batch=16", settings=("rod_length=0.68",))
+    number = numbered(0.68, *BRIEF, "ensemble.batch=16", "parameters.rod_length={nominal=0.7}")
     one, other = (
         measure_tradeoff(scene, meshes_of(scene), LEAST, 1000, True, MPI.COMM_SELF) for scene in (named, number)
     )

@@ -103,12 +103,6 @@ def test_one_rank_and_two_choose_the_same(mpirun: Callable, tmp_path: Path) -> N
     assert "away from the mesh" in one
 
 
-def test_parameter_modes_that_are_given_and_cannot_be_are_bad_input(tmp_path: Path) -> None:
-    given = overridden("reduction={tolerance=1e-2, parameter_modes=9}", "simulation.duration=0.1")
-    done = pgmp("build", PAPER_SCENE, "-o", tmp_path / "rom.h5", *given, status=2)
-    assert "reduction.parameter_modes = 9" in done.stderr and "independent at every configuration" in done.stderr
-
-
 # a part of the revolution in a fiftieth of the time: enough for everything but accuracy
 SMALL = overridden(
     "reduction.modes=4", "reduction.angles=24", "simulation.duration=0.02", "ensemble.batch=8",

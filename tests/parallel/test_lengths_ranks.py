@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from length_scenes import SLIDER_CRANK, SMALL, long_crank
+from length_scenes import BRIEF, PART, SLIDER_CRANK, long_crank
 from mpi4py import MPI
 from runs import PGMP, full_model, in_turn, overridden, rom_of
 
@@ -23,9 +23,9 @@ def test_two_ranks_build_and_draw_lengths_as_one_does(tmp_path: Path) -> None:
     path.write_text(SLIDER_CRANK, encoding="utf-8")
     few = ["--seed", str(SEED), *overridden(BATCH)]
     wanted = [
-        ["build", str(path), *overridden(*SMALL), "-o", str(rom)],
+        ["build", str(path), *overridden(*BRIEF), "-o", str(rom)],
         ["montecarlo", str(rom), "-n", str(N), *few, "-o", str(tmp_path / "reduced.h5")],
-        ["montecarlo", str(path), "--full", *overridden(*SMALL), "-n", "3", *few, "-o", str(tmp_path / "full.h5")],
+        ["montecarlo", str(path), "--full", *overridden(*BRIEF), "-n", "3", *few, "-o", str(tmp_path / "full.h5")],
         ["simulate", str(rom), "--set", "rod_length=0.6", "-o", str(tmp_path / "run.h5")],
         ["info", str(rom)],
     ]
@@ -33,16 +33,16 @@ def test_two_ranks_build_and_draw_lengths_as_one_does(tmp_path: Path) -> None:
     said = f"{done.stdout}\n{done.stderr}"
     assert statuses == [[0, 0]] * 3 + [[2, 2]] + [[0, 0]], said
     # 3 points, of which one is nominal, and a model between them
-    assert "models at 3 points, 3 along each, and one more to compare with, times 12 configurations are 48 eig" in said
+    assert "models at 3 points, 3 along each, and one more to compare with, times 5 configurations are 20 eig" in said
     assert "parameters.rod_length.value = 0.6: must lie inside the parameter's bounds" in said
     assert "/lengths/<models of all lengths>/projection" in said
 
-    found, own = ReducedOrderModel.read(rom), rom_of(long_crank(*SMALL))
+    found, own = ReducedOrderModel.read(rom), rom_of(long_crank(*BRIEF))
     for one, other in zip(found.family.members, own.family.members, strict=True):
         # eigensolvers of one and of two ranks agree to their tolerance
         scale = np.abs(other.tables.stiffness).max()
         np.testing.assert_allclose(one.tables.stiffness, other.tables.stiffness, atol=1e-6 * scale)
-    scene = long_crank(*SMALL, BATCH)
+    scene = long_crank(*BRIEF, BATCH)
     for name, model, n in (("reduced", ReducedModel(scene, found), N), ("full", full_model(scene), 3)):
         with RankGroup.split(MPI.COMM_SELF, 1) as group:
             expected = run_ensemble(model, Plan(n, SEED, tmp_path / f"one_{name}.h5"), group)
@@ -66,7 +66,7 @@ def test_two_ranks_take_angles_and_values_of_the_nominal_lengths_as_one_does(mpi
     path.write_text(SLIDER_CRANK, encoding="utf-8")
     settings = (
         "reduction.parameter_modes=2", "reduction.length_points=2", "reduction.second_order=false", "reduction.modes=2",
-        "reduction.angles=12",
+        "reduction.angles=5", PART,
     )  # fmt: skip
     mpirun(2, *PGMP, "build", path, *overridden(*settings), "-o", rom)
     found, own = ReducedOrderModel.read(rom), rom_of(long_crank(*settings))

@@ -71,7 +71,7 @@ def sampled(space: Space, samples: SampleGrid, apart: bool = False) -> tuple[np.
     vectors = np.array(vectors)
     overlaps = np.array([np.swapaxes(vectors, 1, 2) @ vectors[samples.before(axis)] for axis in range(2)])
     values = np.tile(np.arange(1.0, m + 1) if apart else 1.0 + 1e-9 * np.arange(m), (samples.n, 1))
-    return vectors, GridNeighbours(samples.shape, samples.periodic, values, overlaps)
+    return vectors, GridNeighbours(samples.shape, samples.periodic, values, overlaps, np.ones(m, dtype=bool))
 
 
 def jumps(samples: SampleGrid, bases: np.ndarray, flipped: np.ndarray) -> list[float]:
@@ -126,10 +126,11 @@ def test_one_axis_is_a_line() -> None:
     vectors = np.array([np.linalg.qr(drifting(theta, 0.0))[0] for theta in line.theta[:, 0]])
     overlaps = np.swapaxes(vectors, 1, 2) @ vectors[line.before(0)]
     values = np.tile(1.0 + 1e-9 * np.arange(3), (20, 1))
-    one = GridBasis.of(GridNeighbours((20,), (True,), values, overlaps[None]), np.eye(3))
+    one = GridBasis.of(GridNeighbours((20,), (True,), values, overlaps[None], np.ones(3, dtype=bool)), np.eye(3))
     same = np.swapaxes(vectors, 1, 2) @ vectors
     both = np.stack([np.repeat(overlaps, 5, axis=0), np.repeat(same, 5, axis=0)])
-    two = GridBasis.of(GridNeighbours((20, 5), (True, True), np.repeat(values, 5, axis=0), both), np.eye(3))
+    grid_of = GridNeighbours((20, 5), (True, True), np.repeat(values, 5, axis=0), both, np.ones(3, dtype=bool))
+    two = GridBasis.of(grid_of, np.eye(3))
     np.testing.assert_allclose(two.rotations, np.repeat(one.rotations, 5, axis=0), rtol=0, atol=1e-12)
 
 

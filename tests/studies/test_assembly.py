@@ -73,8 +73,8 @@ def test_what_acts_between_points_is_drawn_with_its_name() -> None:
 
 
 def test_too_many_points_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pgmp_petsc.figures.mechanism.MOST_POINTS", 2)
-    lines = texts(assembly(assembled("platform_3rrr")))
+    monkeypatch.setattr("pgmp_petsc.figures.mechanism.MOST_POINTS", 1)
+    lines = texts(assembly(assembled("crank_press")))
     assert any("more names of points are left out" in line for line in lines)
 
 

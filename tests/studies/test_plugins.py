@@ -532,6 +532,42 @@ def test_what_fails_in_a_scene_is_refused_with_its_line(tmp_path: Path, name: st
     assert "mine.py" in str(caught.value)
 
 
+BLOW = """
+from typing import Literal
+import numpy as np
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.effects.effect import Effect, Load
+from pgmp_petsc.scene.effects import EffectEntry
+
+class Blow(EffectEntry):
+    'A load.'
+
+    type: Literal["blow"]
+    acts = "forces"
+
+    def forces(self, name, mechanism):
+        return Loads(name)
+
+class Loads(Effect):
+    def loads(self, matrices):
+        return [Load(self.name, Monomial(), VECTOR, in_bodies=True)]
+"""
+
+
+@pytest.mark.parametrize(
+    ("scene", "vector", "words"),
+    [
+        ("slider_crank", "np.ones(3)", r"a load has a number for each row of the matrices, \(36,\), and not \(3,\)$"),
+        ("slider_crank", "np.ones(36)", "a force that turns with its body is an action"),
+        ("spatial_mixed", "np.zeros(len(matrices.rows))", "no loads in space; natural_actions returns them there$"),
+    ],
+)
+def test_loads_that_fit_no_model_are_refused(tmp_path: Path, scene: str, vector: str, words: str) -> None:
+    plugged(tmp_path, BLOW.replace("VECTOR", vector))
+    with pytest.raises(InputError, match=rf"mine\.py, line 17: class Loads: .*{words}"):
+        pgmp.check(ROOT / "scenes" / f"{scene}.toml", overrides=['effects.e={type="blow"}'])
+
+
 def test_what_fails_in_a_scene_ends_a_command_on_ranks(tmp_path: Path) -> None:
     (scene := tmp_path / "base.toml").write_text(BASE)
     text, (before, after), words = LATER["what fails"]

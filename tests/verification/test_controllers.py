@@ -6,12 +6,13 @@ import subprocess
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from alike import assert_order, assert_samples_are_those_alone
+from alike import assert_alike, assert_order, assert_samples_are_those_alone
 from conftest import ROOT
 from exported import FMPY, Unit, assert_equal, compiled, needs_compiler, outputs_of
 from machine_scenes import MODELS, cart, errors_of, of_text, run
@@ -36,6 +37,7 @@ from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduced.system import ReducedSystem
+from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.status import Status
@@ -130,7 +132,7 @@ def of(rates: Callable, start: list[float]) -> Callable[[np.ndarray], dict[str, 
 def test_continuous_controllers(servo: str) -> None:
     """Against scipy's integrator, of second order."""
     more, exact = LOOPS[servo]
-    errors = errors_of(lambda step: wheel(servo, *more, step), "full", of(*exact), 2e-3, 1e-3, 5e-4)
+    errors = errors_of(lambda step: wheel(servo, *more, step), "full", of(*exact), 1e-3, 5e-4)
     assert_order(errors, within=0.25 if more else 0.15)
     assert errors[-1] < (5e-4 if more else 1e-4), errors
 
@@ -187,29 +189,8 @@ SAMPLED = ("controllers.place.sample_time=5e-3", "controllers.hold.sample_time=5
 NEAR = ("coordinates.x.range=[-0.1,0.2]", "coordinates.swing.range=[-0.9,0.3]", "reduction.angles=6")
 
 
-CONTINUOUS_OR_SAMPLED = pytest.mark.parametrize("entries", [ARM, (*ARM, *SAMPLED)], ids=["continuous", "sampled"])
-
-
 #: The cart is moved as it is, whatever a controller does against that.
 DRIVEN = (*ARM, 'effects.drive={type="prescribed_motion",coordinate="x",table=[[0.0,0.0],[0.1,0.02],[0.5,0.05]]}')
-
-
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("entries", [ARM, (*ARM, *SAMPLED), DRIVEN], ids=["continuous", "sampled", "against a drive"])
-def test_the_work_of_controllers_closes_the_balance(entries: tuple[str, ...], model: str) -> None:
-    """What the rule of trapezoids leaves of the works; jumps excite vibrations that steps of 1 ms hardly resolve."""
-    balance = motion(model, cart(*entries, *NEAR)).balance
-    exchanged = np.abs(np.diff(balance.work["place"])).sum() + np.abs(np.diff(balance.work["hold"])).sum()
-    allowed = 3e-3 if SAMPLED[0] in entries else 1e-3
-    assert np.abs(balance.residual).max() < allowed * exchanged and np.ptp(balance.work["place"]) > 0.1 * exchanged
-
-
-@CONTINUOUS_OR_SAMPLED
-def test_samples_in_lanes_are_those_alone(entries: tuple[str, ...]) -> None:
-    """Gains of samples: each is bit for bit what it is alone."""
-    model = reduced_model(cart(*entries, *NEAR, "simulation.duration=0.1"))
-    together = assert_samples_are_those_alone(model, (0, 3), lead=np.linspace(10.0, 40.0, 5))
-    assert np.ptp(together["x"][-1]) > 1e-3
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -235,30 +216,77 @@ SEEN = (
     'states={z="(a - z) / T"},output="min(max(k * (z + 0.02 * b) - c, -99.0), 99.0) - max(cos(a), 0) * atan2(a, 2.0)"}',
 )
 SEEN_SAMPLED = (*SEEN, "controllers.seer.sample_time=2e-3")
-#: Shares of the largest values that the reduction leaves: more of a cart that goes back 0.3 mm where a pole goes 0.1 m
+FORCES = (
+    'outputs.force={type="control_force",controller="place"}',
+    'outputs.torque={type="control_force",controller="hold"}',
+)
+PINS = tuple(f'outputs.{joint}={{type="joint_force",joint="{joint}"}}' for joint in ("pivot", "rail2"))
+#: The pole hangs, and is held there: errors are small beside the angle and its reference.
+HANGING = (
+    ARM[0], "simulation.initial.swing={position=-1.5707963267948966,velocity=0.0}",
+    f'controllers.hold={{type="pid",measures="swing",joint="pivot",reference={SMOOTH % (-0.1, -1.6707963267948966)},'
+    "gains={p=10.0,d=0.3,filter=5e-3}}", *ARM[2:],
+)  # fmt: skip
+AT_REST = (*HANGING, *FORCES, "coordinates.swing.range=[-2.2,-1.0]", "simulation.duration=0.1")
+RUBBED = 'effects.rub={type="joint_friction",joint="rail",coefficient=0.3,speed=0.2}'
+RUBS = (*ARM, RUBBED, 'outputs.guide={type="joint_force",joint="rail"}', "simulation.duration=0.1")
+#: Shares of the largest values that the reduction leaves: more of a cart that goes back 0.3 mm where a pole goes 0.1 m.
+#: The weight that sets in leaves 0.8 % of the force in the pivot, and jumps of a torque there set off vibrations of a
+#: step's period: these two modes have other ones.
+MOVED = {"x": 2e-4, "swing": 2e-4, "bent": 0.03, "rail2": 2e-4, "force": 5e-3, "torque": 5e-3}
+MEASURED = {"x": 3e-3, "swing": 1e-3, "seen": 1e-3}
+RUBBING = {"x": 1e-5, "swing": 1e-4, "guide": 1e-3}
 IN_EVERY_MODEL = {
-    "two, one with limits": (ARM, {"x": 2e-4, "swing": 2e-4, "bent": 0.03}),
-    "sampled": ((*ARM, *SAMPLED), {"x": 2e-4, "swing": 2e-4, "bent": 0.03}),
-    "of several measures": (SEEN, {"x": 3e-3, "swing": 1e-3, "seen": 1e-3}),
-    "of several measures, sampled": (SEEN_SAMPLED, {"x": 3e-3, "swing": 1e-3, "seen": 1e-3}),
-}
+    "two, one with limits": ((*ARM, *FORCES, *PINS), MOVED | {"pivot": 0.012}),
+    "sampled": ((*ARM, *SAMPLED, *FORCES, *PINS), MOVED),
+    "against a drive": (DRIVEN, {"swing": 2e-4}),
+    "of several measures": (SEEN, MEASURED), "of several measures, sampled": (SEEN_SAMPLED, MEASURED),
+    # their round-off is that of the angle: the iteration of the controller's states ends with it
+    "small errors of a large angle": (AT_REST, {"x": 2e-4, "torque": 5e-3}),
+    "small errors of a large angle, sampled": ((*AT_REST, *SAMPLED), {"x": 2e-4, "torque": 5e-3}),
+    # of a guide, whose friction moves the pole by a tenth
+    "rubbing": (RUBS, RUBBING), "rubbing, sampled": ((*RUBS, *SAMPLED), RUBBING),
+}  # fmt: skip
+
+
+def under_control(name: str, *more: str) -> Scene:
+    return cart(*NEAR, "simulation.duration=0.2", *IN_EVERY_MODEL[name][0], *more)
+
+
+@cache
+def moved(name: str, model: str) -> Trajectory:
+    return motion(model, under_control(name))
 
 
 @pytest.mark.parametrize("name", IN_EVERY_MODEL)
 def test_controllers_in_every_model(name: str) -> None:
-    entries, shares = IN_EVERY_MODEL[name]
-    full, components, reduced = (run(cart(*entries, *NEAR, "simulation.duration=0.2"), model)[1] for model in MODELS)
-    assert_close(full, reduced, components, **shares)
+    """The same motions and forces; and works of controllers close the balance to what the rule of trapezoids leaves of
+    them: jumps excite vibrations that steps of 1 ms hardly resolve."""
+    full, reduced, components = runs = [moved(name, model) for model in ("full", "reduced", "components")]
+    assert_close(full.outputs, reduced.outputs, components.outputs, **IN_EVERY_MODEL[name][1])
+    for balance in (one.balance for one in runs if "place" in one.balance.work):
+        works = [balance.work[one] for one in ("place", "hold")]
+        exchanged = sum(np.abs(np.diff(work)).sum() for work in works)
+        assert np.abs(balance.residual).max() < (3e-3 if "sampled" in name else 1e-3) * exchanged
+        assert np.ptp(works[0]) > 0.1 * exchanged or "angle" in name
+
+
+@pytest.mark.parametrize("name", ["two, one with limits", "sampled"])
+def test_samples_in_lanes_are_those_alone(name: str) -> None:
+    """Gains of samples: each is bit for bit what it is alone."""
+    model = reduced_model(under_control(name, "simulation.duration=0.1"))
+    together = assert_samples_are_those_alone(model, (0, 3), lead=np.linspace(10.0, 40.0, 5))
+    assert np.ptp(together["x"][-1]) > 1e-3
 
 
 STOPPED = 'effects.stop={type="end_stop",joint="rail",upper=0.02,stiffness=5e4,damping=1.0}'
 
 
 @pytest.mark.parametrize(
-    "entries", [(*ARM, STOPPED), (*ARM, *SAMPLED, STOPPED), SEEN, SEEN_SAMPLED],
-    ids=["continuous", "sampled", "several measures", "several measures sampled"],
-)  # fmt: skip
-@pytest.mark.parametrize("kind", ["full", "components", "reduced"])
+    ("kind", "entries"),
+    [(kind, entries) for kind in ("full", "reduced") for entries in ((*ARM, STOPPED), SEEN_SAMPLED)]
+    + [(kind, entries) for kind in ("components", "reduced") for entries in ((*ARM, *SAMPLED, STOPPED), SEEN)],
+)
 def test_compiled_steps_are_those_by_corrections(kind: str, entries: tuple[str, ...]) -> None:
     """Controllers in compiled lanes and steps, and steps between two samplings, over contacts too, against those in
     Python, which read outputs: iterations leave 1e-12 in a step, and outputs close mechanisms where lanes interpolate
@@ -275,58 +303,32 @@ def test_compiled_steps_are_those_by_corrections(kind: str, entries: tuple[str, 
             assert system.held is not continuous and system.carries is (continuous and known)
             system.held &= known
         found.append(history(model, samples(model.scene, 1), 1, system=system)[1])
-    for name, values in found[1].items():
-        allowed = 1e-8 * np.abs(values).max()
-        np.testing.assert_allclose(found[0][name], values, rtol=0, atol=allowed, err_msg=name)
+    assert_alike(found[1], found[0], 1e-8)
     assert np.ptp(found[0]["x"]) > 2e-4 and (entries[0] is not ARM[0] or found[0]["x"].max() > 0.02)
 
 
-FORCES = (
-    'outputs.force={type="control_force",controller="place"}',
-    'outputs.torque={type="control_force",controller="hold"}',
-)
-#: The pole hangs, and is held there: errors are small beside the angle and its reference.
-HANGING = (
-    ARM[0], "simulation.initial.swing={position=-1.5707963267948966,velocity=0.0}",
-    f'controllers.hold={{type="pid",measures="swing",joint="pivot",reference={SMOOTH % (-0.1, -1.6707963267948966)},'
-    "gains={p=10.0,d=0.3,filter=5e-3}}",
-)  # fmt: skip
-
-
-@CONTINUOUS_OR_SAMPLED
-def test_small_errors_of_large_angles(entries: tuple[str, ...]) -> None:
-    """Their round-off is that of the angle: the iteration of the controller's states ends with it, in every model."""
-    near = "coordinates.swing.range=[-2.2,-1.0]", *NEAR[::2]
-    scene = cart(*HANGING, *entries[2:], *FORCES, *near, "simulation.duration=0.1")
-    full, components, reduced = (run(scene, model)[1] for model in MODELS)
-    assert all(np.isfinite(one["torque"]).all() for one in (full, components, reduced))
-    assert_close(full, reduced, components, x=2e-4, torque=5e-3)
-
-
-RUBBED = 'effects.rub={type="joint_friction",joint="rail",coefficient=0.3,speed=0.2}'
-GUIDE = 'outputs.guide={type="joint_force",joint="rail"}'
-
-
-@CONTINUOUS_OR_SAMPLED
-def test_friction_by_the_force_carried_under_control(entries: tuple[str, ...]) -> None:
-    """Of a guide, which moves the pole by a tenth; also where the friction is found in Python, as on bent lines."""
-    scene = cart(*entries, *NEAR, RUBBED, GUIDE, "simulation.duration=0.1")
-    full, components, reduced = (run(scene, model)[1] for model in MODELS)
-    assert_close(full, components, reduced, x=1e-5, swing=1e-4, guide=1e-3)
-    model, begun = (
-        reduced_model(one) for one in (scene, cart(*entries, *NEAR, RUBBED, GUIDE, "simulation.duration=0.02"))
-    )
+@pytest.mark.parametrize("name", ["rubbing", "rubbing, sampled"])
+def test_friction_by_the_force_carried_under_control(name: str) -> None:
+    """Also where the friction is found in Python, as on bent lines; and derivatives by a gain."""
+    scene = under_control(name)
+    begun = reduced_model(under_control(name, "simulation.duration=0.02"))
     begun.actions = replace(begun.actions, carried=None)
-    in_python = {name: one[:, 0] for name, one in history(begun, samples(scene, 1), 1)[1].items()}
-    assert_close({name: one[: in_python["x"].size] for name, one in reduced.items()}, in_python, x=1e-9, guide=1e-9)
-    found = differentiate(model, scene.values, ("lead",)).derivatives["swing"]["lead"]
-    before, after = (history(model, {"lead": np.array([30.0 + h])}, 1)[1]["swing"][:, 0] for h in (-0.01, 0.01))
-    np.testing.assert_allclose(found, (after - before) / 0.02, rtol=0, atol=1e-5 * np.abs(found).max())
+    in_python = {one: values[:, 0] for one, values in history(begun, samples(scene, 1), 1)[1].items()}
+    reduced = moved(name, "reduced").outputs
+    assert_close({one: values[: in_python["x"].size] for one, values in reduced.items()}, in_python, x=1e-9, guide=1e-9)
+    assert_derivative(reduced_model(scene), "swing", 1e-5)
+
+
+def assert_derivative(model: ReducedModel, output: str, share: float) -> None:
+    """Check a derivative by a gain to a share of the largest value against differences of runs."""
+    found = differentiate(model, model.scene.values, ("lead",)).derivatives[output]["lead"]
+    before, after = (history(model, {"lead": np.array([30.0 + h])}, 1)[1][output][:, 0] for h in (-0.01, 0.01))
+    np.testing.assert_allclose(found, (after - before) / 0.02, rtol=0, atol=share * np.abs(found).max())
 
 
 def test_friction_under_control_is_the_same_however_many_steps_are_taken_at_once(monkeypatch) -> None:
     """Bit by bit: how many hangs on the number of samples side by side, and so on that of ranks."""
-    scene = cart(*ARM, *NEAR, RUBBED, "simulation.duration=0.05")
+    scene = under_control("rubbing", "simulation.duration=0.05")
     model, found = reduced_model(scene), []
     for n_steps in (7, 1000):
         monkeypatch.setattr(ReducedSystem, "steps_between_looks", lambda system, every, n=n_steps: n)
@@ -343,13 +345,9 @@ CORNERED = "controllers.place.reference={table=[[0.0,0.0],[0.0503,0.08],[0.1,0.0
 @needs_compiler
 @pytest.mark.parametrize(
     "entries",
-    [
-        (*ARM, CORNERED, STOPPED), (*ARM, *SAMPLED, STOPPED, "initial.equilibrium=true"), HANGING,
-        SEEN_SAMPLED,
-        (*ARM, *SAMPLED, RUBBED),
-    ],
-    ids=["continuous", "sampled", "hanging", "several measures", "rubbing"],
-)  # fmt: skip
+    [(*HANGING, CORNERED, STOPPED), (*ARM, *SAMPLED, STOPPED, RUBBED, "initial.equilibrium=true"), SEEN_SAMPLED],
+    ids=["hanging", "sampled, rubbing", "several measures"],
+)
 @pytest.mark.usefixtures("short_tables")
 def test_models_in_c(entries: tuple[str, ...], tmp_path: Path) -> None:
     """Equal to 1e-9 of the largest, over contacts too; a gain that is set is one of the model."""
@@ -364,25 +362,12 @@ def test_models_in_c(entries: tuple[str, ...], tmp_path: Path) -> None:
 
 
 def test_forces_of_controllers_are_outputs() -> None:
-    """A torque by its law, of the same run; held from a sample on; the same of all samples, in every model."""
+    """A torque by its law, of the same run; of every model and held ones: above and below."""
     times, found = run(
         wheel("reference=1.0,gains={p=40.0,d=1.6}", 'outputs.u={type="control_force",controller="servo"}'), "full"
     )
     expected = 40.0 * (1.0 - found["angle"]) - 1.6 * found["speed"]
     np.testing.assert_allclose(found["u"], expected, rtol=0, atol=1e-9 * 40.0)
-    for entries in (ARM, (*ARM, *SAMPLED)):
-        scene = cart(*entries, *FORCES, *NEAR, "simulation.duration=0.1")
-        (_, full), (_, reduced) = (run(scene, model) for model in ("full", "reduced"))
-        model = reduced_model(scene)
-        _, three = history(model, samples(scene, 3), 3)
-        for name in ("force", "torque"):
-            size = np.abs(full[name]).max()
-            np.testing.assert_allclose(reduced[name], full[name], rtol=0, atol=5e-3 * size, err_msg=name)
-            np.testing.assert_array_equal(three[name], reduced[name][:, None] * np.ones(3), err_msg=name)
-        assert model.outputs.units["force"] == "N" and model.outputs.units["torque"] == "N m"
-    changes = np.flatnonzero(np.diff(reduced["force"])) + 1
-    assert set(changes % 5) == {0}  # of steps of 1 ms
-    assert motion(model).outputs["force"][-1] == reduced["force"][-1]
 
 
 @pytest.mark.parametrize(("every", "known"), [(0, True), (1, False), (2, True), (5, True)])
@@ -413,33 +398,27 @@ def test_too_many_samplings_have_no_estimated_errors() -> None:
     assert sum(TOO_OFTEN in remark.text for remark in found.record.remarks) == 1
 
 
-@CONTINUOUS_OR_SAMPLED
-def test_forces_in_joints_under_control(entries: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those of the mesh, with accelerations and forces of controllers before these jump; the same of all samples.
-
-    The weight that sets in leaves 0.8 % of the force in the pivot, and jumps of a torque there set off vibrations of a
-    step's period: these two modes have other ones.
-    """
-    pins = [f'outputs.{joint}={{type="joint_force",joint="{joint}"}}' for joint in ("pivot", "rail2")]
-    scene = cart(*entries, *pins, *FORCES, *NEAR, "simulation.duration=0.15")
-    full, components, reduced = (run(scene, model)[1] for model in MODELS)
+@pytest.mark.parametrize("name", ["two, one with limits", "sampled"])
+def test_forces_in_joints_and_of_controllers_of_every_sample(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With accelerations and forces of controllers before these jump; samples have those of a run, and end as it."""
+    scene, names = under_control(name), ("pivot", "rail2", "force", "torque")
+    full, reduced = (moved(name, model).outputs for model in ("full", "reduced"))
     # what is evaluated later, many instants at once, ends at samplings too
     monkeypatch.setattr("pgmp_petsc.full.systems.STATES_AT_ONCE", 7)
-    later = simulate(full_model(scene), MPI.COMM_SELF).outputs
-    assert_close(full, later, **dict.fromkeys(("pivot", "rail2", "force", "torque"), 1e-12))
-    assert_close(full, reduced, components, rail2=2e-4, **({} if len(entries) > len(ARM) else {"pivot": 0.012}))
+    assert_close(full, motion("full", scene).outputs, **dict.fromkeys(names, 1e-12))
     model = reduced_model(scene)
     _, three = history(model, samples(scene, 3), 3)
-    np.testing.assert_array_equal(three["pivot"], reduced["pivot"][:, None] * np.ones(3))
-    assert motion(model).outputs["pivot"][-1] == reduced["pivot"][-1]
-    for one, n, over_time in ((model, 3, reduced), (full_model(scene), 1, full)):  # samples end as runs do
+    for one in names:
+        np.testing.assert_array_equal(three[one], reduced[one][:, None] * np.ones(3), err_msg=one)
+    assert model.outputs.units["force"] == "N" and model.outputs.units["torque"] == "N m"
+    if name == "sampled":
+        assert set((np.flatnonzero(np.diff(reduced["force"])) + 1) % 5) == {0}  # of steps of 1 ms
+    for one, n, over_time in ((model, 3, reduced), (full_model(scene), 1, full)):
         system, done = run_model(one, n, samples(scene, n))
         ends = one.outputs.evaluate(one.observed(system, done.state, scene.simulation.duration))
-        for name in ("pivot", "torque"):
-            np.testing.assert_allclose(ends[name], over_time[name][-1], rtol=1e-12)
-    found = differentiate(model, scene.values, ("lead",)).derivatives["pivot"]["lead"]
-    before, after = (history(model, {"lead": np.array([30.0 + h])}, 1)[1]["pivot"][:, 0] for h in (-0.01, 0.01))
-    np.testing.assert_allclose(found, (after - before) / 0.02, rtol=0, atol=1e-4 * np.abs(found).max())
+        for output in ("pivot", "torque"):
+            np.testing.assert_allclose(ends[output], over_time[output][-1], rtol=1e-12)
+    assert_derivative(model, "pivot", 1e-4)
 
 
 @needs_compiler
@@ -749,17 +728,15 @@ def test_a_gain_is_tuned(overshoot: float | None) -> None:
     assert any("differences of runs" in remark.text for remark in found.record.remarks)
 
 
-@CONTINUOUS_OR_SAMPLED
-def test_a_reduction_is_chosen_under_control(entries: tuple[str, ...]) -> None:
-    """It keeps its tolerance at a gain that took no part, held forces included."""
+def test_a_reduction_is_chosen_under_control() -> None:
+    """It keeps its tolerance at a gain that took no part, a force that is held and one that is not included."""
     given = 'reduction={tolerance=1e-2,angles=6,interpolation="spline",inertia_modes=false,second_order=false}'
-    asked = cart(*entries, *NEAR[:2], given, *FORCES, "simulation.duration=0.05")
+    asked = cart(*ARM, SAMPLED[0], *NEAR[:2], given, *FORCES, "simulation.duration=0.05")
     found = choose(asked, meshes_of(asked), RankGroup.split(MPI.COMM_SELF, 1), lambda text: None)
     assert found.rom.tables.n_modes < 15
     values = {"lead": np.array([36.0])}
     exact = history(full_model(found.scene), values, 1)[1]
-    for name, one in history(ReducedModel(found.scene, found.rom), values, 1)[1].items():
-        assert np.abs(one - exact[name]).max() < 1e-2 * np.abs(exact[name]).max(), name
+    assert_alike(exact, history(ReducedModel(found.scene, found.rom), values, 1)[1], 1e-2)
 
 
 def test_sizes_of_effects_are_those_of_the_motion_under_control() -> None:

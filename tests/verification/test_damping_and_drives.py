@@ -8,8 +8,6 @@ from effect_scenes import BAR, BAR_INERTIA, CANTILEVER, G, linear_mode, recorded
 SPINNER = CANTILEVER.replace('"beam:hinge"]', '"beam:middle"]').split("[effects.hold]")[0]
 MIDDLE = (12, 13)  # x and y of the node there
 DECAYS = {
-    "stiffness": ("stiffness = 1e-3", lambda omega: 0.5e-3 * omega**2),
-    "mass": ("mass = 2.0", lambda omega: 1.0),
     "both": ("mass = 1.0\nstiffness = 5e-4", lambda omega: 0.5 + 0.25e-3 * omega**2),
     "ratios": ("ratios = [0.5, 0.03]", lambda omega: 0.03 * omega),
     "large ratios": ("ratios = [0.9, 0.6]", lambda omega: 0.6 * omega),

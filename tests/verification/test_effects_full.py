@@ -2,12 +2,26 @@
 
 from collections.abc import Callable
 
-import effect_scenes
 import numpy as np
 import pytest
 from cantilevers import PUBLISHED
 from conftest import ROOT
-from effect_scenes import CANTILEVER, linear_mode, recorded, run_batch, run_of, scene_of
+from effect_scenes import (
+    BAR,
+    BAR_INERTIA,
+    BLOCK,
+    CANTILEVER,
+    STEP,
+    G,
+    Recorded,
+    bar,
+    linear_mode,
+    recorded,
+    run_batch,
+    run_of,
+    scene_of,
+    turning,
+)  # fmt: skip
 from scipy.optimize import brentq, curve_fit
 from scipy.special import ellipk
 
@@ -29,7 +43,7 @@ def strut(angle: float, speed: float) -> float:
 
 def stop(angle: float, speed: float, damping: float) -> float:
     """Return the torque of weight and stop on a bar that falls."""
-    return -0.5 * effect_scenes.G * np.cos(angle) + max(0.0, 2000.0 * max(0.0, -0.5 - angle) * (1.0 - damping * speed))
+    return -0.5 * G * np.cos(angle) + max(0.0, 2000.0 * max(0.0, -0.5 - angle) * (1.0 - damping * speed))
 
 
 WEIGHT, ANCHOR = 'effects.weight: type = "gravity"', "ground.points: anchor = [0.3, 1.4]"
@@ -90,31 +104,26 @@ SHARED = ("force on bar:tip", "point mass", "spring to a point", "damped stop")
 def test_a_bar_turns_as_its_torques_say(name: str) -> None:
     """What the balance of energy leaves falls as the square of the step; of damped impacts instants count, too."""
     entries, torque, further, duration, start, tolerance = TURNED[name]
-    scene, finer = (effect_scenes.bar(tables(entries + "\n"), duration, step, **start) for step in (2e-3, 1e-3))
-    run = effect_scenes.recorded(scene, alone=name not in SHARED)
-    expected = effect_scenes.turning(torque, run.time, inertia=effect_scenes.BAR_INERTIA + further, **start)
+    scene, finer = (bar(tables(entries + "\n"), duration, step, **start) for step in (2e-3, 1e-3))
+    run = recorded(scene, alone=name not in SHARED)
+    expected = turning(torque, run.time, inertia=BAR_INERTIA + further, **start)
     np.testing.assert_allclose(run.angle, expected, rtol=0, atol=tolerance)
     if name == "force on bar:hinge":
         assert run.balance.exchanged < 1e-9
         return
-    coarse, fine = (np.abs(one.balance.residual).max() for one in (run, effect_scenes.run_batch(finer, 1)))
+    coarse, fine = (np.abs(one.balance.residual).max() for one in (run, run_batch(finer, 1)))
     assert 3.0 < coarse / fine < 5.0 and coarse < 1e-2 * run.balance.exchanged
     assert np.abs(run.balance.work["weight" if name == "point mass" else "e"]).max() > 1e-2
 
 
 def test_a_following_force_at_the_tip_of_a_flexible_beam() -> None:
     """Statics: the tip of a cantilever under a small following couple of forces bends as under a fixed one."""
-    run = effect_scenes.recorded(
-        effect_scenes.scene_of(
-            effect_scenes.CANTILEVER,
-            tables("""
+    push = tables("""
 effects.push: type = "force"; point = "beam:tip"; direction = [0.0, 1.0]; follows = true;
     table = [[0.0, 0.0], [10.0, 0.03], [20.0, 0.03]]
 effects.loss: type = "structural_damping"; stiffness = 0.1
 """)
-            + effect_scenes.run_of(20.0, 0.1, 0.5),
-        )
-    )
+    run = recorded(scene_of(CANTILEVER, push + run_of(20.0, 0.1, 0.5)))
     # F L^3 / 3 EI; elements of second order, (1 / 8)^2 / 4, and finite rotations 1e-4
     assert run.point("beam:tip")[-1, 1] == pytest.approx(0.01, rel=6e-3)
 
@@ -123,20 +132,13 @@ effects.loss: type = "structural_damping"; stiffness = 0.1
 def test_the_period_of_a_pendulum(flexible: bool) -> None:
     start = -0.3
     swing = np.pi / 2 + start
-    period = 4.0 * np.sqrt(2.0 / (3.0 * effect_scenes.G)) * ellipk(np.sin(swing / 2.0) ** 2)
-    scene = effect_scenes.scene_of(
-        effect_scenes.BAR,
-        '[effects.weight]\ntype = "gravity"' + effect_scenes.run_of(period, 2e-3, 0.8, position=start),
-        *(
-            (
-                "bodies.bar.flexible=true", "bodies.bar.section.axial=1e5", "bodies.bar.section.shear=1e5",
-                "bodies.bar.section.bending=1e3", "bodies.bar.section.rotary_density=1e-5",
-            )
-            if flexible
-            else ()
-        ),
+    period = 4.0 * np.sqrt(2.0 / (3.0 * G)) * ellipk(np.sin(swing / 2.0) ** 2)
+    soft = (
+        "bodies.bar.flexible=true", "bodies.bar.section.axial=1e5", "bodies.bar.section.shear=1e5",
+        "bodies.bar.section.bending=1e3", "bodies.bar.section.rotary_density=1e-5",
     )  # fmt: skip
-    run = effect_scenes.recorded(scene, alone=True)
+    weight = '[effects.weight]\ntype = "gravity"' + run_of(period, 2e-3, 0.8, position=start)
+    run = recorded(scene_of(BAR, weight, *(soft if flexible else ())), alone=True)
     middle = run.angle[len(run.time) // 2]
     # turning back the angle stands still: what an error of the period does there is of second order; half a period on,
     # too
@@ -149,21 +151,16 @@ def test_the_period_of_a_pendulum(flexible: bool) -> None:
 
 def test_a_mass_at_the_tip_of_a_cantilever() -> None:
     ratio = 0.5
-    scene = effect_scenes.scene_of(
-        effect_scenes.CANTILEVER,
-        tables(f"""
-effects.bob: type = "point_mass"; point = "beam:tip"; mass = {ratio}
-""")
-        + effect_scenes.run_of(2.5, 5e-3),
-    )
-    omega, shape = effect_scenes.linear_mode(scene, [0, 1, 2], 0)
+    bob = tables(f'effects.bob: type = "point_mass"; point = "beam:tip"; mass = {ratio}\n')
+    scene = scene_of(CANTILEVER, bob + run_of(2.5, 5e-3))
+    omega, shape = linear_mode(scene, [0, 1, 2], 0)
     root = brentq(
         lambda k: 1 + np.cosh(k) * np.cos(k) + ratio * k * (np.cos(k) * np.sinh(k) - np.sin(k) * np.cosh(k)), 1.0, 1.8
     )
     # elements of second order, (1 / 8)^2 / 8
     assert omega == pytest.approx(root**2, rel=3e-3)
     small = 1e-4
-    run = effect_scenes.recorded(scene, small * shape, alone=True)
+    run = recorded(scene, small * shape, alone=True)
     # the period is longer by (omega h)^2 / 12, 8e-6, over 1 period
     np.testing.assert_allclose(
         run.point("beam:tip")[:, 1], small * shape[-2] / omega * np.sin(omega * run.time), rtol=0,
@@ -171,16 +168,11 @@ effects.bob: type = "point_mass"; point = "beam:tip"; mass = {ratio}
     )  # fmt: skip
 
 
-def block(
-    effects: str, duration: float, step: float = effect_scenes.STEP, velocity: float = -1.0
-) -> effect_scenes.Recorded:
-    """Run a block of 1 kg on rails, which a crank drive's massless bars leave alone; its speed is ``-velocity / 2``."""
-    text = effect_scenes.BLOCK + f"velocity = {velocity}\n" + effects
-    simulation = f"\n[simulation]\nduration = {duration}\nstep = {step}\nspectral_radius = 1.0\n"
-    return effect_scenes.recorded(
-        effect_scenes.scene_of(text.replace("[simulation.initial.theta]", simulation + "[simulation.initial.theta]")),
-        alone=True,
-    )
+def block(effects: str, duration: float) -> Recorded:
+    """Run a block of 1 kg on rails, which a crank drive's massless bars leave alone; its speed is 0.5 m/s."""
+    start = "[simulation.initial.theta]"
+    simulation = f"\n[simulation]\nduration = {duration}\nstep = {STEP}\nspectral_radius = 1.0\n{start}"
+    return recorded(scene_of(BLOCK.replace(start, simulation) + "velocity = -1.0\n" + effects), alone=True)
 
 
 START = np.sqrt(0.75)  # of the block, m
@@ -209,7 +201,7 @@ SLID = {
 def test_a_block_slides_as_its_forces_say(name: str) -> None:
     entries, force = SLID[name]
     run = block(tables(f"effects.e: {entries}\n"), 0.6)
-    expected = effect_scenes.turning(force, run.time, 0.0, 0.5, 1.0)
+    expected = turning(force, run.time, 0.0, 0.5, 1.0)
     np.testing.assert_allclose(
         run.point("rod:tip")[:, 0] - START, expected, rtol=0, atol=6e-5 if name == "stop" else 2e-5
     )

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -52,28 +53,24 @@ SEEN = (
 
 def estimated(model: ReducedModel, values: Mapping[str, np.ndarray], n: int) -> Estimate:
     system = model.batch(values, n)
-    watched = ErrorIndicator(model).watch(system, np.arange(n))
-    run = integrate(system, model.scene.simulation, observer=watched)
-    return watched.estimate(run.status)
+    watched = indicator_of(model).watch(system, np.arange(n))
+    return watched.estimate(integrate(system, model.scene.simulation, observer=watched).status)
 
 
 def effectivity(
-    make,
-    overrides: tuple[str, ...],
-    rom: ReducedOrderModel | None,
-    values: Mapping[str, np.ndarray],
-    refinement: int = 8,
+    model: ReducedModel, exact: Outputs, values: Mapping[str, np.ndarray], n: int
 ) -> tuple[Outputs, Outputs]:
-    """Return largest estimated over largest true error, and the true one as a share of the output's largest value."""
-    scene: Scene = make(*overrides)
-    n = len(next(iter(values.values())))
-    model = ReducedModel(scene, runs.rom_of(scene) if rom is None else rom)
-    fine = make(*overrides, f"simulation.step={scene.simulation.step / refinement!r}")
-    exact = runs.history(runs.full_model(fine), values, n, refinement)[1]
-    true = {name: np.abs(one - exact[name]).max(axis=0) for name, one in runs.history(model, values, n)[1].items()}
-    found = estimated(model, values, n).largest
-    largest = {name: np.abs(one).max(axis=0) for name, one in exact.items()}
-    return {name: found[name] / true[name] for name in true}, {name: true[name] / largest[name] for name in true}
+    """Return largest estimated over largest true error of samples, and the true one as a share of the output's largest
+    value; exact outputs are of as many samples or of one, at the steps of the model."""
+    estimate, found = estimated(model, values, n), history(model, values, n)[1]
+    assert found.keys() == exact.keys()
+    true = {name: np.abs(one - exact[name]).max(axis=0) for name, one in found.items()}
+    shares = {name: true[name] / np.abs(one).max(axis=0) for name, one in exact.items()}
+    return {name: estimate.largest[name] / true[name] for name in true}, shares
+
+
+def finer(scene: Scene, parts: int) -> Scene:
+    return runs.with_step(scene, scene.simulation.step / parts)
 
 
 def share_within(found: np.ndarray) -> float:
@@ -94,8 +91,9 @@ def test_estimates_are_within_a_factor_of_the_true_errors(case: str, accurate_ro
     """`studies.effectivity` measures more of it: 200 samples over 1 s, and more torques."""
     basis, override, refinement = LOADED[case]
     make, rom = (runs.accurate_scene, accurate_rom) if basis == "accurate" else (runs.paper_scene, runs.paper_rom())
-    values = draw(runs.paper_scene(), SEED, 0, N)
-    ratios, _ = effectivity(make, (SHORT, override), rom, values, refinement)
+    values, scene = draw(runs.paper_scene(), SEED, 0, N), make(SHORT, override)
+    exact = history(full_model(finer(scene, refinement)), values, N, refinement)[1]
+    ratios, _ = effectivity(ReducedModel(scene, rom), exact, values, N)
     for name, found in ratios.items():
         assert share_within(found) >= SHARE, (name, np.sort(found))
 
@@ -105,7 +103,7 @@ def many_exact() -> tuple[dict[str, np.ndarray], Outputs]:
     """Return parameters and full-order outputs of the samples of acceptance."""
     values = draw(runs.paper_scene(), SEED_ACCEPTED, 0, N_ACCEPTED)
     fine = runs.paper_scene(SHORT, f"simulation.step={1e-3 / MIDDLE!r}")
-    return values, runs.history(runs.full_model(fine), values, N_ACCEPTED, MIDDLE)[1]
+    return values, history(full_model(fine), values, N_ACCEPTED, MIDDLE)[1]
 
 
 @pytest.mark.parametrize("second_order", ["false", "true"])
@@ -115,31 +113,10 @@ def test_the_scene_is_within_the_factor_on_nearly_all_of_many_samples(
     """Seven modes and a static one, with second order and without; no sample has a part in either."""
     values, exact = many_exact
     model = runs.reduced_model(runs.accurate_scene(SHORT, f"reduction.second_order={second_order}"))
-    estimate, found = estimated(model, values, N_ACCEPTED), runs.history(model, values, N_ACCEPTED)[1]
-    for name, one in found.items():
-        true = np.abs(one - exact[name]).max(axis=0)
+    ratios, shares = effectivity(model, exact, values, N_ACCEPTED)
+    for name, found in ratios.items():
         # round-off, 1e-12 a step, is far below the error
-        assert np.all(true > 1e-8 * np.abs(exact[name]).max(axis=0)), name
-        ratios = estimate.largest[name] / true
-        assert share_within(ratios) >= SHARE, (name, np.sort(ratios))
-
-
-def test_a_worse_basis_is_reported_as_worse() -> None:
-    """Two modes, seven, and seven with a static one: sample by sample, as the true errors of the deformation go."""
-    name, n, estimates, true = "slider_deformation", 6, [], []
-    values = draw(runs.paper_scene(), SEED_ACCEPTED, 0, n)
-    short = "simulation.duration=0.3"
-    exact = runs.history(
-        runs.full_model(runs.paper_scene(short, f"simulation.step={1e-3 / MIDDLE!r}")), values, n, MIDDLE
-    )[1]
-    for modes, static in ((2, "false"), (7, "false"), (7, "true")):
-        reduction = (f"reduction.modes={modes}", f"reduction.static_modes={static}")
-        model = runs.reduced_model(runs.accurate_scene(short, *reduction))
-        estimates.append(estimated(model, values, n).largest[name])
-        true.append(np.abs(runs.history(model, values, n)[1][name] - exact[name]).max(axis=0))
-    for worse, better in ((0, 1), (1, 2)):
-        assert np.all(true[worse] > 1.5 * true[better])
-        assert np.all(estimates[worse] > 1.5 * estimates[better])
+        assert np.all(shares[name] > 1e-8) and share_within(found) >= SHARE, (name, np.sort(found))
 
 
 FEW_MODES = (
@@ -171,8 +148,10 @@ FAR_OFF = {
 @pytest.mark.parametrize("case", FAR_OFF)
 def test_large_errors_are_estimated_as_they_are(case: str) -> None:
     make, overrides, radii, refinement, near, least = FAR_OFF[case]
-    values = runs.samples(make(*overrides), len(radii), r1=np.array(radii) * RADIUS)
-    ratios, shares = effectivity(make, overrides, None, values, refinement)
+    scene, n = make(*overrides), len(radii)
+    values = samples(scene, n, r1=np.array(radii) * RADIUS)
+    exact = history(full_model(finer(scene, refinement)), values, n, refinement)[1]
+    ratios, shares = effectivity(runs.reduced_model(scene), exact, values, n)
     for name, found in ratios.items():
         np.testing.assert_allclose(found, 1.0, rtol=0, atol=near, err_msg=name)
     assert shares["bent"].min() > least
@@ -188,9 +167,9 @@ def test_interpolated_inertia_that_comes_to_nothing_leaves_no_estimate() -> None
     )  # fmt: skip
     rom = runs.rom_of(slider_crank(*overrides))
     assert "the interpolated mass matrix is not positive definite" in rom.indefinite
-    values = runs.samples(slider_crank(*overrides), 3, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
+    values = samples(slider_crank(*overrides), 3, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
     model = ReducedModel(slider_crank(*overrides), rom)
-    assert all(np.isfinite(one).all() for one in runs.history(model, values, 3)[1].values())
+    assert all(np.isfinite(one).all() for one in history(model, values, 3)[1].values())
     found = estimated(model, values, 3)
     assert all(np.isnan(largest).all() for largest in found.largest.values())
     assert set(found.absent.values()) == {(STOPPED,) * 3}
@@ -204,7 +183,7 @@ def test_a_complete_basis_with_small_steps_has_hardly_an_error() -> None:
             *SEEN, f"reduction.modes={modes}", "reduction.angles=32", 'reduction.interpolation="spectral"',
             "simulation.duration=0.01", "simulation.step=2e-5", "effects.motor.table=[[0.0, 0.0], [0.01, 0.05]]",
         )  # fmt: skip
-        found[modes] = estimated(runs.reduced_model(scene), runs.samples(scene, 1), 1).largest["angle"][0]
+        found[modes] = estimated(runs.reduced_model(scene), samples(scene, 1), 1).largest["angle"][0]
     assert found[30] < 2e-3 * found[2]
 
 
@@ -301,8 +280,8 @@ def test_the_signed_error_corrects_the_run() -> None:
     """The reduced output less its estimated error at the end is the full-order one: with three modes, much is wrong."""
     scene = runs.paper_scene("reduction.modes=3", "reduction.angles=48", "simulation.duration=0.3")
     reduced, n = runs.reduced_model(scene), 3
-    values = runs.samples(scene, n, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
-    exact, found = (runs.history(one, values, n)[1] for one in (runs.full_model(scene), reduced))
+    values = samples(scene, n, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
+    exact, found = (history(one, values, n)[1] for one in (full_model(scene), reduced))
     estimate = estimated(reduced, values, n)
     for name in ("crank_angle", "slider_deformation"):
         error = found[name][-1] - exact[name][-1]
@@ -392,11 +371,6 @@ def kept_rom(made: Made, directory: Path) -> ReducedOrderModel:
     return ReducedOrderModel.read(directory / "rom.h5")
 
 
-def finer(made: Made, parts: int) -> Scene:
-    simulation = made[0].simulation
-    return made[0].model_copy(update={"simulation": simulation.model_copy(update={"step": simulation.step / parts})})
-
-
 def platform(*overrides: str) -> Made:
     scene = load_scene(ROOT / "scenes" / "platform_3rrr.toml", overrides)
     return scene, meshes_of(scene)
@@ -425,16 +399,10 @@ def test_estimates_are_within_the_factor(case: str, tmp_path: Path) -> None:
     scene, meshes = made
     assert absence_of_estimates(scene) == ()
     model, values = ReducedModel(scene, kept_rom(made, tmp_path)), samples(scene, 2)
-    exact_of = (components_model if components else full_model)(finer(made, parts), meshes)
-    system = model.batch(values, 2)
-    watched = indicator_of(model).watch(system, np.arange(2))
-    run = integrate(system, scene.simulation, observer=watched)
-    estimate, found = watched.estimate(run.status).largest, history(model, values, 2)[1]
+    exact_of = (components_model if components else full_model)(finer(scene, parts), meshes)
     exact, factor = history(exact_of, samples(scene, 1), 1, parts)[1], SURER.get(case, FACTOR)
-    for name, one in found.items():
-        true = np.abs(one - exact[name]).max(axis=0)
-        ratios = estimate[name] / true
-        assert np.all((ratios > 1.0 / factor) & (ratios < factor)), (name, ratios, true)
+    for name, ratios in effectivity(model, exact, values, 2)[0].items():
+        assert np.all((ratios > 1.0 / factor) & (ratios < factor)), (name, ratios)
         np.testing.assert_allclose(ratios[1], ratios[0], rtol=1e-6)  # of the same sample
 
 
@@ -454,6 +422,7 @@ OF_USERS = {
 FEWER = "reduction.angles=96"  # than by default, which do not change what is estimated
 
 
+@cache
 def model_of(path: Path, *overrides: str) -> ReducedModel:
     scene, meshes = read_scene(path, (FEWER, *overrides), (), MPI.COMM_SELF, Purpose.BUILD)
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
@@ -465,20 +434,14 @@ def test_estimates_see_friction_stops_and_the_step(case: str) -> None:
     overrides, refinement, errors = OF_USERS[case]
     path = FOLDER / f"{case}.toml"
     model = model_of(path, *overrides)
-    step, values = model.scene.simulation.step, samples(model.scene, 1)
-    smaller = (FEWER, *overrides, f"simulation.step={step / refinement!r}")
+    smaller = (FEWER, *overrides, f"simulation.step={model.scene.simulation.step / refinement!r}")
+    values = samples(model.scene, 1)
     exact = history(FullModel(*read_scene(path, smaller, (), MPI.COMM_SELF, Purpose.FULL)), values, 1, refinement)[1]
-    found = history(model, values, 1)[1]
-    system = model.batch(values, 1)
-    watched = ErrorIndicator(model).watch(system, np.arange(1))
-    run = integrate(system, model.scene.simulation, observer=watched)
-    estimate = watched.estimate(run.status)
-    assert found.keys() == errors.keys() and not any("".join(why) for why in estimate.absent.values())
-    for name, one in found.items():
-        true = np.abs(one - exact[name]).max()
-        ratio = estimate.largest[name][0] / true
+    ratios, shares = effectivity(model, exact, values, 1)
+    assert ratios.keys() == errors.keys()
+    for name, ratio in ratios.items():
         assert 1.0 / FACTOR < ratio < FACTOR, (name, ratio)
-        assert 100.0 * true / np.abs(exact[name]).max() == pytest.approx(errors[name], rel=0.5), name
+        assert 100.0 * shares[name] == pytest.approx(errors[name], rel=0.5), name
 
 
 def test_every_output_that_is_five_per_cent_off_is_warned_of() -> None:

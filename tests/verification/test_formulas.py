@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from alike import assert_alike
 from differences import differences
-from exported import assert_same_in_c, needs_compiler
 from machine_scenes import MODELS, cart, cart_errors, run
 from refusals import cases, check_said, refusal
 from runs import assert_close, overridden, reduced_model, refused
@@ -118,12 +117,6 @@ def test_derivatives_say_that_they_leave_out_jumps_that_move(force: str, jumps: 
     model = SimpleNamespace(name="reduced", scene=cart(f"effects.e={law}"))
     found = [remark.text for remark in difference_remarks(model, 0.0)]
     assert [text.split(":")[0] for text in found] == ["effects.e.force"] * jumps
-
-
-@needs_compiler
-@pytest.mark.usefixtures("short_tables")
-def test_formulas_in_c(tmp_path: Path) -> None:
-    assert_same_in_c(reduced_model(cart(*START, *LAWS, "reduction.angles=6")), tmp_path)
 
 
 FORMULA = 'effects.e={type="law",joint="pivot",force='

@@ -80,7 +80,7 @@ def test_the_order_of_interpolation_over_both_coordinates() -> None:
     """The tables of modes that cross, within their groups: frequencies at configurations that took no part."""
     part, errors = (*PART, SPLINE, "reduction.modes=4"), []
     scene = five_bar(*part)
-    for n in (6, 11, 21):
+    for n in (6, 21):
         rom = rom_of(five_bar(*part, f"reduction.angles={n}"))
         if not errors:
             wanted = elsewhere(rom.tables.samples)
@@ -88,7 +88,7 @@ def test_the_order_of_interpolation_over_both_coordinates() -> None:
         found = rom.tables.frequencies_hz(scene.nominal, at=rom.tables.over("spline", wanted))
         errors.append(np.abs(found / exact - 1).max())
     # cubic splines: fourth order
-    assert np.log2(errors[0] / errors[2]) / 2 > 3.7 and errors[-1] < 2e-5
+    assert np.log2(errors[0] / errors[1]) / 2 > 3.7 and errors[1] < 2e-5
 
 
 def test_adaptive_sampling_adds_angles_along_the_coordinate_that_needs_them() -> None:
@@ -106,7 +106,10 @@ def test_adaptive_sampling_adds_angles_along_the_coordinate_that_needs_them() ->
         )
         assert errors[-1] < tolerance
     assert {shape[0] for shape in shapes} == {7} and shapes[0][1] < shapes[1][1] < shapes[2][1]
-    for most, why in {20: "16 .* it is not known how much they miss, and .* 49", 60: "49 .* by .* near theta2 = "}.items():
+    for most, why in {
+        20: "16 .* it is not known how much they miss, and .* 49",
+        60: "49 .* by .* near theta2 = ",
+    }.items():
         with pytest.raises(RunError, match=f"with {why}.*; raise"):
             rom_of(double_pendulum(*part, "reduction.sampling_tolerance=1e-6", f"reduction.max_angles={most}"))
 

@@ -8,7 +8,7 @@ from conftest import ROOT
 from coupled_scenes import SCREW
 from differences import SHARES, carefully, compare
 from exported import assert_same_in_c, needs_compiler
-from length_scenes import SMALL, long_crank
+from length_scenes import BRIEF, long_crank
 from machine_scenes import ACROSS, MODELS, RIGID, CartAndPole, cart, rail, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
@@ -167,7 +167,7 @@ def test_derivatives_of_loads_over_the_other_joint() -> None:
 def test_derivatives_with_a_length_of_what_leads(monkeypatch) -> None:
     """The way of the slider hangs on the rod's length, and the crank's torque on that; the elbow's on the crank."""
     scene = long_crank(
-        *SMALL, "simulation.initial.theta={position=0.4,velocity=-20.0}", "parameters.rod_length.value=0.698",
+        *BRIEF, "simulation.initial.theta={position=0.4,velocity=-20.0}", "parameters.rod_length.value=0.698",
         'effects.brake={type="law",joint="crank_hinge",over="slider",force="-0.3 * s - 0.02 * v"}',
         'effects.turn={type="torque",joint="elbow",over="crank_hinge",table=[[-1.0,0.3],[1.0,-0.2]]}',
     )  # fmt: skip

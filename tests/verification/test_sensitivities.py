@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from combinations import meshes_for, scene_of
 from differences import carefully, compare
-from length_scenes import GUIDE, SMALL, long_crank
+from length_scenes import BRIEF, GUIDE, long_crank
 from mpi4py import MPI
 from runs import reduced_model, rom_of
 from solid_scenes import solid_meshes, solid_slider_crank
@@ -331,9 +331,9 @@ def test_derivatives_with_a_length_or_place_through_contacts_are_central_differe
     """Where a stop is met its force has a corner, at which the length and the coordinates take the same side."""
 
     where, *acting = LENGTHS[name]
-    scene = long_crank(*SMALL, *where, *THROWN, *acting)
+    scene = long_crank(*BRIEF, *where, *THROWN, *acting)
     # the modes of a scene without them: accuracy has no part in it
-    lanes = of_samples(ReducedModel(scene, rom_of(long_crank(*SMALL, *where))), [name])
+    lanes = of_samples(ReducedModel(scene, rom_of(long_crank(*BRIEF, *where))), [name])
     assert [contact.met for contact in differentiate(lanes, scene.values, [name]).contacts] == [True, False]
     monkeypatch.setattr(differentiated, "integrate", carefully)
     compare(lanes, (1e-3, 1e-5), name)

@@ -1,8 +1,5 @@
 """Effects in space in the full-order model: closed forms, scipy, the same scene in the plane, the energy balance."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 from effect_scenes import line_meshes, turning
@@ -11,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from spatial import WIDTH, assembled, table
 
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import STEEL, tables
 
 LENGTH = 0.5
@@ -233,32 +230,3 @@ def test_a_bushing_resists_rotations_about_all_its_axes(number: int) -> None:
     )
     assert np.ptp(expected) > 0.8
     np.testing.assert_allclose(found.outputs["angle"], expected, rtol=0, atol=2e-3)
-
-
-ON_RANKS = """
-import sys
-import numpy as np
-from mpi4py import MPI
-from runs import full_model
-from pgmp_petsc.ranks.petsc import start_petsc
-from pgmp_petsc.scene import load_scene
-from pgmp_petsc.studies.simulate import simulate
-start_petsc()
-scene = load_scene(sys.argv[1])
-found = simulate(full_model(scene), MPI.COMM_WORLD)
-if MPI.COMM_WORLD.rank == 0:
-    np.savez(sys.argv[2], **found.outputs, **{f"work of {name}": work for name, work in found.balance.work.items()})
-"""
-
-
-@pytest.mark.parametrize("n_ranks", [2])
-def test_all_effects_in_space_on_several_ranks(mpirun: Callable, tmp_path: Path, n_ranks: int) -> None:
-    path, scene = tmp_path / "space.toml", spatial()
-    path.write_text(scene_to_toml(scene))
-    one = run(scene)
-    mpirun(n_ranks, "-c", ON_RANKS, path, tmp_path / "found.npz")
-    found = np.load(tmp_path / "found.npz")
-    for name, values in one.outputs.items():
-        np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-9, err_msg=name)
-    for name in ALL:
-        np.testing.assert_allclose(found[f"work of {name}"], one.balance.work[name], rtol=0, atol=1e-8, err_msg=name)

@@ -213,11 +213,12 @@ def test_a_load_that_a_guide_takes_up_gives_no_static_mode(direction: str) -> No
 
 def test_static_answers_to_gravity_are_continuous() -> None:
     """Gravity turns in the bodies' frames; its two directions in each body do not, nor do their answers vanish."""
+    near = "coordinates.theta.periodic=false", "coordinates.theta.range=[-0.8,0.8]"  # a dead centre
     cosines = [
-        rom_of(slider_crank(GRAVITY, STATIC, "reduction.modes=7", f"reduction.angles={n}")).cosines.min()
-        for n in (192, 384)
+        rom_of(slider_crank(GRAVITY, STATIC, "reduction.modes=7", *near, f"reduction.angles={n}")).cosines.min()
+        for n in (50, 99)
     ]
-    # measured: 0.77 and 0.92; half the step, half the angle
+    # measured: 0.92 and 0.98; half the step, half the angle
     assert np.arccos(cosines[1]) < 0.6 * np.arccos(cosines[0])
 
 
@@ -469,13 +470,18 @@ def test_a_run_is_the_same_in_every_basis_of_the_space(monkeypatch) -> None:
         (("reduction.parameter_modes=2",), "reduction.parameter_modes = 2: no parameter has a distribution"),
         ((UNCERTAIN, *SMALL, "reduction.parameter_modes=40"),
          "reduction.modes = 3: with 2 static modes and 40 parameter modes"),
-        ((UNCERTAIN, *SMALL, "reduction.parameter_modes=25"),
-         "reduction.parameter_modes = 25: .* no more than [0-9]+ vectors"),
     ],
 )  # fmt: skip
 def test_more_vectors_than_there_are_are_refused(entries: tuple[str, ...], said: str) -> None:
     with pytest.raises(InputError, match=said):
         rom_of(slider_crank(*entries))
+
+
+def test_fewer_vectors_than_asked_for_are_said() -> None:
+    found = rom_of(slider_crank(UNCERTAIN, *SMALL, "reduction.parameter_modes=25"))
+    assert 0 < found.n_parameter < 25
+    said = f"every configuration: {found.n_parameter} in place of 25; outputs"
+    assert any(remark.kind == "warning" and said in remark.text for remark in found.record.remarks)
 
 
 def test_compression_is_the_best_of_its_size() -> None:
@@ -489,8 +495,7 @@ def test_compression_is_the_best_of_its_size() -> None:
     np.testing.assert_allclose(found.matrix.T @ gram @ found.matrix, np.eye(3), atol=1e-12)
     kept = found.matrix @ np.linalg.solve(found.matrix.T @ found.matrix, found.matrix.T)
     assert abs(np.trace(kept @ gram) - singular[:3].sum()) < 1e-12 * singular.sum()
-    with pytest.raises(InputError, match="no more than 5 vectors"):
-        Compression.of(grams, np.zeros((1, 6), dtype=bool), 6)
+    assert Compression.of(grams, np.zeros((1, 6), dtype=bool), 6).matrix.shape == (6, 5)
 
 
 def test_vectors_that_vanish_somewhere_are_left_out() -> None:
@@ -499,11 +504,9 @@ def test_vectors_that_vanish_somewhere_are_left_out() -> None:
     flips, grams = np.zeros((1, 2), dtype=bool), np.array([np.eye(2), np.eye(2)])
     later = np.array([*grams, np.ones((2, 2))])
     assert Compression.of(later, flips, 1).matrix.shape == (2, 1)
-    with pytest.raises(InputError, match="no more than 1 vectors that are independent at every configuration"):
-        Compression.of(later, flips, 2)
     found = Compression.of(grams, flips, 2)
     assert found.holds(grams) and not found.holds(later)
-    fewer = Compression.of(later, flips, 2, fewer=True)
+    fewer = Compression.of(later, flips, 2)
     assert fewer.matrix.shape == (2, 1) and fewer.flips.shape == (1, 1) and fewer.holds(later)
     grams = np.array([np.diag([4.0, 1.0, 0.5]), np.diag([4.0, 1.0, 0.5]), np.diag([0.0, 1.0, 0.5])])
     found = Compression.of(grams, np.zeros((1, 3), dtype=bool), 2)

@@ -8,7 +8,7 @@ import meshio
 import numpy as np
 import pytest
 from conftest import ROOT
-from length_scenes import long_crank, numbered
+from length_scenes import PART, long_crank, numbered
 from mpi4py import MPI
 from runs import MODELS, accurate_scene, full_model, motion, reduced_model, rom_of, trajectory
 from sealed import resealed
@@ -460,8 +460,9 @@ def test_forces_follow_the_mesh_at_other_lengths_too() -> None:
     shear in the crank was 24 % off and axial forces 8 to 22 %."""
     late = "effects.motor.table=[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]"
     light, short = "effects.weight.acceleration=1e-9", "simulation.duration=0.25"
-    # a build takes 192 angles by itself, which leave 0.1 % in place of 0.4; see the next test
-    changed = (*FORCES, late, light, short, "reduction.length_points=3", "reduction.max_angles=96")
+    # of a revolution a build takes 192 angles by itself, which leave 0.1 % in place of 0.4; see the next test
+    angles = PART, "reduction.angles=20", "reduction.max_angles=20"
+    changed = (*FORCES, late, light, short, "reduction.length_points=3", *angles)
     model = reduced_model(long_crank(*changed, settings=("rod_length=0.68", f"r1={THINNER}")))
     family = model.rom.family
     members = tuple(replace(member, missed=None) for member in family.members)
