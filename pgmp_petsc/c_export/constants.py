@@ -190,7 +190,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         model, nodes, actions, {name: effects[name].strength for name in dict.fromkeys(terms.tables.load_effects)},
         model.actions.places.winding, [] if gaps is None else model.multipliers.rows,
     )  # fmt: skip
-    sizes = {**_sizes(model, tables), **_sizes_of_gaps(gaps, of_gaps), "BENT_MEASURES": 1}
+    sizes = {**_sizes(model, tables), **_sizes_of_gaps(gaps, of_gaps)}
     exchange = int(not (scene.controllers or model.outputs.counts))
     sizes |= {"CORRECTIONS": CORRECTIONS, "EXCHANGE": exchange, "ALWAYS_PROBED": 0, "PROJECTS": 0}
     return replace(

@@ -2,7 +2,7 @@
 
      r -= J^T F g,     dr/d eta = J^T ((k + gain_v c) g g^T - F h) J,     k = -dF/ds,  c = -dF/ds'
 
-   with the coordinates eta of the model, without the change of J with them, and without h where BENT_MEASURES is 0. A
+   with the coordinates eta of the model, without the change of J with them. A
    measure is the sum of functions of statements, each about two frames of its own. Of a law that is led by the effect
    before it k + gain_v c is with the product of its own g and of g there.
 
@@ -106,7 +106,7 @@ void add_actions(const struct pgmp_model *m, const double strengths[], const dou
         const struct action *action = actions + number;
         double s = 0.0, rate = 0.0, projected[N] = {0}, bent[N][N] = {{0}}, found[LAW_END + MOST_EDGES];
         for (int part = action->first; part < action->last; part++)
-            s += add_part(action_parts + part, nodes, turned[part], projected, BENT_MEASURES && fresh ? bent : 0);
+            s += add_part(action_parts + part, nodes, turned[part], projected, fresh ? bent : 0);
         for (int i = 0; i < N; i++) rate += projected[i] * v[i];
         if (action->role != LED && action->role != BY_LOAD) {
             place = s, speed = rate;
