@@ -92,9 +92,9 @@ class Carried(NamedTuple):
         room = (aligned_zeros((*shape, lanes)) for shape in (rows.dofs.shape, (len(each) * d,), (n,)))
         followed = (np.zeros((lanes, *shape)) for shape in ((n,), (n,), (N_FOLLOWED + n, n)))
         return contiguous(cls(
-            np.array([rubbing[force.name] for force in forces]),
-            np.array([list(each).index(force.connection.name) for force in forces]), rows.statements, rows.dofs,
-            np.array(terms, dtype=np.int64).reshape(-1, 3), tree, of_tree,
+            np.array([rubbing[force.name] for force in forces], dtype=np.int64),
+            np.array([list(each).index(force.connection.name) for force in forces], dtype=np.int64), rows.statements,
+            rows.dofs, np.array(terms, dtype=np.int64).reshape(-1, 3), tree, of_tree,
             np.array(pulls, dtype=np.int64).reshape(-1, 2), Room(*room, *followed),
         ))  # fmt: skip
 

@@ -27,7 +27,6 @@ import numpy as np
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.effects import Motion, driven
-from pgmp_petsc.effects.law import any_bend
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.full.energy import energies_of
 from pgmp_petsc.full.forces import act
@@ -75,7 +74,7 @@ class FullDistributed(FullSystem):
         self._typical_stiffness = 0.0
         self._itself = np.empty((0, 1))  # no residual but c
         self._solver_failed = False
-        self.bends = any(comm.allgather(any_bend(self._problem.actions.laws)))
+        self.bends = any(comm.allgather(bool(self._problem.actions.laws.bend.any())))
         self._counted_edges = np.flatnonzero(self._problem.actions.counted[equations.edges])
         self.n_events = comm.allreduce(len(self._counted_edges))
 

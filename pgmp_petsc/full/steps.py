@@ -21,7 +21,7 @@ from pgmp_petsc.controllers.running import (
     take_carried,
 )
 from pgmp_petsc.effects.law import any_bend
-from pgmp_petsc.full.carried import find_carried
+from pgmp_petsc.full.carried import Carried, find_carried
 from pgmp_petsc.full.forces import act, doubt_limited, forget_rates
 from pgmp_petsc.full.joint_kernel import correct_joints, count_turns_in_joints
 from pgmp_petsc.full.joint_map import place
@@ -32,10 +32,11 @@ from pgmp_petsc.lanes.lane_items import borrowed, items, keep, lanes_of, select
 from pgmp_petsc.stepping.alpha_step import FIRST_CONTRACTION, MAX_ITERATIONS, REFRESH_EVERY, ROUND_OFF, judge
 
 
-class Control(NamedTuple):
-    """Continuous controllers in steps that are taken in turn."""
+class Beside(NamedTuple):
+    """What is found along with the mechanics in steps that are taken in turn; there may be none of either."""
 
-    states: States
+    carried: Carried  # joints whose forces friction hangs on
+    states: States  # continuous controllers
     over: np.ndarray  # time, and references with their rates, at the ends of the steps, (n_t, 1 + 2 n)
 
 
@@ -83,22 +84,21 @@ def _correct_block(
 
 @njit(cache=True, entry=True, error_model="numpy")
 def take_steps(
-    problem, joints, carried, control, factors, strengths, probed, scheme, typical_mass, step, reference, behind,
-    before, samples, after, lost, n_corrections,
+    problem, joints, beside, factors, strengths, probed, scheme, typical_mass, step, reference, behind, before, samples,
+    after, lost, n_corrections,
 ):  # fmt: skip
     """Take equal steps (s) of the samples of all blocks, up to one in which an iteration fails; return their number.
 
-    `joints` is the mechanism in joint coordinates or None, `carried` the joints whose forces friction hangs on or None:
-    these are found before each correction, until they are settled too (`controllers.running`), and `control` the
-    controllers, a `Control` or None. `factors` are the matrices of the iteration, `strengths` what acts at the ends of
-    the steps, one a row, and `probed` which of these are corrected as if nothing were known of the contraction,
-    (n_steps,). The scheme is ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)``, and typical masses are as for
-    `correct`. States are about a `reference`: positions, velocities and accelerations of a motion at the ends of the
-    steps, (n_steps, n_blocks, n_dofs, n_lanes); of no steps where they are the motion itself. `behind` are
-    accelerations one step before the beginning, (n_blocks, n_dofs, n_lanes), and `before` ``(q, v, a, multipliers,
-    turns, auxiliary)`` there, (n_blocks, n_dofs, n_constraints or n_turns, n_lanes), the contraction to be expected,
-    (n_blocks, n_lanes), and the numbers beside, (n_blocks, n_beside, n_lanes). Only `samples` advance, (n_blocks,
-    n_lanes).
+    `joints` is the mechanism in joint coordinates or None, `beside` what is found along with it or None: forces that
+    joints carry are found before each correction, until they are settled too (`controllers.running`). `factors` are the
+    matrices of the iteration, `strengths` what acts at the ends of the steps, one a row, and `probed` which of these
+    are corrected as if nothing were known of the contraction, (n_steps,). The scheme is ``(alpha_m, alpha_f, beta,
+    gamma, gain_v, gain_a)``, and typical masses are as for `correct`. States are about a `reference`: positions,
+    velocities and accelerations of a motion at the ends of the steps, (n_steps, n_blocks, n_dofs, n_lanes); of no steps
+    where they are the motion itself. `behind` are accelerations one step before the beginning, (n_blocks, n_dofs,
+    n_lanes), and `before` ``(q, v, a, multipliers, turns, auxiliary)`` there, (n_blocks, n_dofs, n_constraints or
+    n_turns, n_lanes), the contraction to be expected, (n_blocks, n_lanes), and the numbers beside, (n_blocks, n_beside,
+    n_lanes). Only `samples` advance, (n_blocks, n_lanes).
 
     Filled are `after`, as `before` with a leading axis of steps, the samples whose iteration failed in the last step,
     `lost`, (n_blocks, n_lanes), and the Newton corrections of each step, all samples together, (n_steps,).
@@ -119,8 +119,8 @@ def take_steps(
     )  # fmt: skip
     for block in range(n_blocks):
         n_taken = _take_steps_of_block(
-            problem, joints, carried, control, factors, block, n_taken, strengths, probed, scheme, typical_mass[block],
-            step, reference, borrowed(behind[block]), of_before, borrowed(samples[block]), of_after, borrowed(work),
+            problem, joints, beside, factors, block, n_taken, strengths, probed, scheme, typical_mass[block], step,
+            reference, borrowed(behind[block]), of_before, borrowed(samples[block]), of_after, borrowed(work),
             borrowed(flags), borrowed(when[block]), n_corrections,
         )  # fmt: skip
     keep(work)
@@ -134,8 +134,8 @@ def take_steps(
 
 @njit(inline="always")
 def _take_steps_of_block(
-    problem, joints, carried, control, factors, block, n_steps, strengths, probed, scheme, typical_mass, step,
-    reference, behind, before, samples, after, work, flags, when, n_corrections,
+    problem, joints, beside, factors, block, n_steps, strengths, probed, scheme, typical_mass, step, reference, behind,
+    before, samples, after, work, flags, when, n_corrections,
 ):  # fmt: skip
     """Take up to n_steps steps of a block, to the one in which an iteration fails; return how many."""
     width, lanes = problem.width, lanes_of(samples)
@@ -152,12 +152,12 @@ def _take_steps_of_block(
     for k in range(n_steps):
         ahead = after[0][k, block], after[1][k, block], after[2][k, block]
         forces, counted = after[3][k, block], after[4][k, block]
-        follows, expected, beside = after[5][k, block], after[6][k, block], after[7][k, block]
+        follows, expected, noted = after[5][k, block], after[6][k, block], after[7][k, block]
         amplitudes, angles = (strengths.loads[k], strengths.actions[k]), strengths.angles[k]
         _predict(width, scheme, step, q, v, a, auxiliary, behind, lanes, ahead)
         _copy(width, multipliers, forces)
         _copy(width, turns, counted)
-        _copy(width, numbers, beside)
+        _copy(width, numbers, noted)
         for lane in range(samples.size):
             expected[lane] = FIRST_CONTRACTION if probed[k] or bending else contraction[lane]
             active[lane] = samples[lane]
@@ -168,20 +168,17 @@ def _take_steps_of_block(
         state = ahead[0], ahead[1], ahead[2], forces, counted
         going = lanes
         forget_rates(rates)
-        if control is not None:
-            _begin(control, k, scheme, step, beside, parameters, all_lanes, lanes)
-        if carried is not None:
-            begin_carried(carried.actions, carried.room, parameters, beside, all_lanes, lanes)
+        if beside is not None:
+            _begin(beside, k, scheme, step, noted, parameters, all_lanes, lanes)
         for iteration in range(MAX_ITERATIONS):
             if going == 0:
                 break
             for lane in range(samples.size):
                 n_corrections[k] += (going >> lane) & 1
             fresh, unsettled = iteration % REFRESH_EVERY == 0, 0
-            if control is not None:
-                _act(problem, joints, control, block, amplitudes[1], state, parameters, all_lanes, going)
-            if carried is not None:
-                find_carried(problem, joints, matrix, carried, block, amplitudes, angles, state, typical_mass)
+            if beside is not None:
+                carried = beside.carried
+                _act(problem, joints, beside, matrix, block, amplitudes, angles, state, typical_mass, all_lanes, going)
                 unsettled = take_carried(carried.actions, carried.room, parameters, iteration, all_lanes, going)
             _correct_block(
                 problem, joints, factors, block, amplitudes, angles, itself, state, gains, typical_mass, going, fresh,
@@ -189,19 +186,14 @@ def _take_steps_of_block(
             )  # fmt: skip
             doubt_limited(rates, last)
             judge(iteration, size, last, expected, active, lost)
-            if carried is None:
-                going = lanes_of(active)
-            else:
-                for lane in range(samples.size):
-                    unsettled &= ~(np.int64(not size[lane] > ROUND_OFF) << lane)
-                going &= lanes_of(active) | unsettled
+            for lane in range(samples.size):
+                unsettled &= ~(np.int64(not size[lane] > ROUND_OFF) << lane)
+            going &= lanes_of(active) | unsettled
         done = lanes & ~lanes_of(lost) & ~lanes_of(active)
-        if control is not None:
-            _act(problem, joints, control, block, amplitudes[1], state, parameters, all_lanes, done)
-            follow_states(control.states, loaded(control.states.law), scheme, beside, done)
-        if carried is not None:
-            find_carried(problem, joints, matrix, carried, block, amplitudes, angles, state, typical_mass)
-            keep_carried(carried.room, beside, done)
+        if beside is not None:
+            _act(problem, joints, beside, matrix, block, amplitudes, angles, state, typical_mass, all_lanes, done)
+            follow_states(beside.states, loaded(beside.states.law), scheme, noted, done)
+            keep_carried(beside.carried.room, noted, done)
         for lane in range(samples.size):
             lost[lane] |= active[lane]
             if lost[lane]:
@@ -219,34 +211,40 @@ def _take_steps_of_block(
         if lanes_of(lost):
             return k + 1
         behind, q, v, a, multipliers = a, ahead[0], ahead[1], ahead[2], forces
-        turns, auxiliary, contraction, numbers = counted, follows, expected, beside
+        turns, auxiliary, contraction, numbers = counted, follows, expected, noted
     return n_steps
 
 
 @njit(error_model="numpy")
-def _begin(control, number, scheme, step, beside, parameters, samples, lanes):
-    """Begin the step with a number in some lanes, from what is beside them, (n_beside, n_lanes), at its beginning."""
-    states, law = control.states, loaded(control.states.law)
+def _begin(beside, number, scheme, step, noted, parameters, samples, lanes):
+    """Begin the step with a number in some lanes, from what is `noted` beside them, (n_beside, n_lanes), at its
+    beginning."""
+    carried, states, law, over = beside.carried, beside.states, loaded(beside.states.law), beside.over
+    begin_carried(carried.actions, carried.room, parameters, noted, samples, lanes)
     for lane in range(samples.size):
         if lanes & (1 << lane):
-            for k in range(control.over.shape[1]):
-                states.now[lane, k] = control.over[number, k]
+            for k in range(over.shape[1]):
+                states.now[lane, k] = over[number, k]
             states.kappa[lane] = scheme[4] / scheme[5]
             for k in range(law.addresses.size):
-                begin_state(states, law, k, lane, scheme[:4], step, beside, samples[lane], parameters)
+                begin_state(states, law, k, lane, scheme[:4], step, noted, samples[lane], parameters)
 
 
 @njit(cache=True, apart=True, error_model="numpy")
-def _act(problem, joints, control, block, amplitudes, state, parameters, samples, lanes):
-    """Give the actions in some lanes the forces of controllers about an iterate, whose motions actions measure."""
-    width, turns = problem.width, state[4][problem.angles.dofs.shape[0] :]
-    if joints is None:
-        act(problem.actions, width, block, amplitudes, state[0], state[1], turns, 0.0, False)
-    else:
-        room = joints.room
-        place(problem.dimension, joints.tree, width, state[0], state[1], state[2], room)
-        act(problem.actions, width, block, amplitudes, room.q, room.v, turns, 0.0, False)
-    give_forces(control.states, loaded(control.states.law), parameters, samples, lanes)
+def _act(problem, joints, beside, matrix, block, amplitudes, angles, state, typical_mass, samples, lanes):
+    """Give the actions in some lanes the forces of controllers about an iterate, whose motions actions measure, and
+    find the forces that joints carry."""
+    width, law, turns = problem.width, loaded(beside.states.law), state[4][problem.angles.dofs.shape[0] :]
+    if law.addresses.size:
+        if joints is None:
+            act(problem.actions, width, block, amplitudes[1], state[0], state[1], turns, 0.0, False)
+        else:
+            room = joints.room
+            place(problem.dimension, joints.tree, width, state[0], state[1], state[2], room)
+            act(problem.actions, width, block, amplitudes[1], room.q, room.v, turns, 0.0, False)
+        give_forces(beside.states, law, borrowed(problem.actions.parameters)[block], samples, lanes)
+    if beside.carried.actions.size:
+        find_carried(problem, joints, matrix, beside.carried, block, amplitudes, angles, state, typical_mass)
 
 
 @njit(error_model="numpy", forceinline=True)

@@ -28,7 +28,7 @@ from pgmp_petsc.full.kernel import Factors, count_turns
 from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.full.parts import mass_on_diagonal
 from pgmp_petsc.full.problem import FullEquations, Sources
-from pgmp_petsc.full.steps import Control, correct, take_steps
+from pgmp_petsc.full.steps import Beside, correct, take_steps
 from pgmp_petsc.lanes.lane_items import SampleBlocks, aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -265,8 +265,8 @@ class FullBatch(FullSystem):
     """
 
     _joints: Reference | None = None  # in joint coordinates what these are
-    _carried: Reference | None = None  # joints whose forces friction hangs on; None where there are none
-    _states: States | None = None  # controllers that compiled steps take along; None where there are none
+    _carried: Reference  # joints whose forces friction hangs on
+    _states: States  # controllers that compiled steps take along
 
     def __init__(
         self,
@@ -328,8 +328,8 @@ class FullBatch(FullSystem):
         as zero of each motion that is measured, (n_rows,), where actions measure all of them, and None elsewhere."""
         super().control(controls)
         self.carries = origins is not None and controls.is_continuous
-        self._carried = Reference(self._carried_of(forces)) if forces else None
-        if self.carries and controls.each:
+        self._carried = Reference(self._carried_of(forces))
+        if self.carries:
             columns, numbers = self._sources.controlled
             actions = np.array(columns)[np.argsort(numbers)]
             self._states = States.of(controls, actions, origins[:, None], 1, self._blocks.n_lanes)
@@ -414,18 +414,17 @@ class FullBatch(FullSystem):
         if reference is None:
             reference = np.empty((3, 0, self.n_dofs, self.n_samples))
         about = self._blocks.pack(reference, 2)
-        numbers, control = state.beside.T if self.carries else np.empty((0, self.n_samples)), None
+        numbers, beside = state.beside.T if self.carries else np.empty((0, self.n_samples)), None
         before = (*state.parts(), auxiliary, self._blocks.pack(contraction), self._blocks.pack(numbers))
         if self.carries:
             self.beside.iterates = True
-        if self._states is not None:
-            control = Reference(Control(self._states, self.beside.over(asked.ends)))
+            beside = Reference(Beside(self._carried.parts, self._states, self.beside.over(asked.ends)))
         after = tuple(aligned((n, *part.shape)) for part in before)
         lost, n_corrections = np.empty(self._typical_mass.shape, dtype=bool), np.empty(n, dtype=np.int64)
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
         n_taken = take_steps(
-            self._reference, self._joints, self._carried, control, self._factors, self._sources.at(asked.ends),
-            asked.probed, coefficients, self._typical_mass, asked.step, tuple(about), behind, before,
+            self._reference, self._joints, beside, self._factors, self._sources.at(asked.ends), asked.probed,
+            coefficients, self._typical_mass, asked.step, tuple(about), behind, before,
             self._blocks.mask(asked.samples), after, lost, n_corrections,
         )  # fmt: skip
         *states, auxiliary, contraction, numbers, n_corrections = (part[:n_taken] for part in (*after, n_corrections))

@@ -138,7 +138,10 @@ def four_bar(folder: Path, damping: float, *more: str) -> list:
     effects = """motor={type="torque", joint="crank_hinge", table=[[0.0, 0.0], [0.2, 0.5], [1.0, 0.5]]},
         rocker_bearing={type="joint_damping", joint="rocker_hinge", coefficient="friction"},
         material_damping={type="structural_damping", stiffness=%g}"""
-    short = ("reduction.angles=16", "simulation.duration=0.1", "simulation.frames=3")
+    short = (
+        "reduction.angles=16", "reduction.max_angles=16", "reduction.parameter_modes=0", "simulation.duration=0.1",
+        "simulation.frames=3",
+    )  # fmt: skip
     given = ("effects={%s}" % " ".join((effects % damping).split()), *short, *more)
     return [write_template("four_bar", folder / "fb.toml")[0], *overridden(*given)]
 

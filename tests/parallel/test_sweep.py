@@ -6,17 +6,19 @@ import pytest
 from matplotlib.figure import Figure
 from sweep import SCENES, sweep, table
 
-# on two ranks, what no test of its own has on several: all effects, and solids in the plane; the script takes all
+# on two ranks, where asked for (`scripts/test --thorough`): all effects, and solids in the plane; the script takes all
 ON_TWO_RANKS = ("slider_crank_effects", "slider_crank_solid2d")
 # what the suite has: all effects, joints in space, a loop of three coordinates, gaps, controllers, and more coordinates
-# than reduced models have; solids on two ranks. Runs of the others are compared with full order elsewhere
+# than reduced models have. Runs of the others are compared with full order elsewhere, and commands on several ranks in
+# test_more_ranks_than_work.py
 IN_SUITE = ("slider_crank_effects", "rssr_beams", "platform_3rrr", "worn_slider_crank", "servo_arm", "six_joint_arm")
 # whose pictures are drawn: in the plane, in space and of three coordinates
 DRAWN = ("slider_crank_effects", "rssr_beams", "platform_3rrr")
 CASES = [(scene, 1) for scene in SCENES] + [(scene, 2) for scene in SCENES if scene.stem in ON_TWO_RANKS]
-SHORT = [(name, 1) for name in IN_SUITE] + [(ON_TWO_RANKS[1], 2)]
 ROWS = [
-    pytest.param(scene, n, id=f"{scene.stem}-{n}", marks=() if (scene.stem, n) in SHORT else pytest.mark.thorough)
+    pytest.param(
+        scene, n, id=f"{scene.stem}-{n}", marks=() if n == 1 and scene.stem in IN_SUITE else pytest.mark.thorough
+    )
     for scene, n in CASES
 ]
 

@@ -245,17 +245,17 @@ def rubbing(joint: str, entries: str = "radius=0.01,") -> str:
 
 IN_LANES = {
     "damped": lambda: slider(
-        "effects.w={type='gravity'}", "effects.d={type='structural_damping',stiffness=1e-5,mass=0.3}",
+        FEW, "effects.w={type='gravity'}", "effects.d={type='structural_damping',stiffness=1e-5,mass=0.3}",
     ),
-    "twice in a joint": lambda: slider(rubbing("pin")),
-    "of first order": lambda: slider("reduction.second_order=false"),
-    "elastic": lambda: slider("joints.pin.elastic={reference=[[1.0,0.0]],stiffness=[1e7,inf],damping=[3.0,0.0]}"),
-    "clearance": lambda: slider(WORN),
-    "held by nothing": lambda: slider(WORN, f"effects={{{rubbing('pin').removeprefix('effects.')}}}"),
-    "space": lambda: slider_crank_of_beams("reduction.modes=4", "reduction.angles=24", rubbing("crank_hinge")),
+    "twice in a joint": lambda: slider(FEW, rubbing("pin")),
+    "of first order": lambda: slider(FEW, "reduction.second_order=false"),
+    "elastic": lambda: slider(FEW, "joints.pin.elastic={reference=[[1.0,0.0]],stiffness=[1e7,inf],damping=[3.0,0.0]}"),
+    "clearance": lambda: slider(FEW, WORN),
+    "held by nothing": lambda: slider(FEW, WORN, f"effects={{{rubbing('pin').removeprefix('effects.')}}}"),
+    "space": lambda: slider_crank_of_beams("reduction.modes=4", FEW, rubbing("crank_hinge")),
     "two coordinates": lambda: cart(rubbing("rail", ""), rubbing("pivot"), "reduction.angles=6"),
     "prescribed": lambda: load_scene(
-        ROOT / "scenes/quick_return.toml", (rubbing("ram", ""), rubbing("rocker_hinge"), "reduction.angles=24")
+        ROOT / "scenes/quick_return.toml", (rubbing("ram", ""), rubbing("rocker_hinge"), FEW)
     ),
 }  # fmt: skip
 

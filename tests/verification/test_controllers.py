@@ -189,19 +189,8 @@ SAMPLED = ("controllers.place.sample_time=5e-3", "controllers.hold.sample_time=5
 NEAR = ("coordinates.x.range=[-0.1,0.2]", "coordinates.swing.range=[-0.9,0.3]", "reduction.angles=6")
 
 
-CONTINUOUS_OR_SAMPLED = pytest.mark.parametrize("entries", [ARM, (*ARM, *SAMPLED)], ids=["continuous", "sampled"])
-
-
 #: The cart is moved as it is, whatever a controller does against that.
 DRIVEN = (*ARM, 'effects.drive={type="prescribed_motion",coordinate="x",table=[[0.0,0.0],[0.1,0.02],[0.5,0.05]]}')
-
-
-@CONTINUOUS_OR_SAMPLED
-def test_samples_in_lanes_are_those_alone(entries: tuple[str, ...]) -> None:
-    """Gains of samples: each is bit for bit what it is alone."""
-    model = reduced_model(cart(*entries, *NEAR, "simulation.duration=0.1"))
-    together = assert_samples_are_those_alone(model, (0, 3), lead=np.linspace(10.0, 40.0, 5))
-    assert np.ptp(together["x"][-1]) > 1e-3
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -260,8 +249,8 @@ IN_EVERY_MODEL = {
 }  # fmt: skip
 
 
-def under_control(name: str) -> Scene:
-    return cart(*NEAR, "simulation.duration=0.2", *IN_EVERY_MODEL[name][0])
+def under_control(name: str, *more: str) -> Scene:
+    return cart(*NEAR, "simulation.duration=0.2", *IN_EVERY_MODEL[name][0], *more)
 
 
 @cache
@@ -280,6 +269,14 @@ def test_controllers_in_every_model(name: str) -> None:
         exchanged = sum(np.abs(np.diff(work)).sum() for work in works)
         assert np.abs(balance.residual).max() < (3e-3 if "sampled" in name else 1e-3) * exchanged
         assert np.ptp(works[0]) > 0.1 * exchanged or "angle" in name
+
+
+@pytest.mark.parametrize("name", ["two, one with limits", "sampled"])
+def test_samples_in_lanes_are_those_alone(name: str) -> None:
+    """Gains of samples: each is bit for bit what it is alone."""
+    model = reduced_model(under_control(name, "simulation.duration=0.1"))
+    together = assert_samples_are_those_alone(model, (0, 3), lead=np.linspace(10.0, 40.0, 5))
+    assert np.ptp(together["x"][-1]) > 1e-3
 
 
 STOPPED = 'effects.stop={type="end_stop",joint="rail",upper=0.02,stiffness=5e4,damping=1.0}'
@@ -314,8 +311,7 @@ def test_compiled_steps_are_those_by_corrections(kind: str, entries: tuple[str, 
 def test_friction_by_the_force_carried_under_control(name: str) -> None:
     """Also where the friction is found in Python, as on bent lines; and derivatives by a gain."""
     scene = under_control(name)
-    short = scene.simulation.model_copy(update={"duration": 0.02})
-    begun = reduced_model(scene.model_copy(update={"simulation": short}))
+    begun = reduced_model(under_control(name, "simulation.duration=0.02"))
     begun.actions = replace(begun.actions, carried=None)
     in_python = {one: values[:, 0] for one, values in history(begun, samples(scene, 1), 1)[1].items()}
     reduced = moved(name, "reduced").outputs
@@ -332,7 +328,7 @@ def assert_derivative(model: ReducedModel, output: str, share: float) -> None:
 
 def test_friction_under_control_is_the_same_however_many_steps_are_taken_at_once(monkeypatch) -> None:
     """Bit by bit: how many hangs on the number of samples side by side, and so on that of ranks."""
-    scene = cart(*ARM, *NEAR, RUBBED, "simulation.duration=0.05")
+    scene = under_control("rubbing", "simulation.duration=0.05")
     model, found = reduced_model(scene), []
     for n_steps in (7, 1000):
         monkeypatch.setattr(ReducedSystem, "steps_between_looks", lambda system, every, n=n_steps: n)
