@@ -310,16 +310,14 @@ class Bench:
     def try_out(self, reduction: Reduction, n_steps: int, loads: tuple[str, ...] | None = None) -> Trial:
         """Build a candidate, run it under some loads (all, by default) and compare it with the full-order model."""
         names, start = self._names(loads), perf_counter()
+        given = "parameter_modes" in self.scene.reduction.model_fields_set
         try:
             rom = self._shelf.take(reduction)
-            few = (
-                rom.n_parameter < reduction.parameter_modes
-                and "parameter_modes" not in self.scene.reduction.model_fields_set
-            )
+            few = rom.n_parameter < reduction.parameter_modes and not given
             reason = rom.indefinite or (FEW_VECTORS if few else "")
         except PgmpError as error:
             # what the scene gives itself is wrong whatever is chosen beside it; a candidate of ours is just no use
-            if isinstance(error, InputError) and "parameter_modes" in self.scene.reduction.model_fields_set:
+            if isinstance(error, InputError) and given:
                 raise
             reason = str(error)
         self._bar.update()
