@@ -33,10 +33,10 @@ from pgmp_petsc.stepping.alpha_step import FIRST_CONTRACTION, MAX_ITERATIONS, RE
 
 
 class Beside(NamedTuple):
-    """What is found along with the mechanics in steps that are taken in turn; there may be none of either."""
+    """What is found along with the mechanics in steps that are taken in turn."""
 
-    carried: Carried  # joints whose forces friction hangs on
-    states: States  # continuous controllers
+    carried: Carried  # joints whose forces friction hangs on; there may be none
+    states: States  # continuous controllers; there may be none
     over: np.ndarray  # time, and references with their rates, at the ends of the steps, (n_t, 1 + 2 n)
 
 

@@ -10,7 +10,7 @@ import pytest
 from alike import assert_alike, assert_order
 from coupled_scenes import CAM, CAM_TABLE, GEARED, RACK, ROTORS, ROTORS_IN_SPACE, SCREW, SHAFTS, SPINDLES
 from differences import compare, differences
-from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
+from exported import assert_equal, assert_same_in_c, compiled, needs_compiler, outputs_of, simulated
 from machine_scenes import MODELS, errors_of, of_text, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
@@ -228,6 +228,11 @@ def test_models_of_a_geared_five_bar_agree(model: str, overrides: tuple[str, ...
         np.testing.assert_allclose(one["output"] - one["output"][0], -one["input"], rtol=0, atol=allowed)
     # the place follows the angle, which is of 7 rad
     assert_close(full, found, input=1e-4, output=1e-4, x=3e-4, bending=0.01)
+
+
+@needs_compiler
+def test_a_model_in_c_keeps_the_gear(tmp_path: Path) -> None:
+    assert_same_in_c(reduced_model(scene_from_toml(GEARED, ".", ("simulation.duration=0.2",))), tmp_path)
 
 
 def test_what_component_runs_of_a_geared_five_bar_leave_out_is_of_second_order() -> None:

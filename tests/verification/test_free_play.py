@@ -9,7 +9,7 @@ from alike import assert_alike
 from conftest import ROOT
 from differences import carefully, differences
 from effect_scenes import BAR_INERTIA, bar, recorded
-from exported import Unit, assert_equal, needs_compiler
+from exported import Unit, assert_equal, assert_same_in_c, needs_compiler
 from runs import MODELS, history, motion, reduced_model, samples
 from test_effects_reduced import INERTIA, run_of
 
@@ -89,6 +89,12 @@ def test_derivatives_through_both_edges_are_central_differences(with_play: Reduc
         # edges are found to 1e-9 of a step; and accelerations jump with the stiffness, of which speeds see more
         largest = np.abs(wanted[output]).max()
         np.testing.assert_allclose(run.derivatives[output]["k"], wanted[output], rtol=0, atol=1e-5 * largest)
+
+
+@needs_compiler
+def test_a_model_in_c_finds_edges(tmp_path: Path) -> None:
+    """A step that meets none does what it did; one that does is taken in the parts of the program."""
+    assert_same_in_c(reduced_model(TWO_STOPS), tmp_path)
 
 
 OWN = {"effects/free_play.py": "free_play", "outputs/of_frames.py": "speed"}

@@ -2,9 +2,9 @@
 
      r -= J^T F g,     dr/d eta = J^T ((k + gain_v c) g g^T - F h) J,     k = -dF/ds,  c = -dF/ds'
 
-   with the coordinates eta of the model, without the change of J with them. A
-   measure is the sum of functions of statements, each about two frames of its own. Of a law that is led by the effect
-   before it k + gain_v c is with the product of its own g and of g there.
+   with the coordinates eta of the model, without the change of J with them. A measure is the sum of functions of
+   statements, each about two frames of its own. Of a law that is led by the effect before it k + gain_v c is with the
+   product of its own g and of g there.
 
    written by pgmp_petsc */
 
