@@ -47,11 +47,15 @@ from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 # twice the softest frequency
 STIFF = 25.0
 
+Pairs = tuple[np.ndarray, np.ndarray]
+
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    """Second derivatives at one configuration, local rows, pairs packed as ``np.tril_indices`` orders them."""
+    """Second derivatives at one configuration, local rows, pairs packed as ``np.tril_indices`` orders them; none are of
+    two answers to gaps."""
 
+    pairs: Pairs
     chi: np.ndarray  # second derivatives of the displacement in body frames, shape (n_local, n_pairs)
     #: ``K3_t[psi_i, psi_j]`` for every affine term t, each of shape (n_local, n_pairs)
     third: dict[Monomial, np.ndarray]
@@ -86,7 +90,9 @@ class CurvatureProblem:
         refinement of an answer does not converge.
         """
         loose = np.zeros(shape.shape[1], dtype=bool) if loose is None else loose
-        problem, pairs = self._problem, np.tril_indices(shape.shape[1])
+        problem, (i, j) = self._problem, np.tril_indices(shape.shape[1])
+        known = j < shape.shape[1] - n_open
+        i, j = pairs = i[known], j[known]
         everywhere = problem.all_rows(shape)
         third = self._third.times(everywhere, pairs)
         forces = np.zeros((len(problem.rows), pairs[0].size))
@@ -94,7 +100,7 @@ class CurvatureProblem:
             forces += float(weight.evaluate(problem.values)) * part
         if loose.any():
             elastic = problem.all_rows(problem.times_stiffness(shape))
-            forces -= self._turned_forces(modes, everywhere, elastic, loose)
+            forces -= self._turned_forces(modes, everywhere, elastic, loose, pairs)
         where = problem.kinematics.describe(modes.theta)
         what = f"static modal derivatives at {where}"
         rigid = modes.unstrained
@@ -109,7 +115,7 @@ class CurvatureProblem:
             moving[-self._built_in.n :] = False
         if n_open:
             moving[-n_open:] = False
-        bent, (i, j) = shape[:, moving], pairs
+        bent = shape[:, moving]
         own, free = moving[i] & moving[j], (moving[i] | moving[j]) & ~loose[i] & ~loose[j]
         crossed = free & ~own if self._axial is not None else free
         chi[:, crossed] -= self._along(np.hstack([rigid, bent]), chi[:, crossed], momenta[:, crossed])
@@ -121,9 +127,11 @@ class CurvatureProblem:
         if self._axial is not None:
             part = problem.inner(bent, problem.times_mass(chi[:, own]) + momenta[:, own])
             chi[:, own] -= bent @ self._dropped_part(bent, part)
-        return Curvature(chi, third)
+        return Curvature(pairs, chi, third)
 
-    def _turned_forces(self, modes: ModeSet, shape: np.ndarray, elastic: np.ndarray, loose: np.ndarray) -> np.ndarray:
+    def _turned_forces(
+        self, modes: ModeSet, shape: np.ndarray, elastic: np.ndarray, loose: np.ndarray, pairs: Pairs
+    ) -> np.ndarray:
         """Return what elastic forces (n_dofs, m) change by as they turn with bodies that move without strain, for pairs
         of vectors, local rows, shape (n_local, n_pairs)."""
         problem, mechanism = self._problem, self._problem.mechanism
@@ -132,7 +140,7 @@ class CurvatureProblem:
         shares = np.linalg.lstsq(linear_motion(mechanism, fields), shape[:, loose], rcond=None)[0]
         gradients = np.zeros((len(fields), d, d, loose.size))
         gradients[..., loose] = (fields[:, d:] @ shares).reshape(len(fields), d, d, -1)
-        (i, j), result = np.tril_indices(loose.size), np.zeros((len(shape), loose.size * (loose.size + 1) // 2))
+        (i, j), result = pairs, np.zeros((len(shape), pairs[0].size))
         for body, own in zip(mechanism.bodies, gradients):
             dofs = body.dofs[: body.node_dofs * body.n_nodes].reshape(-1, body.node_dofs)
             # a couple on a rotation vector: (1 - 1/2 phi x) (1 + phi x) of it; angles in the plane add up
@@ -314,9 +322,6 @@ class _TurningJoints:
             slope = self._slopes[k]
             result[np.ix_(self._touched, which)] += slope.T @ multipliers[: slope.shape[0], others]
         return result
-
-
-Pairs = tuple[np.ndarray, np.ndarray]
 
 
 class RotaryCurvature:

@@ -192,19 +192,17 @@ class _Build:
             sampling = _Sampling(scene, sampler, group, way)
             joined, basis, rounds = sampling.joined(store, loads, bool(actions), timings)
             manifold = missed = gaps = None
-            if scene.second_order:
-                with timings.phase("second order"):
-                    manifold = Manifold(problem, loads, static_loads, scene.static_stretching, built_in)
-                    basis = sampling.curve(store, basis, manifold)
+            rows, curves = self._opened_rows, scene.second_order
+            if what := ", ".join([*["second order"] * curves, *["joint forces"] * bool(rows.size)]):
+                with timings.phase(what):
+                    if curves or known and not built_in.n:
+                        stretching = scene.static_stretching or not curves
+                        manifold = Manifold(problem, loads, static_loads, stretching, built_in)
+                    basis, gaps = sampling.beyond(store, basis, loads, rows, manifold, what)
             weights = (*self._mechanism.mass_weights, *self._mechanism.stiffness_weights)
             if stressed_bodies(scene) and any(weight.powers for weight in weights):
                 with timings.phase("section forces"):
                     missed = sampling.missed(store, basis, static_loads)
-            if self._opened_rows.size:
-                with timings.phase("forces in joints"):
-                    if manifold is None and all(body.third_derivative_known for body in self._mechanism.bodies):
-                        manifold = Manifold(problem, loads, static_loads, static_stretching=True, built_in=built_in)
-                    gaps = sampling.gaps(store, basis, loads, self._opened_rows, manifold)
         return _Found(store.samples, joined, basis, rounds, points, problem.n_redundant, missed, gaps)
 
     def model(self, found: _Found, timings: Timings) -> ReducedOrderModel:
@@ -372,16 +370,6 @@ class _Sampling:
             way.checkpoint.add_sample(theta, sample, self.sampler.problem)
         return sample
 
-    def curve(self, store: SampleStore, basis: ContinuousBasis | None, manifold: Manifold) -> ContinuousBasis | None:
-        """Add what is of second order to the finished basis (first rank; None elsewhere). Collective."""
-        gathered = self._at_samples(store, basis, "second order", manifold.at)
-        if gathered is None or basis is None:
-            return None
-        curvature = np.array([chi for chi, _ in gathered])
-        first, *others = (tables for _, tables in gathered)
-        joined = first.each(EACH, lambda *parts: np.concatenate(parts), *others)
-        return basis.curved(store.samples, curvature, SecondOrderTables(**joined))
-
     def missed(
         self, store: SampleStore, basis: ContinuousBasis | None, static_loads: StaticLoads
     ) -> MissedAnswers | None:
@@ -389,8 +377,8 @@ class _Sampling:
         problem, stressed = self.sampler.problem, stressed_bodies(self.scene)
         dofs = np.sort(np.concatenate([body.dofs for body in problem.mechanism.bodies if body.name in stressed]))
 
-        def at(theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, ...]:
-            weights, forces, answers = missed_answers_at(problem, static_loads, theta, sample, combination)
+        def at(modes: ModeSet, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, ...]:
+            weights, forces, answers = missed_answers_at(problem, static_loads, modes, sample, combination)
             return answers.T, weights, forces
 
         gathered = self._at_samples(store, basis, "section forces", at)
@@ -400,40 +388,62 @@ class _Sampling:
         found = MissedAnswers(gathered[0][1], dofs, np.array([forces for _, _, forces in gathered]), answers)
         return _over_turns(found, store.samples, basis)
 
-    def gaps(
+    def beyond(
         self, store: SampleStore, basis: ContinuousBasis | None, loads: Sequence[Load], rows: np.ndarray,
-        manifold: Manifold | None,
-    ) -> JointGaps | None:  # fmt: skip
-        """Return the products of static answers to unit gaps in some constraints with the finished basis, of second
-        order too where it has a manifold; None but on the first rank. Collective."""
-        problem = self.sampler.problem
+        manifold: Manifold | None, what: str,
+    ) -> tuple[ContinuousBasis | None, JointGaps | None]:  # fmt: skip
+        """Return the finished basis with what is of second order, where the scene has it, and products with it of
+        static answers to unit gaps in some constraints, of second order too where there is a manifold (first rank; None
+        elsewhere, and without constraints). Collective."""
+        problem, g = self.sampler.problem, rows.size
         turned, closing = TurnedLoads(problem, loads), Closing(problem)
 
-        def at(theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, ...]:
-            curved = None if manifold is None or sample.built_in.shape[1] else manifold.at
-            return gap_answers_at(problem, turned, closing, rows, theta, sample, combination, curved)
+        def at(modes: ModeSet, sample: Sample, combination: np.ndarray) -> tuple:
+            answers, products = sample.shape[:, :0], ()
+            if g:
+                shape = np.hstack([sample.shape, sample.built_in]) @ combination
+                answers, *products = gap_answers_at(problem, turned, closing, rows, modes, shape)
+            if manifold is None:
+                return answers, None, products
+            opened = answers[:, : 0 if sample.built_in.shape[1] else g]
+            chi, tables, curved = manifold.at(modes, sample, combination, opened)
+            return np.hstack([chi, answers]), tables, (*products, *(curved if opened.shape[1] else ()))
 
-        gathered = self._at_samples(store, basis, "forces in joints", at)
+        gathered = self._at_samples(store, basis, what, at)
         if gathered is None or basis is None:
-            return None
-        shapes, *tables = (None if parts[0] is None else np.array(parts) for parts in zip(*gathered))
-        return _over_turns(JointGaps(rows, *tables[:4], shapes, *tables[4:]), store.samples, basis)
+            return None, None
+        (columns, seconds, products), gaps, m = zip(*gathered), None, basis.tables.n_modes
+        n_own = 0 if manifold is None else m * (m + 1) // 2
+        chi, crossed, answers = np.split(np.array(columns), [n_own, columns[0].shape[1] - g], axis=-1)
+        if g:
+            tables = [np.array(parts) for parts in zip(*products)]
+            curvature = [crossed.reshape(*crossed.shape[:2], -1, m)] * (len(tables) > 4)
+            gaps = JointGaps(rows, *tables[:4], answers, *tables[4:], *curvature)
+            gaps = _over_turns(gaps, store.samples, basis)
+        if self.scene.second_order:
+            first, *others = seconds
+            joined = first.each(EACH, lambda *parts: np.concatenate(parts), *others)
+            basis = basis.curved(store.samples, chi, SecondOrderTables(**joined))
+        return basis, gaps
 
     def _at_samples(
         self,
         store: SampleStore,
         basis: ContinuousBasis | None,
         what: str,
-        at: Callable[[np.ndarray, Sample, np.ndarray], tuple],
+        at: Callable[[ModeSet, Sample, np.ndarray], tuple],
     ) -> list[tuple] | None:
         """Return what is found at all samples of a finished basis, the rows of the first part of all ranks (first rank;
         None elsewhere). Collective."""
-        world, own, found = self.group.world, store.own(), {}
+        world, own, found, problem = self.group.world, store.own(), {}, self.sampler.problem
         combinations = world.bcast(None if basis is None else basis.combinations)
         with agreed(world, what), progress(len(own), what, world) as bar:
             for place, sample in own.items():
-                rows, *others = at(store.samples.theta[place], sample, combinations[place])
-                found[place] = self.sampler.problem.all_rows(rows), *others
+                modes = problem.resume(
+                    store.samples.theta[place], sample.eigenvalues, sample.shape[:, : sample.n_modes]
+                )
+                rows, *others = at(modes, sample, combinations[place])
+                found[place] = problem.all_rows(rows), *others
                 bar.update()
         if self.group.roots is None:
             return None
@@ -491,23 +501,24 @@ class Manifold:
         self._curvature = CurvatureProblem(problem, static_stretching, built_in)
 
     def at(
-        self, theta: np.ndarray, sample: Sample, combination: np.ndarray, opened: np.ndarray | None = None
-    ) -> tuple[np.ndarray, SecondOrderTables]:
+        self, modes: ModeSet, sample: Sample, combination: np.ndarray, opened: np.ndarray | None = None
+    ) -> tuple[np.ndarray, SecondOrderTables, tuple[np.ndarray, ...]]:
         """Return chi in body frames, pairs packed, local rows, shape (n_local, n_pairs), and the tables of one sample,
-        at a configuration, shape (n_theta,), rad.
+        at the configuration that the problem is at.
 
-        The basis is a combination of the vectors found there, shape (n_vectors, n_delta); behind it then stand answers
-        to unit gaps in constraints, `opened`, local rows, shape (n_local, g). Raises `RunError` if the refinement of an
+        The basis is a combination of the vectors found there, shape (n_vectors, m). Further pairs are of answers to
+        unit gaps in constraints, `opened`, local rows, shape (n_local, g), and the basis, (g, m): behind the others in
+        chi, and of their own as the last part, in the order of `JointGaps`. Raises `RunError` if the refinement of an
         answer does not converge.
         """
-        problem = self._problem
-        modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
+        problem, theta = self._problem, modes.theta
         first, last = sample.n_modes, sample.n_modes + problem.n_released
         answered = self._curvature.answered_loads(modes, sample.kept[:, last:], self._static_loads.at(problem, modes))
         # motions without strain answer no load
         answered = np.insert(answered, [first] * (last - first), 0.0, axis=1)
         shape, loose = np.hstack([sample.shape, sample.built_in]) @ combination, combination[first:last].any(axis=0)
         answered, g = answered @ combination[: sample.n_kept], 0 if opened is None else opened.shape[1]
+        m = loose.size
         if g:
             shape, answered = np.hstack([shape, opened]), np.pad(answered, ((0, 0), (0, g)))
             loose = np.pad(loose, (0, g))
@@ -515,15 +526,15 @@ class Manifold:
         everywhere = problem.all_rows(curvature.chi)
         mass = [problem.matrices.mass[weight] for weight in problem.mechanism.mass_weights]
         # (k, pair of i, j): a third of K3, which comes three times, and psi_k.K_t chi_ij
-        thirds = [
+        thirds = np.array([
             problem.inner(shape, curvature.third[weight] / 3.0 + problem.matrices.stiffness[weight] @ everywhere)
             for weight in problem.mechanism.stiffness_weights
-        ]
+        ])  # fmt: skip
         k, j = np.tril_indices(modes.rigid.shape[1])
         accelerations = modes.rigid_curvature[:, k, j]
         inertia = np.array([problem.inner(accelerations, term @ everywhere) for term in mass])
         motion = problem.kinematics.motion(theta)
-        vectors, pairs = problem.all_rows(shape), np.tril_indices(shape.shape[1])
+        vectors, pairs = problem.all_rows(shape), curvature.pairs
         # chi has no momentum along coordinates that are free, at the nominal parameters
         given = np.setdiff1d(np.arange(modes.rigid.shape[1]), modes.free)
         momenta = np.zeros((len(mass), modes.rigid.shape[1] if given.size else 0, pairs[0].size))
@@ -537,9 +548,12 @@ class Manifold:
             if given.size:
                 fields = motion.velocities[..., given]
                 momenta[t, given] += self._curvature.rotary.work(fields, vectors, pairs, weight)
-        return curvature.chi, SecondOrderTables(
-            cubic=symmetric(3.0 * unpacked(np.array(thirds)))[None],
-            curved_load=unpacked(problem.inner(self._loads.at(theta), curvature.chi))[None],
-            curved_inertia=unpacked(inertia)[None],
-            curved_mass=unpacked(momenta)[None],
-        )
+        both = thirds, problem.inner(self._loads.at(theta), curvature.chi), inertia, momenta
+        n_own = m * (m + 1) // 2
+        cubic, *own = (unpacked(table[..., :n_own]) for table in both)
+        mixed, *crossed = (table[..., n_own:].reshape(*table.shape[:-1], g, m) for table in both)
+        # those of two vectors and a gap: it is the first or one of the pair
+        mixed = np.moveaxis(mixed[:, :m], 1, -1)
+        mixed = cubic[:, m:] + mixed + np.swapaxes(mixed, -1, -2)
+        tables = SecondOrderTables(symmetric(3.0 * cubic[:, :m])[None], *(table[None] for table in own))
+        return curvature.chi, tables, (mixed, *crossed)

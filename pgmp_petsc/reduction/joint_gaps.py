@@ -14,7 +14,7 @@ smallest that do the same.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -28,15 +28,14 @@ from pgmp_petsc.reduction.tables import (
     NODE_UNITS,
     WEIGHT_FREE,
     ModeChanges,
-    SecondOrderTables,
     beside_rigid,
 )
 
 if TYPE_CHECKING:
     from pgmp_petsc.modes.built_in import Closing
-    from pgmp_petsc.modes.problem import ModalProblem
+    from pgmp_petsc.modes.problem import ModalProblem, ModeSet
     from pgmp_petsc.outputs.joint_forces import ForceOutput
-    from pgmp_petsc.reduction.sampler import Sample, TurnedLoads
+    from pgmp_petsc.reduction.sampler import TurnedLoads
 
 
 #: Arrays of second order with one index of the basis.
@@ -134,20 +133,17 @@ def gap_answers_at(
     loads: TurnedLoads,
     closing: Closing,
     rows: np.ndarray,
-    theta: np.ndarray,
-    sample: Sample,
-    combination: np.ndarray,
-    curved: Callable[..., tuple[np.ndarray, SecondOrderTables]] | None,
-) -> tuple[np.ndarray | None, ...]:
-    """Return Y, local rows (n_local, g), and behind it the other arrays of `JointGaps` at one configuration, in its
-    order. Collective on the problem's communicator.
+    modes: ModeSet,
+    shape: np.ndarray,
+) -> tuple[np.ndarray, ...]:
+    """Return Y, local rows (n_local, g), and behind it the arrays of `JointGaps` of first order, in its order, at the
+    configuration that the problem is at, of the basis there, local rows (n_local, m). Collective on the problem's
+    communicator.
 
-    `rows` are the numbers of the constraints that are opened, shape (g,); configuration, sample and combination are as
-    of `Manifold.at`, which `curved` is for a model of second order. Raises `RunError` if the refinement of an answer
-    does not converge.
+    `rows` are the numbers of the constraints that are opened, shape (g,). Raises `RunError` if the refinement of an
+    answer does not converge.
     """
-    modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
-    shape = np.hstack([sample.shape, sample.built_in]) @ combination
+    theta = modes.theta
     gaps = np.zeros((problem.constraints_at(problem.kinematics.motion(theta).poses).shape[0], rows.size))
     gaps[rows, np.arange(rows.size)] = -1.0
     found, _ = closing.at(modes, gaps, "static answers to gaps of joints")
@@ -165,26 +161,4 @@ def gap_answers_at(
         work.reshape(len(mass), r, r, rows.size),
         np.swapaxes(problem.inner(shape, np.array(stiffness)), 1, 2),
         problem.inner(loads.at(theta), found),
-        *(
-            (None,) * 5
-            if curved is None
-            else _of_second_order(problem, *curved(theta, sample, combination, found), shape)
-        ),
-    )
-
-
-def _of_second_order(
-    problem: ModalProblem, chi: np.ndarray, tables: SecondOrderTables, shape: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Return the arrays of second order of `JointGaps`, of these and a basis (n_local, m)."""
-    m, everywhere = shape.shape[1], problem.all_rows(chi)
-    g = tables.cubic.shape[-1] - m
-    firsts = [(m + k) * (m + k + 1) // 2 for k in range(g)]
-    curvature = np.stack([everywhere[:, first : first + m] for first in firsts], axis=1)
-    return (
-        tables.cubic[0][..., m:, :m, :m],
-        tables.curved_load[0][..., m:, :m],
-        tables.curved_inertia[0][..., m:, :m],
-        tables.curved_mass[0][..., m:, :m],
-        curvature,
     )

@@ -94,15 +94,14 @@ class Missed:
 
 
 def missed_answers_at(
-    problem: ModalProblem, static_loads: StaticLoads, theta: np.ndarray, sample: Sample, combination: np.ndarray
+    problem: ModalProblem, static_loads: StaticLoads, modes: ModeSet, sample: Sample, combination: np.ndarray
 ) -> tuple[tuple[Monomial, ...], np.ndarray, np.ndarray]:
     """Return the weights, the forces and the answers, local columns (n_w q + n_stiffness_terms m, n_local), of one
     configuration; see `MissedAnswers`. Collective on the problem's communicator.
 
-    Static loads are what static modes answer; configuration, sample and combination are as of `Manifold.at`. Raises
+    Static loads are what static modes answer; modes, sample and combination are as of `Manifold.at`. Raises
     `RunError` if the refinement of an answer does not converge.
     """
-    modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
     rigid, vectors = modes.rigid[:, modes.free], np.hstack([sample.shape, sample.built_in])
     shape, n_own = vectors @ combination, sample.shape.shape[1]
     kept, others = combination[: sample.n_kept], sample.shape[:, sample.n_kept :] @ combination[sample.n_kept : n_own]

@@ -128,7 +128,7 @@ def closing(record: RunRecord, said: Sequence[Remark] = (), but: str = "") -> li
     """Return the last lines of a report: remarks but those that were `said` before and one that ends with `but`, and
     timings."""
     lines = [f"  {remark}" for remark in record.remarks if remark not in said and not (but and remark.text == but)]
-    return [*lines, *(f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in record.timings.items())]
+    return [*lines, *(f"  {phase:28s}{seconds:12.2f} s" for phase, seconds in record.timings.items())]
 
 
 def of_run(run: Trajectory) -> list[str]:

@@ -200,7 +200,8 @@ def sampled(scene: Scene, theta: float) -> OnManifold:
         static_loads = StaticLoads.of(problem, patterns, reduction)
         sample = Sampler(problem, loads, static_loads).sample(theta, lambda modes: modes)
         own = np.eye(sample.n_kept)
-        return OnManifold(sample, *Manifold(problem, loads, static_loads).at(theta, sample, own))
+        modes = problem.resume(np.atleast_1d(theta), sample.eigenvalues, sample.shape[:, : sample.n_modes])
+        return OnManifold(sample, *Manifold(problem, loads, static_loads).at(modes, sample, own)[:2])
 
 
 @pytest.mark.parametrize("given", [False, True])
@@ -335,7 +336,8 @@ def test_the_cubic_energy_is_that_of_the_mesh(made: tuple[Callable, Callable]) -
     with ModalProblem(kinematics, {}, 3, MPI.COMM_SELF, matrices) as problem:
         static_loads = StaticLoads.of(problem, patterns, scene.reduction)
         sample = Sampler(problem, loads, static_loads).sample(theta, lambda modes: modes)
-        chi, tables = Manifold(problem, loads, static_loads).at(theta, sample, np.eye(sample.n_kept))
+        modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
+        chi, tables, _ = Manifold(problem, loads, static_loads).at(modes, sample, np.eye(sample.n_kept))
 
     def energy(u: np.ndarray) -> float:
         return sum(
