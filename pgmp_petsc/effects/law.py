@@ -36,6 +36,7 @@ from numba.extending import intrinsic
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.expressions import Printed, check, check_names, kept, printed, symbolic
 from pgmp_petsc.lanes.compiled import native_address, njit, text_mark
+from pgmp_petsc.lanes.vectors import data_of
 
 STATE = ("s", "rate", "amplitude")
 _NUMBER, _NUMBERS = types.float64, types.CPointer(types.float64)
@@ -444,7 +445,7 @@ def calling(result: types.Type, takes: tuple[types.Type, ...]) -> Any:
         convention = context.call_conv
         kind = convention.get_function_type(result, takes).as_pointer()
         parts = [
-            context.make_array(of)(context, builder, part).data if isinstance(of, types.Array) else part
+            data_of(context, builder, of, part) if isinstance(of, types.Array) else part
             for of, part in zip(sig.args, args)
         ]
         return convention.call_function(builder, builder.inttoptr(parts[0], kind), result, takes, parts[1:])[1]

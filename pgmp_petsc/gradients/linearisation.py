@@ -37,6 +37,7 @@ from pgmp_petsc.lanes.vectors import (
     LANES,
     N_POWERS,
     N_POWERS_OF_RIGID,
+    data_of,
     join,
     load_rows,
     parts_of,
@@ -101,7 +102,7 @@ def _jet(n_powers: int, order: int, about: str) -> Callable:
                 at = builder.add(base, ir.Constant(base.type, number))
                 if coefficients.ndim == 2:
                     return builder.load(row_of(context, builder, coefficients, args[0], at), align=CACHE_LINE)
-                data = context.make_array(coefficients)(context, builder, args[0]).data
+                data = data_of(context, builder, coefficients, args[0])
                 return spread_number(builder, builder.load(builder.gep(data, [at])))
 
             found = _derivatives(builder, coefficient, parts_of(builder, args[2], r), n_powers, order)

@@ -26,7 +26,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.vectors import CACHE_LINE, LANES, blend, exceeding, vector
+from pgmp_petsc.lanes.vectors import CACHE_LINE, LANES, blend, data_of, exceeding, vector
 
 WIDE, ALONE = (0.0,) * LANES, (0.0,)
 
@@ -89,7 +89,7 @@ def of_column(typing, array, row, column, width):
     of = types.float64 if alone else vector
 
     def build(context, builder, sig, args):
-        data = context.make_array(array)(context, builder, args[0]).data
+        data = data_of(context, builder, array, args[0])
         first = builder.mul(args[1], ir.Constant(args[1].type, LANES))
         place = builder.gep(data, [builder.add(first, args[2]) if alone else first])
         return builder.load(builder.bitcast(place, context.get_data_type(of).as_pointer()), align=8)

@@ -128,9 +128,14 @@ def _negate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Valu
     return builder.fneg(args[0])
 
 
+def data_of(context: Any, builder: ir.IRBuilder, array_type: types.Array, array: ir.Value) -> ir.Value:
+    """Return where the numbers of an array begin; `make_array` would put all of it on the stack."""
+    return context.data_model_manager[array_type].get(builder, array, "data")
+
+
 def row_of(context: Any, builder: ir.IRBuilder, array_type: types.Array, array: ir.Value, row: ir.Value) -> ir.Value:
     """Return the address of a row of LANES doubles, of an array contiguous over all of its axes."""
-    data = context.make_array(array_type)(context, builder, array).data
+    data = data_of(context, builder, array_type, array)
     first = builder.mul(row, ir.Constant(row.type, LANES))
     return builder.bitcast(builder.gep(data, [first]), ir.PointerType(DOUBLES))
 
@@ -150,8 +155,7 @@ def number_at(typing, array, at):
     """Return a number of a contiguous array, all of its axes counting as one."""
 
     def build(context, builder, sig, args):
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        return builder.load(builder.gep(data, [args[1]]))
+        return builder.load(builder.gep(data_of(context, builder, sig.args[0], args[0]), [args[1]]))
 
     return types.float64(array, types.intp), build
 
