@@ -22,6 +22,9 @@ Machine code that is made of what is called by its address, and of nothing else.
 Numba optimises each function that it compiles, and makes machine code of it, though most are only ever copied into
 others and optimised there once more: code that is five calls deep is optimised and translated five times. Here a
 function is linked with what it calls, and that is all until somebody asks for its address.
+
+Before that numba passes over all of a function for each of its variables, which takes it a third of the time of a long
+one. Here it passes over the blocks that have the variable, and finds the same.
 """
 
 from __future__ import annotations
@@ -47,7 +50,20 @@ from typing import Any
 import numba
 import numpy as np
 from llvmlite import binding, ir
-from numba.core import cgutils, codegen, environment, errors, event, extending, imputils, sigutils, types, typing
+from numba.core import (
+    analysis,
+    cgutils,
+    codegen,
+    environment,
+    errors,
+    event,
+    extending,
+    imputils,
+    sigutils,
+    ssa,
+    types,
+    typing,
+)
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 from numba.core.runtime import _nrt_python
@@ -591,6 +607,31 @@ class Library(codegen.JITCodeLibrary):
         return super().serialize_using_object_code() if self._is_machine_code else self.serialize_using_bitcode()
 
 
+def _shorten_analyses() -> None:
+    """Let numba look for a variable where it is, and nowhere else."""
+    live_map, in_ssa, rewritten = analysis.compute_live_map, ssa._run_ssa, ssa._run_block_rewrite
+    names: dict[int, set[str]] = {}  # of the variables of each block
+
+    def compute_live_map(graph: Any, blocks: dict, used: dict[int, set], defined: dict[int, set]) -> dict[int, set]:
+        """Return the variables that live on into each block; such are used in a block that does not define them."""
+        crossing = set().union(*used.values())
+        return live_map(graph, blocks, used, {label: own & crossing for label, own in defined.items()})
+
+    def run_ssa(blocks: dict) -> dict:
+        """Return blocks in which each variable is assigned once; rewriting a variable brings no other to a block."""
+        names.clear()
+        for label, block in blocks.items():
+            names[label] = {variable.name for each in block.body for variable in each.list_vars()}
+        return in_ssa({label: block.copy() for label, block in blocks.items()})
+
+    def rewrite(blocks: dict, states: dict, handler: Any) -> dict:
+        """Return blocks with the variable at hand rewritten."""
+        own = {label: block for label, block in blocks.items() if states["varname"] in names[label]}
+        return blocks | rewritten(own, states, handler)
+
+    analysis.compute_live_map, ssa._run_ssa, ssa._run_block_rewrite = compute_live_map, run_ssa, rewrite
+
+
 class _Compiling(event.Listener):
     """Tells the counts of progress when something is compiled, and when it is done."""
 
@@ -604,6 +645,7 @@ class _Compiling(event.Listener):
 
 
 event.register("numba:compile", _Compiling())
+_shorten_analyses()
 # errors that numba makes and catches, thousands of them, would open a terminal each to be coloured
 errors._termcolor_inst = SimpleNamespace(
     **dict.fromkeys(("code", "errmsg", "filename", "highlight", "indicate", "reset"), str)

@@ -1,6 +1,7 @@
 """The cache of compiled functions: its loss costs time, never a run."""
 
 import ast
+import importlib.util
 import json
 import os
 import pickle
@@ -10,14 +11,19 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import numba
 import pytest
 import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from llvmlite import binding
+from numba.core import ssa
+from numba.core.compiler import run_frontend
+from numba.core.postproc import VariableLifetime
 
 from pgmp_petsc.lanes import compiled
+from pgmp_petsc.reduced import lagrangian
 
 SCRIPT = """
 import os, sys
@@ -479,3 +485,22 @@ def test_functions_apart(tmp_path: Path):
     for kept in cache.rglob("*halved*"):
         kept.unlink()
     assert said() == [values, "[0, 1, 1] 0", "False", "not compiled"]
+
+
+def test_variables_are_found_where_numba_finds_them() -> None:
+    """Those that live on, and each assigned once, of the longest function: as numba itself has them."""
+
+    def own(name: str) -> ModuleType:
+        spec = importlib.util.find_spec(f"numba.core.{name}")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+
+    function = lagrangian.evaluate.py_func
+    first, second = (run_frontend(function) for _ in range(2))
+    life, analysis = VariableLifetime(first.blocks), own("analysis")
+    assert life.livemap == analysis.compute_live_map(life.cfg, first.blocks, life.usedefs.usemap, life.usedefs.defmap)
+    found, expected = ssa.reconstruct_ssa(first).blocks, own("ssa").reconstruct_ssa(second).blocks
+    texts = [[(label, [str(each) for each in block.body]) for label, block in one.items()] for one in (found, expected)]
+    assert texts[0] == texts[1]
+    assert sum("phi(" in each for _, body in texts[0] for each in body) > 50
