@@ -88,6 +88,15 @@ class Distribution(Table):
         """The arguments of the distribution by name, as given."""
         return dict(self.__pydantic_extra__)
 
+    @property
+    def text(self) -> str:
+        """Its name, with what it takes in brackets."""
+        takes = [f"{key}={value:g}" for key, value in self.arguments.items()]
+        takes += [one.text for one in self.of or ()]
+        if self.values is not None:
+            takes.append(f"{len(self.values)} values from {min(self.values):g} to {max(self.values):g}")
+        return f"{self.name}({', '.join(takes)})"
+
     def frozen(self) -> rv_frozen:
         """Return the scipy.stats distribution with its arguments fixed."""
         return _continuous(self.name)(**self.arguments)

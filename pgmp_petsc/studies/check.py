@@ -235,8 +235,7 @@ def _placed(scene: Scene, mechanism: Mechanism, coordinate: Coordinate) -> str:
 def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
     lines, units = [], own_units(scene)
     for name, parameter in in_own_units(scene).parameters.items():
-        law = parameter.distribution
-        drawn = f", drawn from {law.name}({', '.join(f'{k}={v:g}' for k, v in law.arguments.items())})" if law else ""
+        drawn = f", drawn from {parameter.distribution.text}" if parameter.distribution else ""
         lines.append(f"  parameter     {name} = {parameter.current:g}{behind(units[name])}{drawn}")
     mass, stiffness = (
         sorted({weight for body in mechanism.bodies for weight in body.condensed_weights(kind)})

@@ -96,6 +96,8 @@ def test_a_mixture_may_have_values_of_its_own_and_parts_within_parts() -> None:
     drawn = parameter.quantiles(np.linspace(0.001, 0.999, 999))
     assert np.mean(drawn == 5e-3) == pytest.approx(0.5, abs=0.03)
     assert not parameter.distribution.is_continuous
+    two = "mixture(norm(loc=0.0052, scale=0.0001), uniform(loc=0.0058, scale=0.0004))"
+    assert parameter.distribution.text == f"mixture(discrete(1 values from 0.005 to 0.005), {two})"
     exact = parameter.distribution.law
     shares = np.linspace(0.001, 0.999, 999)
     assert np.all(exact.below(drawn) <= shares + 1e-12) and np.all(exact.cdf(drawn) >= shares - 1e-12)

@@ -367,3 +367,10 @@ def test_outputs_of_a_scene_in_other_units_have_these() -> None:
     outputs = OutputSet.of(scene, RigidKinematics(Mechanism.from_scene(scene, meshes)))
     assert outputs.units == {"tip": "mm", "most": "MPa", "q": "rad"}
     assert OTHERS[0].unit("N m") == "N mm" and OTHERS[0].unit("m/s2") == "mm/s2" and SI.unit("N m") == "N m"
+
+
+def test_a_load_on_what_a_point_carries_is_measured_by_its_mass() -> None:
+    carried = 'effects.load={type="point_mass", point="rod:tip", mass=50.0}'
+    for asked, said in (([], True), ([carried], False)):
+        found = warnings_of(SCENE, ["effects.motor.scale=1e4", *asked])
+        assert any("if nothing holds it" in text for text in found) == said, found

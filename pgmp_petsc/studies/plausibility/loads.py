@@ -43,6 +43,8 @@ def load_findings(
     """Yield what is strange about effects; `first` returns the first frequency of the mechanism, Hz, if it can be
     had."""
     mass = sum(size.mass for size in sizes.values())
+    added = [effect for effect in scene.effects.values() if isinstance(effect, AddedMass)]
+    moved = mass + sum(scene.number(effect.mass) for effect in added)
     length = max((size.length for size in sizes.values()), default=0.0)
     whole = len(sizes) == len(scene.bodies)  # otherwise masses and lengths are not known
     for name, effect in scene.effects.items():
@@ -52,7 +54,7 @@ def load_findings(
                 yield from _nothing(scene, entry, part)
                 yield from _over_time(scene, entry, part)
                 if whole and part.strength_unit in FORCES:
-                    yield from _speed(scene, entry, part, mass, length, system)
+                    yield from _speed(scene, entry, part, moved, length, system)
             continue
         yield from _nothing(scene, entry, effect)
         if effect.uniform:
@@ -64,7 +66,7 @@ def load_findings(
                 words = f"more than {HEAVY:,.0f} times the {of_all} of all bodies (it is in {kg})"
                 yield doubt(where, words, value)
         if effect.stiff_by:
-            yield from _spring(scene, entry, effect, mass, length, whole)
+            yield from _spring(scene, entry, effect, moved, length, whole)
         yield from effect.doubts(scene, entry, {body: size.frequency_hz for body, size in sizes.items()}, first)
     yield from _twice(scene)
 
@@ -100,7 +102,8 @@ def _over_time(scene: Scene, entry: str, effect: OverTime) -> Iterator[Finding]:
 def _speed(
     scene: Scene, entry: str, effect: OverTime, mass: float, length: float, system: UnitSystem
 ) -> Iterator[Finding]:
-    """Estimate how fast a load would make the mechanism, as one rod of all its mass that nothing else holds."""
+    """Estimate how fast a load would make the mechanism, as one rod of all its mass, with what points carry, that
+    nothing else holds."""
     duration = scene.simulation.duration
     _, scale = named(scene, f"{entry}.scale", effect.scale)
     if effect.harmonic is not None:  # of one half-wave, and of the mean
