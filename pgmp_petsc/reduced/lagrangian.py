@@ -145,7 +145,7 @@ def evaluate(layout, kept, place, gain_v, gain_a, fresh, loaded, work, matrix):
 {evaluate}
 
 
-@njit(error_model="numpy", fastmath={{"contract"}}, counted=False)
+@njit(cache=True, apart=True, error_model="numpy", fastmath={{"contract"}}, counted=False)
 def fill_residual(layout, jets, load_jets, first, slopes, place, loaded, moment, balance):
     """Fill the residual (n_eta,).
 
@@ -171,7 +171,7 @@ def fill_residual(layout, jets, load_jets, first, slopes, place, loaded, moment,
 {residual}
 
 
-@njit(error_model="numpy", fastmath={{"contract"}}, counted=False)
+@njit(cache=True, apart=True, error_model="numpy", fastmath={{"contract"}}, counted=False)
 def fill_tangents(layout, jets, load_jets, place, loaded, moment, by_q, by_v, by_a):
     """Fill the derivatives (n_eta, n_eta) of the residual with coordinates, velocities and accelerations.
 

@@ -501,32 +501,42 @@ def _origins(sources: Sequence[Source]) -> Table:
 
 
 def _commands(sources: Sequence[Source]) -> list[str]:
-    """Return commands that repeat the results, from the scene that they carry."""
+    """Return commands that repeat the results, from the scenes that they carry: runs with other entries have others."""
+    scenes: dict[str, list[Source]] = {}
+    for source in sources:
+        scenes.setdefault(source.record.scene_toml, []).append(source)
+    endings = ["", *(f"_{number}" for number in range(2, len(scenes) + 1))]
+    return [command for each, ending in zip(scenes.values(), endings) for command in _of_scene(each, ending)]
+
+
+def _of_scene(sources: Sequence[Source], ending: str) -> list[str]:
+    """Return commands that repeat results of one scene; names of files that they make have an ending."""
+    scene = f"scene{ending}.toml"
     any_reduced = any(isinstance(one.result, Fit) or getattr(one.result, "model", "") == "reduced" for one in sources)
     builds = {source.result.kind: shlex.quote(source.name) for source in of_kind(sources, Build)}
-    rom = builds.get("rom", "rom.h5")
-    found = [f"pgmp info {shlex.quote(str(sources[0].path))} --scene > scene.toml"]
+    rom = builds.get("rom", f"rom{ending}.h5")
+    found = [f"pgmp info {shlex.quote(str(sources[0].path))} --scene > {scene}"]
     if "rom" in builds or any_reduced:
-        found.append(f"pgmp build scene.toml -o {rom}")
-    components = builds.get("components", "scene.toml --components")
+        found.append(f"pgmp build {scene} -o {rom}")
+    components = builds.get("components", f"{scene} --components")
     if "components" in builds:
-        found.append(f"pgmp build scene.toml --components -o {components}")
+        found.append(f"pgmp build {scene} --components -o {components}")
     meshes = [id(other) for _, other in mesh_twins(sources)]
     for source in sources:
         result, target = source.result, shlex.quote(source.name)
         if isinstance(result, Build):
             continue
         if id(source) in meshes:  # no entry of the scene says how its meshes were cut
-            found.append(f"pgmp run scene.toml  # writes the run on another mesh, here {target}")
+            found.append(f"pgmp run {scene}  # writes the run on another mesh, here {target}")
             continue
         if isinstance(result, Fit):
             found.append(f"pgmp fit {rom} MEASURED.csv -o {target}")
             continue
         if isinstance(result, Tradeoff):
             quick = " --quick" if result.quick else ""
-            found.append(f"pgmp tradeoff scene.toml{quick} -n {result.samples} -o {target}")
+            found.append(f"pgmp tradeoff {scene}{quick} -n {result.samples} -o {target}")
             continue
-        model = {"full": "scene.toml --full", "components": components}.get(result.model, rom)
+        model = {"full": f"{scene} --full", "components": components}.get(result.model, rom)
         if isinstance(result, Ensemble):
             seed = result.record.seed
             asked = "--samples SAMPLES.csv" if seed is None else f"-n {len(result.status)} --seed {seed}"

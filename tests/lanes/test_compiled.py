@@ -1,6 +1,7 @@
 """The cache of compiled functions: its loss costs time, never a run."""
 
 import ast
+import importlib.util
 import json
 import os
 import pickle
@@ -10,14 +11,19 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import numba
 import pytest
 import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from llvmlite import binding
+from numba.core import ssa
+from numba.core.compiler import run_frontend
+from numba.core.postproc import VariableLifetime
 
 from pgmp_petsc.lanes import compiled
+from pgmp_petsc.reduced import lagrangian
 
 SCRIPT = """
 import os, sys
@@ -206,6 +212,19 @@ def test_damaged_files_are_written_anew(kept: Path, ending: str, damage: bytes) 
     assert printed(kept) == "6 1.0 None"
 
 
+def test_damage_beside_the_source_that_cannot_be_mended_is_passed_over(module: Path) -> None:
+    """As of an installation that only its owner may write to: what is kept elsewhere is loaded."""
+    assert printed(module, KEPT_IN="") == "6 1.0 None"
+    for path in (module / "source" / "__pycache__").glob("*.nbi"):
+        path.unlink()
+        path.mkdir()  # root may write everywhere, but not over a folder
+    assert re.match(r"6 1\.0 files in .*/source/__pycache__ cannot be read, nor written anew", printed(module))
+    before = [path.stat().st_mtime_ns for path in files(module, "nbc")]
+    assert len(before) == 2
+    assert printed(module) == "6 1.0 None"
+    assert [path.stat().st_mtime_ns for path in files(module, "nbc")] == before
+
+
 @pytest.mark.parametrize("gone", [b"cpgmp_petsc.gone\nVector\n.", b"cpgmp_petsc.lanes.vectors\nGone\n."])
 def test_files_of_an_older_version_are_written_anew_without_a_word(kept: Path, gone: bytes) -> None:
     """Their types may be of modules and classes that are elsewhere now."""
@@ -311,6 +330,44 @@ def test_one_process_compiles_what_python_calls_and_others_wait(module: Path) ->
     assert sum(int(each[-1]) for each in out) == 2
     copied = {"half" in path.name: b"bitcode" in path.read_bytes() for path in files(module, "nbc")}
     assert copied == {True: True, False: False}
+
+
+FAILING = """
+from pgmp_petsc.lanes.compiled import njit
+
+@njit(cache=True, entry=True)
+def added(x):
+    return x + 1
+
+@njit(cache=True, entry=True)
+def double(x):
+    return x.unknown
+"""
+FAILED = """
+import fcntl, sys
+from pathlib import Path
+import numba
+numba.config.CACHE_DIR = sys.argv[2]
+sys.path.insert(0, sys.argv[1])
+from kernel import added, double
+try:
+    double(3)
+except numba.TypingError:
+    added(3)
+locks = list(Path(sys.argv[2]).rglob("*.lock"))
+for lock in locks:
+    with open(lock) as file:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+print(len(locks))
+"""
+
+
+def test_nobody_waits_for_a_compilation_that_failed(module: Path) -> None:
+    (module / "source" / "kernel.py").write_text(FAILING)
+    command = [sys.executable, "-c", FAILED, str(module / "source"), str(module / "cache")]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=TIMEOUT_SECONDS)
+    assert (done.stdout, done.returncode) == ("2\n", 0), done.stderr
 
 
 def decorated(node: ast.FunctionDef) -> dict[str, object] | None:
@@ -428,3 +485,22 @@ def test_functions_apart(tmp_path: Path):
     for kept in cache.rglob("*halved*"):
         kept.unlink()
     assert said() == [values, "[0, 1, 1] 0", "False", "not compiled"]
+
+
+def test_variables_are_found_where_numba_finds_them() -> None:
+    """Those that live on, and each assigned once, of the longest function: as numba itself has them."""
+
+    def own(name: str) -> ModuleType:
+        spec = importlib.util.find_spec(f"numba.core.{name}")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+
+    function = lagrangian.evaluate.py_func
+    first, second = (run_frontend(function) for _ in range(2))
+    life, analysis = VariableLifetime(first.blocks), own("analysis")
+    assert life.livemap == analysis.compute_live_map(life.cfg, first.blocks, life.usedefs.usemap, life.usedefs.defmap)
+    found, expected = ssa.reconstruct_ssa(first).blocks, own("ssa").reconstruct_ssa(second).blocks
+    texts = [[(label, [str(each) for each in block.body]) for label, block in one.items()] for one in (found, expected)]
+    assert texts[0] == texts[1]
+    assert sum("phi(" in each for _, body in texts[0] for each in body) > 50

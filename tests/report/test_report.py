@@ -755,6 +755,18 @@ def test_commands_draw_the_same_samples(seed: int | None, asked: str) -> None:
         assert said == f"pgmp montecarlo scene.toml --full {asked}{option} -o many.h5"
 
 
+def test_commands_begin_with_the_scene_of_each_result() -> None:
+    """Runs with other entries are of other scenes."""
+    full, reduced = synthetic.trajectory("full"), synthetic.trajectory("reduced")
+    other = replace(reduced.record, scene_toml=reduced.record.scene_toml + "\n[more]\n")
+    runs = {"a.h5": full, "b.h5": reduced, "c.h5": replace(reduced, record=other)}
+    said = _commands([Source(name, run, "", Path(name)) for name, run in runs.items()])
+    first, *_, fourth, fifth, last = said
+    assert (first, len(said)) == ("pgmp info a.h5 --scene > scene.toml", 7)
+    assert (fourth, fifth) == ("pgmp info c.h5 --scene > scene_2.toml", "pgmp build scene_2.toml -o rom_2.h5")
+    assert last.startswith("pgmp simulate rom_2.h5 ") and last.endswith(" -o c.h5")
+
+
 def test_commands_build_the_model_of_a_fit() -> None:
     build, again = _commands([Source("fit.h5", synthetic.fitted(), "", Path("fit.h5"))])[1:]
     assert (build, again) == ("pgmp build scene.toml -o rom.h5", "pgmp fit rom.h5 MEASURED.csv -o fit.h5")
