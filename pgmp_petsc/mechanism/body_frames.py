@@ -7,8 +7,8 @@ of a body is then a combination of constant vectors.
 Derivatives of statements on the rigid mechanism, in body frames: rows of constraints, forces of actions.
 
 A node of a body at the pose P has the frame z(P) in the inertial frame. Its displacement and rotation u in the body's
-frame change that by ``dz = F(P) u`` (`Space.frame_gradient`), wherever the node is. With the slopes g of a statement in
-the frames of its two nodes its gradient in body frames is
+frame change that by ``dz = F(P) u`` (`Space.frame_gradients`), wherever the node is. With the slopes g of a statement
+in the frames of its two nodes its gradient in body frames is
 
     ds/du = g(z(P)) F(P),
 
@@ -126,11 +126,10 @@ class BodyStatements:
         """Return the second derivatives in the `nodal` unknowns at poses (n_bodies, n_pose), shape (n, k, k)."""
         space, at = self._space, poses[self._bodies]
         slopes, values = self._rows.dense(self._frames(poses))
-        turn = block_diag(*(space.frame_gradient(pose) for pose in at))
-        curved = turn.T @ values @ turn
-        for k, pose in enumerate(at):
-            own = slice(space.n_dofs * k, space.n_dofs * (k + 1))
-            curved[:, own, own] += space.frame_curvature(pose, slopes[:, space.n_pose * k : space.n_pose * (k + 1)])
+        turn = block_diag(*space.frame_gradients(at))
+        curved, k = turn.T @ values @ turn, len(at)
+        of_nodes = np.einsum("niaib->niab", curved.reshape(self.n, k, space.n_dofs, k, space.n_dofs))
+        of_nodes += space.frame_curvatures(at, slopes.reshape(self.n, k, space.n_pose))
         return curved
 
     def _frames(self, poses: np.ndarray) -> np.ndarray:
@@ -142,7 +141,7 @@ class BodyStatements:
         of a node); `generic` as of `StatementRows.jacobian_values`."""
         space, values = self._space, self._rows.jacobian_values(self._frames(poses), generic)
         in_frames = np.bincount(self._places, values, space.n_pose * len(self._nodes))
-        turns = np.array([space.frame_gradient(pose) for pose in poses])[self._bodies[self._nodes]]
+        turns = space.frame_gradients(poses[self._bodies[self._nodes]])
         return (in_frames.reshape(-1, 1, space.n_pose) @ turns)[:, 0]
 
 

@@ -33,7 +33,7 @@ from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, Settled
 SHARES = (1, 4, 16, 64)  # steps in which loads are put on, one after the other where fewer do not converge
 MAX_CORRECTIONS = 60  # forces that turn with a body have no exact tangent: the iteration is then linear
 LONGEST = 0.2  # of a correction or a step, in units of the mechanism's size or of 1 rad
-SHORTENED, SHORTEST = 0.25, 1e-4  # of what a step may be where bodies have no deformation after it; it is not shorter
+SHORTENED, SHORTEST = 0.25, 1e-4  # of a step after which bodies have no deformation, or leave the range; not shorter
 TOLERANCE = 1e-12  # of the last correction, in the same units
 ROUND_OFF = 1e-8  # of a correction that no longer becomes smaller
 DIFFERENCE = 1e-5  # rad, or of the mechanism's size
@@ -112,17 +112,19 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
         step = step * np.minimum(1.0, limit / np.maximum(size, 1e-300))[:, None] * active[:, None]
         before, last = np.where(active[:, None], step, before), np.where(active, size, last)
         theta[:, free] += step * scales
-        away = _out_of_reach(search, theta, origin)
-        _note(reasons, active & away, _nowhere, search, theta, origin, torques)
-        theta[active & away] = origin[active & away]
-        active &= ~away
-        torques, lost = statics.hold(theta, active)
-        back = active & lost & (limit > SHORTEST)
-        if back.any():  # too far for the bodies' deformation: a shorter step from where they had one
+        away = active & _out_of_reach(search, theta, origin)
+        ended = away & (limit <= SHORTEST)
+        _note(reasons, ended, _nowhere, search, theta, origin, torques)
+        theta[ended] = origin[ended]
+        active &= ~ended
+        torques_there, lost = statics.hold(theta, active & ~away)
+        back = active & (lost | away) & (limit > SHORTEST)
+        torques = np.where(back[:, None], torques, torques_there)
+        if back.any():  # too far for the bodies' deformation, or out of the range: a shorter step from where it was not
             theta[:, free] -= step * scales * back[:, None]
-            limit[back] *= SHORTENED
-            before_it, lost_there = statics.hold(theta, back)
-            torques[back], lost[back] = before_it[back], lost_there[back]
+            limit[back] = SHORTENED * np.minimum(limit, size)[back]
+            _, lost_there = statics.hold(theta, back)
+            lost[back] = lost_there[back]
         _note(reasons, active & lost, _no_deformation, statics, search, theta)
         active &= ~lost
     _note(reasons, active, _nowhere, search, theta, origin, torques)

@@ -138,13 +138,16 @@ def test_samples_settle_each_for_itself() -> None:
 
 
 class Fragile:
-    """Statics of a joint that `tanh(20 (theta - 0.1))` pulls back; bodies bear no more than theta = 0.15."""
+    """Statics of a joint that `tanh(20 (theta - middle))` pulls back; bodies bear no more than theta = `most`."""
 
     n_samples = 2
 
+    def __init__(self, middle: list[float], most: float) -> None:
+        self.middle, self.most = np.array(middle)[:, None], most
+
     def hold(self, theta: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         self.theta = theta.copy()
-        return -np.tanh(20.0 * (theta - 0.1)), samples & (theta[:, 0] > 0.15)
+        return -np.tanh(20.0 * (theta - self.middle)), samples & (theta[:, 0] > self.most)
 
     def cause(self, sample: int) -> str:
         return "too far"
@@ -156,12 +159,19 @@ class Fragile:
         return np.ones((2, 1))
 
 
-def test_a_step_beyond_what_bodies_bear_is_taken_in_parts() -> None:
+@pytest.mark.parametrize(
+    ("statics", "start", "most", "reason"),
+    [
+        (Fragile([0.1, 0.1], 0.15), 0.2, 1.0, "too far"),
+        (Fragile([0.1, 0.3], 9.0), 0.0, 0.15, "no static equilibrium within coordinates.phi.range; at phi = 0.15"),
+    ],
+)
+def test_a_step_beyond_what_bodies_bear_or_the_range_is_taken_in_parts(statics, start, most, reason) -> None:
     coordinates = full_model(scene_of(BAR, "free")).kinematics.mechanism.coordinates
-    search = Search((0,), coordinates, np.array([-1.0]), np.array([1.0]), 1.0, 1.0)
-    settled = settle(Fragile(), np.array([[0.0], [0.2]]), search)
+    search = Search((0,), coordinates, np.array([-1.0]), np.array([most]), 1.0, 1.0)
+    settled = settle(statics, np.array([[0.0], [start]]), search)
     assert abs(settled.theta[0, 0] - 0.1) < 1e-9
-    assert set(settled.reasons) == {1} and "too far" in settled.reasons[1]
+    assert set(settled.reasons) == {1} and reason in settled.reasons[1]
 
 
 def test_energy_is_kept_from_the_strain_at_the_start_on() -> None:
