@@ -29,6 +29,13 @@ simulation: duration = 2.0; step = 2e-3
 outputs.one: type = "angle"; joint = "input"
 outputs.two: type = "angle"; joint = "output"
 """)
+# with a third rotor behind the second one, which no coordinate is of
+ROW_IN_SPACE = ROTORS_IN_SPACE.replace("0.7], [2.0, 0.7]", "3.5], [2.0, 3.5]") + tables("""
+bodies.three: rigid = { mass = 2.0, inertia = [0.5, 0.5, 0.9, 0.0, 0.0, 0.0], points = { hub = [0.0, 0.0, 0.0] } }
+joints.last: type = "revolute"; connect = ["ground:origin", "three:hub"]; axis = [0.0, 0.0, 1.0]
+joints.again: type = "gear"; joints = ["output", "last"]; ratio = -1.7
+outputs.three: type = "angle"; joint = "last"
+""")
 RACK = HEADER + tables("""
 bodies.pinion: rigid = { mass = 1.0, inertia = 0.02, points = { hub = [0.0, 0.0] } }
 bodies.carriage: rigid = { mass = 3.0, inertia = 0.1, points = { left = [0.0, 0.0], right = [0.1, 0.0] } }

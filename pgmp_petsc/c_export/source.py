@@ -229,7 +229,7 @@ def _terms(terms: Sequence[TermInC]) -> Iterator[str]:
     first = 0
     for term in terms:
         n = len(term.function.coefficients)
-        numbers = f"{term.row}, {first}, {n}, {term.near}, {_number(term.function.factor)}"
+        numbers = f"{term.row}, {first}, {n}, {int(term.left)}, {_number(term.function.factor)}"
         yield f"{{{numbers}, {_statement(term.statement)}}}"
         first += n
 

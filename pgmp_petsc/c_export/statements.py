@@ -16,8 +16,10 @@ from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece, amplitude_of
-from pgmp_petsc.mechanism.joints import Attachment
+from pgmp_petsc.mechanism.joints import Attached, Attachment
 from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Coordinate
+from pgmp_petsc.mechanism.statement_rows import near_to
 from pgmp_petsc.mechanism.statements import Function, Statement, distance
 from pgmp_petsc.outputs.joint_forces import ForceOutput, OfConnection, OfCoupling, OfMotion, Pull
 from pgmp_petsc.outputs.of_outputs import TIME, Combined
@@ -47,7 +49,7 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class StatementInC:
-    """A statement about two points; `turns` is what an angle is near to: offset and slopes of `JointTurns`."""
+    """A statement about two points; `turns` is what an angle is near to: offset and slopes over the coordinates."""
 
     statement: Statement
     a: Side
@@ -67,7 +69,7 @@ class TermInC:
     row: int
     statement: StatementInC
     function: Function
-    near: int  # number of the coordinate that an angle is near to; -1: what the others leave of the row's value
+    left: bool = False  # whether an angle is near to what the others leave of the row's value
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +146,7 @@ class ForceInC:
         if isinstance(force, OfCoupling):
             (number,) = map(gaps.index, force.rows) if force.pull is None else behind(force.pull)
             read, along = StatementInC.of_reading(force.reading, slots), "size" if force.is_size else "along"
-            terms = [TermInC(number, read, force.function, -1)]
+            terms = [TermInC(number, read, force.function)]
             return cls(terms, COMPONENTS.index(along), False, False, 1.0, (0.0,), nowhere, nowhere)
         if not isinstance(force, OfConnection):
             raise refuse(type(force), f"{NO_CODE}; make it of classes in outputs.joint_forces, or build without it")
@@ -153,10 +155,10 @@ class ForceInC:
         for row, (part, own) in zip(force.rows, force.held):
             for (statement, function), first in zip(part.terms, own[::2]):
                 held = StatementInC(statement, Side.of(first, slots), b)
-                terms.append(TermInC(gaps.index(row), held, function, -1))
+                terms.append(TermInC(gaps.index(row), held, function))
         for number, pull in zip(behind(*force.pulls), force.pulls):
             for statement, function in pull.action.statement.terms:
-                terms.append(TermInC(number, StatementInC(statement, a, b), function, -1))
+                terms.append(TermInC(number, StatementInC(statement, a, b), function))
         axis = tuple(map(float, joint.axes[0][:, 0])) if entry.component in ("axial", "radial") else (0.0,)
         sign = -1.0 if entry.of == "first" else 1.0
         return cls(
@@ -290,16 +292,21 @@ def closure_of(kinematics: RigidKinematics) -> tuple[list[TermInC], list[float]]
     mechanism = kinematics.mechanism
     origin = np.zeros(mechanism.space.dimension)
     parts, wanted = mechanism.holding([Attachment(k, -1, origin, origin) for k in range(len(mechanism.bodies))])
-    found = []
-    numbers = {coordinate.statement: k for k, coordinate in enumerate(kinematics.coordinates)}
+    return terms_of(parts, kinematics.coordinates, {}), [float(value) for value in wanted]
+
+
+def terms_of(parts: Sequence[Attached], coordinates: Sequence[Coordinate], slots: Mapping[int, int]) -> list[TermInC]:
+    """Return the terms of statements and combinations of them, with what angles are near to."""
+    near, found = near_to(parts, {coordinate.statement: k for k, coordinate in enumerate(coordinates)}), []
     for row, (part, sides) in enumerate(parts):
-        points = [Side.of(side, {}) for side in sides]
-        pairs = zip(points[::2], points[1::2])
-        found += [
-            TermInC(row, StatementInC(statement, *pair), function, numbers.get(statement, -1))
-            for (statement, function), pair in zip(part.terms, pairs)
-        ]
-    return found, [float(value) for value in wanted]
+        points = [Side.of(side, slots) for side in sides]
+        for (statement, function), *pair in zip(part.terms, points[::2], points[1::2]):
+            k = len(found)
+            own, slopes = slice(near.starts[k], near.starts[k + 1]), np.zeros(len(coordinates))
+            slopes[near.numbers[own]] = near.slopes[own]
+            line = (float(near.offsets[k]), *map(float, slopes))
+            found.append(TermInC(row, StatementInC(statement, *pair, line), function, bool(near.left[k])))
+    return found
 
 
 def action_in_c(
@@ -310,7 +317,7 @@ def action_in_c(
     time, and `windings`, of which it takes its own, go over the parts of all."""
     parts = []
     for (statement, function), (a, b) in zip(action.statement.terms, action.pairs):
-        term = TermInC(number, StatementInC(statement, Side.of(a, slots), Side.of(b, slots)), function, -1)
+        term = TermInC(number, StatementInC(statement, Side.of(a, slots), Side.of(b, slots)), function)
         held = tuple(-1 if side.on_ground else nodes.index(side.node) for side in (a, b))
         parts.append(PartInC(term, held, tuple(map(float, next(windings)))))
     strength = -1 if action.amplitude is None else strengths.index(action.effect)

@@ -15,12 +15,11 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.c_export.constants import Along, Constants, check_size, checked_scene, shared_of
-from pgmp_petsc.c_export.statements import Side, StatementInC, TermInC, braced
+from pgmp_petsc.c_export.statements import Side, StatementInC, TermInC, braced, terms_of
 from pgmp_petsc.full.joint_systems import JointBatch, JointEquations
 from pgmp_petsc.full.parts import Share, floating_bodies, planar_masses, spatial_masses
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.lanes.lane_items import SampleBlocks
-from pgmp_petsc.mechanism.statement_rows import FROM_SUM
 from pgmp_petsc.models import ComponentModel
 from pgmp_petsc.outputs.joint_forces import OfMotion
 from pgmp_petsc.scene import Scene
@@ -76,7 +75,7 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     prescribed = [k for k, one in enumerate(mechanism.coordinates) if one.prescribed]
     drives = [f"{{{one}, {prescribed[motion]}, {sign}.0}}" for one, motion, sign in own.driven.tolist()]
     owners, behind = _carried(own, mechanism.n_nodes)
-    pushes, (constraints, bonds) = _pushes(own, equations), _constraints(own, prescribed, mechanism.n_nodes)
+    pushes, (constraints, bonds) = _pushes(own, equations), _constraints(own, prescribed)
     held, holds, left = _holds(own, gaps, mechanism.n_nodes, len(constraints)) if gaps else ([], [], [])
     tables = _tables(model, system, parts) | {"start_turned": ("[]", turned)}
     sizes = _sizes(system, parts) | {
@@ -282,7 +281,7 @@ def _holds(
     constraint that is left whose multiplier it has, -1 of those of the tree and of what follows from others."""
     slots, numbers, held = {k: k for k in range(n_nodes)}, {row: k for k, row in enumerate(gaps)}, own.held
     terms = [
-        TermInC(-1, StatementInC(statement, *(Side.of(side, slots) for side in sides)), statement.terms[0][1], -1)
+        TermInC(-1, StatementInC(statement, *(Side.of(side, slots) for side in sides)), statement.terms[0][1])
         for statement, sides in held.rows.parts
     ]
     holds = [
@@ -297,15 +296,10 @@ def _base_nodes(equations: FullEquations) -> list[int]:
     return [body.first_node + body.n_nodes - 1 for body in equations.unknowns.bodies]
 
 
-def _constraints(own: JointEquations, prescribed: Sequence[int], n_nodes: int) -> tuple[list[TermInC], list[str]]:
+def _constraints(own: JointEquations, prescribed: Sequence[int]) -> tuple[list[TermInC], list[str]]:
     """Return the terms of the constraints that the tree leaves, and the constraints in C."""
     _, parts, wanted, motions = own.set.statements_among(own.chosen)
-    near, terms, slots = iter(own.set.rows_among(own.chosen).near.tolist()), [], {k: k for k in range(n_nodes)}
-    for row, (part, sides) in enumerate(parts):
-        points = [Side.of(side, slots) for side in sides]
-        for (statement, function), a, b in zip(part.terms, points[::2], points[1::2]):
-            of = next(near)
-            number = of if of >= 0 else -1 if of == FROM_SUM else -2
-            terms.append(TermInC(row, StatementInC(statement, a, b), function, number))
+    mechanism = own.equations.unknowns.mechanism
+    terms = terms_of(parts, mechanism.coordinates, {k: k for k in range(mechanism.n_nodes)})
     bonds = [f"{{{float(w)!r}, {-1 if k < 0 else prescribed[k]}}}" for w, k in zip(wanted, motions.tolist())]
     return terms, bonds

@@ -381,7 +381,7 @@ def _completing_parameters(context: click.Context, parameter: click.Parameter, b
     """Complete ``NAME=`` by the parameters of the scene, the model or the result that the command line names."""
     found: dict[str, Any] = {}
     for file in filter(Path.is_file, map(Path, context.args)):  # click leaves words there where an option has no value
-        with suppress(OSError, ValueError, KeyError):  # a file that is no scene and no result has none
+        with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):  # no scene and no result has none
             if file.suffix == ".toml":
                 entries = tomllib.loads(file.read_text(encoding="utf-8")).get("parameters", {})
                 found |= {name: entry.get("nominal", "") for name, entry in entries.items()}

@@ -173,8 +173,11 @@ def counted_from(action: Action, kinematics: RigidKinematics, theta: np.ndarray)
     """Return what the angles of an action's terms are counted from at coordinates (n_theta, n), rad, shape (n_terms,
     n): that of one which is no coordinate, among several, is what the others leave of a coupling's value."""
     terms, mechanism = action.statement.terms, kinematics.mechanism
-    numbers = {coordinate.statement: k for k, coordinate in enumerate(mechanism.coordinates)}
-    near = np.array([theta[numbers[s]] if s in numbers else np.zeros(theta.shape[1]) for s, _ in terms])
+    known = {coordinate.statement: line for coordinate, line in zip(mechanism.coordinates, theta)}
+    if len(terms) > 1:
+        for s, line in action.statement.lines.items():
+            known[s] = line.offset + sum(slope * known[one] for one, slope in line.slopes.items())
+    near = np.array([known[s] if s in known else np.zeros(theta.shape[1]) for s, _ in terms])
     if len(terms) == 1:
         return near
     rows = StatementRows.on_poses(
@@ -183,7 +186,7 @@ def counted_from(action: Action, kinematics: RigidKinematics, theta: np.ndarray)
     values = rows.values(kinematics.poses(theta.T).reshape(-1, theta.shape[1]), near)
     value = next((one.value for one in mechanism.couplings if one.combination is action.statement), 0.0)
     for k, (part, function) in enumerate(terms):
-        if part.kind == ANGLE and part not in numbers and not function.breaks.size:
+        if part.kind == ANGLE and part not in known and not function.breaks.size:
             near[k] = (value - values.sum(axis=0) + values[k]) / function.factor
     return near
 

@@ -31,6 +31,7 @@ DASHES = (0, (4, 3))
 BAND = "#F3F3F3"
 N_PLACES = 400  # of a density
 REPEATED = 0.05  # of all samples: a value that more have is drawn by itself
+WORDS = 0.4, 0.1  # room for those at such a bar, of the axes
 COLOURS = {"full": style.FULL_COLOUR, "components": style.COMPONENT_COLOUR, "reduced": style.REDUCED_COLOUR}
 
 
@@ -117,7 +118,7 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
             axes.fill_between(places, height, color=_tint(colour), linewidth=0)
         axes.plot(places, height, color=colour, linewidth=1.4 if number else 1.1)
         axes.axvline(factor * one.mean, color=colour, linestyle=DASHES, linewidth=1.0)
-        draw_repeated(axes, samples[number], colour, number)
+    draw_repeated(axes, samples, colours)
     style.span(axes, places[0], places[-1])
     axes.set_ylim(0.0, 1.08 * max(height.max() for height in heights) or 1.0)
     axes.set_title(name, pad=8.0 + LINES * LINE_POINTS * len(known))
@@ -203,20 +204,28 @@ def repeated(values: np.ndarray) -> list[tuple[float, float]]:
     return list(zip(found[many].tolist(), (counts[many] / values.size).tolist())) if _differ(values) else []
 
 
-def draw_repeated(axes: Axes, values: np.ndarray, colour: str, row: int = 0) -> None:
-    """Draw what share of samples has each of the `repeated` values, the height of the axes being all of them."""
-    middle = 0.5 * (values.min() + values.max())
-    look = {"color": colour, "clip_on": False}
-    for value, share in repeated(values):
-        side, across = (3.0, "left") if value <= middle else (-3.0, "right")
-        axes.plot([value, value], [0.0, share], linewidth=3.0, transform=axes.get_xaxis_transform(), **look)
+def draw_repeated(axes: Axes, samples: Sequence[np.ndarray], colours: Sequence[str]) -> None:
+    """Draw what share of samples, each (n,), has each of the `repeated` values, the height of the axes being all of
+    them; words that would lie on others stand above these."""
+    low, high = min(map(np.min, samples)), max(map(np.max, samples))
+    wide, written = WORDS[0] * (high - low), list[tuple[float, float]]()
+    bars = [(share, value, colour) for own, colour in zip(samples, colours) for value, share in repeated(own)]
+    for share, value, colour in sorted(bars):
+        at_left, top = value <= 0.5 * (low + high), share
+        first = value if at_left else value - wide
+        for other, theirs in sorted(written, key=lambda place: place[1]):
+            if abs(first - other) < wide and abs(top - theirs) < WORDS[1]:
+                top = theirs + WORDS[1]
+        written.append((first, top))
+        look = {"color": colour, "clip_on": False, "transform": axes.get_xaxis_transform()}
+        axes.plot([value, value], [0.0, share], linewidth=3.0, **look)
         axes.annotate(
             f"{100.0 * share:.2g} % at {value:.4g}".replace("-", "\N{MINUS SIGN}"),
-            xy=(value, share),
+            xy=(value, top),
             xycoords=axes.get_xaxis_transform(),
-            xytext=(side, -row * LINE_POINTS),
+            xytext=(3.0 if at_left else -3.0, 0.0),
             textcoords="offset points",
-            ha=across,
+            ha="left" if at_left else "right",
             va="top",
             fontsize=NOTE_SIZE,
             color=colour,

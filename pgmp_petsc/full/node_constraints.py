@@ -25,7 +25,7 @@ from pgmp_petsc.lanes.lane_items import empty_lanes, items, keep
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.frame_ties import Terms, parts_of
 from pgmp_petsc.mechanism.node_statements import scratch_of, state
-from pgmp_petsc.mechanism.statement_rows import FROM_SUM, Rows
+from pgmp_petsc.mechanism.statement_rows import Near, Rows
 
 
 class Ties(NamedTuple):
@@ -43,7 +43,7 @@ class NodeConstraints(NamedTuple):
     places: np.ndarray  # the places of their constraints among all here, shape (n,)
     wanted: np.ndarray  # what is taken off, shape (n,), m, 1 or rad
     motions: np.ndarray  # number of the prescribed motion that is taken off too, -1 where there is none, shape (n,)
-    near: np.ndarray  # as in `ChosenRows`, shape (n,)
+    near: Near  # as in `ChosenRows`
     linear: np.ndarray  # whether a statement is linear in the unknowns, shape (n,)
     weights: np.ndarray  # w over the scale of the constraints, shape (n,), m2
     #: positions, curved_positions: where the matrix stores the first derivatives, and the second ones of those that are
@@ -203,13 +203,13 @@ def _add_curved(
                 if not begins:
                     known[so_far] += before
             continue
-        number, motion, of = constraints.places[k], constraints.motions[k], constraints.near[k]
-        if of == FROM_SUM:
+        number, motion, of = constraints.places[k], constraints.motions[k], constraints.near
+        if of.left[k]:
             known[near] = -before / statements.factors[k]
-        elif of >= 0 and of < turned.size:
-            known[near] = turned[of]
         else:
-            known[near] = driven[motion] if motion >= 0 else 0.0
+            known[near] = driven[motion] if motion >= 0 else of.offsets[k]
+            for entry in range(of.starts[k], of.starts[k + 1] if turned.size and motion < 0 else 0):
+                known[near] += of.slopes[entry] * turned[of.numbers[entry]]
         gather(rows.dofs[k], width, q, y)
         missed = state(statements, k, y, space[near], fresh, scratch, width, g, h) - _wanted(constraints, k, driven)
         known[so_far] = missed if begins else before + missed

@@ -7,8 +7,8 @@ of a body is then a combination of constant vectors.
 Derivatives of statements on the rigid mechanism, in body frames: rows of constraints, forces of actions.
 
 A node of a body at the pose P has the frame z(P) in the inertial frame. Its displacement and rotation u in the body's
-frame change that by ``dz = F(P) u`` (`Space.frame_gradient`), wherever the node is. With the slopes g of a statement in
-the frames of its two nodes its gradient in body frames is
+frame change that by ``dz = F(P) u`` (`Space.frame_gradients`), wherever the node is. With the slopes g of a statement
+in the frames of its two nodes its gradient in body frames is
 
     ds/du = g(z(P)) F(P),
 
@@ -126,11 +126,10 @@ class BodyStatements:
         """Return the second derivatives in the `nodal` unknowns at poses (n_bodies, n_pose), shape (n, k, k)."""
         space, at = self._space, poses[self._bodies]
         slopes, values = self._rows.dense(self._frames(poses))
-        turn = block_diag(*(space.frame_gradient(pose) for pose in at))
-        curved = turn.T @ values @ turn
-        for k, pose in enumerate(at):
-            own = slice(space.n_dofs * k, space.n_dofs * (k + 1))
-            curved[:, own, own] += space.frame_curvature(pose, slopes[:, space.n_pose * k : space.n_pose * (k + 1)])
+        turn = block_diag(*space.frame_gradients(at))
+        curved, k = turn.T @ values @ turn, len(at)
+        of_nodes = np.einsum("niaib->niab", curved.reshape(self.n, k, space.n_dofs, k, space.n_dofs))
+        of_nodes += space.frame_curvatures(at, slopes.reshape(self.n, k, space.n_pose))
         return curved
 
     def _frames(self, poses: np.ndarray) -> np.ndarray:
@@ -142,7 +141,7 @@ class BodyStatements:
         of a node); `generic` as of `StatementRows.jacobian_values`."""
         space, values = self._space, self._rows.jacobian_values(self._frames(poses), generic)
         in_frames = np.bincount(self._places, values, space.n_pose * len(self._nodes))
-        turns = np.array([space.frame_gradient(pose) for pose in poses])[self._bodies[self._nodes]]
+        turns = space.frame_gradients(poses[self._bodies[self._nodes]])
         return (in_frames.reshape(-1, 1, space.n_pose) @ turns)[:, 0]
 
 
@@ -160,17 +159,16 @@ class ConstraintJacobian:
         own = self._own = BodyStatements(mechanism, held + [(c.statement, c.sides) for c in clamped])
         joints = sp.csr_matrix((np.ones(own.rows.size), (own.rows, own.dofs)), shape=(own.n, mechanism.n_dofs))
         self.pattern = sp.vstack([joints, *_ties(mechanism)]).tocsr()
-
-    def values(self, poses: np.ndarray) -> np.ndarray:
-        """Return the entries on the pattern at poses (n_bodies, n_pose), shape (n_entries,)."""
-        values = self.pattern.data.copy()
-        values[: self._own.rows.size] = self._own.values(poses)
-        return values
+        self._last = np.zeros(0), self.pattern
 
     def at(self, poses: np.ndarray) -> sp.csr_matrix:
-        """Return C at poses (n_bodies, n_pose)."""
-        pattern = self.pattern
-        return sp.csr_matrix((self.values(poses), pattern.indices, pattern.indptr), shape=pattern.shape)
+        """Return C at poses (n_bodies, n_pose), for reading alone: many ask for it at the same ones."""
+        if self._last[0] is not poses:
+            pattern, values = self.pattern, self.pattern.data.copy()
+            values[: self._own.rows.size] = self._own.values(poses)
+            found = sp.csr_matrix((values, pattern.indices, pattern.indptr), shape=pattern.shape)
+            self._last = poses, found
+        return self._last[1]
 
 
 def constraint_jacobian(mechanism: Mechanism, poses: np.ndarray, clamped: Sequence[Coordinate] = ()) -> sp.csr_matrix:

@@ -22,6 +22,7 @@ nothing: it is a parameter of the springs.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -45,11 +46,11 @@ from pgmp_petsc.mechanism.joints import (
 )
 from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Statement, along, angle, perpendicular
+from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Line, Statement, along, angle, perpendicular
 from pgmp_petsc.scene.bodies import Placement
 from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.fields import GROUND
-from pgmp_petsc.scene.joints import DAMPED_BY, PARALLEL, TURNS, CouplingEntry, Elastic, Offset
+from pgmp_petsc.scene.joints import DAMPED_BY, PARALLEL, TURNS, CouplingEntry, Elastic, Offset, followed
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.uses import slides
@@ -155,10 +156,12 @@ def couplings_of(
     in space its turn follows from the others.
     """
     by_name, row = {one.name: one for one in connections}, sum(len(one.statements) for one in connections)
-    couplings = []
-    for name, entry in scene.joints.items():
-        if not isinstance(entry, CouplingEntry):
-            continue
+    entries = {name: one for name, one in scene.joints.items() if isinstance(one, CouplingEntry)}
+    follows = {name: by_name[joint].measure(motion) for (joint, motion), name in followed(scene).items()}
+    lines: dict[Statement, Line] = {}
+    found = {}
+    for name in (*follows, *(name for name in entries if name not in follows)):
+        entry = entries[name]
         terms, shares = [], entry.shares_in(scene)
         factors = np.array([share.times * scene.number(share.factor) for share in shares])
         # of the first motion itself: radii of millimetres are no weaker constraints
@@ -166,15 +169,33 @@ def couplings_of(
             joint = by_name[share.joint]
             function = Function.through(factor, share.table) if share.table else Function(factor)
             terms.append((joint.measure(share.motion), function, joint.sides))
-        terms.sort(key=lambda term: term[0].kind == ANGLE and term[0] not in known and not term[1].breaks.size)
-        combination = Combination(tuple(term[:2] for term in terms))
+        own = {term[0]: lines[term[0]] for term in terms if term[0] in lines}
+        terms.sort(key=lambda term: term[0].kind == ANGLE and term[0] not in {*known, *own} and not term[1].breaks.size)
+        combination = Combination(tuple(term[:2] for term in terms), own)
         sides = tuple(side for term in terms for side in term[2])
         rows = StatementRows.on_poses([(combination, sides)], space_of(scene.dimension))
         value = float(rows.values(poses.ravel())[0]) if entry.from_placements else 0.0
-        elastic = bool(entry.gives_way)
-        couplings.append(Coupling(name, combination, sides, value, slice(row, row + 1), elastic))
-        row += 1
-    return tuple(couplings)
+        if name in follows:
+            lines[follows[name]] = _rest(combination, follows[name], value)
+        found[name] = combination, sides, value
+    return tuple(
+        Coupling(name, *found[name], slice(row + k, row + k + 1), bool(entry.gives_way))
+        for k, (name, entry) in enumerate(entries.items())
+    )
+
+
+def _rest(combination: Combination, last: Statement, value: float) -> Line:
+    """Return what coordinates, and lines over them, leave of a combination's value for one of its statements."""
+    factors = {statement: function.factor for statement, function in combination.terms}
+    slopes: dict[Statement, float] = defaultdict(float)
+    for statement in factors:
+        if statement is last:
+            continue
+        line = combination.lines.get(statement, Line(0.0, {statement: 1.0}))
+        value -= factors[statement] * line.offset
+        for one, slope in line.slopes.items():
+            slopes[one] -= factors[statement] * slope / factors[last]
+    return Line(value / factors[last], slopes)
 
 
 def _run(scene: Scene, bodies: Sequence[Body], joint: str, first: Attachment, way: np.ndarray) -> list[Attachment]:

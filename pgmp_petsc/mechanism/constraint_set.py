@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from pgmp_petsc.mechanism.frame_ties import FrameTies
 from pgmp_petsc.mechanism.joints import Attached, Attachment
 from pgmp_petsc.mechanism.mechanism import Unknowns
-from pgmp_petsc.mechanism.statement_rows import FROM_SUM, ROUND_OFF, StatementRows, near_rows
+from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, Near, StatementRows, near_to
 
 RANK_TOLERANCE = 1e-10  # of the largest pivot of a block; joint Jacobians have entries of order 1
 
@@ -160,8 +160,7 @@ class ChosenRows:
     wanted: np.ndarray  # the constraints' values, at the first of their terms, zero at others, shape (n,), m or 1
     motions: np.ndarray  # number of the prescribed motion that gives the value instead, or -1, shape (n,)
     of_directors: np.ndarray  # which of them make directors a rotation, shape (n,)
-    #: number of the coordinate that an angle is near to, `FROM_SUM`, or less where nothing is to be known, shape (n,)
-    near: np.ndarray
+    near: Near  # of the coordinates
 
 
 class ConstraintSet:
@@ -247,12 +246,7 @@ class ConstraintSet:
         else:
             rows = StatementRows(parts, self._unknowns.frame, self._unknowns.dimension)
         of, first = rows.row_of, np.diff(rows.row_of, prepend=-1) > 0
-        terms = [term for part, _ in parts for term in part.terms]
-        angles = {c.statement: k for k, c in enumerate(self._unknowns.mechanism.coordinates)}
-        near = near_rows(terms, of, angles)
-        single = np.bincount(of, minlength=1)[of] == 1
-        known = np.array([part in angles for part, _ in terms], dtype=bool)
-        near = np.where(single | (near != FROM_SUM) & ~known, FROM_SUM - 1, near)
+        near = near_to(parts, {c.statement: k for k, c in enumerate(self._unknowns.mechanism.coordinates)})
         return ChosenRows(
             rows, own[of], np.where(first, wanted[of], 0.0), motions[of], self.of_directors[chosen][own][of], near
         )

@@ -19,6 +19,7 @@ from math import comb
 
 import numpy as np
 
+from pgmp_petsc.bodies.beam3d import cross
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
 
 
@@ -81,17 +82,22 @@ class Plane:
 
     def rotation(self, pose: np.ndarray) -> np.ndarray:
         """Return the matrix (n_dofs, n_dofs) that turns displacements of nodes, ``(u_x, u_y, phi)``, from the body's
-        frame. In space `frame_gradient` is another one: the change of a frame with its displacement in the body's
-        frame, shape (n_pose, n_dofs)."""
-        cos, sin = np.cos(pose[2]), np.sin(pose[2])
-        return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        frame."""
+        return self.frame_gradients(pose[None])[0]
 
-    frame_gradient = rotation
+    def frame_gradients(self, poses: np.ndarray) -> np.ndarray:
+        """Return the changes of frames at poses (k, n_pose) with their displacements in the body's frame, shape (k,
+        n_pose, n_dofs)."""
+        found = np.zeros((len(poses), 3, 3))
+        found[:, 0, 0] = found[:, 1, 1] = np.cos(poses[:, 2])
+        found[:, 1, 0] = np.sin(poses[:, 2])
+        found[:, 0, 1], found[:, 2, 2] = -found[:, 1, 0], 1.0
+        return found
 
-    def frame_curvature(self, pose: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-        """Return the second derivatives (n, n_dofs, n_dofs) of what has the slopes (n, n_pose) in a frame and is linear
-        in it; rotations in space are rotation vectors."""
-        return np.zeros((len(slopes), 3, 3))
+    def frame_curvatures(self, poses: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """Return the second derivatives (n, k, n_dofs, n_dofs) of what has the slopes (n, k, n_pose) in frames at poses
+        (k, n_pose) and is linear in each; rotations in space are rotation vectors."""
+        return np.zeros((*slopes.shape, 3))
 
     def to_body(self, pose: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """Turn vectors (d, n) into the frame of a body at poses (n_pose, n)."""
@@ -141,21 +147,21 @@ class Spatial:
 
     def moved(self, poses: np.ndarray, change: np.ndarray) -> np.ndarray:
         axes = poses[:, 3:].reshape(len(poses), 3, 3, -1)
-        vector = 0.5 * np.cross(axes, change[:, 3:].reshape(axes.shape), axis=2).sum(axis=1)
+        vector = 0.5 * cross(axes, change[:, 3:].reshape(axes.shape), axis=2).sum(axis=1)
         return self.displaced(poses, np.concatenate([change[:, :3], vector], axis=1))
 
     def displaced(self, poses: np.ndarray, motions: np.ndarray) -> np.ndarray:
         axes, vector = poses[:, 3:].reshape(len(poses), 3, 3, -1), motions[:, None, 3:]
         angle = np.linalg.norm(vector, axis=2, keepdims=True)
         once, twice = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
-        across = np.cross(vector, axes, axis=2)
-        turned = axes + once * across + twice * np.cross(vector, across, axis=2)
+        across = cross(vector, axes, axis=2)
+        turned = axes + once * across + twice * cross(vector, across, axis=2)
         return np.concatenate([poses[:, :3] + motions[:, :3], turned.reshape(poses[:, 3:].shape)], axis=1)
 
     def changes(self, poses: np.ndarray, motions: np.ndarray) -> np.ndarray:
         n_bodies, _, k, n = motions.shape
         axes = poses[:, 3:].reshape(n_bodies, 3, 3, 1, n)
-        turned = np.cross(motions[:, None, 3:], axes, axis=2)
+        turned = cross(motions[:, None, 3:], axes, axis=2)
         return np.concatenate([motions[:, :3], turned.reshape(n_bodies, 9, k, n)], axis=1)
 
     def bends(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
@@ -169,8 +175,8 @@ class Spatial:
 
     def straightened(self, poses: np.ndarray) -> np.ndarray:
         first, second = poses[:, 3:6], poses[:, 6:9]
-        third = np.cross(first, second, axis=1)
-        axes = [first, np.cross(third, first, axis=1), third]
+        third = cross(first, second, axis=1)
+        axes = [first, cross(third, first, axis=1), third]
         return np.concatenate([poses[:, :3], *(one / np.linalg.norm(one, axis=1)[:, None] for one in axes)], axis=1)
 
     def winding(self, change: np.ndarray) -> np.ndarray:
@@ -187,19 +193,19 @@ class Spatial:
     def to_body(self, pose: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         return np.einsum("kcn,cn->kn", pose[3:12].reshape(3, 3, -1), vectors)
 
-    def frame_gradient(self, pose: np.ndarray) -> np.ndarray:
+    def frame_gradients(self, poses: np.ndarray) -> np.ndarray:
         """Return ``dr = R u``, ``d(d_k) = R (phi x e_k)``."""
-        turn, gradient = directors(pose), np.zeros((12, 6))
-        gradient[:3, :3] = turn
-        for k, axis in enumerate(np.eye(3)):
-            gradient[3 + 3 * k : 6 + 3 * k, 3:] = -turn @ cross_matrix(axis)
-        return gradient
+        turned, found = poses[:, 3:].reshape(-1, 3, 3).swapaxes(1, 2), np.zeros((len(poses), 12, 6))
+        found[:, :3, :3] = turned
+        found[:, 3:, 3:] = (turned[:, None] @ TURNED_AXES).reshape(-1, 9, 3)
+        return found
 
-    def frame_curvature(self, pose: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    def frame_curvatures(self, poses: np.ndarray, slopes: np.ndarray) -> np.ndarray:
         """Return the part of ``exp(phi) e_k`` of second order, ``1/2 phi x (phi x e_k)``, times the slopes."""
-        found = np.zeros((len(slopes), 6, 6))
-        along = np.einsum("nkc,cj->nkj", slopes[:, 3:].reshape(-1, 3, 3), directors(pose))  # slopes of d_k, on d_j
-        found[:, 3:, 3:] = turning_of_second_order(along.swapaxes(1, 2))
+        n, k, _ = slopes.shape
+        found, turned = np.zeros((n, k, 6, 6)), poses[:, 3:].reshape(k, 3, 3).swapaxes(1, 2)
+        along = slopes[..., 3:].reshape(n, k, 3, 3) @ turned  # slopes of d_k, on d_j
+        found[..., 3:, 3:] = turning_of_second_order(along.swapaxes(-1, -2))
         return found
 
     def natural(self, frame: np.ndarray) -> np.ndarray:
@@ -259,6 +265,7 @@ def turning_of_second_order(columns: np.ndarray) -> np.ndarray:
     return 0.5 * (columns + np.swapaxes(columns, -1, -2)) - trace * np.eye(3)
 
 
+TURNED_AXES = -np.array([cross_matrix(axis) for axis in np.eye(3)])  # ``phi x e_k`` of every k, shape (3, 3, 3)
 Space = Plane | Spatial
 PLANE, SPATIAL = Plane(), Spatial()
 

@@ -22,10 +22,9 @@ from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.mechanism.joints import Attached
 from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
 from pgmp_petsc.mechanism.space import Space
-from pgmp_petsc.mechanism.statements import ANGLE, Function, Statement
+from pgmp_petsc.mechanism.statements import ANGLE, Combination, Line, Statement
 
 VALUES, SLOPES, CURVATURES, DRIFT = range(4)
-FROM_SUM = -1  # of an angle that is near to what the other terms leave of its row's value
 ROUND_OFF = 1e-14  # of derivatives of order 1 at a generic place, below which they are zero everywhere
 
 
@@ -56,8 +55,8 @@ class StatementRows:
         self._generic = NodeStatements.of(*generic)._replace(factors=factors)
         grounded = np.full(node_dofs(0).size, -1)
         dofs = [grounded if side.on_ground else node_dofs(side.node) for side in every]
-        angles = {one: row for row, (one, _) in enumerate(parts) if isinstance(one, Statement) and one.kind == ANGLE}
-        self.near = near_rows(terms, self.row_of, angles)
+        alone = {part.terms[0][0]: row for row, (part, _) in enumerate(parts) if len(part.terms) == 1}
+        self.near = near_to(parts, alone)
         self.dofs = np.array(dofs, dtype=np.int64).reshape(len(terms), 2 * grounded.size)
         self._compile()
 
@@ -187,7 +186,7 @@ class Rows(NamedTuple):
     statements: NodeStatements
     dofs: np.ndarray
     row_of: np.ndarray  # the row that each term adds to, shape (n_terms,)
-    near: np.ndarray  # the row whose value an angle is near to, or `FROM_SUM`, shape (n_terms,)
+    near: Near  # of the rows' values
     #: linear, bent: numbers of the terms that are linear in the unknowns, and of the others
     linear: np.ndarray
     bent: np.ndarray
@@ -199,18 +198,34 @@ class Rows(NamedTuple):
     curved: tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def near_rows(
-    terms: Sequence[tuple[Statement, Function]], row_of: np.ndarray, angles: Mapping[Statement, int]
-) -> np.ndarray:
-    """Return for every term the number that `angles` have of its statement, `FROM_SUM` of the only angle in its row
-    that they do not have, and its row for all others, shape (n_terms,)."""
-    near = row_of.copy()
-    alone = np.bincount(row_of)[row_of] == 1 if row_of.size else row_of > 0
-    for k, (part, function) in enumerate(terms):
-        if not alone[k] and part.kind == ANGLE:
+class Near(NamedTuple):
+    """What the angles of n terms are near to: lines over known numbers, or what others leave of their row's value."""
+
+    left: np.ndarray  # which are near to that, bool, shape (n,)
+    offsets: np.ndarray  # of the lines, rad, shape (n,)
+    starts: np.ndarray  # first entry of each line, (n + 1,); numbers and slopes of all entries
+    numbers: np.ndarray
+    slopes: np.ndarray
+
+
+def near_to(parts: Sequence[Attached], numbers: Mapping[Statement, int]) -> Near:
+    """Return it for the terms of parts; of known motions `numbers` are given."""
+    left, offsets, entries = [], [], []
+    for part, _ in parts:
+        for statement, function in part.terms:
+            line = Line(0.0, {statement: 1.0}) if statement in numbers else None
+            line = line or (part.lines.get(statement) if isinstance(part, Combination) else None)
             # a spline repeats itself with every turn
-            near[k] = angles.get(part, near[k] if function.breaks.size else FROM_SUM)
-    return near
+            is_loose = line is None and statement.kind == ANGLE and not function.breaks.size
+            left.append(is_loose and len(part.terms) > 1)
+            offsets.append(0.0 if line is None else line.offset)
+            slopes = {} if line is None else line.slopes
+            entries.append([(numbers[one], slope) for one, slope in slopes.items() if one in numbers])
+    every = np.array([entry for own in entries for entry in own]).reshape(-1, 2)
+    return Near(
+        np.array(left, dtype=bool), np.array(offsets), np.cumsum([0, *map(len, entries)]),
+        every[:, 0].astype(np.int64), np.ascontiguousarray(every[:, 1]),
+    )  # fmt: skip
 
 
 def _not_zero(found: np.ndarray) -> np.ndarray:
@@ -253,7 +268,7 @@ def _evaluate(what, rows, q, rates, known, result):
     for first in range(0, n_samples, LANES):
         n_here = min(LANES, n_samples - first)
         for k in rows.bent:
-            row, of = rows.row_of[k], rows.near[k]
+            row, of = rows.row_of[k], rows.near
             for lane in range(LANES):
                 sample = first + min(lane, n_here - 1)  # lanes behind the last sample have it again
                 for i in range(width):
@@ -261,7 +276,9 @@ def _evaluate(what, rows, q, rates, known, result):
                 near[lane] = 0.0
                 if what == VALUES:
                     left = (known[row, sample] - result[row, sample]) / rows.statements.factors[k]
-                    near[lane] = left if of == FROM_SUM else known[of, sample]
+                    near[lane] = left if of.left[k] else of.offsets[k]
+                    for entry in range(of.starts[k], of.starts[k + 1]):
+                        near[lane] += of.slopes[entry] * known[of.numbers[entry], sample]
             items(value, WIDE)[()] = state(rows.statements, k, y, near, second, scratch, WIDE, g, h)
             for lane in range(n_here):
                 sample = first + lane

@@ -9,7 +9,7 @@ force on it. What couples several is a `Combination` of functions of them, each 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -89,11 +89,21 @@ class Function:
 IDENTITY = Function()
 
 
+@dataclass(frozen=True)
+class Line:
+    """A motion (rad or m) as a line over others: ``offset + sum_k slope_k s_k``."""
+
+    offset: float
+    slopes: Mapping[Statement, float]
+
+
 @dataclass(frozen=True, eq=False)
 class Combination:
     """``sum_i f_i(s_i)`` of statements, each about a pair of frames of its own, one pair after the other."""
 
     terms: tuple[tuple[Statement, Function], ...]
+    #: what motions that follow from the coordinates are near to, as those behind a row of gears
+    lines: Mapping[Statement, Line] = field(default_factory=dict)
 
     @property
     def is_length(self) -> bool:

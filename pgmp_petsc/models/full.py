@@ -3,7 +3,7 @@ floating frames, joined by constraints."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import copy
 from typing import TYPE_CHECKING, Self, TypeVar
 
@@ -32,6 +32,7 @@ from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.ranks.petsc import has_options
 from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.second_order_system import Settled, State
 from pgmp_petsc.stepping.static_equilibrium import UNBALANCED, moved_along, require_balance, settle
@@ -55,6 +56,7 @@ class FullModel(Model):
     title = "full-order"
     served: Mapping[str, Served] = {}  # any values of parameters
     in_joints = False  # whether samples in lanes are stepped in joint coordinates
+    _varied: Collection[str] = ()  # parameters that samples differ in, besides those that the scene draws
 
     def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh], kinematics: RigidKinematics | None = None) -> None:
         self.scene = scene
@@ -84,6 +86,12 @@ class FullModel(Model):
     def _anew(self, scene: Scene) -> Self:
         return type(self)(scene, self.meshes, self.kinematics)
 
+    def varying(self, names: Collection[str]) -> Self:
+        """Return the model of samples that differ in these parameters too."""
+        other = copy(self)
+        other._varied = names
+        return other
+
     def at_lengths(self, scene: Scene) -> Self:
         """Return the model of a scene that differs in the lengths of its run alone."""
         return type(self)(scene, at_lengths(scene, self.meshes))
@@ -99,8 +107,7 @@ class FullModel(Model):
     @property
     def largest_batch(self) -> int:
         """Most samples that a batch may have; of large meshes, or where meshes differ, it is one."""
-        drawn = {name for name, parameter in self.scene.parameters.items() if parameter.distribution is not None}
-        own_meshes = drawn & self._scaling
+        own_meshes = {*uncertain_names(self.scene), *self._varied} & self._scaling
         alone = own_meshes or self.scene.beside  # whose forces are of one sample
         return self.scene.ensemble.batch if self._in_lanes and not alone else 1
 

@@ -51,14 +51,13 @@ class EvaluatedOutputs:
 
 
 def of_samples(model: Model, drawn: Iterable[str]) -> Model:
-    """Return the model of samples with some parameters drawn: itself, unless some of these are lengths, places or
-    ratios.
+    """Return the model of samples that differ in some parameters, which need no distribution.
 
     Raises `InputError` if the model is of components, whose modes are those of one mesh, and a body's length is drawn.
     """
     drawn = set(drawn)
     if drawn.isdisjoint(length_names(model.scene)):
-        return model
+        return model.varying(drawn) if isinstance(model, FullModel) else model
     if isinstance(model, ComponentModel) and (why := why_of_one_mesh(model.scene, drawn)):
         raise InputError(why)
     return LengthLanes(model) if isinstance(model, ReducedModel) else SeparateLengths(model)

@@ -35,6 +35,7 @@ import scipy.sparse as sp
 from scipy.linalg import eigh
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.beam3d import cross
 from pgmp_petsc.bodies.matrices import ThirdDerivative, axial_stiffness, director_inertia
 from pgmp_petsc.mechanism.body_frames import ConstraintHessian, ConstraintHessians, linear_motion
 from pgmp_petsc.mechanism.constraint_set import RANK_TOLERANCE
@@ -236,11 +237,9 @@ class CurvatureProblem:
         inverse, bending = vectors.T @ gram, bending @ vectors
         along = np.empty((m, m, m))
         along[:, rows, columns] = along[:, columns, rows] = np.linalg.solve(gram, part)
-        kept = np.einsum("kl,lab,ai,bj->kij", inverse, along, bending, bending, optimize=True)
+        kept = bending.T @ np.tensordot(inverse, along, axes=1) @ bending
         kept *= stiff[:, None, None] * ahead[:, :, None] * ahead[:, None]
-        return (along - np.einsum("lk,kij,ia,jb->lab", vectors, kept, inverse, inverse, optimize=True))[
-            :, rows, columns
-        ]
+        return (along - inverse.T @ np.tensordot(vectors, kept, axes=1) @ inverse)[:, rows, columns]
 
     def answered_loads(self, modes: ModeSet, static: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Return the loads that modes and static modes answer, shape (n_local, n_modes + n_static).
@@ -342,7 +341,7 @@ class RotaryCurvature:
         for _, weight, turns, inertia in self._parts:
             a, b = vectors[turns][:, :, pairs[0]], vectors[turns][:, :, pairs[1]]
             held_a, held_b = inertia @ a, inertia @ b
-            crossed = np.cross(held_a, b, axis=1) + np.cross(held_b, a, axis=1)
+            crossed = cross(held_a, b, axis=1) + cross(held_b, a, axis=1)
             result[turns] += 0.5 * float(weight.evaluate(values)) * crossed
         return result
 

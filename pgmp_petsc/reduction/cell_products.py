@@ -334,11 +334,9 @@ def symmetric(cubic: np.ndarray) -> np.ndarray:
 
 def unpacked(pairs: np.ndarray) -> np.ndarray:
     """Return packed pairs (..., n_pairs) as symmetric matrices (..., m, m)."""
-    m = int(np.sqrt(2 * pairs.shape[-1]))
-    i, j = np.tril_indices(m)
-    matrices = np.empty((*pairs.shape[:-1], m, m))
-    matrices[..., i, j] = matrices[..., j, i] = pairs
-    return matrices
+    i, j = np.indices(2 * (int(np.sqrt(2 * pairs.shape[-1])),))
+    larger = np.maximum(i, j)
+    return pairs[..., larger * (larger + 1) // 2 + np.minimum(i, j)]
 
 
 def pair_changes(delta: np.ndarray, rate: np.ndarray) -> np.ndarray:

@@ -201,7 +201,7 @@ def distribution(
         axes.fill_between(places, height, color=colour, alpha=0.3, linewidth=0)
         axes.plot(places, height, color=colour, linewidth=1.1)
         axes.axvline(factor * values.mean(), color=colour, linestyle=(0, (4, 3)), linewidth=1.1, label="mean")
-        draw_repeated(axes, factor * values, colour)
+        draw_repeated(axes, [factor * values], [colour])
         if level is not None:
             axes.axvline(factor * level, color=LEVEL, linewidth=1.1, label=event.label)
         if failed.size:

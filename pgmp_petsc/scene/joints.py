@@ -517,15 +517,36 @@ class CouplingEntry(JointTable):
 
     def _turns_unknown(self, scene: AnyScene, name: str, found: Sequence[Share]) -> Iterator[str]:
         """Yield a line if turns of more than one angle are not known: directors tell angles up to turns."""
-        known = {one.joint for one in scene.coordinates.values() if one.motion != "sliding"}
+        known = coordinate_motions(scene) | followed(scene).keys()
         turning = [share for share in found if share.motion == "turning" and not share.table]
-        loose = [share for share in turning if share.joint not in known]
+        loose = [share for share in turning if (share.joint, share.motion) not in known]
         if len(loose) > 1:
             why = (
-                "in space turns are counted from the coordinates: all but one of the joints that turn must be those of"
+                "in space turns are counted from the coordinates: all but one of the joints that turn must be those of "
+                "coordinates, or follow from them by other couplings"
             )
             cure = f"couple each of these with one: {', '.join(share.joint for share in loose)}"
-            yield problem(f"joints.{name}.{loose[0].entry}", f"{why} coordinates; {cure}")
+            yield problem(f"joints.{name}.{loose[0].entry}", f"{why}; {cure}")
+
+
+def coordinate_motions(scene: AnyScene) -> set[tuple[str | None, str]]:
+    """Return joints and motions, turning or sliding, that coordinates of a scene may be."""
+    own = scene.coordinates.values()
+    return {(one.joint, motion) for one in own for motion in MEASURED if one.motion in (None, motion)}
+
+
+def followed(scene: AnyScene) -> dict[tuple[str, str], str]:
+    """Return joints and motions that follow from the coordinates by couplings, as those behind a row of gears, each by
+    the name of its coupling, behind those that it follows from."""
+    known, found = coordinate_motions(scene), {}
+    rest = {name: one.shares_in(scene) for name, one in scene.joints.items() if isinstance(one, CouplingEntry)}
+    for _ in range(len(rest)):
+        for name in [one for one in rest if one not in found.values()]:
+            loose = [(share.joint, share.motion) for share in rest[name] if (share.joint, share.motion) not in known]
+            if len(loose) == 1 and not any(share.table for share in rest[name]):
+                found[loose[0]] = name
+                known.add(loose[0])
+    return found
 
 
 #: A table of ``[joints]``.

@@ -144,10 +144,13 @@ def test_the_schema_is_written(tmp_path: Path) -> None:
         ("pgmp new s", 2, {"slider_crank", "solid_link", "spatial"}, {"four_bar"}),
         (f"pgmp check {TEMPLATE} --set r", 4, {"radius="}, {"motor="}),
         (f"pgmp check {__file__} --set r", 4, set(), {"radius="}),
+        ("pgmp check odd.toml --set r", 4, set(), {"r="}),
     ],
 )
-def test_the_shell_completes(words: str, number: int, wanted: set, unwanted: set, monkeypatch, capfd) -> None:
+def test_the_shell_completes(words: str, number: int, wanted: set, unwanted: set, monkeypatch, capfd, tmp_path) -> None:
     """What bash asks (docs/first_steps.md), and what it is told; nothing is run for it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "odd.toml").write_text("[parameters]\nr = 1.0\n")
     monkeypatch.setenv("_PGMP_COMPLETE", "bash_complete")
     monkeypatch.setenv("COMP_WORDS", words)
     monkeypatch.setenv("COMP_CWORD", str(number))

@@ -202,6 +202,25 @@ def test_densities_are_those_of_the_law(law):
     assert repeated(many) == [(0.0, 0.6)] and not repeated(values) and not repeated(np.full(9, 0.1) + 1e-17)
 
 
+@pytest.mark.parametrize("shares", [[(0.2, 0.6), (0.2, 0.65)], [(0.1, 0.1, 0.12, 0.1, 0.14, 0.1)] * 2, [(0.3, 0.3)]])
+def test_words_at_bars_do_not_lie_on_each_other(shares):
+    """Bars of values that come again and again: of several ensembles, and of laws of a few values."""
+    samples = [np.repeat(np.linspace(1.0, 1.2, len(own)), (100 * np.array(own)).astype(int)) for own in shares]
+    samples = [np.append(own, np.linspace(1.0, 1.2, 100 - len(own))) for own in samples]
+    plain = synthetic.ensemble(n_samples=100, n_failed=0)
+    found = [
+        replace(plain, outputs={"crank_angle": own}, statistics={"crank_angle": synthetic.statistics(own)})
+        for own in samples
+    ]
+    figure = densities(found)
+    figure.canvas.draw()
+    words = [text for text in visible(figure)[0].texts if " % at " in text.get_text()]
+    assert len(words) == sum(map(len, shares))
+    boxes = [text.get_window_extent().shrunk(0.98, 0.8) for text in words]
+    laid = [(a, b) for k, a in enumerate(boxes) for b in boxes[:k] if a.overlaps(b)]
+    assert not laid
+
+
 def test_brackets_hold_the_intervals_of_the_file():
     ensemble = synthetic.ensemble(n_failed=0)
     figure = densities([ensemble], names=["crank_angle"])

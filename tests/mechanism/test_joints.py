@@ -182,7 +182,7 @@ def free_twists(kind: str, axes: tuple[np.ndarray, np.ndarray], a: np.ndarray, b
 def test_the_relative_motions_left_free(kind: str, seed: int) -> None:
     axes = axes_of(seed + 7)
     made, (a, b) = joint(kind, *axes), obeying(kind, axes, seed)
-    twists = jacobian(made, a, b)[:, 12:] @ SPATIAL.frame_gradient(b)
+    twists = jacobian(made, a, b)[:, 12:] @ SPATIAL.frame_gradients(b[None])[0]
     left = null_space(twists)
     expected = free_twists(kind, axes, a, b)
     assert left.shape[1] == expected.shape[1] == 6 - COUNTS[kind]

@@ -8,7 +8,7 @@ import exported
 import numpy as np
 import pytest
 from alike import assert_alike, assert_order
-from coupled_scenes import CAM, CAM_TABLE, GEARED, RACK, ROTORS, ROTORS_IN_SPACE, SCREW, SHAFTS, SPINDLES
+from coupled_scenes import CAM, CAM_TABLE, GEARED, RACK, ROTORS, ROTORS_IN_SPACE, ROW_IN_SPACE, SCREW, SHAFTS, SPINDLES
 from differences import compare, differences
 from exported import assert_equal, assert_same_in_c, compiled, needs_compiler, outputs_of, simulated
 from machine_scenes import MODELS, errors_of, of_text, run
@@ -48,6 +48,7 @@ def swing(t: np.ndarray, r: float) -> np.ndarray:
 
 TURNS = 2.0 * np.pi / 0.5  # of a screw over 1 m
 BOTH = 0.5 * 0.7 / (0.02 + RATIO**2 * 0.5)  # T = (I_1 + r^2 I_2) phi''
+ROW = 0.5 * 3.5 / (0.02 + RATIO**2 * (0.5 + 1.7**2 * 0.9))
 #: A scene, steps, the coordinate and its motion, what is tied to it and how, how closely, and the models for which the
 #: scheme is exact: in the plane and in joint coordinates accelerations of an angle are constant, and of no director.
 #: Then how large the error is with the smaller step, as a share of the motion.
@@ -56,6 +57,8 @@ COUPLED_MOTIONS = {
              lambda found: found["two"] - 0.4 - RATIO * found["one"], 1e-8, ("full", "components"), 1e-4),
     "gear in space": (ROTORS_IN_SPACE, (4e-3, 2e-3), "one", lambda t: BOTH * t**2,
                       lambda found: found["two"] - RATIO * found["one"], 1e-8, ("components",), 1e-4),
+    "gears in a row in space": (ROW_IN_SPACE, (4e-3, 2e-3), "one", lambda t: ROW * t**2,
+                                lambda found: found["three"] + 1.7 * found["two"], 1e-8, ("components",), 1e-4),
     # (rate step)^2 / 12 of rate times duration, 1e-4 of 9.4 rad
     "rack": (RACK, (2e-3, 1e-3), "phi", lambda t: swing(t, 0.05),
              lambda found: found["x"] - 0.05 * found["phi"], 1e-9, (), 1e-4 / 9.4),
@@ -617,6 +620,11 @@ ON_ARMS = {
     "gear in space, from a turn away": (
         ROTORS_IN_SPACE, "mesh", "two:hub", "beam3d", 200.0,
         ("simulation.initial={phi={position=7.0}}", "bodies.arm.placement={origin=[0.3,0.0,0.0],rotation=[0,0,1.2]}"),
+    ),
+    "gears in a row in space": (
+        ROW_IN_SPACE, "mesh", "three:hub", "beam3d", 200.0,
+        ("simulation.initial={phi={position=17.0}}", "effects.motor.table=[[0.0,0.7],[2.0,0.7]]",
+         "joints.again.elastic={stiffness=300.0}"),
     ),
     "rack": (RACK, "teeth", "carriage:left", "beam2d", 2e3, ("bodies.arm.placement={angle=1.2}",)),
     "screw": (SCREW, "thread", "nut:hub", "beam3d", 2e3, ()),

@@ -14,6 +14,7 @@ from refusals import cases, check_said, refusal
 from runs import PGMP, full_model, motion, overridden, refused
 
 from pgmp_petsc.full.distributed import FullStatics
+from pgmp_petsc.models import of_samples
 from pgmp_petsc.results import Ensemble, Trajectory
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import simulate
@@ -210,13 +211,14 @@ def test_bearings_off_by_anything(distance: float) -> None:
     assert energy == pytest.approx(unit * distance**2, rel=1e-3)
 
 
+@pytest.mark.parametrize("law", ["", ",distribution={name='norm',loc=0.0,scale=1e-4}"], ids=["given", "drawn"])
 @pytest.mark.parametrize("model", ["full", "components"])
-def test_offsets_are_parameters(model: str) -> None:
-    """Samples with offsets of their own start as scenes with these numbers do."""
-    parameter = "parameters.tilt={nominal=0.0,unit='rad',distribution={name='norm',loc=0.0,scale=1e-4}}"
+def test_offsets_are_parameters(model: str, law: str) -> None:
+    """Samples with offsets of their own start as scenes with these numbers do, drawn, or given as a file has them."""
+    parameter = f"parameters.tilt={{nominal=0.0,unit='rad'{law}}}"
     scene = spatial_four_bar(parameter, "joints.C.offset={turn=['tilt',0.0,0.0]}")
-    one = MODELS[model](scene)
-    assert one.largest_batch == 1
+    one = of_samples(MODELS[model](scene), ["tilt"])
+    assert one.largest_batch == 1 and (of_samples(MODELS[model](scene), ()).largest_batch == 1) is bool(law)
     system = one.batch({"tilt": np.array([2e-4])}, 1)
     alone = MODELS[model](spatial_four_bar(offset("C", turn=[2e-4, 0.0, 0.0]))).batch({}, 1)
     energies = [float(of.energies(0.0, of.start()).strain[0]) for of in (system, alone)]

@@ -47,6 +47,13 @@ static void frame_of_point(const struct side *side, double poses[N_BODIES][N_POS
         for (int c = 0; c < D; c++) z[c] += side->point[j] * body[D + D * j + c];
 }
 
+/* What the angle of a statement in space is near to. */
+double line_of(const struct statement *s, const double theta[R]) {
+    double near = s->turns[0];
+    for (int k = 0; k < R; k++) near += s->turns[1 + k] * theta[k];
+    return near;
+}
+
 /* Value of a term where its statement is s, and its first and second derivatives in s. */
 double of_term(const struct term *term, double s, double *slope, double *bend) {
     const struct spline_piece *piece = spline_pieces + term->first;
@@ -90,7 +97,7 @@ void close_loops(const double theta[R], double open, double poses[N_BODIES][N_PO
         double row[N_UNKNOWNS] = {0}, gap = -wanted;
         if (number >= n_rows) gap += add_statement(s, wanted, poses, 0, row);
         for (; number < n_rows && term < n_terms && closure[term].row == number; term++) {
-            double near = closure[term].near < 0 ? -gap / closure[term].factor : theta[closure[term].near];
+            double near = closure[term].left ? -gap / closure[term].factor : line_of(&closure[term].statement, theta);
             gap += add_statement(&closure[term].statement, near, poses, closure + term, row);
         }
         double unit = IS_LENGTH(s->kind) ? 1.0 / SIZE : 1.0;

@@ -24,12 +24,11 @@ void attach(const struct side *side, const struct frame nodes[], struct frame *f
 /* In the plane frames count the turns of an angle, in space it is nearest to a line over the coordinates. */
 static double measure(const struct statement *s, const struct frame nodes[], const double theta[R]) {
     struct frame pair[2];
-    double z[2 * N_FRAME], gradient[2 * N_FRAME], near = s->turns[0];
+    double z[2 * N_FRAME], gradient[2 * N_FRAME], near = line_of(s, theta);
     attach(&s->a, nodes, pair);
     attach(&s->b, nodes, pair + 1);
     if (D == 2 && s->kind == ANGLE) return pair[1].angle - pair[0].angle;
     for (int end = 0; end < 2; end++) memcpy(z + end * N_FRAME, pair[end].z, sizeof pair[end].z);
-    for (int k = 0; k < R; k++) near += s->turns[1 + k] * theta[k];
     return evaluate_statement(s, z, near, gradient, 0);
 }
 

@@ -16,9 +16,8 @@ struct side { int slot, body; double point[D], arm[D]; };
 /* A statement about two points; an angle in space is near turns[0] + turns[1] theta_1 + ... */
 struct statement { int kind; double turns[1 + R], axes[3][D]; struct side a, b; };
 /* A factor times a statement, or times the spline of it: row of the closure that it adds to, or local effect, first and
-   number of pieces, and the coordinate that an angle in the closure is near to, -1 where that is what the others leave of
-   the row's value. */
-struct term { int row, first, n_pieces, near; double factor; struct statement statement; };
+   number of pieces, and whether an angle is near to what the others leave of the row's value. */
+struct term { int row, first, n_pieces, left; double factor; struct statement statement; };
 struct spline_piece { double begin, end, cubic[4]; };
 /* A law of a measure s. About is, in an iteration, the rate at which the law was evaluated last, NAN before that. One
    whose iterates jump between two branches is taken up from zero there, and the next about is NAN. Behind these is how
@@ -123,6 +122,7 @@ void find_held(const struct pgmp_model *m, double found[][3]);
 double evaluate_statement(const struct statement *s, const double z[2 * N_FRAME], double turned, double gradient[],
                           double (*hessian)[2 * N_FRAME]);
 void attach(const struct side *side, const struct frame nodes[], struct frame *frame);
+double line_of(const struct statement *s, const double theta[R]);
 double of_term(const struct term *term, double s, double *slope, double *bend);
 /* Forces in joints, and behind them what motions take, of the state with its accelerations: of a tree with those of a step
    and multipliers that belong to them, or where these are 0 with those by which constraints are obeyed. */

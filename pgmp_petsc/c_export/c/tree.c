@@ -480,9 +480,8 @@ static void add_constraints(const struct pgmp_model *m, const struct acting *now
         double drift = motion < 0 ? 0.0 : -now->motions[motion][2];
         for (; t < N_CONSTRAINT_TERMS && constraints[t].row == row; t++) {
             const struct term *term = constraints + t;
-            double tracked = motion < 0 ? 0.0 : now->motions[motion][0];
-            if (term->near >= 0) tracked = m->own.turned[term->near];
-            if (term->near == -1) tracked = -off / term->factor;
+            double tracked = motion < 0 ? line_of(&term->statement, m->own.turned) : now->motions[motion][0];
+            if (term->left) tracked = -off / term->factor;
             double near = near_of(&term->statement, nodes, tracked);
             off += add_term(term, near, forces[row], scale, nodes, fresh, matrix, r, &drift, on_frames);
         }
