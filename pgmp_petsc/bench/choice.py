@@ -26,7 +26,7 @@ from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.cases import Training
 from pgmp_petsc.bench.history import Errors, Trial
 from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, refuse, refuse_basis, shares_of
-from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, distance_from_mesh
+from pgmp_petsc.bench.reference import MORE_MODES, Demand, Subject, choose_reference, distance_from_mesh
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import FEW_VECTORS, build_rom
@@ -374,7 +374,6 @@ def _key(entries: dict[str, Any]) -> tuple[Any, ...]:
     return tuple(entries[name] for name in KNOBS)
 
 
-MORE_MODES = 1.5  # of the component model as a reference, for each that bodies of a basis are condensed for
 PAYS = 0.8  # of the processor time of a reference sample, from which on a reduced one is no cheaper to speak of
 SPARE = 1.0 - REDUCTION  # of the tolerance, for what took no part in the training, and for what the reference is off
 FINER = 4  # by how much the step is refined where the reduction has to be looked at again

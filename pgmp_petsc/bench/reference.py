@@ -82,6 +82,7 @@ def takes_second_order(scene: Scene) -> bool:
 CHECK_SHARE = 0.1  # of the budget, for the distance of the component model from the mesh
 FEWEST_STEPS = 16  # of the mesh that tell anything about that distance
 MOST_POINTS = 3
+MORE_MODES = 1.5  # of the component model as a reference, for each of what is compared with it
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ from pgmp_petsc.bench.candidates import Limits
 from pgmp_petsc.bench.cases import Setting, Training, held_out, step_of
 from pgmp_petsc.bench.history import errors_of_samples, largest_errors, sizes_of
 from pgmp_petsc.bench.reference import (
+    MORE_MODES,
     Demand,
     Reference,
     ReferenceSequence,
@@ -51,7 +52,6 @@ from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.uses import count_builds, length_names, with_numbers
 
-MORE_MODES = 1.5  # of the component model as a reference, for each that a basis or another component model has
 COARSER = 2  # doublings of the scene's step, for the distance of the component model from the mesh
 AS_GOOD = 1.5  # how far above the smallest error a setting is still as good, if it is cheaper
 GOOD_ENOUGH = 0.01  # an error for which the cheapest setting is a second best one

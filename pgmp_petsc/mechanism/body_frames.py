@@ -159,17 +159,16 @@ class ConstraintJacobian:
         own = self._own = BodyStatements(mechanism, held + [(c.statement, c.sides) for c in clamped])
         joints = sp.csr_matrix((np.ones(own.rows.size), (own.rows, own.dofs)), shape=(own.n, mechanism.n_dofs))
         self.pattern = sp.vstack([joints, *_ties(mechanism)]).tocsr()
-
-    def values(self, poses: np.ndarray) -> np.ndarray:
-        """Return the entries on the pattern at poses (n_bodies, n_pose), shape (n_entries,)."""
-        values = self.pattern.data.copy()
-        values[: self._own.rows.size] = self._own.values(poses)
-        return values
+        self._last = np.zeros(0), self.pattern
 
     def at(self, poses: np.ndarray) -> sp.csr_matrix:
-        """Return C at poses (n_bodies, n_pose)."""
-        pattern = self.pattern
-        return sp.csr_matrix((self.values(poses), pattern.indices, pattern.indptr), shape=pattern.shape)
+        """Return C at poses (n_bodies, n_pose), for reading alone: many ask for it at the same ones."""
+        if self._last[0] is not poses:
+            pattern, values = self.pattern, self.pattern.data.copy()
+            values[: self._own.rows.size] = self._own.values(poses)
+            found = sp.csr_matrix((values, pattern.indices, pattern.indptr), shape=pattern.shape)
+            self._last = poses, found
+        return self._last[1]
 
 
 def constraint_jacobian(mechanism: Mechanism, poses: np.ndarray, clamped: Sequence[Coordinate] = ()) -> sp.csr_matrix:

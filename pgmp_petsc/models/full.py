@@ -32,6 +32,7 @@ from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.ranks.petsc import has_options
 from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.second_order_system import Settled, State
 from pgmp_petsc.stepping.static_equilibrium import UNBALANCED, moved_along, require_balance, settle
@@ -106,8 +107,7 @@ class FullModel(Model):
     @property
     def largest_batch(self) -> int:
         """Most samples that a batch may have; of large meshes, or where meshes differ, it is one."""
-        drawn = {name for name, parameter in self.scene.parameters.items() if parameter.distribution is not None}
-        own_meshes = (drawn | {*self._varied}) & self._scaling
+        own_meshes = {*uncertain_names(self.scene), *self._varied} & self._scaling
         alone = own_meshes or self.scene.beside  # whose forces are of one sample
         return self.scene.ensemble.batch if self._in_lanes and not alone else 1
 

@@ -107,7 +107,7 @@ class ReducedModel(Observing):
             rom.tables, rom.rigid_inertia, self.kinematics, rom.projection, scheme, damping, scene.gyroscopic
         )
         actions = actions_of(self.effects)
-        self.places = places or grid_of_places(rom.tables.samples, self.kinematics, actions)
+        self.places = places or grid_of_places(rom.tables.samples, self.kinematics, actions)[0]
         self.actions = ReducedActions.of(
             actions, self.kinematics, rom, scheme, self.start[0], self.terms.parts, self.places
         )

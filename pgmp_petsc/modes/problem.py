@@ -190,7 +190,7 @@ class ModalProblem(AbstractContextManager):
         motion = self.kinematics.motion(theta)
         if motion not in self._last:
             self._last.clear()
-            self._last[motion] = self._null_spaces.of(self._constraints.values(motion.poses))
+            self._last[motion] = self._null_spaces.of(self._constraints.at(motion.poses).data)
         return self._last[motion]
 
     def _move_to(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -58,7 +58,6 @@ from pgmp_petsc.reduction.tables import (
     indefinite_between,
     mode_changes,
     rigid_inertia,
-    steps_of,
 )
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values
@@ -277,8 +276,7 @@ def _doubts(cosine: float, is_loose: bool, n_redundant: int, indefinite: str) ->
 def _quick_places(effects: Sequence[Effect], kinematics: RigidKinematics, samples: SampleGrid) -> Iterator[Remark]:
     """Warn of effects at bodies that turn, as motors behind gears do, too far from one place to the next of the table
     by whose splines forces know where they stand (`grid_of_places`): directors err by h^4 / 384 over h rad."""
-    turning = kinematics.turning(kinematics.poses(samples.theta))
-    turns = np.max(turning * steps_of(grid_of_places(samples, kinematics, actions_of(effects))), axis=1)
+    _, turns = grid_of_places(samples, kinematics, actions_of(effects))
     for effect in effects:
         bodies = acted_bodies(effect.actions())
         far, name = max(((turns[body], kinematics.mechanism.bodies[body].name) for body in bodies), default=(0.0, ""))

@@ -379,18 +379,22 @@ def fine_grid(samples: SampleGrid) -> SampleGrid:
     return _even(samples, counts)
 
 
-def grid_of_places(samples: SampleGrid, kinematics: RigidKinematics, actions: Sequence[Action]) -> SampleGrid:
+def grid_of_places(
+    samples: SampleGrid, kinematics: RigidKinematics, actions: Sequence[Action]
+) -> tuple[SampleGrid, np.ndarray]:
     """Return the grid on which it is tabulated where actions hold: `fine_grid`, and finer where their bodies turn far
-    between its places, as motors behind gears do; up to `MOST_FINER` times as many places."""
+    between its places, as motors behind gears do; up to `MOST_FINER` times as many places. Behind it is how far each
+    body turns between these, (n_bodies,), rad; empty without actions."""
     fine, bodies = fine_grid(samples), acted_bodies(actions)
     if not bodies:
-        return fine
-    turning = kinematics.turning(kinematics.poses(samples.theta))[bodies].max(axis=0)
-    parts = np.maximum(turning * steps_of(fine) / SMALL_TURN, 1.0)
+        return fine, np.zeros(0)
+    turning = kinematics.turning(kinematics.poses(samples.theta))
+    parts = np.maximum(turning[bodies].max(axis=0) * _steps(fine) / SMALL_TURN, 1.0)
     too_many = parts.prod() / MOST_FINER[samples.n_coordinates - 1]
     if too_many > 1.0:
         parts = np.maximum(np.where(parts > 1.0, parts * too_many ** (-1.0 / np.sum(parts > 1.0)), 1.0), 1.0)
-    return _even(samples, [int(np.ceil(axis.n * own)) for axis, own in zip(fine, parts)])
+    places = _even(samples, [int(np.ceil(axis.n * own)) for axis, own in zip(fine, parts)])
+    return places, np.max(turning * _steps(places), axis=1)
 
 
 def acted_bodies(actions: Sequence[Action]) -> list[int]:
@@ -398,7 +402,7 @@ def acted_bodies(actions: Sequence[Action]) -> list[int]:
     return sorted({side.body for action in actions for side in action.sides if not side.on_ground})
 
 
-def steps_of(fine: SampleGrid) -> np.ndarray:
+def _steps(fine: SampleGrid) -> np.ndarray:
     """Return how far places of a grid at equal distances are apart along each coordinate, about, rad or m."""
     return np.array([(axis.upper - axis.lower) / axis.n for axis in fine])
 

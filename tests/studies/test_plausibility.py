@@ -26,6 +26,7 @@ EFFECTS = ROOT / "scenes" / "slider_crank_effects.toml"
 SOLID = ROOT / "scenes" / "slider_crank_solid2d.toml"
 DRIVEN = ROOT / "scenes" / "spinning_beam.toml"
 CRANE = ROOT / "scenes" / "bridge_crane.toml"
+GEARED = ROOT / "scenes" / "geared_four_bar.toml"
 FREELY = 'effects.drive={type="joint_damping", joint="rear", motion="sliding", coefficient=1.0}'
 BEGUN = "simulation.initial.x.position=1.0"
 
@@ -160,6 +161,9 @@ reduction.angles=100000 & reduction.modes=29 & reduction.second_order=true -> re
     CRANE: """
 effects.drive={type="joint_damping", joint="rear", motion="sliding", coefficient=1.0} &
     simulation.initial.x.position=1.0 -> joints.rear.type | the slope of the bent beam drives it
+""",
+    GEARED: """
+bodies.coupler.placement.angle=0.7 -> joints.mesh | counts from where bodies are placed
 """,
     DRIVEN: """
 coordinates.theta.range=[0.0, 6.0] & coordinates.theta.periodic=false ->

@@ -29,7 +29,13 @@ from pgmp_petsc.scene.parameters import Parameter, share_below
 from pgmp_petsc.scene.references import DEGREES, points_used, stressed_bodies
 from pgmp_petsc.scene.uses import length_names, slides, uses_of
 from pgmp_petsc.studies.plausibility import bodies
-from pgmp_petsc.studies.plausibility.loads import formula_findings, load_findings, motion_findings, stop_findings
+from pgmp_petsc.studies.plausibility.loads import (
+    coupling_findings,
+    formula_findings,
+    load_findings,
+    motion_findings,
+    stop_findings,
+)
 
 SEVERAL, SHOWN = 3, 6  # findings that are reported as one, and entries of them that are named
 NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.,]*(e[-+]?\d+)?")
@@ -62,6 +68,7 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
     ]
     if not any(finding.refused for finding in findings):  # the mechanism of a scene with sense can be put together
         findings += stop_findings(scene, meshes, max((size.length for size in sizes.values()), default=1.0))
+        findings += coupling_findings(scene, meshes)
         findings += formula_findings(scene, meshes)
     shown = shown_in(scene)
     refused = [finding.text(shown) for finding in findings if finding.refused]

@@ -22,6 +22,7 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass, Driving, EffectEntry, OverTime
+from pgmp_petsc.scene.joints import CouplingEntry
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
 from pgmp_petsc.scene.outputs import models_alone
 from pgmp_petsc.scene.parameters import uncertain_names
@@ -34,6 +35,7 @@ FAST = 1_000.0  # m/s, several times the speed at which steel rings burst
 LIGHT = 3e8  # m/s
 STRONG_GRAVITY, WEAK_GRAVITY = 10.0, 20.0  # of the Earth's, and in other units than SI the Earth's of it
 HEAVY = 1_000.0  # times the mass of all bodies
+FAR = 0.2  # rad, or of the mechanism's size, that a first guess of a place by eye is not off
 SHORTEST_STEPS = 1e-3  # steps that a stiff spring's or damper's time lasts
 
 
@@ -200,6 +202,34 @@ def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | Non
                 words = f"{effect.joint} starts at {place}, {system.text(depth, unit)} beyond this stop"
                 cure = "which throws it back; move the stop or the start (simulation.initial)"
                 yield (refusal if depth > deepest else doubt)(where, f"{words}, {cure}", end)
+
+
+def coupling_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None) -> Iterator[Finding]:
+    """Yield couplings whose sum counts from placements at which the mechanism does not close."""
+    counting = [name for name, one in scene.joints.items() if isinstance(one, CouplingEntry) and one.from_placements]
+    if meshes is None or not counting:
+        return
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
+    mechanism = kinematics.mechanism
+
+    def measured(statement: Statement, sides: Sequence[Attachment], poses: np.ndarray) -> float:
+        return float(mechanism.space.measure(statement, *(side.frame_of_pose(poses) for side in sides)))
+
+    placed = [measured(one.statement, one.sides, mechanism.first_guess) for one in kinematics.coordinates]
+    bounds = zip(*((-np.inf, np.inf) if one.periodic else (one.lower, one.upper) for one in kinematics.coordinates))
+    closed = kinematics.poses(np.clip(placed, *bounds)[None])[..., 0]
+    for coupling in (one for one in mechanism.couplings if one.name in counting):
+        for (statement, _), *sides in zip(coupling.combination.terms, coupling.sides[::2], coupling.sides[1::2]):
+            away = measured(statement, sides, closed) - measured(statement, sides, mechanism.first_guess)
+            if not statement.is_length:
+                away -= 2.0 * np.pi * np.rint(away / (2.0 * np.pi))
+            if abs(away) > FAR * (kinematics.size if statement.is_length else 1.0):
+                far = scene.system.text(abs(away), "m" if statement.is_length else "rad")
+                words = (
+                    f"counts from where bodies are placed, and as they close a joint that it names is {far} from there"
+                )
+                yield doubt(f"joints.{coupling.name}", f"{words}; give placements at which the mechanism closes")
+                break
 
 
 def _measured(kinematics: RigidKinematics, scene: Scene, effect: EffectEntry) -> tuple[float, str]:
