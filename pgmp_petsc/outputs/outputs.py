@@ -245,6 +245,12 @@ def in_order(scene: Scene, names: Iterable[str] | None = None) -> list[str]:
     return list(found)
 
 
+def with_outputs(scene: Scene, names: Iterable[str] = ()) -> Scene:
+    """Return a scene with these outputs, those that controllers measure, and what they are made of, alone."""
+    measured = (name for one in scene.controllers.values() for name in one.measured.values())
+    return scene.with_entries(outputs={name: scene.outputs[name] for name in in_order(scene, [*names, *measured])})
+
+
 def carried_in(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> tuple[ForceOutput, ...]:
     """Return the forces in joints that effects hang on; see `joint_forces.carried_forces`."""
     if not scene.carried:

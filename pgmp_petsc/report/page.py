@@ -28,7 +28,7 @@ from pgmp_petsc.figures.loads import OF_JOINTS, outputs_of
 from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of
 from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
 from pgmp_petsc.files.claims import check_output, named, replacing
-from pgmp_petsc.files.hdf5 import KINDS
+from pgmp_petsc.files.hdf5 import KINDS, RunRecord
 from pgmp_petsc.report import charts
 from pgmp_petsc.report.budget import decision, error_budget, mesh_twins, model_error, verdict
 from pgmp_petsc.report.charts import Chart, Curve
@@ -502,11 +502,26 @@ def _origins(sources: Sequence[Source]) -> Table:
 
 def _commands(sources: Sequence[Source]) -> list[str]:
     """Return commands that repeat the results, from the scenes that they carry: runs with other entries have others."""
-    scenes: dict[str, list[Source]] = {}
-    for source in sources:
-        scenes.setdefault(source.record.scene_toml, []).append(source)
-    endings = ["", *(f"_{number}" for number in range(2, len(scenes) + 1))]
-    return [command for each, ending in zip(scenes.values(), endings) for command in _of_scene(each, ending)]
+    groups: list[list[Source]] = []
+    for source in sorted(sources, key=lambda one: isinstance(one.result, Trajectory)):
+        own = next((group for group in groups if _is_of(source, group[0].record)), None)
+        if own is None:
+            groups.append(own := [])
+        own.append(source)
+    endings = ["", *(f"_{number}" for number in range(2, len(groups) + 1))]
+    return [command for group, ending in zip(groups, endings) for command in _of_scene(group, ending)]
+
+
+def _is_of(source: Source, record: RunRecord) -> bool:
+    """Tell whether a result is of the scene of another record; a run is given its values of parameters."""
+    if not isinstance(source.result, Trajectory):
+        return source.record.scene_toml == record.scene_toml
+    scenes = (scene_of(one) for one in (source.record, record))
+    of_run, other = (
+        scene | {"parameters": {name: one | {"value": None} for name, one in scene.get("parameters", {}).items()}}
+        for scene in scenes
+    )
+    return of_run == other
 
 
 def _of_scene(sources: Sequence[Source], ending: str) -> list[str]:

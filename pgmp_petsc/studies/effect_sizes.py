@@ -50,7 +50,7 @@ from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, Unknowns
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import SpringStiffness
-from pgmp_petsc.outputs.outputs import in_order
+from pgmp_petsc.outputs.outputs import with_outputs
 from pgmp_petsc.outputs.readings import Reading, Seen
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.sampler import TurnedLoads
@@ -154,12 +154,9 @@ def _with_rigid_bodies(scene: Scene) -> Scene:
     }
     # sampled ones whenever they may; stresses are those of flexible bodies alone, and are no measures
     controllers = {k: one.model_copy(update={"sample_time": 0.0}) for k, one in scene.controllers.items()}
-    measured = in_order(scene, (name for one in controllers.values() for name in one.measured.values()))
-    outputs = {name: scene.outputs[name] for name in measured}
-    return scene.with_entries(
-        bodies=bodies, joints=joints, materials=materials, effects=effects, controllers=controllers, outputs=outputs,
-        fields={},
-    )  # fmt: skip
+    return with_outputs(scene).with_entries(
+        bodies=bodies, joints=joints, materials=materials, effects=effects, controllers=controllers, fields={}
+    )
 
 
 def _collect(model: FullModel, system: FullBatch | FullDistributed, time: np.ndarray, states: State) -> RigidRun:
