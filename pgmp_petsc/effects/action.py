@@ -174,9 +174,8 @@ def counted_from(action: Action, kinematics: RigidKinematics, theta: np.ndarray)
     n): that of one which is no coordinate, among several, is what the others leave of a coupling's value."""
     terms, mechanism = action.statement.terms, kinematics.mechanism
     known = {coordinate.statement: line for coordinate, line in zip(mechanism.coordinates, theta)}
-    if len(terms) > 1:
-        for s, line in action.statement.lines.items():
-            known[s] = line.offset + sum(slope * known[one] for one, slope in line.slopes.items())
+    for s, line in action.statement.lines.items():
+        known[s] = line.offset + sum(slope * known[one] for one, slope in line.slopes.items())
     near = np.array([known[s] if s in known else np.zeros(theta.shape[1]) for s, _ in terms])
     if len(terms) == 1:
         return near

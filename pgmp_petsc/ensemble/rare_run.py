@@ -30,7 +30,7 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.models import REDUCED, ComponentModel, FullModel, LengthLanes, Model, ReducedModel, of_samples
-from pgmp_petsc.outputs.outputs import with_outputs
+from pgmp_petsc.outputs.outputs import measured_in, with_outputs
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.reduction.rom import outside_of
 from pgmp_petsc.results.statistics import MostLikely, RareEvent
@@ -71,8 +71,9 @@ def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: 
         names = drawn_names(model.scene)
         check_ts_options()
         # forces in joints at every step would take most of the time of runs that need them for nothing
-        lean = model.in_scene(with_outputs(model.scene, [event.output])) if isinstance(model, ReducedModel) else model
-        of_runs = of_samples(lean, names)
+        # other outputs are found for nothing, forces in joints at every step in most of a run's time
+        lean = with_outputs(model.scene, [event.output, *measured_in(model.scene)])
+        of_runs = of_samples(model.in_scene(lean) if isinstance(model, ReducedModel) else model, names)
     with timings.phase("integration"), ExitStack() as stack:
         bar = stack.enter_context(progress(n_samples, f"{model.title} samples", comm))
         runs = _Runs(of_runs, event, names, comm, bar)

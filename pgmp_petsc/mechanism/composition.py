@@ -187,15 +187,13 @@ def couplings_of(
 def _rest(combination: Combination, last: Statement, value: float) -> Line:
     """Return what coordinates, and lines over them, leave of a combination's value for one of its statements."""
     factors = {statement: function.factor for statement, function in combination.terms}
-    slopes: dict[Statement, float] = defaultdict(float)
-    for statement in factors:
-        if statement is last:
-            continue
+    own, slopes = factors.pop(last), defaultdict[Statement, float](float)
+    for statement, factor in factors.items():
         line = combination.lines.get(statement, Line(0.0, {statement: 1.0}))
-        value -= factors[statement] * line.offset
+        value -= factor * line.offset
         for one, slope in line.slopes.items():
-            slopes[one] -= factors[statement] * slope / factors[last]
-    return Line(value / factors[last], slopes)
+            slopes[one] -= factor * slope / own
+    return Line(value / own, slopes)
 
 
 def _run(scene: Scene, bodies: Sequence[Body], joint: str, first: Attachment, way: np.ndarray) -> list[Attachment]:

@@ -22,7 +22,7 @@ from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.mechanism.joints import Attached
 from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
 from pgmp_petsc.mechanism.space import Space
-from pgmp_petsc.mechanism.statements import ANGLE, Combination, Line, Statement
+from pgmp_petsc.mechanism.statements import ANGLE, Line, Statement
 
 VALUES, SLOPES, CURVATURES, DRIFT = range(4)
 ROUND_OFF = 1e-14  # of derivatives of order 1 at a generic place, below which they are zero everywhere
@@ -213,8 +213,7 @@ def near_to(parts: Sequence[Attached], numbers: Mapping[Statement, int]) -> Near
     left, offsets, entries = [], [], []
     for part, _ in parts:
         for statement, function in part.terms:
-            line = Line(0.0, {statement: 1.0}) if statement in numbers else None
-            line = line or (part.lines.get(statement) if isinstance(part, Combination) else None)
+            line = Line(0.0, {statement: 1.0}) if statement in numbers else part.lines.get(statement)
             # a spline repeats itself with every turn
             is_loose = line is None and statement.kind == ANGLE and not function.breaks.size
             left.append(is_loose and len(part.terms) > 1)

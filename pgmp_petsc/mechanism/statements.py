@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -123,6 +124,7 @@ class Statement:
     kind: int  # its number among `KINDS`
     #: the directions u, v and w, shape (3, d), in the frames that the kind says; zero where it has none
     axes: np.ndarray
+    lines: ClassVar[Mapping[Statement, Line]] = {}  # as of a `Combination`
 
     @property
     def terms(self) -> tuple[tuple[Statement, Function], ...]:

@@ -17,7 +17,7 @@ from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.outputs.outputs import OutputSet, carried_in, in_order
+from pgmp_petsc.outputs.outputs import OutputSet, carried_in, with_outputs
 from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.outputs.readings import AnyReading, Rate, Reading, Seen
 from pgmp_petsc.reduction.rom import Served
@@ -168,8 +168,7 @@ class Measures:
 
     def __init__(self, scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> None:
         motions = [name for one in scene.controllers.values() for name in measured_by(scene, one).motions]
-        measured = scene.with_entries(outputs={name: scene.outputs[name] for name in in_order(scene, motions)})
-        of_these = OutputSet.of(measured, kinematics, start)
+        of_these = OutputSet.of(with_outputs(scene, motions), kinematics, start)
         self._scene, rows = scene, rows_of(scene)
         firsts = np.cumsum([0, *rows])[len(scene.carried) :].tolist()
         each = (len(measured_by(scene, one).motions) for one in scene.controllers.values())

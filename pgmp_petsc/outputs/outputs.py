@@ -245,10 +245,14 @@ def in_order(scene: Scene, names: Iterable[str] | None = None) -> list[str]:
     return list(found)
 
 
-def with_outputs(scene: Scene, names: Iterable[str] = ()) -> Scene:
-    """Return a scene with these outputs, those that controllers measure, and what they are made of, alone."""
-    measured = (name for one in scene.controllers.values() for name in one.measured.values())
-    return scene.with_entries(outputs={name: scene.outputs[name] for name in in_order(scene, [*names, *measured])})
+def measured_in(scene: Scene) -> list[str]:
+    """Return the names of the outputs that controllers measure."""
+    return [name for one in scene.controllers.values() for name in one.measured.values()]
+
+
+def with_outputs(scene: Scene, names: Iterable[str]) -> Scene:
+    """Return a scene with these outputs, and what they are made of, alone."""
+    return scene.with_entries(outputs={name: scene.outputs[name] for name in in_order(scene, names)})
 
 
 def carried_in(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> tuple[ForceOutput, ...]:

@@ -50,7 +50,7 @@ from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, Unknowns
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import SpringStiffness
-from pgmp_petsc.outputs.outputs import with_outputs
+from pgmp_petsc.outputs.outputs import measured_in, with_outputs
 from pgmp_petsc.outputs.readings import Reading, Seen
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.sampler import TurnedLoads
@@ -154,7 +154,7 @@ def _with_rigid_bodies(scene: Scene) -> Scene:
     }
     # sampled ones whenever they may; stresses are those of flexible bodies alone, and are no measures
     controllers = {k: one.model_copy(update={"sample_time": 0.0}) for k, one in scene.controllers.items()}
-    return with_outputs(scene).with_entries(
+    return with_outputs(scene, measured_in(scene)).with_entries(
         bodies=bodies, joints=joints, materials=materials, effects=effects, controllers=controllers, fields={}
     )
 
