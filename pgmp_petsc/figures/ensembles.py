@@ -25,7 +25,7 @@ from pgmp_petsc.results.numbers import ROUND_OFF, behind, interval_text, number_
 from pgmp_petsc.results.statistics import RareEvent, Sensitivity
 
 LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
-NOTE_SIZE, NOTE_LENGTH = 8.5, 42  # of the letters there, points, and for how many there is room beside the last panel
+NOTE_SIZE, NOTE_LENGTH = 8.5, 40  # of the letters there, points, and for how many there is room beside the last panel
 MOST_DIGITS = 8  # of a mean beside its interval
 DASHES = (0, (4, 3))
 BAND = "#F3F3F3"
