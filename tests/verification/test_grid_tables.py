@@ -19,7 +19,7 @@ from pgmp_petsc.mechanism.body_frames import linear_motion, rigid_velocities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.angles import _beyond_tolerance, interpolation_errors, midpoints
+from pgmp_petsc.reduction.angles import _beyond_tolerance, interpolation_errors
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -252,10 +252,7 @@ def adaptive(tolerance: float, *more: str) -> ReducedOrderModel:
 def test_midpoints(periodic: bool) -> None:
     samples = Samples(np.array([0.0, 1.0, 4.0]), 0.0, 4.0 if not periodic else 5.0, periodic)
     expected = [0.5, 2.5, 4.5] if periodic else [0.5, 2.5]
-    np.testing.assert_array_equal(midpoints(samples), expected)
-    chosen = np.zeros(len(expected), dtype=bool)
-    chosen[1] = True
-    np.testing.assert_array_equal(midpoints(samples, chosen), [2.5])
+    np.testing.assert_array_equal(samples.between(0.5), expected)
 
 
 def test_tables_meet_the_tolerance_at_angles_that_took_no_part() -> None:
