@@ -8,7 +8,7 @@ from mpi4py import MPI
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.mesh.line_mesh import straight_beam
@@ -216,7 +216,7 @@ def linear_mode(scene: Scene, clamped: int, number: int) -> tuple[float, np.ndar
     """Return angular frequency and shape (n_dofs,) of a mode of a single beam at rest, the unknowns `clamped` held."""
     model = line_model(scene)
     n = model.kinematics.mechanism.n_dofs
-    matrices = assemble(model.kinematics.mechanism.bodies, range(n))
+    matrices = AffineMatrices(model.kinematics.mechanism.bodies, range(n))
     free = np.setdiff1d(np.arange(n), clamped)
     mass, stiffness = (
         weighted_sum(m, scene.values).toarray()[np.ix_(free, free)] for m in (matrices.mass, matrices.stiffness)

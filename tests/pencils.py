@@ -6,7 +6,7 @@ import numpy as np
 import scipy.linalg
 from scipy.sparse import csr_matrix
 
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -14,7 +14,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 
 def matrices_of(mechanism: Mechanism, values: Mapping[str, float]) -> tuple[csr_matrix, csr_matrix]:
     """Return stiffness and mass at parameter values."""
-    found = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    found = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
     return tuple(weighted_sum(terms, values) for terms in (found.stiffness, found.mass))
 
 

@@ -15,7 +15,7 @@ from frames import to_inertial
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import element_dofs
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -27,7 +27,7 @@ class StaticEquilibrium:
 
     def __init__(self, kinematics: RigidKinematics, values: Mapping[str, float], theta: float) -> None:
         self._mechanism = mechanism = kinematics.mechanism
-        matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+        matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
         self.mass = weighted_sum(matrices.mass, values).toarray()
         self.stiffness = weighted_sum(matrices.stiffness, values).toarray()
         poses = kinematics.poses(np.array([theta]))

@@ -16,7 +16,7 @@ from typing import Any
 
 from pgmp_petsc.bench.prices import coefficients, duration_text, reduced_step
 from pgmp_petsc.bench.reference import start_of_coordinates, takes_second_order
-from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects import effects_of, patterns_of
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import why_no_grid
@@ -160,7 +160,7 @@ class Limits:
         n_modes = n_free - (len(coordinates) - len(clamped)) - n_released
         of_cells = any(body.dense for body in mechanism.bodies)
         served = n_condensed if of_cells and n_modes > n_condensed else None
-        matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+        matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
         n_static = patterns_of(effects_of(scene, mechanism), matrices).n
         n_terms = len({*mechanism.mass_weights, *mechanism.stiffness_weights})
         n = len(coordinates)

@@ -25,7 +25,7 @@ from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_o
 from pgmp_petsc.bench.prices import Price, duration_text, step_seconds
 from pgmp_petsc.bodies.component import rigid_motions
 from pgmp_petsc.bodies.floating import FloatingBody
-from pgmp_petsc.bodies.matrices import mass_of_bodies
+from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.component_modes import weighted_sum_dense
 from pgmp_petsc.components.condensing import angle_group, condensed, floating_shapes
@@ -319,7 +319,7 @@ def _of_floating_bodies(model: ComponentModel) -> float:
         stiffnesses.append(stiffness)
     motion = np.hstack(moved)
     # what is not in floating frames: rigid bodies, and masses at frames
-    others = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
+    others = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)).mass
     mass = block_diag(*masses) + sum(
         float(weight.evaluate(nominal)) * (motion.T @ (matrix @ motion)) for weight, matrix in others.items()
     )

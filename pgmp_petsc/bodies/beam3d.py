@@ -326,16 +326,7 @@ def strain_gradients(lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:
     With u_2 - u_1 and the mean rotation phi resolved along T: ``gamma = (u_2 - u_1) / L - phi x e_1``, ``kappa =
     (phi_2 - phi_1) / L``.
     """
-    n, inverse = len(lengths), 1.0 / lengths[:, None, None]
-    turned = np.swapaxes(axes, 1, 2)
-    gradients = np.zeros((n, 6, 12))
-    gradients[:, :3, 6:9], gradients[:, :3, 0:3] = inverse * turned, -inverse * turned
-    gradients[:, 3:, 9:12], gradients[:, 3:, 3:6] = inverse * turned, -inverse * turned
-    mean = np.zeros((n, 3, 3))
-    mean[:, 1], mean[:, 2] = -0.5 * turned[:, 2], 0.5 * turned[:, 1]  # -phi x e_1 = (0, -phi_3, phi_2)
-    gradients[:, :3, 3:6] += mean
-    gradients[:, :3, 9:12] += mean
-    return gradients
+    return np.moveaxis(strains_of(np.moveaxis(rest_strains(lengths, axes), 1, 0), curved=False), 0, 1)
 
 
 def undeformed_stiffness(lengths: np.ndarray, axes: np.ndarray, section: np.ndarray) -> np.ndarray:

@@ -228,10 +228,10 @@ def rigid_of_properties(shape: LineMesh, given: Rigid, nominal: Mapping[str, flo
     fields = np.linalg.solve(matrix, momenta(matrix))
     lost = {weight: momenta(term) - term @ fields for weight, term in mass.items()}
     lost = {weight: part for weight, part in lost.items() if np.abs(part).max() > MASSLESS * matrix.max()}
-    return _rigid(dict(shape.points), shape.nodes, mass, fields, centre, lost_momenta=lost)
+    return rigid_about(dict(shape.points), shape.nodes, mass, fields, centre, lost_momenta=lost)
 
 
-def _rigid(
+def rigid_about(
     frames: dict[str, int], centres: np.ndarray, mass: dict[Monomial, np.ndarray], fields: np.ndarray,
     centre: np.ndarray, **more: Any,
 ) -> Component:  # fmt: skip
@@ -250,7 +250,7 @@ def _component(
     momenta = _momenta(mass, centre, about)
     matrix = momenta @ rigid_motions(centre)
     mass, fields = {weight: 0.5 * (matrix + matrix.T)}, np.linalg.solve(matrix, momenta)
-    return _rigid(frames, centres, mass, fields, centre, n_mesh_dofs=n_mesh_dofs)
+    return rigid_about(frames, centres, mass, fields, centre, n_mesh_dofs=n_mesh_dofs)
 
 
 def _momenta(mass: float, centre: np.ndarray, about: np.ndarray) -> np.ndarray:

@@ -36,7 +36,7 @@ from pgmp_petsc.bodies.component import Component, linear_fields, rigid_componen
 from pgmp_petsc.bodies.floating import FloatingBody, Recovery, without_noise
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
 from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
-from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble, axial_stiffness
+from pgmp_petsc.bodies.matrices import AffineMatrices, ThirdDerivative, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape, is_condensed, to_condense
 from pgmp_petsc.components.body_problem import BodyProblem, petsc_terms
 from pgmp_petsc.components.component_modes import (
@@ -294,7 +294,7 @@ def _fewest(component: Component, points: Sequence[Mapping[str, float]], n_modes
 
 def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBody:
     """Put a body of beams into a floating frame."""
-    matrices, per_node = assemble([body], range(body.dofs.size)), body.node_dofs
+    matrices, per_node = AffineMatrices([body], range(body.dofs.size)), body.node_dofs
     mass, stiffness = (
         {weight: matrix.toarray() for weight, matrix in terms.items()} for terms in (matrices.mass, matrices.stiffness)
     )
@@ -374,7 +374,7 @@ def _curvature_of_beams(
         forces[:, rows, columns] = forces[:, columns, rows] = of_pairs
         return forces
 
-    stretching = axial_stiffness([body], everywhere, values)
+    stretching = weighted_sum(AffineMatrices([body], everywhere).stretching, values)
     return foreshortening(third, stiffness, every.T @ (stretching @ every), modes)
 
 

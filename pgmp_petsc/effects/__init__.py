@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bodies.matrices import AffineMatrices, MassesOnDemand
+from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.clearance import loose_coupling, loose_joint
@@ -59,7 +59,7 @@ def _check_loads(effect: Effect, mechanism: Mechanism) -> None:
         return  # of the masses, which are dear to assemble
     rows, space = np.arange(mechanism.n_dofs), mechanism.space
     turning = (rows < space.n_dofs * mechanism.n_nodes) & (rows % space.n_dofs >= space.dimension)
-    for load in effect.loads(MassesOnDemand(mechanism.bodies, range(rows.size))):
+    for load in effect.loads(AffineMatrices(mechanism.bodies, range(rows.size))):
         why, given = "", np.shape(load.vector)
         if given != rows.shape:
             why = f"a load has a number for each row of the matrices, {rows.shape}, and not {given}"
@@ -114,7 +114,7 @@ def start_of(scene: Scene, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray
     return positions, velocities
 
 
-def loads_of(effects: Sequence[Effect], matrices: AffineMatrices | MassesOnDemand) -> tuple[Load, ...]:
+def loads_of(effects: Sequence[Effect], matrices: AffineMatrices) -> tuple[Load, ...]:
     """Return the load terms of all effects, effect after effect."""
     return tuple(load for effect in effects for load in effect.loads(matrices))
 

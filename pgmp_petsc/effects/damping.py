@@ -39,7 +39,7 @@ from scipy.sparse.linalg import eigsh
 
 from pgmp_petsc.base.errors import InputError, nearest_name, shortened
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -246,7 +246,7 @@ def free_modes(
     n_dofs, n_rigid = own.size, alone.node_dofs  # as many rigid motions as a node has unknowns
     if n_modes > n_dofs - n_rigid:
         raise InputError(f"{entry}: {n_modes} modes of {body.name} are asked for; its mesh has {n_dofs - n_rigid}")
-    matrices = assemble([alone], range(alone.dofs.size))
+    matrices = AffineMatrices([alone], range(alone.dofs.size))
     mass, stiffness = (weighted_sum(terms, values)[own][:, own] for terms in (matrices.mass, matrices.stiffness))
     wanted = n_rigid + n_modes
     if n_dofs <= DENSE or wanted >= n_dofs - 1:

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
-from pgmp_petsc.bodies.matrices import MassesOnDemand
+from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.controllers.acting import given_to
 from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.effects import Action, Effect, Load, Motion, actions_of, loads_of
@@ -131,7 +131,7 @@ class FullEquations:
         n, n_driven = self.constraints.n_constraints, self.constraints.n_driven
         self.chosen = np.arange(n - n_driven, n) if in_joints else _touching(self.constraints, share)
         self.owned_constraints = share.owns(self.owners[self.chosen])
-        masses = MassesOnDemand(kinematics.mechanism.bodies, unknowns.in_mechanism(self.rows))
+        masses = AffineMatrices(kinematics.mechanism.bodies, unknowns.in_mechanism(self.rows))
         # a couple that is constant in body frames is none in space
         loads = [one for one in loads_of(effects, masses) if unknowns.dimension == 2 or not one.in_bodies]
         floating = any(body.n_amplitudes for body in unknowns.bodies)

@@ -18,7 +18,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark
 from pgmp_petsc.bodies.body import body_of
-from pgmp_petsc.bodies.component import Component, on_cells, rigid_component
+from pgmp_petsc.bodies.component import Component, on_cells, rigid_about, rigid_component
 from pgmp_petsc.bodies.floating import FloatingBody, Recovery
 from pgmp_petsc.bodies.framed_solid import framed_solid
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths, to_condense
@@ -64,18 +64,9 @@ class RigidFile(Record):
 
     def component(self, frames: dict[str, int]) -> Component:
         """Return the component with some frames."""
-        found = Component(
-            frames=frames,
-            centres=self.centres,
-            mass=dict(zip(self.mass_weights, self.mass)),
-            stiffness={},
-            moments={},
-            fields=self.fields,
-            probes=np.zeros((len(self.fields), 1)),
-            n_mesh_dofs=self.n_mesh_dofs,
-            error=0.0,
-            centre_of_mass=self.centre_of_mass,
-        )
+        mass = dict(zip(self.mass_weights, self.mass))
+        about = self.fields, self.centre_of_mass
+        found = rigid_about(frames, self.centres, mass, *about, n_mesh_dofs=self.n_mesh_dofs)
         return found if self.mesh is None else on_cells(found, self.mesh.mesh)
 
 

@@ -49,7 +49,7 @@ def canonical_rotation(eigenvalues: np.ndarray, probe: np.ndarray) -> np.ndarray
     """
     splits = np.flatnonzero(np.diff(eigenvalues) > EQUAL_TOLERANCE * eigenvalues[1:]) + 1
     bounds = [0, *splits, eigenvalues.size]
-    return _by_groups(probe, [np.arange(*pair) for pair in zip(bounds, bounds[1:])])[0]
+    return by_groups(probe, [np.arange(*pair) for pair in zip(bounds, bounds[1:])])[0]
 
 
 def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray, strained: np.ndarray | bool = True) -> list[np.ndarray]:
@@ -81,17 +81,12 @@ def transport(overlaps: np.ndarray, groups: Sequence[np.ndarray], start: np.ndar
     """
     # the polar factor of O Q with an orthogonal Q is that of O, times Q
     rotations = [start]
-    for turn in _by_groups(overlaps, groups)[0]:
+    for turn in by_groups(overlaps, groups)[0]:
         rotations.append(turn @ rotations[-1])
     return np.array(rotations)
 
 
-def cosines_of(overlaps: np.ndarray, groups: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the cosine of the largest angle of any group for overlaps (n, m, m), shape (n,)."""
-    return _by_groups(overlaps, groups)[1]
-
-
-def _by_groups(overlaps: np.ndarray, groups: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def by_groups(overlaps: np.ndarray, groups: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return the Procrustes rotations of overlaps (..., m, m), block-diagonal, and the least cosines of a group."""
     rotations, smallest = np.zeros_like(overlaps), np.ones(overlaps.shape[:-2])
     alone = np.array([group[0] for group in groups if group.size == 1], dtype=int)  # most are single vectors
@@ -125,7 +120,7 @@ def close_revolution(
     (m, m). `beside` is the closed revolution at a neighbouring value of another coordinate, if this one must go with
     it.
     """
-    back, _ = _by_groups(last_overlap @ rotations[-1], groups)
+    back, _ = by_groups(last_overlap @ rotations[-1], groups)
     holonomy = rotations[0].T @ back
     closed, closures, flipped = rotations.copy(), [], []
     for number, group in enumerate(groups):
@@ -311,7 +306,7 @@ class GridBasis:
         cosines = np.ones((n_axes, *samples.shape))
         for axis in range(n_axes):
             mask = samples.meaningful(axis)
-            cosines[axis][mask] = cosines_of(samples.along(axis)[mask], groups)
+            cosines[axis][mask] = by_groups(samples.along(axis)[mask], groups)[1]
         m = start.shape[0]
         return cls(groups, rotations.reshape(-1, m, m), flipped, cosines.min(axis=0).ravel())
 

@@ -36,7 +36,7 @@ from scipy.linalg import eigh
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.beam3d import cross
-from pgmp_petsc.bodies.matrices import ThirdDerivative, axial_stiffness, director_inertia
+from pgmp_petsc.bodies.matrices import ThirdDerivative, director_inertia, weighted_sum
 from pgmp_petsc.mechanism.body_frames import ConstraintHessian, ConstraintHessians, linear_motion
 from pgmp_petsc.mechanism.constraint_set import RANK_TOLERANCE
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -76,7 +76,7 @@ class CurvatureProblem:
         self._third = ThirdDerivative(bodies, problem.rows)
         self.rotary = RotaryCurvature(problem.mechanism)
         self._joints = ConstraintHessians(problem.mechanism, problem.clamped)
-        self._axial = axial_stiffness(bodies, problem.rows, problem.values) if static_stretching else None
+        self._axial = weighted_sum(problem.matrices.stretching, problem.values) if static_stretching else None
 
     def solve(
         self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray, loose: np.ndarray | None = None, n_open: int = 0

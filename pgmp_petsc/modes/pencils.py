@@ -101,7 +101,8 @@ class DensePencil:
         if self._touched is None or not np.array_equal(null.touched, self._touched):
             self._touched, self._outer = null.touched, np.union1d(null.touched, self._held)
             self._forget()
-        self._null, self._ends, self._factors = null, _Ends.of(null, self._outer), [None, None]
+        self._rows, self._factors = NullRows(null.independent, null.dependent, null.weights), [None, None]
+        self._ends = NullRows.among(null, self._outer)
 
     def solve(self, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
         """Compute the lowest eigenpairs and check their residuals; vectors are ``N psi``.
@@ -169,7 +170,7 @@ class DensePencil:
         return self._factors[1]
 
     def count_below(self, tau: float) -> int:
-        basis = self._expanded(np.eye(self._null.independent.size))
+        basis = self._rows.expanded(np.eye(self._rows.stays.size))
         stiffness, mass = (basis.T @ matrix @ basis for matrix in (self._stiffness, self._mass))
         return int(np.sum(eigh(stiffness, mass, eigvals_only=True, check_finite=False) < tau))
 
@@ -183,14 +184,7 @@ class DensePencil:
         return self._supported(motions).answers(loads)
 
     def felt(self, loads: np.ndarray) -> np.ndarray:
-        return loads[self._null.independent] + self._null.weights.T @ loads[self._null.dependent]
-
-    def _expanded(self, independent: np.ndarray) -> np.ndarray:
-        """Return N times columns (n_independent, k), shape (n_dofs, k)."""
-        vectors = np.empty((self._null.n_dofs, independent.shape[1]))
-        vectors[self._null.independent] = independent
-        vectors[self._null.dependent] = self._null.weights @ independent
-        return vectors
+        return self._rows.felt(loads)
 
     def times_mass(self, vectors: np.ndarray) -> np.ndarray:
         return self._mass @ vectors
@@ -199,17 +193,17 @@ class DensePencil:
         return self._stiffness @ vectors
 
 
-class _Ends(NamedTuple):
-    """The rows of N of the unknowns that constraints touch, at a configuration."""
+class NullRows(NamedTuple):
+    """The rows of N of all unknowns, or of those that constraints touch, at a configuration."""
 
-    #: stays, goes: places of the independent unknowns and of the dependent ones among those touched, shapes (n_stays,),
+    #: stays, goes: places of the independent unknowns and of the dependent ones among these, shapes (n_stays,),
     #: (n_goes,)
     stays: np.ndarray
     goes: np.ndarray
     weights: np.ndarray  # of the unknowns that stay in those that go, shape (n_goes, n_stays)
 
     @classmethod
-    def of(cls, null: NullSpace, outer: np.ndarray) -> _Ends:
+    def among(cls, null: NullSpace, outer: np.ndarray) -> NullRows:
         """Take the rows of a null space whose constraints touch no unknowns but outer ones."""
         goes = np.searchsorted(outer, null.dependent)
         stay = np.ones(outer.size, dtype=bool)
@@ -218,11 +212,11 @@ class _Ends(NamedTuple):
         return cls(stays, goes, null.weights[:, np.searchsorted(null.independent, outer[stays])])
 
     def felt(self, loads: np.ndarray) -> np.ndarray:
-        """Return ``N^T`` times columns (n_touched, k), shape (n_stays, k)."""
+        """Return ``N^T`` times columns (n, k), shape (n_stays, k)."""
         return loads[self.stays] + self.weights.T @ loads[self.goes]
 
     def expanded(self, independent: np.ndarray) -> np.ndarray:
-        """Return N times columns (n_stays, k), shape (n_touched, k)."""
+        """Return N times columns (n_stays, k), shape (n, k)."""
         found = np.empty((self.stays.size + self.goes.size, independent.shape[1]))
         found[self.stays], found[self.goes] = independent, self.weights @ independent
         return found
@@ -233,11 +227,11 @@ class _Factor:
     """A factor in the null space N of a configuration."""
 
     interior: Interior
-    ends: _Ends
+    ends: NullRows
     outer: np.ndarray  # lower, of the outer unknowns that stay, shape (n_stays, n_stays)
 
     @classmethod
-    def of(cls, interior: Interior, ends: _Ends, what: str, springs: np.ndarray | None = None) -> _Factor:
+    def of(cls, interior: Interior, ends: NullRows, what: str, springs: np.ndarray | None = None) -> _Factor:
         """Finish a factorisation, with springs E that add ``E E^T`` in the outer unknowns, shape (n_o, n_springs).
 
         Raises `RunError` if the matrix is not positive definite; `what` says of what.

@@ -26,7 +26,7 @@ import scipy.sparse as sp
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, owned_rows, weighted_sum
 from pgmp_petsc.mechanism.body_frames import ConstraintJacobian, linear_motion
 from pgmp_petsc.mechanism.constraint_set import NullSpace, NullSpaces
 from pgmp_petsc.mechanism.kinematics import RigidKinematics, RigidMotion
@@ -123,7 +123,7 @@ class ModalProblem(AbstractContextManager):
         self.n_modes = n_modes
         self.values = dict(values)
         if matrices is None:
-            matrices = assemble(self.mechanism.bodies, owned_rows(self.mechanism.n_dofs, comm.rank, comm.size))
+            matrices = AffineMatrices(self.mechanism.bodies, owned_rows(self.mechanism.n_dofs, comm.rank, comm.size))
         self.matrices, self.rows = matrices, matrices.rows
         null = self._null_space(self._lowest())
         self.n_available = null.independent.size - self.n_unstrained

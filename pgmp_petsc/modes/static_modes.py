@@ -38,7 +38,16 @@ from pgmp_petsc.solvers.shift_invert import EigenPairs
 # of an answer vanishes with the square, 7 of its 13 digits are left
 LIMIT_STEP = 1e-3
 
+# shares of the ranges at which loads and springs are looked at, far from every symmetry
+PLACES = np.array([[0.236, 0.414, 0.327], [0.618, 0.732, 0.871], [0.854, 0.142, 0.563]])
+
 LoadsAt = Callable[[ModalProblem, ModeSet], np.ndarray]
+
+
+def off_symmetry(kinematics: RigidKinematics) -> np.ndarray:
+    """Return configurations at which nothing vanishes by symmetry, shape (n_places, n_theta), rad."""
+    lower, upper = (np.array([getattr(c, end) for c in kinematics.coordinates]) for end in ("lower", "upper"))
+    return lower + PLACES[:, : lower.size] * (upper - lower)
 
 
 def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np.ndarray:
@@ -136,8 +145,6 @@ def _left_at(problem: ModalProblem, modes: ModeSet, k: int, value: float, loads_
     return answers
 
 
-# shares of the ranges at which springs are looked at, far from every symmetry
-PLACES = np.array([[0.236, 0.414, 0.674], [0.618, 0.732, 0.281], [0.854, 0.142, 0.925]])
 RESISTED = 1e-10  # stiffness of a rigid motion, as a share of what its springs would have without cancellation
 NEGATIVE = 1e-12  # eigenvalue of a block, as a share of its largest one
 
@@ -196,10 +203,8 @@ class SpringStiffness:
 
         Parameters are those of `at`. Collective on `comm`.
         """
-        lower, upper = (np.array([getattr(c, end) for c in self.kinematics.coordinates]) for end in ("lower", "upper"))
         most = 0
-        for share in PLACES[:, : lower.size]:
-            theta = lower + share * (upper - lower)
+        for theta in off_symmetry(self.kinematics):
             motion = self.kinematics.motion(theta)
             velocities = [motion.velocities[..., self._free], motion.released]
             rigid = linear_motion(self._mechanism, np.concatenate(velocities, axis=2))

@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects import Effect
 from pgmp_petsc.full.damping import BodyDampings
 from pgmp_petsc.lanes.vectors import N_POWERS_OF_RIGID
@@ -71,7 +71,7 @@ class ReducedDamping:
 
         for body, (beta, alpha) in zip(mechanism.bodies, rayleigh):
             rows, alone = body.dofs, body.alone()
-            matrices = assemble([alone], range(rows.size))
+            matrices = AffineMatrices([alone], range(rows.size))
             for factor, of_body, first in ((beta, matrices.stiffness, r), (alpha - common, matrices.mass, 0)):
                 if factor:
                     for weight, matrix in of_body.items():

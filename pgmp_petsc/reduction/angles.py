@@ -150,7 +150,7 @@ def _between(samples: Samples, scheme: str) -> np.ndarray:
     """Return the angles, shape (n,), that halve the distances between those that a scheme wants."""
     if scheme == "spectral" and not samples.periodic:
         return Samples.chebyshev(samples.lower, samples.upper, 2 * samples.n - 1).theta[1::2]
-    return midpoints(samples)
+    return samples.between(0.5)
 
 
 def _beyond_tolerance(
@@ -162,7 +162,7 @@ def _beyond_tolerance(
     What an angle along one coordinate brought is seen where the others have angles of the round before.
     """
     if previous is None:
-        return _allowed(scene, grid, [midpoints(axis) for axis in grid], "it is not known how much they miss")
+        return _allowed(scene, grid, [axis.between(0.5) for axis in grid], "it is not known how much they miss")
     tolerance, wanted, poorest, why = scene.reduction.sampling_tolerance, [], 0.0, ""
     # over one turn, whatever vectors changed their signs after it in the round before
     known = [np.intersect1d(axis.theta, old.theta) for axis, old in zip(grid, previous.tables.samples)]
@@ -184,7 +184,7 @@ def _beyond_tolerance(
         left = np.searchsorted(theta, new[errors > tolerance])
         chosen = np.zeros(theta.size - 1, dtype=bool)
         chosen[left - 1] = chosen[left] = True
-        wanted.append(midpoints(samples, chosen))
+        wanted.append(samples.between(0.5)[chosen])
     return _allowed(scene, grid, wanted, why)
 
 
@@ -357,15 +357,6 @@ def _forces(
     for first in range(0, columns.shape[1], step):
         strains = points.of_displacements(body.displacements(columns[:, first : first + step]))
         yield law.forces(points, strains, scene.nominal)
-
-
-def midpoints(samples: Samples, chosen: np.ndarray | None = None) -> np.ndarray:
-    """Return the middles of the intervals between samples, shape (n,); of all, or of those chosen by a mask."""
-    ends = samples.theta[1:]
-    if samples.periodic:
-        ends = np.append(ends, samples.upper)
-    middles = 0.5 * (samples.theta[: ends.size] + ends)
-    return middles if chosen is None else middles[chosen]
 
 
 def interpolation_errors(

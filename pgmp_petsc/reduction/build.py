@@ -19,7 +19,7 @@ import numpy as np
 from pgmp_petsc.base.errors import NotFollowed, Remark, gathered, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
-from pgmp_petsc.bodies.matrices import assemble, mass_of_bodies, owned_rows
+from pgmp_petsc.bodies.matrices import AffineMatrices, owned_rows
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import Load, actions_of, effects_of, loads_of, patterns_of, start_of
@@ -164,7 +164,7 @@ class _Build:
         mechanism = self._mechanism = Mechanism.from_scene(scene, meshes).straight
         self._kinematics = RigidKinematics(mechanism, over_range=True)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
-        self._matrices, self._effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
+        self._matrices, self._effects = AffineMatrices(mechanism.bodies, rows), effects_of(scene, mechanism)
         self._loads = loads_of(self._effects, self._matrices)
         carried = carried_in(scene, self._kinematics, start_of(scene, mechanism)[0])
         self._opened_rows = rows_of((*OutputSet.of(scene, self._kinematics).forces, *carried), mechanism.n_held)
@@ -210,7 +210,7 @@ class _Build:
         tables, mass, gaps = basis.tables, self._matrices.mass, found.gaps
         n_ranks, bodies, scheme = self._group.world.size, self._mechanism.bodies, scene.interpolation
         if self._group.comm.size > 1:
-            mass = mass_of_bodies(bodies, range(self._mechanism.n_dofs))
+            mass = AffineMatrices(bodies, range(self._mechanism.n_dofs)).mass
         if scene.second_order:
             changes = mode_changes(kinematics, mass, tables.samples, basis.projection, scheme, tables.n_given)
             tables = replace(tables, changes=changes)

@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from pgmp_petsc.base.errors import InputError, Remark, RunError, gathered, note, warning
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bodies.matrices import mass_of_bodies, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -139,7 +139,7 @@ class _Gauge:
     @classmethod
     def of(cls, scene: Scene, model: ReducedOrderModel) -> _Gauge:
         mechanism = Mechanism.from_scene(scene, model.meshes)
-        masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
+        masses = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)).mass
         return cls(model, weighted_sum(masses, scene.nominal))
 
     def check(self, scene: Scene, member: ReducedOrderModel) -> None:
@@ -186,7 +186,7 @@ class _Gauge:
         gaps, scheme = member.gaps and member.gaps.turned(rotations), scene.interpolation
         if curvature is not None or gaps is not None:
             kinematics = RigidKinematics(Mechanism.from_scene(scene, member.meshes), member.branch)
-            masses = mass_of_bodies(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
+            masses = AffineMatrices(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs)).mass
         if curvature is not None:
             curvature = curvature @ pair_rotations(rotations)
             changes = mode_changes(kinematics, masses, tables.samples, projection, scheme, n_given)

@@ -20,7 +20,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, gathered, warning
 from pgmp_petsc.bodies.component import Component
-from pgmp_petsc.bodies.matrices import mass_of_bodies
+from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.bodies.shape import at_lengths
 from pgmp_petsc.declare.records import check_finite, declared
 from pgmp_petsc.files.hdf5 import BUILD_AGAIN, RunRecord, open_file, shapes_of
@@ -156,7 +156,7 @@ class LengthFamily:
         """
         kinematics, shares = self.kinematics(scene, nominal, None), self.grid.shares(scene.values)
         mechanism = kinematics.mechanism
-        masses = mass_of_bodies(mechanism.bodies, range(mechanism.n_dofs))
+        masses = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)).mass
 
         def blended(*arrays: np.ndarray) -> np.ndarray:
             return sum(share * array for share, array in zip(shares, arrays))

@@ -19,15 +19,13 @@ from pgmp_petsc.effects.effect import UnitForces
 from pgmp_petsc.modes.built_in import BuiltIn
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, ModalProblem, ModeSet
-from pgmp_petsc.modes.static_modes import dependent_loads
+from pgmp_petsc.modes.static_modes import dependent_loads, off_symmetry
 from pgmp_petsc.reduction.cell_products import symmetric, unpacked
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.scene.uses import offset_values
 
 ROUND_OFF = 1e-24  # a square: of inertia forces, beside those of the largest velocity of the rigid motion
-# shares of the ranges at which loads are compared, far from every symmetry
-PLACES = np.array([[0.236, 0.414, 0.327], [0.618, 0.732, 0.871], [0.854, 0.142, 0.563]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +68,7 @@ class StaticLoads:
         if not n_fixed + n_turning + self.accelerations.size:
             return self
         found = []
-        for theta in _places(problem):
+        for theta in off_symmetry(problem.kinematics):
             modes = problem.solve(theta)
             found.append(dependent_loads(problem, modes, self.at(problem, modes)))
         return self._chosen(~np.all(found, axis=0))
@@ -139,7 +137,7 @@ def _independent_forces(problem: ModalProblem, turning: UnitForces) -> np.ndarra
     """Return the numbers of the actions whose force is no combination, the same everywhere, of those before them."""
     if not turning.actions:
         return np.zeros(0, dtype=int)
-    forces = [_forces(problem, turning, theta) for theta in _places(problem)]
+    forces = [_forces(problem, turning, theta) for theta in off_symmetry(problem.kinematics)]
     return _independent_columns(sum(problem.inner(force, force) for force in forces))
 
 
@@ -147,20 +145,13 @@ def _independent(problem: ModalProblem) -> np.ndarray:
     """Return the numbers of the accelerations that are no combination, the same everywhere, of those before them, and
     more than round-off: a balanced rotor has none about its axis."""
     gram = largest = 0.0
-    for theta in _places(problem):
+    for theta in off_symmetry(problem.kinematics):
         rigid, curvature = problem.rigid_motion(theta)
         moving = _accelerations(problem, rigid, curvature)
         gram = gram + problem.inner(moving, problem.times_mass(moving))
         largest = largest + np.max(np.diag(problem.inner(rigid, problem.times_mass(rigid))))
     gram[np.diag(gram) < ROUND_OFF * largest] = 0.0
     return _independent_columns(gram)
-
-
-def _places(problem: ModalProblem) -> np.ndarray:
-    """Return configurations at which loads are compared, shape (n_places, n_theta), rad."""
-    coordinates = problem.kinematics.coordinates
-    lower, upper = (np.array([getattr(c, end) for c in coordinates]) for end in ("lower", "upper"))
-    return lower + PLACES[:, : len(coordinates)] * (upper - lower)
 
 
 def _independent_columns(gram: np.ndarray) -> np.ndarray:

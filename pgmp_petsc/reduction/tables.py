@@ -447,7 +447,7 @@ def indefinite_between(tables: ReducedTables, scene: Scene, values: Mapping[str,
     tables = tables.moving()  # given coordinates may have no stiffness at all
     samples, r = tables.samples, tables.n_coordinates
     places = PLACES if samples.n_coordinates == 1 else MIDDLE
-    theta = SampleGrid(tuple(_between(axis, places) for axis in samples)).theta
+    theta = SampleGrid(tuple(replace(axis, theta=axis.between(*places)) for axis in samples)).theta
     for name, table, weights in (
         ("mass", tables.mass[:, :, r:, r:], tables.mass_weights),
         ("stiffness", tables.stiffness, tables.stiffness_weights),
@@ -480,13 +480,6 @@ def smoother(scheme: str) -> str:
     if scheme == "spline":
         return "more reduction.angles or fewer reduction.modes"
     return 'more reduction.angles, fewer reduction.modes, or reduction.interpolation = "spline"'
-
-
-def _between(samples: Samples, places: Sequence[float]) -> Samples:
-    """Return places, as shares of every interval, between the samples of one coordinate."""
-    ends = np.append(samples.theta[1:], samples.upper) if samples.periodic else samples.theta[1:]
-    starts = samples.theta[: ends.size]
-    return replace(samples, theta=np.concatenate([starts + place * (ends - starts) for place in places]))
 
 
 def with_units(stiffness: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from pgmp_petsc.base.errors import InputError, Remark, counted, gathered, warnin
 from pgmp_petsc.bench.prices import Prospect, choice, prospects
 from pgmp_petsc.bodies.assembled import MassProperties
 from pgmp_petsc.bodies.component import directors
-from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths, given_properties
 from pgmp_petsc.effects import Effect, Load, Patterns, actions_of, effects_of, loads_of, patterns_of, start_of
 from pgmp_petsc.effects.clearance import impacts
@@ -60,7 +60,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     outputs = OutputSet.of(scene, kinematics)
     large = any(body.to_condense for body in mechanism.bodies)
     # how many loads there are takes no rows of large matrices
-    matrices = assemble(mechanism.bodies, range(0 if large else mechanism.n_dofs))
+    matrices = AffineMatrices(mechanism.bodies, range(0 if large else mechanism.n_dofs))
     effects = effects_of(scene, mechanism)
     loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
     n_patterns = patterns.wanted(scene.reduction).n
@@ -360,7 +360,7 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
     model to take."""
     mechanism = Mechanism.from_scene(scene, meshes)
     kinematics, large = RigidKinematics(mechanism), any(body.to_condense for body in mechanism.bodies)
-    matrices = assemble(mechanism.bodies, range(0 if large else mechanism.n_dofs))
+    matrices = AffineMatrices(mechanism.bodies, range(0 if large else mechanism.n_dofs))
     models, effects = [], effects_of(scene, mechanism)
     if any(body.flexible for body in mechanism.bodies):
         models = _models(scene, meshes, mechanism, patterns_of(effects, matrices))

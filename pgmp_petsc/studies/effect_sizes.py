@@ -31,7 +31,7 @@ import numpy as np
 from pgmp_petsc.base.errors import PgmpError, Remark, RunError, note, warning
 from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.bodies.shape import BodyShape, has_long_axis
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.declare.ideas import EFFECTS
@@ -314,7 +314,7 @@ def _shares_of_terms(
 ) -> tuple[dict[str, float], float]:
     """Return the shares of the reduced model's terms, and the largest rotation by what elastic joints give way, rad."""
     mechanism = kinematics.mechanism
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
     effects = effects_of(scene, mechanism)
     loads = loads_of(effects, matrices)
     by_name = {effect.name: effect for effect in effects}

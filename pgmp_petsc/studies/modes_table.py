@@ -21,7 +21,7 @@ from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import actions_of, effects_of
@@ -55,7 +55,7 @@ def reduced_vibrations(
     """
     tables, kinematics = rom.tables.moving(), springs.kinematics
     mechanism, free, there = kinematics.mechanism, kinematics.mechanism.free, tables.over(scheme, theta)
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
     whole_mass = weighted_sum(matrices.mass, values)
     n_rigid = free.size + tables.unstrained.size - springs.n_resisted(matrices, alone())
     mass, stiffness = tables.vibrating(values, free, there)

@@ -15,7 +15,7 @@ from pgmp_petsc.base.progress import Progress, progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.base.units import SI, UnitSystem
-from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects import loads_of
 from pgmp_petsc.estimates import coarser_run, own_error
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator
@@ -597,7 +597,7 @@ def with_weights(balance: Balance, model: ReducedModel, start: np.ndarray) -> Ba
     deformed = np.where(np.arange(start.size) < r, 0.0, start)
     bent = load_powers(model.terms, values, (start - 0.5 * deformed)[None], deformed[None])
     places = rigid_positions(mechanism, poses)
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
     potential = balance.potential
     for effect in effects:
         lifted = 0.0

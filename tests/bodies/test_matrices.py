@@ -23,7 +23,7 @@ from pgmp_petsc.bodies.component import rigid_component
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.kinds.beam import Beam
 from pgmp_petsc.bodies.kinds.rigid import RigidBody
-from pgmp_petsc.bodies.matrices import AffineMatrices, ThirdDerivative, assemble, owned_rows, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, ThirdDerivative, owned_rows, weighted_sum
 from pgmp_petsc.bodies.sections.section import Coefficients
 from pgmp_petsc.bodies.solid import FaceFrame, Region, Solid
 from pgmp_petsc.components.condensing import condensed
@@ -46,7 +46,7 @@ def mechanism() -> Mechanism:
 
 @pytest.fixture(scope="module")
 def matrices(mechanism: Mechanism) -> AffineMatrices:
-    return assemble(mechanism.bodies, range(mechanism.n_dofs))
+    return AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
 
 
 def test_matrices_are_the_sums_of_element_matrices(mechanism: Mechanism, matrices: AffineMatrices) -> None:
@@ -70,7 +70,7 @@ def test_rows_of_all_ranks_make_the_whole(mechanism: Mechanism, matrices: Affine
     shares = [owned_rows(mechanism.n_dofs, rank, size) for rank in range(size)]
     assert [row for share in shares for row in share] == list(range(mechanism.n_dofs))
     assert all(share.start % DOFS_PER_NODE == 0 for share in shares)
-    parts = [assemble(mechanism.bodies, share) for share in shares]
+    parts = [AffineMatrices(mechanism.bodies, share) for share in shares]
     for monomial, whole in matrices.stiffness.items():
         stacked = sp.vstack([part.stiffness[monomial] for part in parts])
         np.testing.assert_array_equal(stacked.toarray(), whole.toarray())
@@ -234,7 +234,7 @@ BENT = LineMesh(
 
 
 def mass_matrix(body: Body) -> np.ndarray:
-    return weighted_sum(assemble([body], range(3 * body.n_nodes)).mass, {}).toarray()
+    return weighted_sum(AffineMatrices([body], range(3 * body.n_nodes)).mass, {}).toarray()
 
 
 def test_a_rigid_body_has_the_mass_of_the_flexible_one_in_rigid_motions() -> None:
@@ -258,7 +258,7 @@ effects.second: type = "point_mass"; point = "bar:middle"; mass = 0.5
 """),
     )
     mechanism = mechanism_with_lines(scene)
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
     mass = weighted_sum(matrices.mass, {"m": 3.0}).toarray()
     # the bar and each of its masses, numbered after it; the bar lends them half of the inertia that it has left
     inertias = [1 / 48, 0.3 + 1 / 24, 1 / 48]

@@ -14,7 +14,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies import random_fields
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.framed_solid import framed_solid
-from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble, inertia_moments, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, ThirdDerivative, inertia_moments, weighted_sum
 from pgmp_petsc.bodies.profile import UNIFORM
 from pgmp_petsc.bodies.random_fields import checked_expansion, correlation, expansion, field_remarks, profiles_of
 from pgmp_petsc.bodies.sections.section import BeamSection
@@ -145,7 +145,8 @@ def test_matrices_of_planar_beams_are_those_of_elements_with_their_own_constants
     values = scene.values | VALUES
     (body,) = (body.alone() for body in mechanism_of(scene).bodies if body.name == "rod")
     rows = range(body.dofs.size)
-    whole, parts = assemble([body], rows), [assemble([part], rows) for part in uniform_elements(body, values)]
+    whole = AffineMatrices([body], rows)
+    parts = [AffineMatrices([part], rows) for part in uniform_elements(body, values)]
     for kind in ("mass", "stiffness"):
         expected = sum(weighted_sum(getattr(part, kind), values).toarray() for part in parts)
         found = weighted_sum(getattr(whole, kind), values).toarray()

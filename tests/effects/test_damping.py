@@ -6,7 +6,7 @@ from compiled_elements import damped_beam2d
 from effect_scenes import BAR, CANTILEVER, line_meshes, mechanism_with_lines, scene_of
 
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.effects.damping import free_modes, modal_damping
 
@@ -29,7 +29,7 @@ def test_the_frequencies_of_a_free_beam(n_elements: int) -> None:
     omega, phi, _ = free_modes(body, {}, 3, "entry")
     # elements of second order: (k h)^2 / 8 or less, k = 11, and 1e-4 by shear
     np.testing.assert_allclose(omega, FREE_FREE**2, rtol=(11 / n_elements) ** 2 / 8 + 1e-4)
-    mass = weighted_sum(assemble([body], range(phi.shape[0])).mass, {})
+    mass = weighted_sum(AffineMatrices([body], range(phi.shape[0])).mass, {})
     np.testing.assert_allclose(phi.T @ (mass @ phi), np.eye(3), rtol=0, atol=1e-6)
 
 

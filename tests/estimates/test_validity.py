@@ -7,7 +7,7 @@ from runs import paper_scene, rom_of
 from solid_scenes import solid_meshes, solid_slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.bodies.matrices import ThirdDerivative, assemble
+from pgmp_petsc.bodies.matrices import AffineMatrices, ThirdDerivative
 from pgmp_petsc.bodies.sections.section import Coefficients
 from pgmp_petsc.effects import actions_of, effects_of, loads_of
 from pgmp_petsc.estimates.own_error import FEW_STEPS, absence_of_estimates, few_steps, left_out_of_estimates
@@ -201,7 +201,7 @@ def test_changes_of_stiffness_are_those_of_the_static_deformation(scene: Scene) 
     rom = rom_of(scene)
     kinematics = kinematics_of(scene)
     mechanism = kinematics.mechanism
-    loads = loads_of(effects_of(scene, mechanism), assemble(mechanism.bodies, range(mechanism.n_dofs)))
+    loads = loads_of(effects_of(scene, mechanism), AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)))
     values = {name: np.array([value]) for name, value in scene.nominal.items()}
     of_loads, of_mass, of_stiffness = (
         np.atleast_2d(evaluate_weights(weights, values).T).reshape(1, -1)

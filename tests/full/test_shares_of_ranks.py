@@ -7,7 +7,7 @@ import pytest
 from equations import evaluated
 from solid_scenes import solid_meshes, solid_slider_crank
 
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.full.energy import EnergyNames, energies_of
 from pgmp_petsc.full.part_reference import Reference
@@ -88,7 +88,7 @@ def test_the_iteration_matrix_has_the_derivatives_of_forces_and_damping_and_the_
     expected = GAINS[0] * by_rate + GAINS[1] * mass @ direction + GAINS[2] * by_place
     np.testing.assert_allclose(matrix(GAINS) @ direction, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
     mechanism = kinematics().mechanism
-    assembled = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).mass, {}).toarray()
+    assembled = weighted_sum(AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)).mass, {}).toarray()
     np.testing.assert_allclose(mass, assembled, rtol=0, atol=1e-15 * np.abs(assembled).max())
 
 

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from runs import assert_close, history, rom_of, samples
 from scrambling import clusters, turned
 
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
@@ -46,7 +46,7 @@ def plain(differ: float) -> ReducedOrderModel:
 def mass_of(rom: ReducedOrderModel, scene: Scene) -> object:
     """Return the sparse mass matrix in body frames at the nominal parameters."""
     mechanism = Mechanism.from_scene(scene, rom.meshes)
-    return weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).mass, scene.nominal)
+    return weighted_sum(AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)).mass, scene.nominal)
 
 
 def largest_jump(rom: ReducedOrderModel, scene: Scene) -> float:

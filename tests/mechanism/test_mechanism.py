@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.matrices import assemble, owned_rows
+from pgmp_petsc.bodies.matrices import AffineMatrices, owned_rows
 from pgmp_petsc.effects import effects_of, loads_of
 from pgmp_petsc.mechanism.capabilities import FEATURES, Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Unknowns
@@ -22,7 +22,7 @@ GRAVITY = 'effects.weight={type="gravity",direction=[0.0,-2.0],acceleration=9.81
 
 def all_loads(scene: Scene) -> tuple:
     mechanism = mechanism_of(scene)
-    return loads_of(effects_of(scene, mechanism), assemble(mechanism.bodies, range(mechanism.n_dofs)))
+    return loads_of(effects_of(scene, mechanism), AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)))
 
 
 def test_unknowns_are_numbered_body_after_body() -> None:
@@ -117,9 +117,8 @@ def test_every_rank_has_its_rows_of_the_same_loads(size: int) -> None:
     mechanism = mechanism_of(scene)
     effects = effects_of(scene, mechanism)
     whole = all_loads(scene)
-    shares = [
-        loads_of(effects, assemble(mechanism.bodies, owned_rows(mechanism.n_dofs, rank, size))) for rank in range(size)
-    ]
+    rows = [owned_rows(mechanism.n_dofs, rank, size) for rank in range(size)]
+    shares = [loads_of(effects, AffineMatrices(mechanism.bodies, own)) for own in rows]
     for share in shares:
         assert [(load.effect, load.weight) for load in share] == [(load.effect, load.weight) for load in whole]
     for index, load in enumerate(whole):

@@ -12,9 +12,9 @@ from pgmp_petsc.modes.continuity import (
     EXCHANGE,
     VEERING,
     Closure,
+    by_groups,
     canonical_rotation,
     close_revolution,
-    cosines_of,
     group_modes,
     procrustes,
     transport,
@@ -142,14 +142,14 @@ class Family:
         """Return the groups, the transported basis and its cosines, over a range that is not periodic."""
         groups = group_modes(self.values, self.overlaps[1:])
         rotations = transport(self.overlaps[1:], groups, np.eye(self.values.shape[1]))
-        return groups, self.vectors @ rotations, cosines_of(self.overlaps[1:], groups)
+        return groups, self.vectors @ rotations, by_groups(self.overlaps[1:], groups)[1]
 
     def closed(self) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
         """Return the groups, the basis over a revolution, and the flipped coordinates."""
         groups = group_modes(self.values, self.overlaps)
         rotations = transport(self.overlaps[1:], groups, np.eye(self.values.shape[1]))
         closed = close_revolution(rotations, self.overlaps[0], groups)
-        cosines = cosines_of(self.overlaps, groups)
+        cosines = by_groups(self.overlaps, groups)[1]
         assert np.all((cosines > 0.0) & (cosines <= 1.0 + 1e-14))
         return groups, self.vectors @ closed.rotations, closed.flipped
 
@@ -242,7 +242,7 @@ def test_a_group_of_one_mode_is_only_given_a_sign() -> None:
     rotations = transport(overlaps, [np.array([0])], -np.eye(1))
     # the sign that makes each vector's product with the one before positive
     np.testing.assert_array_equal(rotations[:, 0, 0], [-1.0, 1.0, 1.0, -1.0])
-    np.testing.assert_allclose(cosines_of(overlaps, [np.array([0])]), [0.9, 0.8, 1.0], rtol=1e-15)
+    np.testing.assert_allclose(by_groups(overlaps, [np.array([0])])[1], [0.9, 0.8, 1.0], rtol=1e-15)
 
 
 def moebius(value: float, *lowest: float) -> np.ndarray:

@@ -11,7 +11,7 @@ from runs import place_in, quick_return, reduced_model, rom_of
 from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models import ReducedModel
@@ -415,7 +415,7 @@ def direct_inertia(scene: Scene, theta: float) -> dict:
     mechanism = kinematics.mechanism
     poses = kinematics.poses(np.array([theta]))
     velocity = rigid_velocities(mechanism, poses[..., 0], kinematics.rates(poses)[..., 0])[:, 0]
-    mass = assemble(mechanism.bodies, range(mechanism.n_dofs)).mass
+    mass = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)).mass
     return {weight: float(velocity @ (mass[weight] @ velocity)) for weight in mechanism.mass_weights}
 
 
@@ -566,7 +566,7 @@ def test_the_coupling_is_what_the_modes_change_makes_with_the_rigid_motion() -> 
     n, step = samples.n, 2 * np.pi / samples.n
     mechanism = mechanism_of(scene)
     kinematics = RigidKinematics(mechanism)
-    mass = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).mass, scene.nominal)
+    mass = weighted_sum(AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)).mass, scene.nominal)
     poses = kinematics.poses(samples.theta)
     rates = kinematics.rates(poses)
     turned = [to_inertial(mechanism, poses[..., k], rom.projection[k]) for k in range(n)]

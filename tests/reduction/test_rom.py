@@ -14,7 +14,7 @@ from runs import rom_of
 from sealed import resealed
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects import effects_of, loads_of
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian, rigid_velocities, to_body
 from pgmp_petsc.mechanism.mechanism import Unknowns
@@ -57,7 +57,7 @@ def path(rom: ReducedOrderModel, tmp_path: Path) -> Path:
 def test_every_table_is_the_projection_of_its_term(rom: ReducedOrderModel) -> None:
     kinematics = kinematics_of(SCENE)
     mechanism, tables = kinematics.mechanism, rom.tables
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
     loads = loads_of(effects_of(SCENE, mechanism), matrices)
     assert tables.load_weights == tuple(load.weight for load in loads)
     assert tables.load_effects == tuple(load.effect for load in loads) == ("motor", "weight", "weight")
@@ -82,7 +82,7 @@ def test_every_table_is_the_projection_of_its_term(rom: ReducedOrderModel) -> No
 def test_the_inertia_table_is_the_projection_of_the_rigid_acceleration(rom: ReducedOrderModel) -> None:
     kinematics = kinematics_of(SCENE)
     mechanism, tables, step = kinematics.mechanism, rom.tables, 1e-3
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
     for k, theta in enumerate(tables.samples.axes[0].theta):
         places = Unknowns(mechanism).place(kinematics.poses(theta + step * np.arange(-1, 2)))
         acceleration = (places[:, 0] - 2 * places[:, 1] + places[:, 2]) / step**2

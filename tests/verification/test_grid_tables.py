@@ -14,12 +14,12 @@ from runs import history, reduced_model, rom_of, samples
 from two_coordinates import double_pendulum, five_bar, over
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.mechanism.body_frames import linear_motion, rigid_velocities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.angles import _beyond_tolerance, interpolation_errors, midpoints
+from pgmp_petsc.reduction.angles import _beyond_tolerance, interpolation_errors
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -59,7 +59,7 @@ def pendulum_rom() -> ReducedOrderModel:
 def test_tables_are_products_of_the_basis(pendulum_rom: ReducedOrderModel) -> None:
     tables, kinematics = pendulum_rom.tables, kinematics_of(double_pendulum())
     mechanism = kinematics.mechanism
-    terms = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    terms = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
     mass, stiffness = weighted_sum(terms.mass, {}), weighted_sum(terms.stiffness, {})
     for k in range(0, tables.samples.n, 7):
         poses = kinematics.poses(tables.samples.theta[k])
@@ -118,7 +118,7 @@ def test_a_basis_over_full_turns_is_continuous_everywhere() -> None:
     scene = five_bar(SPLINE, "reduction.modes=4", "reduction.angles=24")
     rom = rom_of(scene)
     samples, mechanism = rom.tables.samples, mechanism_of(scene)
-    mass = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).mass, {})
+    mass = weighted_sum(AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)).mass, {})
     assert samples.shape == (24, 24)
     for axis in range(2):
         products = np.einsum("kdi,kdj->kij", rom.projection, [mass @ p for p in rom.projection[samples.before(axis)]])
@@ -252,10 +252,7 @@ def adaptive(tolerance: float, *more: str) -> ReducedOrderModel:
 def test_midpoints(periodic: bool) -> None:
     samples = Samples(np.array([0.0, 1.0, 4.0]), 0.0, 4.0 if not periodic else 5.0, periodic)
     expected = [0.5, 2.5, 4.5] if periodic else [0.5, 2.5]
-    np.testing.assert_array_equal(midpoints(samples), expected)
-    chosen = np.zeros(len(expected), dtype=bool)
-    chosen[1] = True
-    np.testing.assert_array_equal(midpoints(samples, chosen), [2.5])
+    np.testing.assert_array_equal(samples.between(0.5), expected)
 
 
 def test_tables_meet_the_tolerance_at_angles_that_took_no_part() -> None:

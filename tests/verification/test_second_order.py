@@ -20,7 +20,7 @@ from static_equilibrium import StaticEquilibrium
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.framed_solid import FramedSolid
-from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.components.large_deformation import with_second_order
 from pgmp_petsc.effects import effects_of, loads_of, patterns_of
@@ -76,7 +76,7 @@ class Curved:
 def curved(scene: Scene, theta: float, n_modes: int) -> Curved:
     kinematics = kinematics_of(scene)
     mechanism = kinematics.mechanism
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
     patterns = patterns_of(effects_of(scene, mechanism) if scene.reduction.static_modes else (), matrices)
     with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
         modes = problem.solve(theta)
@@ -192,7 +192,7 @@ class OnManifold:
 
 def sampled(scene: Scene, theta: float) -> OnManifold:
     kinematics = kinematics_of(scene)
-    matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
+    matrices = AffineMatrices(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
     effects = effects_of(scene, kinematics.mechanism)
     loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
     reduction = scene.reduction.model_copy(update={"modes": 3})
@@ -212,7 +212,7 @@ def test_loads_and_inertia_forces_work_along_the_curvature(given: bool) -> None:
     scene, theta = slider_crank(GRAVITY, STATIC, *driven), 2.0
     sample, kinematics = sampled(scene, theta), kinematics_of(scene)
     mechanism = kinematics.mechanism
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
     chi = to_inertial(mechanism, kinematics.poses(np.array([theta]))[..., 0], unpacked(sample.curvature))
     for load, table in zip(loads_of(effects_of(scene, mechanism), matrices), sample.second_order.curved_load[0]):
         expected = np.tensordot(load.vector, chi, axes=1)
@@ -331,7 +331,7 @@ def test_the_cubic_energy_is_that_of_the_mesh(made: tuple[Callable, Callable]) -
         bodies[name] = (meshed.solid, with_second_order(component, meshed.solid, recovery, MPI.COMM_SELF, {}), recovery)
     mechanism = Mechanism.from_scene(scene, {name: part[1] for name, part in bodies.items()})
     kinematics, theta = RigidKinematics(mechanism), np.array([1.0])
-    matrices, effects = assemble(mechanism.bodies, range(mechanism.n_dofs)), effects_of(scene, mechanism)
+    matrices, effects = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)), effects_of(scene, mechanism)
     loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
     with ModalProblem(kinematics, {}, 3, MPI.COMM_SELF, matrices) as problem:
         static_loads = StaticLoads.of(problem, patterns, scene.reduction)

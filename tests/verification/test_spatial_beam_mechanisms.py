@@ -12,7 +12,7 @@ from spatial_beams import HEIGHT, SLIDER_CRANK, WIDTH, beam, pendulum_in_space, 
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.beam3d import at_rest, natural_mass
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.estimates.validity import BodyStrains, half_height
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -91,7 +91,7 @@ def test_sections_have_the_inertia_forces_of_their_fibres() -> None:
     """Any linear field of accelerations, through the directors' masses and through the field's rotations."""
     scene = pendulum_in_space('bodies.arm.mesh="0.0:1.0:3"', "bodies.arm.orientation=[0.0, 0.6, 0.8]")
     (body,) = mechanism_of(scene).bodies
-    mass = weighted_sum(assemble([body], range(body.dofs.size)).mass, {}).toarray()
+    mass = weighted_sum(AffineMatrices([body], range(body.dofs.size)).mass, {}).toarray()
     inertia = sum(np.array(terms) for terms in body.section.terms("mass").values())
     gradient = np.random.default_rng(5).standard_normal((3, 3))
     field = body.linear_fields() @ np.concatenate([np.zeros(3), gradient.ravel()])
@@ -108,7 +108,7 @@ def test_a_rigid_beam_has_the_inertia_of_its_line() -> None:
     scene = pendulum_in_space("bodies.arm.orientation=[0.0, 0.6, 0.8]")
     rigid = pendulum_in_space("bodies.arm.orientation=[0.0, 0.6, 0.8]", "bodies.arm.flexible=false")
     (body,), (stiff,) = (mechanism_of(made).bodies for made in (scene, rigid))
-    mass = weighted_sum(assemble([body], range(body.dofs.size)).mass, {}).toarray()
+    mass = weighted_sum(AffineMatrices([body], range(body.dofs.size)).mass, {}).toarray()
     unit = body.linear_fields()
     motion = np.column_stack([*unit[:, :3].T, unit[:, 3:] @ [0, 0, 0, 0, 0, -1, 0, 1, 0],
                               unit[:, 3:] @ [0, 0, 1, 0, 0, 0, -1, 0, 0],
@@ -127,7 +127,7 @@ def test_a_parameter_of_the_section_changes_modes_as_the_section_does() -> None:
     found = []
     for made, values in ((scene, {"r1": 7e-3}), (other, {"r1": 7e-3})):
         mechanism = kinematics_of(made).mechanism
-        matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+        matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
         found.append([weighted_sum(terms, values).toarray() for terms in (matrices.mass, matrices.stiffness)])
     for one, two in zip(*found):
         np.testing.assert_allclose(one, two, atol=1e-13 * np.abs(two).max())

@@ -16,7 +16,7 @@ from spatial_beams import HEIGHT, WIDTH, pendulum_in_space, slider_crank_of_beam
 
 from pgmp_petsc.bodies.beam3d import at_rest
 from pgmp_petsc.bodies.body import DOFS_PER_NODE, element_dofs
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import cross_matrix
@@ -203,7 +203,7 @@ def frequencies(n: int, clamped: bool) -> dict[str, float]:
     """Return the same of the mesh: the lowest of the modes that move in each way."""
     scene = pendulum_in_space(f'bodies.arm.mesh="0.0:1.0:{n}"')
     mechanism = mechanism_of(scene)
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
     free = slice(6 if clamped else 0, None)
     mass, stiffness = (weighted_sum(terms, {}).toarray()[free, free] for terms in (matrices.mass, matrices.stiffness))
     squares, vectors = eigh(stiffness, mass)

@@ -15,7 +15,7 @@ from runs import history, samples
 from scipy.spatial.transform import Rotation
 from scrambling import clusters, turned
 
-from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.effects.damping import free_modes
@@ -133,7 +133,7 @@ def test_the_free_modes_of_a_bar() -> None:
     # roots of cos x cosh x = 1
     expected = np.repeat(bending(np.array([4.730041, 7.853205])), 2)
     np.testing.assert_allclose(omega / (2 * np.pi), expected, rtol=1e-3)
-    matrices = assemble([body.alone()], range(len(phi)))
+    matrices = AffineMatrices([body.alone()], range(len(phi)))
     mass = weighted_sum(matrices.mass, scene.nominal)
     np.testing.assert_allclose(phi.T @ mass @ phi, np.eye(4), rtol=0, atol=1e-9)
     d, fields = 3, body.linear_fields()

@@ -17,7 +17,7 @@ from runs import built_rom, full_model, history, motion, paper_scene, quick_retu
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects import effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -51,7 +51,7 @@ class Dense:
 
     def __init__(self, kinematics: RigidKinematics, scene: Scene, theta: float) -> None:
         mechanism = kinematics.mechanism
-        matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+        matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
         pose = kinematics.poses(np.array([theta]))[..., 0]
         self.stiffness, self.mass = dense_of(mechanism, {"r1": RADIUS})
         self.null = scipy.linalg.null_space(constraints_at(kinematics, theta))
@@ -140,7 +140,7 @@ def test_without_loads_there_are_no_static_modes() -> None:
 def test_static_modes_are_wanted_only_where_asked_for() -> None:
     scene = slider_crank(GRAVITY, "reduction.modes=3")
     kinematics = kinematics_of(scene)
-    matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
+    matrices = AffineMatrices(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
     effects = effects_of(scene, kinematics.mechanism)
     loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
     assert patterns.fixed.shape == (36, 5)  # the torque, and two directions of each body's weight
@@ -323,7 +323,7 @@ TORQUES = {
 
 def static_loads(problem: ModalProblem, scene: Scene) -> StaticLoads:
     mechanism = problem.mechanism
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
     return StaticLoads.of(problem, patterns_of(effects_of(scene, mechanism), matrices), scene.reduction)
 
 
