@@ -238,6 +238,15 @@ class ModalProblem(AbstractContextManager):
                 forces[body.dofs] += np.tensordot(momenta, own, axes=1)
         return {weight: forces[self.rows.start : self.rows.stop] for weight, forces in found.items()}
 
+    def work_of_motion(self, modes: ModeSet, vectors: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+        """Return ``(d2 rho / d theta2)^T M_i v`` of every mass term, shape (n_terms, n_theta, n_theta, k), for local
+        columns v (n_local, k) and ``M_i v``, (n_terms, n_local, k)."""
+        n_theta, weights = modes.rigid.shape[1], self.mechanism.mass_weights
+        work = self.inner(modes.rigid_curvature.reshape(len(vectors), n_theta**2), inertia)
+        for weight, forces in self.lost_inertia(modes.theta).items():
+            work[weights.index(weight)] += self.inner(forces.reshape(len(vectors), n_theta**2), vectors)
+        return work.reshape(len(weights), n_theta, n_theta, -1)
+
     def independent(self, loads: np.ndarray) -> np.ndarray:
         """Leave out the loads, in body frames, local rows, shape (n_local, n_loads), that are combinations of those
         before them, or that clamped joints take up."""

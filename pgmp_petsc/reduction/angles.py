@@ -19,7 +19,7 @@ acceleration. What hardly stresses a body beside the other does not count.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +29,7 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, Strains
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.modes.continuity import procrustes
+from pgmp_petsc.modes.continuity import by_groups
 from pgmp_petsc.outputs.stress import StressOutput
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
 from pgmp_petsc.reduction.interpolation import interpolant
@@ -372,13 +372,17 @@ def interpolation_errors(
     old = before.tables.moving()
     rows = now.tables.samples.nearest(theta)
     guessed = interpolant(old.samples, before.projection, "spline")(theta)
-    rotations = np.array([_align(now.projection[row], guess, before.groups) for row, guess in zip(rows, guessed)])
-    fresh = now.tables.at(rows).turned(rotations).moving()
-    errors = np.zeros(len(theta))
+    overlaps = np.swapaxes(now.projection[rows], 1, 2) @ guessed
+    fresh = now.tables.at(rows).turned(by_groups(overlaps, before.groups)[0]).moving()
+    errors, r = np.zeros(len(theta)), old.n_coordinates
     for name, weights in (("mass", old.mass_weights), ("inertia", old.mass_weights), ("load", old.load_weights)):
         known = 1.0 if name == "mass" else _weighted(getattr(old, name), weights, values)
         scale = max(float(np.max(np.abs(known), initial=0.0)), 1e-300)
-        errors = np.maximum(errors, _difference(name, old, fresh, theta, weights, values) / scale)
+        missed = interpolant(old.samples, getattr(old, name), "spline")(theta) - getattr(fresh, name)
+        if name == "mass":
+            missed[:, :, :r, :r] = 0.0  # the rigid inertia comes from the kinematics and is not interpolated
+        difference = np.abs(_weighted(missed, weights, values)).reshape(len(theta), -1)
+        errors = np.maximum(errors, difference.max(axis=1, initial=0.0) / scale)
     stiffness = with_units(_weighted(fresh.stiffness, old.stiffness_weights, values))
     diagonal = np.sqrt(np.einsum("nii->ni", np.abs(stiffness)))
     guess = with_units(
@@ -386,27 +390,6 @@ def interpolation_errors(
     )
     relative = np.abs(stiffness - guess) / (diagonal[:, :, None] * diagonal[:, None, :])
     return np.maximum(errors, relative.max(axis=(1, 2), initial=0.0))
-
-
-def _align(fresh: np.ndarray, guess: np.ndarray, groups: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the rotation of a fresh basis (n_dofs, m), group by group, to an interpolated one."""
-    rotation = np.eye(fresh.shape[1])
-    for group in groups:
-        rotation[np.ix_(group, group)], _ = procrustes(fresh[:, group].T @ guess[:, group])
-    return rotation
-
-
-def _difference(
-    name: str, old: ReducedTables, fresh: ReducedTables, theta: np.ndarray, weights: tuple, values: Mapping[str, float]
-) -> np.ndarray:
-    guess = interpolant(old.samples, getattr(old, name), "spline")(theta)
-    if name == "mass":
-        # the rigid inertia comes from the kinematics and is not interpolated
-        guess[:, :, : old.n_coordinates, : old.n_coordinates] = fresh.mass[
-            :, :, : old.n_coordinates, : old.n_coordinates
-        ]
-    difference = np.abs(_weighted(guess - getattr(fresh, name), weights, values))
-    return difference.reshape(len(theta), -1).max(axis=1, initial=0.0)
 
 
 def _weighted(table: np.ndarray, weights: tuple, values: Mapping[str, float]) -> np.ndarray:

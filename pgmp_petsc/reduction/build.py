@@ -39,7 +39,7 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import AngleRounds
 from pgmp_petsc.reduction.cell_products import symmetric, unpacked
 from pgmp_petsc.reduction.checkpoint import BuildCheckpoint
-from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, JoinedSamples, SampleStore, compression_of
+from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, JoinedSamples, SampleStore, compression_of, in_order
 from pgmp_petsc.reduction.interpolation import samples_for
 from pgmp_petsc.reduction.joint_gaps import JointGaps, gap_answers_at, rows_of
 from pgmp_petsc.reduction.length_family import build_over_lengths
@@ -443,12 +443,7 @@ class _Sampling:
                 rows, *others = at(modes, sample, combinations[place])
                 found[place] = problem.all_rows(rows), *others
                 bar.update()
-        if self.group.roots is None:
-            return None
-        parts = self.group.roots.gather(found)
-        if basis is None:
-            return None
-        return [item for _, item in sorted((k, item) for part in parts for k, item in part.items())]
+        return in_order(self.group, found)
 
 
 def _over_turns(found: OverSamples, samples: SampleGrid, basis: ContinuousBasis) -> OverSamples:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -27,6 +28,8 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.sampler import TABLES, Sample
 from pgmp_petsc.reduction.snapshots import Compression
 from pgmp_petsc.reduction.tables import ReducedTables, SecondOrderTables, flipping_signs
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,13 +65,10 @@ def join_samples(
     """
     overlaps = _overlaps(group, owners, own, samples)
     shapes = {k: _all_rows(group, np.hstack([own[k].shape, own[k].built_in])) for k in sorted(own)}
-    if group.roots is None:
-        return None
     found = {k: ({name: getattr(sample, name) for name in TABLES}, shapes[k], overlaps[k]) for k, sample in own.items()}
-    everything = group.roots.gather(found)
-    if group.world.rank > 0:
+    ordered = in_order(group, found)
+    if ordered is None:
         return None
-    ordered = [item for _, item in sorted((k, item) for part in everything for k, item in part.items())]
     tables = {name: np.array([table[name] for table, _, _ in ordered]) for name in TABLES}
     overlaps = np.array([overlap for _, _, overlap in ordered]).swapaxes(0, 1)
     shapes = np.array([shape for _, shape, _ in ordered])
@@ -90,6 +90,14 @@ def join_samples(
         groups=basis.groups,
         n_given=n_given,
     )
+
+
+def in_order(group: RankGroup, own: Mapping[int, Item]) -> list[Item] | None:
+    """Return what all groups have by numbers, in the order of these; on the first rank, None elsewhere. Collective."""
+    everything = None if group.roots is None else group.roots.gather(own)
+    if everything is None:
+        return None
+    return [item for _, item in sorted((k, item) for part in everything for k, item in part.items())]
 
 
 def _with_given(flipped: np.ndarray, n_given: int) -> np.ndarray:

@@ -150,15 +150,10 @@ def gap_answers_at(
     everywhere = problem.all_rows(found)
     mass = [term @ everywhere for term in (problem.matrices.mass[w] for w in problem.mechanism.mass_weights)]
     stiffness = [problem.matrices.stiffness[weight] @ everywhere for weight in problem.mechanism.stiffness_weights]
-    r = modes.rigid.shape[1]
-    accelerations = modes.rigid_curvature.reshape(len(found), r**2)
-    work = problem.inner(accelerations, np.array(mass))
-    for weight, forces in problem.lost_inertia(theta).items():
-        work[problem.mechanism.mass_weights.index(weight)] += problem.inner(forces.reshape(accelerations.shape), found)
     return (
         found,
         np.swapaxes(problem.inner(np.hstack([modes.rigid, shape]), np.array(mass)), 1, 2),
-        work.reshape(len(mass), r, r, rows.size),
+        problem.work_of_motion(modes, found, np.array(mass)),
         np.swapaxes(problem.inner(shape, np.array(stiffness)), 1, 2),
         problem.inner(loads.at(theta), found),
     )

@@ -120,19 +120,13 @@ class Sampler:
         basis = np.hstack([modes.rigid, flexible])
         n_theta = modes.rigid.shape[1]
         inertia = self._times(self._mass, basis)
-        accelerations = modes.rigid_curvature.reshape(len(basis), n_theta**2)
-        work = problem.inner(accelerations, inertia[..., n_theta:])
-        for weight, forces in problem.lost_inertia(theta).items():
-            work[problem.mechanism.mass_weights.index(weight)] += problem.inner(
-                forces.reshape(accelerations.shape), flexible
-            )
         stiffness = _symmetric(problem.inner(flexible, self._times(self._stiffness, flexible)))
         released = slice(problem.n_modes, problem.n_modes + problem.n_released)
         stiffness[:, released] = stiffness[:, :, released] = 0.0  # but for round-off
         return Sample(
             eigenvalues=modes.eigenvalues,
             mass=_symmetric(problem.inner(basis, inertia)),
-            inertia=work.reshape(len(inertia), n_theta, n_theta, -1),
+            inertia=problem.work_of_motion(modes, flexible, inertia[..., n_theta:]),
             stiffness=stiffness,
             load=problem.inner(loads, basis),
             canonical=self._canonical(modes, kept.shape[1]),

@@ -210,12 +210,10 @@ class Parameter(Table):
         """
         law, (low, high) = self.distribution.law, self._limits
         low, below = max(low, at_least), share_below(law)
-        if isinstance(law, (Discrete, Empirical, Mixture)):
-            values = law.ppf(below(low) + probabilities * (law.cdf(high) - below(low)))
-        elif law.cdf(low) > 0.5:
+        if law.cdf(low) > 0.5 and not isinstance(law, (Discrete, Empirical, Mixture)):
             values = law.isf(law.sf(low) - probabilities * (law.sf(low) - law.sf(high)))
         else:
-            values = law.ppf(law.cdf(low) + probabilities * (law.cdf(high) - law.cdf(low)))
+            values = law.ppf(below(low) + probabilities * (law.cdf(high) - below(low)))
         return np.clip(values, low, high)
 
     @property
