@@ -58,7 +58,7 @@ def _status_of_fit(found: Fit) -> int:
     names=Argument("Fit parameter NAME, instead of all with a distribution.", "--parameter", "NAME", NAMES),
     noise=Argument(
         "Standard deviation of an output's noise, in its unit; found from what is left where it is not given.",
-        word="OUTPUT=NUMBER", allowed="a mapping of outputs to standard deviations",
+        word="OUTPUT=NUMBER", allowed=Range(0.0, above=True),
         read=numbers_by_name(
             "--noise", "OUTPUT=NUMBER with a positive number is needed, such as crank_angle=1e-3", 0.0
         ),
@@ -87,7 +87,6 @@ def fit(
     """
     comm = solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
-        deviations = _deviations(noise or {})
         origin = Origin.of(rom, model, overrides, parameters)
         origin.require_differentiable()
     with keeping("fit", comm, output, on_all_ranks, (origin.path, measured), plot) as keeper:
@@ -95,7 +94,7 @@ def fit(
         scene, units = prepared.scene, prepared.outputs.units
         duration = scene.simulation.duration
         history = on_root(comm, read_history, Path(measured), prepared.outputs, duration, scene.system)
-        deviations = {name: scene.system.size_of(units.get(name, "1")) * one for name, one in deviations.items()}
+        deviations = {name: scene.system.size_of(units.get(name, "1")) * one for name, one in (noise or {}).items()}
         found = fitted(prepared, history, tuple(names), deviations, comm)
         return keeper.result(found, origin.directory, prepared.scene.remarks)
 
@@ -184,11 +183,3 @@ def _question(
     constraints = tuple(read_constraint(text, *known) for text in subject_to)
     figures = () if robust is None else (robust.deviations, robust.n, robust.seed)
     return Question(read_goal(goal, *known), constraints, designed_parameters(scene, names), *figures)
-
-
-def _deviations(noise: Mapping[str, float]) -> dict[str, float]:
-    for name, value in noise.items():
-        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not is_number or not 0.0 < value < float("inf"):
-            raise InputError(f"noise of {name} = {value!r}: allowed are positive numbers, such as 1e-3")
-    return dict(noise)

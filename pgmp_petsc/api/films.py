@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -80,20 +79,13 @@ def animate(
     comm = ranks_of(comm) if mode is None else solving_ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
         file = file_of(result)
-        places = _angles(at or {})
+        places = dict(at or {})
     target = Path(output)
     on_root(comm, _check, file, target, mode, places)
     shape = None if mode is None else _shape(file, mode, places, comm)
     for line in on_root(comm, _draw, file, target, shape, field, scale, seconds, fps):
         tell(comm, line)
     return target
-
-
-def _angles(at: Mapping[str, float]) -> dict[str, float]:
-    for name, angle in at.items():
-        if isinstance(angle, bool) or not isinstance(angle, (int, float)) or not math.isfinite(angle):
-            raise InputError(f"at[{name!r}] = {angle!r}: allowed is a finite number (rad, or a length)")
-    return {str(name): float(angle) for name, angle in at.items()}
 
 
 def _check(file: Path, output: Path, mode: int | None, at: Mapping[str, float]) -> None:

@@ -70,9 +70,7 @@ class Subspace:
 
     def inner(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Return ``left^T right`` over the rows of all ranks."""
-        from mpi4py import MPI
-
-        return self.comm.allreduce(left.T @ right, op=MPI.SUM)
+        return self.comm.allreduce(left.T @ right)
 
     def turn_to(self, mass: PETSc.Mat, operator: Operator) -> None:
         """Make the same span orthonormal in another mass."""
@@ -110,10 +108,8 @@ class Subspace:
 
     def norms(self, columns: np.ndarray) -> np.ndarray:
         """Return the M-norms of local columns (n_local, k), shape (k,)."""
-        from mpi4py import MPI
-
         squares = np.einsum("ik,ik->k", columns, times(self._mass, columns))
-        return np.sqrt(self.comm.allreduce(squares, op=MPI.SUM))
+        return np.sqrt(self.comm.allreduce(squares))
 
     def _beside(self, columns: np.ndarray, momenta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return columns, and their products with the mass, without their parts in the basis."""
@@ -316,11 +312,9 @@ class BodyProblem:
     def _lowest(self) -> float:
         """Return an upper bound of the first elastic eigenvalue, of its order: Rayleigh-Ritz with polynomials of the
         place."""
-        from mpi4py import MPI
-
         fields = polynomial_fields(self._places, self.comm)
         products = [fields.T @ times(matrix, fields) for matrix in (self.stiffness, self.mass)]
-        stiffness, mass = self.comm.allreduce(np.array(products), op=MPI.SUM)
+        stiffness, mass = self.comm.allreduce(np.array(products))
         # few nodes across a body do not tell all polynomials apart
         squares, directions = eigh(mass)
         chosen = squares > DEPENDENT_FIELDS * squares[-1]

@@ -260,17 +260,13 @@ def weighted_sum_dense(terms: Mapping[Monomial, np.ndarray], values: Mapping[str
 
 def _projected(matrix: PETSc.Mat, vectors: np.ndarray, comm: Comm) -> np.ndarray:
     """Return ``V^T A V`` for local rows of V."""
-    from mpi4py import MPI
-
-    product = comm.allreduce(vectors.T @ times(matrix, vectors), op=MPI.SUM)
+    product = comm.allreduce(vectors.T @ times(matrix, vectors))
     return 0.5 * (product + product.T)
 
 
 def _moments(mass: PETSc.Mat, vectors: np.ndarray, d: int, comm: Comm) -> np.ndarray:
     """Return ``int rho u_i v_j dV`` of fields given by local rows, shape (d, d, n, n): the mass is the same along every
     axis."""
-    from mpi4py import MPI
-
     rows, n = vectors.shape
     by_node = vectors.reshape(rows // d, d, n)
     along = np.zeros((d, rows // d, d, n))
@@ -278,14 +274,13 @@ def _moments(mass: PETSc.Mat, vectors: np.ndarray, d: int, comm: Comm) -> np.nda
     along = along.reshape(d, rows, n)
     pushed = [times(mass, fields) for fields in along]
     found = np.array([[fields.T @ force for force in pushed] for fields in along])
-    return comm.allreduce(found, op=MPI.SUM)
+    return comm.allreduce(found)
 
 
 def _without_rigid(d: int, fields: np.ndarray, mass: np.ndarray) -> np.ndarray:
     """Return what takes rigid motion out of coordinates, shape (n, n): its exact stiffness of zero is not left to
     round-off."""
-    spins = [fields[:, d * (1 + i) + j] - fields[:, d * (1 + j) + i] for i in range(d) for j in range(i)]
-    rigid = np.linalg.qr(np.column_stack([fields[:, :d], *spins]))[0]
+    rigid = np.linalg.qr(fields @ rigid_motions(np.zeros(d)))[0]
     return np.eye(len(mass)) - rigid @ np.linalg.solve(rigid.T @ mass @ rigid, rigid.T @ mass)
 
 

@@ -309,12 +309,12 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
         frames = {str(node): number for number, node in enumerate(held)} | frames
     total_mass, total = (weighted_sum_dense(terms, scene.nominal) for terms in (mass, stiffness))
     stressed = body.name in stressed_bodies(scene)
-    values, vectors = eigh(total, total_mass)
+    (values, vectors), n_rigid = eigh(total, total_mass), d * (d + 1) // 2
     if stressed:  # inertia forces of rigid motion
-        fields = _of_nodes(linear_fields(body.mesh.nodes).reshape(body.n_nodes, d, -1), per_node)
-        loads = np.hstack([loads, total_mass @ fields])
+        fields = linear_fields(body.mesh.nodes).reshape(body.n_nodes, d, -1)
+        without_turns = np.pad(fields, ((0, 0), (0, per_node - d), (0, 0))).reshape(len(total_mass), -1)
+        loads = np.hstack([loads, total_mass @ without_turns])
         if ways := body.stiffness_ways:  # what these change, to first order
-            n_rigid = d * (d + 1) // 2
             answers = vectors[:, n_rigid:] @ (vectors[:, n_rigid:].T @ loads / values[n_rigid:, None])
             loads = np.hstack([loads, *(matrix @ answers for weight, matrix in stiffness.items() if weight in ways)])
     n_modes = scene.reduction.modes + scene.n_overconstrained
@@ -331,7 +331,6 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     bent, curved = np.zeros((held.size, d, n, n)), {}
     if scene.static_stiffening:
         # what shortens is of all the mesh's fields, not of these alone, so that none is needed for it
-        n_rigid = d * (d + 1) // 2
         every, stiff = vectors[:, n_rigid:], np.diag(values[n_rigid:])
         curvature = _curvature_of_beams(body, every, stiff, every.T @ total_mass @ modes, scene.nominal)
         shapes_of_all = every.reshape(body.n_nodes, per_node, -1)[held]
@@ -377,14 +376,6 @@ def _curvature_of_beams(
 
     stretching = axial_stiffness([body], everywhere, values)
     return foreshortening(third, stiffness, every.T @ (stretching @ every), modes)
-
-
-def _of_nodes(fields: np.ndarray, per_node: int) -> np.ndarray:
-    """Return displacement fields (n_nodes, d, k) of beams as unknowns (n_nodes per_node, k) without rotations."""
-    n_nodes, d, k = fields.shape
-    nodal = np.zeros((n_nodes, per_node, k))
-    nodal[:, :d] = fields
-    return nodal.reshape(n_nodes * per_node, k)
 
 
 def _answering(

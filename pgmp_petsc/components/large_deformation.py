@@ -162,9 +162,7 @@ def _summed(terms: dict[Monomial, np.ndarray], comm: Comm) -> dict[Monomial, np.
 
 
 def _total(part: np.ndarray, comm: Comm) -> np.ndarray:
-    from mpi4py import MPI
-
     part = np.ascontiguousarray(part)
     total = np.empty_like(part)
-    comm.Allreduce(part, total, op=MPI.SUM)
+    comm.Allreduce(part, total)
     return total

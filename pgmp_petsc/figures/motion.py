@@ -155,13 +155,13 @@ class Motion:
         return arrow.place + arrow.force / self.per_metre
 
     def only(self, number: int) -> Motion:
-        one = slice(number, number + 1) if number >= 0 else slice(len(self.captions) + number, len(self.captions))
+        one = [number]
         skins = (
             replace(skin, points=skin.points[one], values=None if skin.values is None else skin.values[one])
             for skin in self.skins
         )
         arrows = (replace(arrow, place=arrow.place[one], force=arrow.force[one]) for arrow in self.arrows)
-        return replace(self, skins=tuple(skins), arrows=tuple(arrows), captions=self.captions[one], peak=0)
+        return replace(self, skins=tuple(skins), arrows=tuple(arrows), captions=[self.captions[number]], peak=0)
 
     @property
     def flat(self) -> bool:

@@ -417,9 +417,8 @@ class LoopClosure:
         rows, dofs = self._rows, self._rows.dofs
         bodies = np.zeros((rows.n, len(self.mechanism.bodies)), dtype=bool)
         felt = dofs >= 0
-        bodies[np.broadcast_to(rows.row_of[:, None], dofs.shape)[felt], dofs[felt] // self.mechanism.space.n_pose] = (
-            True
-        )
+        own = np.broadcast_to(rows.row_of[:, None], dofs.shape)[felt]
+        bodies[own, dofs[felt] // self.mechanism.space.n_pose] = True
         pattern = np.repeat(bodies, self.mechanism.space.n_dofs, axis=1)
         return Blocks.of(triangular_blocks(pattern)) if pattern.shape[0] == pattern.shape[1] else None
 

@@ -265,9 +265,7 @@ class ConstraintSet:
 
     def lengths_among(self, chosen: np.ndarray) -> np.ndarray:
         """Return which of constraints with given numbers, of no ties, are measured in m."""
-        n_joints, first_driven = self._joints.n, int(self._first[2])
-        numbers = (k if k < n_joints else n_joints + k - first_driven for k in self._kept[chosen])
-        return np.array([self._statements[number][0].is_length for number in numbers], dtype=bool)
+        return np.array([part.is_length for part, _ in self.statements_among(chosen)[1]], dtype=bool)
 
     def ties_among(self, chosen: np.ndarray) -> tuple[np.ndarray, FrameTies]:
         """Return the place of every tie among chosen constraints, -1 where it is not, shape (n_ties,), and the ties."""

@@ -142,9 +142,8 @@ class PoseBranch(Record):
 
     def covers(self, theta: np.ndarray) -> np.ndarray:
         """Return which of theta (n, n_theta) are within the range, but for round-off, shape (n,)."""
-        lower, upper = np.array([(axis[0], axis[-1]) for axis in self.axes]).T
-        beyond = ROUND_OFF * (upper - lower)
-        return np.all((theta >= lower - beyond) & (theta <= upper + beyond), axis=1)
+        beyond = ROUND_OFF * (self.upper - self.lower)
+        return np.all((theta >= self.lower - beyond) & (theta <= self.upper + beyond), axis=1)
 
     def guess(self, theta: np.ndarray) -> np.ndarray:
         """Return poses (n_bodies, n_pose, n) near the solution at theta (n, n_theta)."""

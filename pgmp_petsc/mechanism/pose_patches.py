@@ -33,11 +33,10 @@ class PosePatches:
     def __init__(self, branch: PoseBranch) -> None:
         self._branch = branch
         self._n_poses = int(np.prod(branch.poses.shape[1:]))
-        ends = np.array([(axis[0], axis[-1]) for axis in branch.axes])
-        self._shape = tuple(-(-(axis.size - 1) // WIDEST) for axis in branch.axes)
-        half = 0.5 * (ends[:, 1] - ends[:, 0]) / self._shape
+        self._shape = tuple(-(-(n - 1) // WIDEST) for n in branch.shape.tolist())
+        half = 0.5 * (branch.upper - branch.lower) / self._shape
         numbers = np.ascontiguousarray(np.indices(self._shape).reshape(2, -1).T)
-        self._widest = ends[:, 0] + (2 * numbers + 1) * half, np.tile(half, (len(numbers), 1))
+        self._widest = branch.lower + (2 * numbers + 1) * half, np.tile(half, (len(numbers), 1))
         turns = np.pi * (np.arange(POINTS) + 0.5) / POINTS
         self._points = _pairs(np.cos(turns))
         self._probes = _pairs(PROBES)

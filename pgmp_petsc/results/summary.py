@@ -148,15 +148,11 @@ def _ensemble(ensemble: Ensemble) -> dict[str, Any]:
 
 
 def _chance(chance: Chance) -> dict[str, Any]:
-    decided = {"decided": chance.is_decided(), "decided_by": "" if chance.is_decided() else chance.decided_by}
-    known = _parts(chance, "event", "estimate", "interval", "confidence", "count")
-    return {
-        **known,
-        "samples": chance.n,
-        "failed": chance.n_failed,
-        **decided,
-        **_parts(chance, "model_error", "holds_to"),
-    }
+    decided = chance.is_decided()
+    found = _parts(chance, "event", "estimate", "interval", "confidence", "count")
+    found |= {"samples": chance.n, "failed": chance.n_failed, "decided": decided}
+    found["decided_by"] = "" if decided else chance.decided_by
+    return found | _parts(chance, "model_error", "holds_to")
 
 
 def _indices(found: Sensitivity) -> dict[str, Any]:

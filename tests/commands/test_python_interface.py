@@ -342,7 +342,7 @@ pgmp.export_result(3, "x.csv") -> result: int received; allowed is a result
 pgmp.animate("x.h5", "x.avi", mode=1) -> output file 'x.avi': a film is named
 pgmp.animate("x.h5", "x.gif", field="heat") -> field = 'heat': allowed are
 pgmp.animate("x.h5", "x.gif", fps=500.0) -> fps = 500.0: allowed are
-pgmp.animate("x.h5", "x.gif", mode=1, at={"theta": "a"}) -> at..theta.. = 'a': allowed is
+pgmp.animate("x.h5", "x.gif", mode=1, at={"theta": "a"}) -> at..theta.. = 'a': allowed are angles
 pgmp.animate("x.h5", "x.gif", mode=1, at=[1.0]) -> at: list received
 pgmp.animate("x.h5", "x.gif", mode=1.5) -> mode = 1.5: allowed are whole
 pgmp.run(scene) -> scene: Scene received; allowed is the name
@@ -361,7 +361,7 @@ pgmp.rare_event(rom, 3, 500) -> event: int received; allowed is a text
 pgmp.rare_event(rom, "x < 1", 500) -> event "x < 1": expected at character 1: an output
 pgmp.merge([]) -> files: list received; allowed is a list of names of shards
 pgmp.fit(rom, 3) -> measured: int received; allowed is the name of a CSV file
-pgmp.fit(rom, "a.csv", noise={"x": 0}) -> noise of x = 0: allowed are positive
+pgmp.fit(rom, "a.csv", noise={"x": 0}) -> noise..x.. = 0: allowed are numbers above 0
 pgmp.fit(rom, "a.csv", noise=0.1) -> noise: float received; allowed is a mapping
 pgmp.export_model(rom, "a.txt") -> output 'a.txt': a model is exported as
 pgmp.export_model(rom, 3) -> output: int received; allowed is the name of a file
