@@ -216,12 +216,10 @@ class AlphaStep:
         active, lost = alive.copy(), np.zeros_like(alive)
         beside = self._system.changing
         self._system.begin_iteration()
-        if beside is not None:
-            beside.begin(time, state, scheme)
+        beside.begin(time, state, scheme)
         for _ in range(CAREFUL_ITERATIONS):
             before = state.copy()
-            if beside is not None:
-                beside.act(time, state)
+            beside.act(time, state)
             size = self._system.correct(time, state, scheme, active, True)
             self.count(active.sum(), 0, 1)
             near = size < HOPELESS  # and a number
@@ -238,8 +236,7 @@ class AlphaStep:
             active &= (size > NEWTON_TOLERANCE) | self._system.limited()
             if not active.any():
                 break
-        if beside is not None:
-            beside.end(time, state, scheme, alive & ~lost & ~active)
+        beside.end(time, state, scheme, alive & ~lost & ~active)
         return lost | active
 
 
@@ -276,24 +273,18 @@ def iterate(
     n_corrections, n_calls, going = 0, 0, alive.copy()
     system.begin_iteration()
     beside = system.changing
-    if beside is not None:
-        beside.begin(time, state, scheme)
+    beside.begin(time, state, scheme)
     for iteration in range(MAX_ITERATIONS):
-        if beside is not None:
-            beside.act(time, state)
+        beside.act(time, state)
         size = system.correct(time, state, scheme, going, iteration % refresh_every == 0)
         last[system.limited()] = 0.0  # nothing follows from the size of the last correction
         n_corrections += int(going.sum())
         n_calls += 1
         judge(iteration, size, last, expected, active, lost)
-        if beside is None:
-            going = active
-        else:
-            going &= active | beside.unsettled & (size > ROUND_OFF)
+        going &= active | beside.unsettled & (size > ROUND_OFF)
         if not going.any():
             break
-    if beside is not None:
-        beside.end(time, state, scheme, alive & ~lost & ~active)
+    beside.end(time, state, scheme, alive & ~lost & ~active)
     return lost | active, n_corrections, n_calls
 
 
@@ -381,14 +372,12 @@ def first_accelerations(
         after, failed = stepper.take_one(begun, length, length, samples)
         # to the last digit: what is left of positions is 2 / h^2 times as much of accelerations
         beside = system.changing
-        if (samples & ~failed).any() and (beside is None or not beside.n_carried):
-            if beside is not None:
-                beside.begin(length, begun.state, stepper.scheme(length))
-                beside.act(length, after.state)
+        if (samples & ~failed).any() and not beside.n_carried:
+            beside.begin(length, begun.state, stepper.scheme(length))
+            beside.act(length, after.state)
             system.correct(length, after.state, stepper.scheme(length), samples & ~failed, True)
             stepper.count(samples & ~failed, 0, 1)
-            if beside is not None:
-                beside.put_nothing()
+            beside.put_nothing()
         ends.append(after.state)
         lost |= failed
     found = replace(start.copy(), a=sum(weight * end.a for weight, end in zip(WEIGHTS, ends)))

@@ -251,6 +251,7 @@ class Beside(Protocol):
     jumps: bool  # whether forces jump between two steps
     now: np.ndarray  # forces at the instant that was reached last, before and after they jump, (n_samples, 2, n_names)
     n_carried: int  # forces that joints carry, which are found between corrections
+    unsettled: np.ndarray | bool  # mask (n_samples,) of samples whose forces changed between the last two corrections
     holds: bool  # whether nothing of it changes but between two steps
 
     def start(self, state: State) -> None:
@@ -283,6 +284,10 @@ class Beside(Protocol):
         """Make room for what is to be seen of the forces at times (n_t,), and return it."""
 
 
+class _Nothing(Beside):
+    n_carried, unsettled = 0, False
+
+
 class SecondOrderSystem:
     """Interface of a model for the integrator; a batch of samples is one system.
 
@@ -309,9 +314,9 @@ class SecondOrderSystem:
     about_motion: bool = False  # whether states are about a motion, whose accelerations jump with those of the system
 
     @property
-    def changing(self) -> Beside | None:
-        """What is beside and changes within a step; None where nothing does."""
-        return None if self.held else self.beside
+    def changing(self) -> Beside:
+        """What is beside and changes within a step."""
+        return _Nothing() if self.beside is None or self.held else self.beside
 
     def start(self) -> State:
         """Return the consistent state at time 0."""
