@@ -45,7 +45,6 @@ from pgmp_petsc.scene.joints import CouplingEntry
 from pgmp_petsc.scene.uses import length_names, offset_directions, uses_of, velocity_names
 from pgmp_petsc.stepping import alpha_step, edge_search
 from pgmp_petsc.stepping.second_order_system import Scheme
-from pgmp_petsc.stepping.static_equilibrium import require_settled
 
 # Always done, with two factorisations. Where steps resolve the motion the program takes one or two corrections, and up
 # to six where loads set in with a jump (tests/verification/test_exported.py, in space).
@@ -385,7 +384,7 @@ def _start(model: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
     deformation. Raises `InputError` if the run has no static equilibrium to start from."""
     if starts_balanced(model):
         system = model.batch({name: np.array([value]) for name, value in model.scene.values.items()}, 1)
-        require_settled(system)
+        system.require_settled()
         state = system.start()
         return state.q[0], state.v[0]
     return tuple(np.pad(part, (0, model.terms.tables.n_modes)) for part in model.start)

@@ -24,7 +24,6 @@ from pgmp_petsc.models import ComponentModel
 from pgmp_petsc.outputs.joint_forces import OfMotion
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping import alpha_step
-from pgmp_petsc.stepping.static_equilibrium import require_settled
 
 #: How it takes steps: those of the program.
 STEPS = {
@@ -67,7 +66,7 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     of_joints = [one for one in (*carried, *model.outputs.forces) if not isinstance(one, OfMotion)]
     gaps = sorted({int(row) for one in of_joints for row in one.rows})
     shared = shared_of(model, range(mechanism.n_nodes), equations.actions, loads, windings, gaps)
-    require_settled(system)
+    system.require_settled()
     turned = equations.turns(equations.initial[0][:, None])[:, 0]  # in the plane nodes count turns
     turned = turned if turned.size else np.zeros(len(mechanism.coordinates) + n_parts)
     parts = _parts_of(own, equations)

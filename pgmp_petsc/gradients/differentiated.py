@@ -110,8 +110,7 @@ def differentiate(
     def once(attempt: Attempt) -> tuple[Run, tuple[StateRecord, SecondOrderSystem]]:
         system = model.batch({name: np.array([value]) for name, value in values.items()}, 1)
         system.precise = True
-        if system.settled is not None:
-            system.settled.require()
+        system.require_settled()
         trail = StateRecord(pulse)
         return integrate(system, attempt.simulation, observer=trail), (trail, system)
 
@@ -188,8 +187,7 @@ def _runs_beside(
             own = {name: column[len(runs) : len(runs) + n] for name, column in beside.values.items()}
             system = model.batch(own, n)
             system.precise = True
-            if system.settled is not None:
-                system.settled.require()
+            system.require_settled()
             record = OutputRecord(model, system, *([] if runs else [pulse]))
             with np.errstate(all="ignore"):
                 done = integrate(system, attempt.simulation, observer=record)

@@ -15,6 +15,7 @@ import numpy as np
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import beyond, select
 from pgmp_petsc.stepping.second_order_system import (
+    NOTHING,
     Moment,
     Scheme,
     SecondOrderSystem,
@@ -118,7 +119,7 @@ class AlphaStep:
         ends, scheme = ends[:1] if self._projects else ends, self.scheme(step)
         probed = (np.rint(ends / step) % PROBED_EVERY == 0) | self._system.bends
         asked = StepsAsked(moment, ends, step, probed, scheme, samples)
-        alone = self._system.changing is not None and not self._system.carries
+        alone = self._system.changing is not NOTHING and not self._system.carries
         taken = None if alone else self._system.take_steps(asked)
         if taken is None:
             taken = _taken_by_corrections(self._system, asked)
@@ -164,7 +165,7 @@ class AlphaStep:
 
     def advance(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
         """Take some samples through equal steps; see `SecondOrderSystem.advance`."""
-        alone = self._system.changing is not None and not self._system.carries
+        alone = self._system.changing is not NOTHING and not self._system.carries
         found = None if alone else self._system.advance(stretch)
         return self._advanced_together(stretch) if found is None else found
 

@@ -239,11 +239,6 @@ class Settled:
             state.a[:] = 0.0
         return state
 
-    def require(self) -> None:
-        """Refuse a single run without equilibrium. Raises `InputError`, with the reason."""
-        if self.reasons:
-            raise InputError(self.reasons[min(self.reasons)])
-
 
 class Beside(Protocol):
     """States beside the mechanics; a step takes them along (`alpha_step.iterate`)."""
@@ -288,6 +283,9 @@ class _Nothing(Beside):
     n_carried, unsettled = 0, False
 
 
+NOTHING = _Nothing()
+
+
 class SecondOrderSystem:
     """Interface of a model for the integrator; a batch of samples is one system.
 
@@ -315,12 +313,21 @@ class SecondOrderSystem:
 
     @property
     def changing(self) -> Beside:
-        """What is beside and changes within a step."""
-        return _Nothing() if self.beside is None or self.held else self.beside
+        """What is beside and changes within a step; `NOTHING` where nothing does."""
+        return NOTHING if self.beside is None or self.held else self.beside
 
     def start(self) -> State:
         """Return the consistent state at time 0."""
         raise NotImplementedError
+
+    def require_settled(self) -> None:
+        """Refuse a single run that has no static equilibrium to start from, and close the system.
+
+        Raises `InputError`, with the reason.
+        """
+        if self.settled is not None and self.settled.reasons:
+            self.close()
+            raise InputError(self.settled.reasons[min(self.settled.reasons)])
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction of the active samples, (n_samples,), towards the end of a step at a time (s), in

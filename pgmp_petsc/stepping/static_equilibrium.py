@@ -315,16 +315,6 @@ def require_balance(scene: Scene, kinematics: RigidKinematics, theta: np.ndarray
 ELSEWHERE = "begin elsewhere (simulation.initial) to find the one that it falls to"
 
 
-def require_settled(system: SecondOrderSystem) -> None:
-    """Refuse a single run that has no static equilibrium to start from; its system is closed then.
-
-    Raises `InputError`, with the reason.
-    """
-    if system.settled is not None and system.settled.reasons:
-        system.close()
-        system.settled.require()
-
-
 def start_remarks(scene: Scene, system: SecondOrderSystem) -> tuple[Remark, ...]:
     """Return where runs of a scene start from static equilibrium, and whether they will stay there."""
     settled = system.settled

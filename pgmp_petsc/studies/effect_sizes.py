@@ -63,7 +63,6 @@ from pgmp_petsc.scene.fields import Table, quantities_of
 from pgmp_petsc.scene.references import parts_of
 from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.stepping.static_equilibrium import require_settled
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.simulate import balance_of
 
@@ -115,7 +114,7 @@ def _run(model: FullModel, n_steps: int) -> tuple[Status | None, RigidRun]:
     """Return why a run with so many steps failed, None where it did not, and the run."""
     simulation, record = model.scene.simulation.in_steps(n_steps), StateRecord(lambda n_steps: None)
     system = model.single(model.scene.values, alone())
-    require_settled(system)
+    system.require_settled()
     with system:
         status = Status(integrate(system, simulation, observer=record).status[0])
         return (None if status == Status.FINE else status), _collect(model, system, *record.of_batch())

@@ -52,7 +52,7 @@ from pgmp_petsc.stepping.generalised_alpha import (
     integrate_with_smaller_steps,
 )
 from pgmp_petsc.stepping.second_order_system import Energies, PooledObserver, SecondOrderSystem, State, joined
-from pgmp_petsc.stepping.static_equilibrium import require_settled, start_remarks
+from pgmp_petsc.stepping.static_equilibrium import start_remarks
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.field_frames import field_frames, fields_over, left_out_of_fields, shape_frames
 
@@ -184,7 +184,7 @@ def _full(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
         simulation = attempt.simulation
         with timings.phase("assembly"):
             system = model.single(model.scene.values, comm)
-            require_settled(system)
+            system.require_settled()
         with system:
             with timings.phase("integration"), _progress(model.title, attempt, comm) as bar:
                 started[:] = start_remarks(model.scene, system)
@@ -353,7 +353,7 @@ def _reduced_part(
     """Run a reduced model with the steps of an attempt; an indicator watches for errors."""
     simulation = attempt.simulation
     system = model.batch(values, 1)
-    require_settled(system)
+    system.require_settled()
     watched = None if indicator is None else indicator.stepped(simulation).watch(system, np.array([0]))
     validity = Validity(model, system, values, simulation)
     with timings.phase("integration"), _progress("reduced", attempt, comm) as bar:

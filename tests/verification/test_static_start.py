@@ -385,7 +385,7 @@ def test_a_reduced_start_is_found_as_far_as_the_full_order_one() -> None:
     for start in (0.4, 2.0, 4.0):
         scene = soft_four_bar(start, "effects.weight.acceleration=300.0")
         for model in (reduced_model, full_model):
-            model(scene).batch({}, 1).settled.require()
+            model(scene).batch({}, 1).require_settled()
 
 
 @pytest.mark.parametrize("start", [0.4, 3.0, 4.0])
@@ -403,7 +403,7 @@ def test_a_start_that_is_not_found_says_why(monkeypatch) -> None:
     for model, weight, reached in ((full_model, "1e4", "[0-9.]+ % of"), (reduced_model, "3e5", "less than 1/64 of")):
         scene = soft_four_bar(0.4, f"effects.weight.acceleration={weight}")
         with pytest.raises(InputError, match=rf"converges with {reached} the loads and springs at time zero, and not"):
-            model(scene).batch({}, 1).settled.require()
+            model(scene).batch({}, 1).require_settled()
     monkeypatch.setattr(reduced_statics, "MAX_STEPS", 0)
     with pytest.raises(InputError, match=r"no rigid coordinates with which the joints stand there: [0-9.e-]+ rad rem"):
-        reduced_model(soft_four_bar(0.4)).batch({}, 1).settled.require()
+        reduced_model(soft_four_bar(0.4)).batch({}, 1).require_settled()
