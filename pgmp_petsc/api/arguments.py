@@ -183,10 +183,11 @@ def _check(name: str, given: object, value: Any, kind: str, limits: object) -> N
     if isinstance(limits, Range) and kind in ("int", "float") and not limits.holds(value):
         what = "whole numbers" if kind == "int" else "numbers"
         raise InputError(f"{name} = {given!r}: allowed are {what} {limits}")
-    for key, one in value.items() if kind == "Mapping[str, float]" else ():
-        if _finite(one) is NotImplemented or isinstance(limits, Range) and not limits.holds(one):
-            what = f"numbers {limits}" if isinstance(limits, Range) else limits or "finite numbers"
-            raise InputError(f"{name}[{key!r}] = {one!r}: allowed are {what}")
+    if kind == "Mapping[str, float]":
+        for key, one in value.items():
+            if _finite(one) is NotImplemented or isinstance(limits, Range) and not limits.holds(one):
+                what = f"numbers {limits}" if isinstance(limits, Range) else limits or "finite numbers"
+                raise InputError(f"{name}[{key!r}] = {one!r}: allowed are {what}")
     if isinstance(limits, tuple) and kind == "str" and value not in limits:
         raise InputError(f"{name} = {shortened(repr(given))}: allowed are {', '.join(limits)}")
 

@@ -70,7 +70,6 @@ def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: 
     with agreed(comm, "checking what the run is asked for"):
         names = drawn_names(model.scene)
         check_ts_options()
-        # forces in joints at every step would take most of the time of runs that need them for nothing
         # other outputs are found for nothing, forces in joints at every step in most of a run's time
         lean = with_outputs(model.scene, [event.output, *measured_in(model.scene)])
         of_runs = of_samples(model.in_scene(lean) if isinstance(model, ReducedModel) else model, names)

@@ -65,8 +65,7 @@ class RigidFile(Record):
     def component(self, frames: dict[str, int]) -> Component:
         """Return the component with some frames."""
         mass = dict(zip(self.mass_weights, self.mass))
-        about = self.fields, self.centre_of_mass
-        found = rigid_about(frames, self.centres, mass, *about, n_mesh_dofs=self.n_mesh_dofs)
+        found = rigid_about(frames, self.centres, mass, self.fields, self.centre_of_mass, n_mesh_dofs=self.n_mesh_dofs)
         return found if self.mesh is None else on_cells(found, self.mesh.mesh)
 
 

@@ -108,6 +108,12 @@ class AlphaStep:
         self._scheme, self._step = Scheme.of(spectral_radius, 1.0), 1.0
         self.counted = np.zeros(3, dtype=np.int64)
 
+    @property
+    def _corrects(self) -> bool:
+        """Whether something beside the mechanics changes that steps of the system's own do not take along: then they
+        are taken by corrections, one by one."""
+        return self._system.changing is not NOTHING and not self._system.carries
+
     def scheme(self, step: float) -> Scheme:
         """Return the coefficients for a step."""
         if step != self._step:
@@ -119,8 +125,7 @@ class AlphaStep:
         ends, scheme = ends[:1] if self._projects else ends, self.scheme(step)
         probed = (np.rint(ends / step) % PROBED_EVERY == 0) | self._system.bends
         asked = StepsAsked(moment, ends, step, probed, scheme, samples)
-        alone = self._system.changing is not NOTHING and not self._system.carries
-        taken = None if alone else self._system.take_steps(asked)
+        taken = None if self._corrects else self._system.take_steps(asked)
         if taken is None:
             taken = _taken_by_corrections(self._system, asked)
         self.count(taken.n_corrections, -(-taken.n_corrections // REFRESH_EVERY), taken.n_calls)
@@ -165,8 +170,7 @@ class AlphaStep:
 
     def advance(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
         """Take some samples through equal steps; see `SecondOrderSystem.advance`."""
-        alone = self._system.changing is not NOTHING and not self._system.carries
-        found = None if alone else self._system.advance(stretch)
+        found = None if self._corrects else self._system.advance(stretch)
         return self._advanced_together(stretch) if found is None else found
 
     def _advanced_together(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
