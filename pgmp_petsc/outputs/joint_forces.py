@@ -289,12 +289,9 @@ class OfConnection(ForceOutput):
 
     def of_units(self) -> np.ndarray:
         """Return the force (d, n_rows) for a unit of each multiplier, of points that meet."""
-        d, gradients = self.space.dimension, []
+        d = self.space.dimension
         nowhere = np.zeros((d * (d + 1), 1))
-        for part, _ in self.held:
-            slopes = (function.factor * own.gradient(nowhere, nowhere)[len(nowhere) :] for own, function in part.terms)
-            gradients.append(-sum(slopes)[:d, 0])
-        return np.array(gradients).T
+        return -np.array([part.gradient(nowhere, nowhere)[len(nowhere) :][:d, 0] for part, _ in self.held]).T
 
     def parts(self, seen: Seen) -> np.ndarray:
         """Return the component, or the vector whose magnitude it is."""
@@ -317,9 +314,10 @@ class OfConnection(ForceOutput):
         for row, (part, own) in zip(self.rows, self.held):
             for (statement, function), first in zip(part.terms, own[::2]):
                 # that points meet has the same slopes everywhere
-                some = slice(0, 1) if statement.kind == MEET else slice(None)
-                gradient = statement.gradient(natural[first][:, some], b[:, some])[len(b) :]
-                slopes -= seen.multipliers[row] * function.factor * gradient
+                some = slice(0, 1) if statement.kind == MEET and not function.breaks.size else slice(None)
+                sides = natural[first][:, some], b[:, some]
+                factor = function.at(statement.value(*sides))[1]
+                slopes -= seen.multipliers[row] * factor * statement.gradient(*sides)[len(b) :]
         if self.pulls:
             a = self._natural(self.connection.a, seen.frames[0], n)
             for pull, force, factors in acting(self.pulls, seen):
