@@ -135,7 +135,14 @@ class PrescribedMotion(Driving):
 
     def motion(self, name: str) -> Motion:
         """Return the motion over time."""
-        return Motion.of(name, self)
+        makers = {
+            "table": lambda rows: TimeFunction(*_spline(rows)),
+            "harmonic": lambda wave: TimeFunction(harmonic(wave)),
+            "spin_up": _spin_up,
+            "constant_speed": lambda given: TimeFunction(Piece(cubic=(given.start, given.speed))),
+        }
+        angle = next(make(getattr(self, key)) for key, make in makers.items() if getattr(self, key) is not None)
+        return Motion(name, self.coordinate, angle)
 
 
 class Instant(NamedTuple):
@@ -153,18 +160,6 @@ class Motion:
     name: str  # of the effect
     coordinate: str
     angle: TimeFunction  # rad or m
-
-    @classmethod
-    def of(cls, name: str, entry: PrescribedMotion) -> Motion:
-        """Return that of an effect by its name."""
-        makers = {
-            "table": lambda rows: TimeFunction(*_spline(rows)),
-            "harmonic": lambda wave: TimeFunction(harmonic(wave)),
-            "spin_up": _spin_up,
-            "constant_speed": lambda given: TimeFunction(Piece(cubic=(given.start, given.speed))),
-        }
-        angle = next(make(getattr(entry, key)) for key, make in makers.items() if getattr(entry, key) is not None)
-        return cls(name, entry.coordinate, angle)
 
     def at(self, time: float | np.ndarray) -> Instant:
         """Return the motion at a time (s), or at each of several."""

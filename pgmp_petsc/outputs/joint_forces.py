@@ -285,16 +285,8 @@ class OfConnection(ForceOutput):
         meet = all(isinstance(part, Statement) and part.kind == MEET for part, _ in held)
         if entry.turning or pulls or not along_ground or not meet:
             return made
-        return replace(made, nodes=frozenset(), shares=made.of_units())
-
-    def of_units(self) -> np.ndarray:
-        """Return the force (d, n_rows) for a unit of each multiplier, of points that meet."""
-        d, gradients = self.space.dimension, []
-        nowhere = np.zeros((d * (d + 1), 1))
-        for part, _ in self.held:
-            slopes = (function.factor * own.gradient(nowhere, nowhere)[len(nowhere) :] for own, function in part.terms)
-            gradients.append(-sum(slopes)[:d, 0])
-        return np.array(gradients).T
+        nowhere = {node: np.zeros((mechanism.space.n_pose, 1)) for node in nodes}
+        return replace(made, nodes=frozenset(), shares=_map_of(made, nowhere, mechanism)[:, rows])
 
     def parts(self, seen: Seen) -> np.ndarray:
         """Return the component, or the vector whose magnitude it is."""
@@ -557,15 +549,8 @@ def _map_of(output: OfConnection, frames: Frames, mechanism: Mechanism) -> np.nd
 
 def _chosen(output: OfConnection, frames: Frames) -> np.ndarray:
     """Return the directions that a component takes, shape (n, n_components)."""
-    entry, d = output.entry, output.space.dimension
-    size = 1 if entry.turning and d == 2 else d
-    every = np.eye(size)
-    if entry.component == "magnitude" or size == 1:
-        return every
-    if entry.component in ("axial", "radial"):
-        along = output.axis(frames, 1)[:, 0]
-        return along[None] if entry.component == "axial" else every - np.outer(along, along)
-    return np.array([output.component(every[:, [k]], frames)[0, 0] for k in range(size)])[None]
+    units = np.eye(1 if output.entry.turning and output.space.dimension == 2 else output.space.dimension)
+    return np.concatenate([output.component(unit[:, None], frames) for unit in units], axis=1)
 
 
 def _combination(
