@@ -135,7 +135,6 @@ class StructuralDamping(EffectEntry):
 
     @property
     def adds(self) -> str:
-        """The bodies that it damps."""
         return f"in {', '.join(self.bodies) if self.bodies else 'all flexible bodies'}"
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:

@@ -119,7 +119,6 @@ class PrescribedMotion(Driving):
 
     @property
     def adds(self) -> str:
-        """The coordinate that it drives."""
         return f"drives {self.coordinate}"
 
     @property
@@ -134,7 +133,6 @@ class PrescribedMotion(Driving):
         return "table", max(abs((b[1] - a[1]) / (b[0] - a[0])) for a, b in pairwise(self.table)), ()
 
     def motion(self, name: str) -> Motion:
-        """Return the motion over time."""
         makers = {
             "table": lambda rows: TimeFunction(*_spline(rows)),
             "harmonic": lambda wave: TimeFunction(harmonic(wave)),
@@ -212,11 +210,9 @@ class BaseMotion(OverTime):
 
     @property
     def unit_of_values(self) -> str:
-        """Unit of the values over time."""
         return GIVEN[self.of][1]
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line if steps do not resolve it."""
         if self.of == "acceleration":
             yield from load_problems(scene, name, self)
         elif self.harmonic is not None:

@@ -94,7 +94,6 @@ class InJoint(OutputEntry):
             yield problem(f"{entry}.of", words, self.of)
 
     def multiplied(self, name: str, kinematics: RigidKinematics) -> ForceOutput:
-        """Return the component of the joint's force or moment."""
         mechanism = kinematics.mechanism
         coupling = next((one for one in mechanism.couplings if one.name == self.joint), None)
         if coupling is not None:
@@ -152,7 +151,6 @@ class OfDrive(OutputEntry):
         return next(one for one in scene.driven if scene.coordinates[one].joint == self.joint)
 
     def multiplied(self, name: str, kinematics: RigidKinematics) -> ForceOutput:
-        """Return what the motion takes."""
         wanted = self.of_coordinate(kinematics.mechanism.scene)
         driven = [one for one in kinematics.mechanism.coordinates if one.prescribed]
         number = next(k for k, one in enumerate(driven) if one.name == wanted)
@@ -166,7 +164,6 @@ class DriveTorque(OfDrive):
     unit = "N m"
 
     def unit_in(self, scene: Scene) -> str:
-        """Return N for what slides."""
         coordinate = scene.coordinates[self.of_coordinate(scene)]
         return "N" if slides(scene, coordinate) else "N m"
 
@@ -187,12 +184,10 @@ class ControlForce(OutputEntry):
     controller: str = Field(description="name of the controller")
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line if there is no such controller."""
         if self.controller not in scene.controllers:
             yield unknown(f"outputs.{name}.controller", "controller", self.controller, scene.controllers)
 
     def unit_in(self, scene: Scene) -> str:
-        """Return N for what slides."""
         found = scene.controllers.get(self.controller)
         return "N" if found is not None and slides(scene, found) else "N m"
 
@@ -289,7 +284,6 @@ class OfConnection(ForceOutput):
         return replace(made, nodes=frozenset(), shares=_map_of(made, nowhere, mechanism)[:, rows])
 
     def parts(self, seen: Seen) -> np.ndarray:
-        """Return the component, or the vector whose magnitude it is."""
         if self.shares is not None:
             # sums of numbers alone: those of matrices hang on what is side by side
             force = sum(share[:, None] * seen.multipliers[row] for share, row in zip(self.shares.T, self.rows))

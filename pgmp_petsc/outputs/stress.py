@@ -54,11 +54,9 @@ class Stress(OutputEntry):
         return next(table[self.quantity] for table in STRESSES.values() if self.quantity in table)
 
     def kinked_in(self, scene: Scene) -> bool:
-        """Whether it is asked of more than one place."""
         return self.at is None
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line for each entry that does not fit its body."""
         return stress_problems(scene, name, self)
 
 
