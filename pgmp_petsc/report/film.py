@@ -146,27 +146,6 @@ class Legend:
 
 
 @dataclass(frozen=True)
-class Film:
-    """Data that the page needs to draw the mechanism."""
-
-    width: int  # width, height: of the picture, in its own unit
-    height: int
-    start: int  # number of the frame that is shown first and printed: that of the largest stress
-    #: bodies without a surface at that frame: kind (``flexible``, ``rigid``, ``mass``), colour, paths with their
-    #: colours, and marks at the ends
-    lines: list[dict[str, Any]]
-    paths: list[str]  # ``d`` of the paths that ends of bodies take
-    ground: list[tuple[int, int]]  # places (x, y) of ends that do not move
-    scale: tuple[int, str]  # length of the bar of the scale in the picture's unit, and in words
-    still: str  # address of a picture of the surfaces at the first frame; empty without any
-    keys: list[tuple[str, str, str]]  # kind, colour and name of bodies that are not coloured by stress
-    legend: Legend | None  # none where no stress is known
-    data: dict[str, Any]  # for the script: instants, bodies, factors, outputs
-    notes: list[str]  # what has to be known of the picture
-    left_out: list[str]  # what the film does not show and the file has
-
-
-@dataclass(frozen=True)
 class _Picture:
     """Where places are in the picture: `view` (3, 3) and `unit` of a metre, then moved by `shift` (3,)."""
 
@@ -185,114 +164,105 @@ class _Picture:
 
 def film_of(run: Trajectory, name: str = "") -> Film | None:
     """Return the film of a run, whose file has a name; None where it has no frames."""
-    if run.frames is None or not len(run.frames.time):
-        return None
-    made = _Shots(run)
-    data, stress, pascal = made.data(), made.stress, run.record.system.unit("Pa")
-    legend = None
-    if stress is not None:
-        factor, unit = axis_unit(pascal, np.array([stress.largest]))
-        largest, _ = stress.shown(name, pascal)
-        legend = Legend(motion.WORDS["mises"], unit, STOPS, largest, f"{stress.body} {stress.when}")
-        data |= {"stops": STOPS, "stress": (factor * stress.over_time[made.chosen]).tolist(), "unit": unit}
-    length, metre = axis_unit(run.record.system.unit("m"), np.array([made.bar]))
-    return Film(
-        width=SIZE,
-        height=made.height + FOOT,
-        start=made.start,
-        lines=made.lines(),
-        paths=["M" + "L".join(_pair(at) for at in path) for path in made.moving],
-        ground=[tuple(path[0, :2].round().astype(int).tolist()) for path in made.resting],
-        scale=(round(made.bar * made.picture.unit), f"{made.bar * length:g} {metre}"),
-        still=made.still(),
-        keys=[
-            (
-                "surface" if len(body.triangles) else _kind(body),
-                colour,
-                body.name + ", rigid" * (_kind(body) == "rigid"),
-            )
-            for body, colour in zip(made.shown, made.colours)
-            if body.values is None or stress is None
-        ],
-        legend=legend,
-        data=data,
-        notes=_notes(run, made.bodies, len(data["factors"]) > 1),
-        left_out=[*made.left_out, *_left_out(run, len(made.chosen), name)],
-    )
+    return None if run.frames is None or not len(run.frames.time) else Film(run, name)
 
 
-class _Shots:
-    """A run's bodies at the frames that are shown, and where the picture has them."""
+class Film:
+    """Data that the page needs to draw the mechanism of a run with frames."""
 
-    def __init__(self, run: Trajectory) -> None:
-        self._run, frames = run, run.frames
-        self.bodies, self.left_out = bodies_of(run)
-        self.stress = stress_of(run)
-        peak = 0 if self.stress is None else self.stress.frame
-        self.picture, self.height = _picture(self.bodies)
-        size = sum(b.points.shape[1] * (4 * bool(b.moved.any()) + (b.values is not None)) for b in self.bodies)
+    def __init__(self, run: Trajectory, name: str) -> None:
+        frames, stress = run.frames, stress_of(run)
+        self._bodies, left_out = bodies_of(run)
+        self._stress, peak = stress, 0 if stress is None else stress.frame
+        self._picture, tall = _picture(self._bodies)
+        #: of the picture, in its own unit
+        self.width, self.height = SIZE, tall + FOOT
+        size = sum(b.points.shape[1] * (4 * bool(b.moved.any()) + (b.values is not None)) for b in self._bodies)
         n = len(frames.time)
         most = max(2, min(MOST_FRAMES, MOST_BYTES // max(size, 1), n))
-        self.chosen = np.union1d(np.linspace(0, n - 1, most).round().astype(int), peak)
-        self.start = int(np.searchsorted(self.chosen, peak))
-        self.shown = [body.part(self.chosen) for body in self.bodies]
-        self.colours = [
+        chosen = np.union1d(np.linspace(0, n - 1, most).round().astype(int), peak)
+        #: number of the frame that is shown first and printed: that of the largest stress
+        self.start = int(np.searchsorted(chosen, peak))
+        self._shown = [body.part(chosen) for body in self._bodies]
+        self._flat = [self._picture.places(body.points[self.start]) for body in self._shown]
+        colours = [
             PALETTE[number % len(PALETTE)] if not len(body.triangles) else RIGID if body.rigid else PLAIN
-            for number, body in enumerate(self.shown)
+            for number, body in enumerate(self._shown)
         ]
-        joints = {body: self.picture.places(motion.in_space(at)) for body, at in frames.positions.items()}
-        self.moving, self.resting = (_paths(run, joints, self.picture, moving) for moving in (True, False))
-        self.bar = round_below(SIZE / 6.0 / self.picture.unit)  # in the run's unit, about a sixth of the picture
-        self._flat = [self.picture.places(body.points[self.start]) for body in self.shown]
+        #: bodies without a surface at that frame: kind (``flexible``, ``rigid``, ``mass``), colour, paths with their
+        #: colours, and marks at the ends
+        self.lines = [
+            _line(body, at, colour, stress, self.start)
+            for body, at, colour in zip(self._shown, self._flat, colours)
+            if not len(body.triangles)
+        ]
+        joints = {body: self._picture.places(motion.in_space(at)) for body, at in frames.positions.items()}
+        moving, resting = (_paths(run, joints, moves) for moves in (True, False))
+        #: paths, ground: ``d`` of the paths that ends of bodies take; places (x, y) of ends that do not move
+        self.paths = ["M" + "L".join(_pair(at) for at in path) for path in moving]
+        self.ground = [tuple(path[0, :2].round().astype(int).tolist()) for path in resting]
+        bar = round_below(SIZE / 6.0 / self._picture.unit)  # in the run's unit, about a sixth of the picture
+        length, metre = axis_unit(run.record.system.unit("m"), np.array([bar]))
+        #: length of the bar of the scale in the picture's unit, and in words
+        self.scale = round(bar * self._picture.unit), f"{bar * length:g} {metre}"
+        #: kind, colour and name of bodies that are not coloured by stress
+        self.keys = [
+            ("surface" if len(body.triangles) else kind, colour, body.name + ", rigid" * (kind == "rigid"))
+            for body, kind, colour in zip(self._shown, map(_kind, self._shown), colours)
+            if body.values is None or stress is None
+        ]
+        #: for the script: instants, bodies, factors, outputs
+        self.data = self._data(run, frames.time[chosen], bar, colours)
+        if not self._picture.flat:
+            everywhere = self._picture.places(np.concatenate([body.points.reshape(-1, 3) for body in self._shown]))
+            middle = 0.5 * (everywhere.min(axis=0) + everywhere.max(axis=0))
+            self.data["turns"] = {"middle": middle.tolist(), "paths": [path.round().tolist() for path in moving],
+                                  "ground": [path[0].round().tolist() for path in resting]}  # fmt: skip
+        self.legend: Legend | None = None  # none where no stress is known
+        if stress is not None:
+            pascal = run.record.system.unit("Pa")
+            factor, unit = axis_unit(pascal, np.array([stress.largest]))
+            where = f"{stress.body} {stress.when}"
+            self.legend = Legend(motion.WORDS["mises"], unit, STOPS, stress.shown(name, pascal)[0], where)
+            self.data |= {"stops": STOPS, "stress": (factor * stress.over_time[chosen]).tolist(), "unit": unit}
+        self.still = self._still()
+        #: notes, left_out: what has to be known of the picture; what it does not show and the file has
+        self.notes = _notes(run, self._bodies, len(self.data["factors"]) > 1)
+        self.left_out = [*left_out, *_left_out(run, len(chosen), name)]
 
-    def data(self) -> dict[str, Any]:
+    def _data(self, run: Trajectory, time: np.ndarray, bar: float, colours: list[str]) -> dict[str, Any]:
         """Return what the page's script moves, without stress."""
-        run, picture, time = self._run, self.picture, self._run.frames.time[self.chosen]
-        packed = [_packed(body, picture, self.stress) for body in self.shown]
+        packed = [_packed(body, self._picture, self._stress) for body in self._shown]
         reach = max((entry["step"] * np.iinfo(np.int16).max for entry in packed if "step" in entry), default=0.0)
+        largest = LARGEST_SHOWN * (self.height - FOOT)
         # digits behind the point that tell frames apart
         decimals = int(np.clip(1 - np.floor(np.log10(np.diff(time).min()) + 1e-9), 0, 12)) if len(time) > 1 else 3
-        largest = LARGEST_SHOWN * self.height
-        data: dict[str, Any] = {
+        return {
             "time": time.tolist(),
             "decimals": decimals,
-            "width": SIZE,
-            "height": self.height + FOOT,
+            "width": self.width,
+            "height": self.height,
             "start": self.start,
-            "bar": self.bar,
+            "bar": bar,
             "metre": run.record.system.unit("m"),
-            "bodies": [entry | {"colour": colour} for entry, colour in zip(packed, self.colours)],
+            "bodies": [entry | {"colour": colour} for entry, colour in zip(packed, colours)],
             "factors": [factor for factor in FACTORS if factor == 1 or 0.0 < factor * reach <= largest],
             "outputs": {
                 key: [float(value) if np.isfinite(value) else None for value in np.interp(time, run.time, own)]
                 for key, own in run.outputs.items()
             },
         }
-        if not picture.flat:
-            everywhere = picture.places(np.concatenate([body.points.reshape(-1, 3) for body in self.shown]))
-            middle = 0.5 * (everywhere.min(axis=0) + everywhere.max(axis=0))
-            data["turns"] = {"middle": middle.tolist(), "paths": [path.round().tolist() for path in self.moving],
-                             "ground": [path[0].round().tolist() for path in self.resting]}  # fmt: skip
-        return data
 
-    def lines(self) -> list[dict[str, Any]]:
-        """Return the bodies without a surface, as SVG has them."""
-        return [
-            _line(body, at, colour, self.stress, self.start)
-            for body, at, colour in zip(self.shown, self._flat, self.colours)
-            if not len(body.triangles)
-        ]
-
-    def still(self) -> str:
+    def _still(self) -> str:
         """Return the address of a picture of the surfaces at the first frame as PNG, empty where there is none."""
         corners, colours = [], []
-        for body, at in zip(self.shown, self._flat):
+        for body, at in zip(self._shown, self._flat):
             if not len(body.triangles):
                 continue
             corners.append(at[body.triangles])
             own = np.tile(to_rgb(RIGID if body.rigid else PLAIN), (len(at), 1))
             if body.values is not None:
-                own = colours_of(body.values[self.start], 1.0 if self.stress is None else self.stress.largest)
+                own = colours_of(body.values[self.start], 1.0 if self._stress is None else self._stress.largest)
             colours.append(own[body.triangles])
         if not corners:
             return ""
@@ -302,15 +272,14 @@ class _Shots:
         shown = shown * (DARKEST + (1.0 - DARKEST) * towards)[:, None, None]
         order = np.argsort(triangles[..., 2].mean(axis=1), kind="stable")
         x, y = triangles[order].reshape(-1, 3)[:, :2].T
-        tall = self.height + FOOT
-        figure = new_figure(1.0, tall / SIZE)
+        figure = new_figure(1.0, self.height / SIZE)
         figure.set_layout_engine("none")
-        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, SIZE), ylim=(tall, 0))
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, SIZE), ylim=(self.height, 0))
         axes.set_axis_off()
         mesh = Triangulation(x, y, numbers)
         axes.add_collection(TriMesh(mesh, facecolors=np.column_stack([shown[order].reshape(-1, 3), np.ones(len(x))])))
         if not np.ptp(triangles[..., 2]) > 0.0:
-            pieces = [at[body.edges][..., :2] for body, at in zip(self.shown, self._flat) if len(body.edges)]
+            pieces = [at[body.edges][..., :2] for body, at in zip(self._shown, self._flat) if len(body.edges)]
             axes.add_collection(LineCollection(np.concatenate(pieces), colors=EDGE, linewidths=72.0 / WIDTH, alpha=0.6))
         stream = io.BytesIO()
         figure.savefig(stream, format="png", dpi=WIDTH, transparent=True, metadata={"Software": None})
@@ -392,7 +361,7 @@ def _pair(place: np.ndarray) -> str:
     return f"{x} {y}"
 
 
-def _paths(run: Trajectory, joints: dict[str, np.ndarray], picture: _Picture, moving: bool) -> list[np.ndarray]:
+def _paths(run: Trajectory, joints: dict[str, np.ndarray], moving: bool) -> list[np.ndarray]:
     """Return the paths (n_f, 3) of the ends of bodies that move, as far as frames follow them, or of those at rest;
     where all are, none tells what the ground holds."""
     extent = max(np.ptp(np.concatenate([at.reshape(-1, 3) for at in joints.values()]), axis=0)[:2])
