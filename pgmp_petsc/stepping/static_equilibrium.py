@@ -321,9 +321,7 @@ def start_remarks(scene: Scene, system: SecondOrderSystem) -> tuple[Remark, ...]
     if settled is None:
         return (note(BUILT_IN),) if system.built_in is not None else ()
     places = words_of(settled.coordinates, settled.theta[0])
-    if not settled.free:
-        return (note(f"the run starts from static deformation with coordinates held at {places}{_let_go(scene)}"),)
-    remarks = [note(f"the run starts from static equilibrium at {places}")]
+    remarks = [_start(scene, "the run starts from static", settled.free, f" at {places}")]
     if np.any(settled.unstable):
         remarks.append(
             warning(
@@ -339,9 +337,7 @@ def starts_remarks(scene: Scene, unstable: np.ndarray) -> tuple[Remark, ...]:
     if not scene.initial.equilibrium:
         off = any(joint.offset is not None for joint in scene.joints.values())
         return (note(BUILT_IN.replace("the run", "every sample")),) if off else ()
-    if scene.initial.coordinates == "held":
-        return (note(f"every sample starts from its own static deformation with coordinates held{_let_go(scene)}"),)
-    remarks = [note("every sample starts from its own static equilibrium")]
+    remarks = [_start(scene, "every sample starts from its own static", scene.initial.coordinates == "free", "")]
     if unstable.any():
         remarks.append(
             warning(
@@ -352,9 +348,13 @@ def starts_remarks(scene: Scene, unstable: np.ndarray) -> tuple[Remark, ...]:
     return tuple(remarks)
 
 
-def _let_go(scene: Scene) -> str:
-    """Return the text on coordinates that are held at first: prescribed ones go on as prescribed."""
-    if not scene.driven:
-        return ", and lets them go"
+def _start(scene: Scene, words: str, free: bool, places: str) -> Remark:
+    """Return how runs start; of coordinates that are held at first, prescribed ones go on as prescribed."""
+    courses = [course for one in scene.plain_effects.values() if (course := one.course()) is not None]
+    if any(course.jet(np.zeros(1), 2)[2].any() for course in courses):
+        places += ", under the inertia forces of the base's acceleration at time zero too"
+    if free:
+        return note(f"{words} equilibrium{places}")
     let_go = [name for name in scene.coordinates if name not in scene.driven]
-    return f", and lets {', '.join(let_go)} go" if let_go else ""
+    going = f", and lets {', '.join(let_go) if scene.driven else 'them'} go" if let_go else ""
+    return note(f"{words} deformation with coordinates held{places}{going}")

@@ -58,6 +58,19 @@ def test_an_oscillator_on_a_base_that_is_accelerated(model: str) -> None:
     np.testing.assert_allclose(found["x"], exact, rtol=0, atol=3e-4 * np.abs(exact).max())
 
 
+@pytest.mark.parametrize(("table", "moved", "said"), [("[[0.0,3.0]]", 3.0, True), ("[[0.0,0.0],[0.1,0.0]]", 0.0, False)])
+def test_an_equilibrium_on_a_base_that_is_accelerated_is_said(table: str, moved: float, said: bool) -> None:
+    """x = -a m / k from the start on."""
+    scene = rail(
+        'effects.held={type="spring_damper",joint="rail",stiffness=400.0}', "materials.steel.E=2e13",
+        f'effects.base={{type="base_motion",direction=[0.0,2.0,0.0],table={table}}}', "simulation.duration=0.02",
+        "initial.equilibrium=true", 'initial.coordinates="free"',
+    )  # fmt: skip
+    found = trajectory("full", scene)
+    np.testing.assert_allclose(found.outputs["x"], -moved * RAIL_MASS / 400.0, rtol=1e-6, atol=1e-12)
+    assert said == any("the base's acceleration at time zero too" in one.text for one in found.record.remarks)
+
+
 ALONG_A_SLIDE = HEADER + tables("""
 bodies.arm: line = { length = 0.5, elements = 8 }; element = "beam2d"; material = "steel";
     section = { shape = "rectangle", width = 0.02, height = 0.004 }
