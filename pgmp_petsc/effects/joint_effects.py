@@ -82,14 +82,12 @@ class ElasticEnds(OnJoint):
     sets_in = {"lower": -1.0, "upper": 1.0}
     ordered = (("lower", "upper"),)
     lower: Annotated[NumberOrParameter | None, Unit("rad", "m")] = Field(
-        None, description="where the stop at the lower end is (rad or m), a number or a parameter's name"
+        None, description="where the stop at the lower end is (rad or m)"
     )
     upper: Annotated[NumberOrParameter | None, Unit("rad", "m")] = Field(
-        None, description="where the stop at the upper end is (rad or m), a number or a parameter's name"
+        None, description="where the stop at the upper end is (rad or m)"
     )
-    stiffness: Annotated[PositiveOrParameter, Unit("N m/rad", "N/m")] = Field(
-        description="Nm/rad or N/m, a number or a parameter's name"
-    )
+    stiffness: Annotated[PositiveOrParameter, Unit("N m/rad", "N/m")] = Field(description="(Nm/rad or N/m)")
     damping: Annotated[NotNegativeOrParameter, Unit("s/rad", "s/m")] = Field(
         0.0,
         description="of Hunt and Crossley (s/rad or s/m): force of stiffness times depth (1 + damping depth'), a "
@@ -131,7 +129,7 @@ class JointDamping(OnJoint):
     nothing_without = strength = "coefficient"
     local = True
     coefficient: Annotated[NotNegativeOrParameter, Unit("N m s/rad", "N s/m")] = Field(
-        description="Nm s/rad or N s/m, a number or a parameter's name"
+        description="(Nm s/rad or N s/m)"
     )
 
     @classmethod
@@ -158,18 +156,17 @@ class JointFriction(OnJoint):
     local = True
     edged = True
     limit: Annotated[NotNegativeOrParameter | None, Unit("N m", "N")] = Field(
-        None, description="friction torque (Nm) or force (N) while it slides, a number or a parameter's name"
+        None, description="friction torque (Nm) or force (N) while it slides"
     )
     coefficient: Annotated[NotNegativeOrParameter | None, Unit("1")] = Field(
         None,
-        description="in place of a limit: of friction under the force that the joint carries, a number or a "
-        "parameter's name",
+        description="in place of a limit: of friction under the force that the joint carries",
     )
     radius: Annotated[PositiveOrParameter | None, Unit("m")] = Field(
-        None, description="at which it rubs (m), of what turns, with a coefficient; a number or a parameter's name"
+        None, description="at which it rubs (m), of what turns, with a coefficient"
     )
     speed: Annotated[PositiveOrParameter, Unit("rad/s", "m/s")] = Field(
-        description="rate at which 76 % of the limit are reached (rad/s or m/s), a number or a parameter's name"
+        description="rate at which 76 % of the limit are reached (rad/s or m/s)"
     )
 
     def check_entries(self) -> None:

@@ -145,16 +145,13 @@ class SpringDamper(OnJoint):
     local = True
     joint: str | None = Field(None, description="name of a joint that turns or slides")
     points: Connection | None = Field(None, description='two points, "body:point" or "ground:point"')
-    stiffness: Annotated[NumberOrParameter, Unit("N m/rad", "N/m")] = Field(
-        0.0, description="Nm/rad or N/m, a number or a parameter's name"
-    )
+    stiffness: Annotated[NumberOrParameter, Unit("N m/rad", "N/m")] = Field(0.0, description="(Nm/rad or N/m)")
     damping: Annotated[NotNegativeOrParameter, Unit("N m s/rad", "N s/m")] = Field(
-        0.0, description="Nm s/rad or N s/m, a number or a parameter's name"
+        0.0, description="(Nm s/rad or N s/m)"
     )
     rest: Annotated[NumberOrParameter | None, Unit("rad", "m")] = Field(
         None,
-        description="angle (rad), displacement or distance (m) without force, a number or a parameter's name; 0 for a "
-        "joint if not given",
+        description="angle (rad), displacement or distance (m) without force; 0 for a joint if not given",
     )
 
     def check_entries(self) -> None:

@@ -17,7 +17,6 @@ from pgmp_petsc.base.errors import InputError, shortened
 from pgmp_petsc.base.units import UNITS, UnknownUnit, take_unit
 from pgmp_petsc.declare.ideas import EFFECTS, PACKAGE, Found, refuse
 from pgmp_petsc.scene.fields import (
-    NAMED,
     AnyScene,
     LoadHarmonic,
     LoadTable,
@@ -212,7 +211,7 @@ class OverTime(EffectEntry):
     one_of = ("table", "harmonic")
     table: LoadTable | None = Field(None, description=TABLE)
     harmonic: LoadHarmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
-    scale: Annotated[NumberOrParameter, Unit("1")] = Field(1.0, description=f"factor on it, {NAMED}")
+    scale: Annotated[NumberOrParameter, Unit("1")] = Field(1.0, description="factor on it")
     changeable: ClassVar[tuple[str, ...]] = ("table", "harmonic")
     nothing_without: ClassVar[str] = "scale"
     cause: ClassVar[bool] = True
@@ -313,9 +312,9 @@ class AddedMass(EffectEntry):
 
     acts: ClassVar[str] = "mechanism"
     point: Point = Field(description='where it is, "body:point"')
-    mass: Annotated[PositiveOrParameter, Unit("kg")] = Field(description="mass (kg), a number or a parameter's name")
+    mass: Annotated[PositiveOrParameter, Unit("kg")] = Field(description="mass (kg)")
     inertia: Annotated[NotNegativeOrParameter, Unit("kg m2")] = Field(
-        0.0, description="moment of inertia about the point (kg m2), a number or a parameter's name"
+        0.0, description="moment of inertia about the point (kg m2)"
     )
 
 
