@@ -234,15 +234,8 @@ class Bushing(EffectEntry):
             turning, rest = [angle(np.eye(2), np.eye(2))], frames[1][2] - frames[0][2]
         parts = [(sliding, self.stiffness, self.damping, Quantity(0.0))]
         parts.append((turning, self.turning_stiffness, self.turning_damping, Quantity(rest)))
-        return ActionEffect(
-            name,
-            [
-                Action(name, statement, a, b, SPRING_DAMPER, parameters)
-                for part in parts
-                for statement, parameters in _springs(*part)
-            ],
-            mechanism,
-        )
+        found = (one for part in parts for one in _springs(*part))
+        return ActionEffect(name, [Action(name, one, a, b, SPRING_DAMPER, given) for one, given in found], mechanism)
 
 
 def elastic_coupling(coupling: Coupling, scene: Scene, mechanism: Mechanism) -> ActionEffect:
