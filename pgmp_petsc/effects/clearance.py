@@ -50,7 +50,7 @@ from pgmp_petsc.scene.joints import IMPACT_SPEED, Clearance
 RESTITUTION = (
     1.00492702, 0.72557631, 5.55295772, -26.68819243, 55.68048401, -64.97565655, 42.75255961, -14.28554436, 1.73280757,
 )  # fmt: skip
-SLOW, FAST = 1e-3, 30.0  # of a: the limits hold to 1e-6 and to 1e-13
+SLOW = 1e-3  # of a, below which the limit holds to 1e-6
 # what is beside the room's edge is evaluated too: no roots of zero, and no powers of what is negative
 FAR = "sqrt(s + 1e-30)"  # |e|
 DEPTH = f"(({FAR} - radius)**2 + 1e-40)"  # d^2
@@ -184,15 +184,16 @@ def loose_coupling(coupling: Coupling, scene: Scene, mechanism: Mechanism) -> Lo
 
 
 def restitution_at(restitution: float, ratio: float) -> float:
-    """Return the restitution of impacts at `ratio` times the speed at which it is `restitution`."""
+    """Return the restitution of impacts at `ratio` times the speed at which it is `restitution`.
+
+    With ``y = 1 - e a`` the module's equation is ``y exp(-y) = (1 + a) exp(-1 - a)``, which Lambert's W solves.
+    """
     a = ratio * (1.0 - restitution) / restitution * float(np.polynomial.Polynomial(RESTITUTION)(restitution))
     if a < SLOW:
         return 1.0 - 2.0 * a / 3.0
-    if a > FAST:
-        return 1.0 / a
-    from scipy.optimize import brentq  # a noticeable time, and few scenes have clearance
+    from scipy.special import lambertw  # a noticeable time, and few scenes have clearance
 
-    return float(brentq(lambda e: (1.0 + e) * a - np.log1p(a) + np.log1p(-e * a), 0.0, min(1.0, (1.0 - 1e-15) / a)))
+    return float(1.0 + lambertw(-(1.0 + a) * np.exp(-1.0 - a)).real) / a
 
 
 def hysteresis_at(restitution: float, ratio: float) -> float:

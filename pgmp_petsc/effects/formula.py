@@ -39,7 +39,7 @@ from pgmp_petsc.scene.effects import OnJoint, OverMotion, OverTime
 from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Rows, Unit, refusal
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.references import load_problems, over_problems
-from pgmp_petsc.scene.uses import Use, motion_over, slides
+from pgmp_petsc.scene.uses import motion_over, slides
 
 TURN = 2.0 * math.pi
 CLOSED = 1e-9  # rad that whole turns may be off, and of the largest value that its ends may differ by
@@ -257,10 +257,6 @@ class FormulaEffect(OnJoint):
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         return over_problems(scene, f"effects.{name}", self)
-
-    def uses(self, entry: str, turns: bool) -> Iterator[Use]:
-        for name, value in self.constants.items():
-            yield Use(f"{entry}.constants.{name}", value, "any", ())
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
         """Return the law on the joint's motion, or on the distance, in SI units."""
