@@ -217,11 +217,8 @@ class FormulaEffect(OnJoint):
 
     type: Literal["law"]
     one_of = ("joint", "points")
-    acts = "forces"
-    joints = ("turning", "sliding")
     changeable = ("force", "constants")
     strength_unit = "s"  # of what its law has over time, which is the time
-    local = True
     edged = True
     joint: str | None = Field(None, description="name of a joint that turns or slides")
     points: Connection | None = Field(None, description='two points, "body:point" or "ground:point"')

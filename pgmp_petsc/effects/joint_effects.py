@@ -74,10 +74,8 @@ def place_of(mechanism: Mechanism, name: str, entry: Any) -> dict[str, Any]:
 class ElasticEnds(OnJoint):
     """What is elastic beyond ends of a joint's motion, with the instants of contact found exactly."""
 
-    acts = "forces"
-    joints = ("turning", "sliding")
     changeable = ("lower", "upper", "stiffness", "damping")
-    local = edged = True
+    edged = True
     stiff_by = "stiffness"
     sets_in = {"lower": -1.0, "upper": 1.0}
     ordered = (("lower", "upper"),)
@@ -123,11 +121,8 @@ class JointDamping(OnJoint):
     """Viscous damping of the relative rotation or sliding in a joint."""
 
     type: Literal["joint_damping"]
-    acts = "forces"
-    joints = ("turning", "sliding")
     changeable = ("coefficient",)
     nothing_without = strength = "coefficient"
-    local = True
     coefficient: Annotated[NotNegativeOrParameter, Unit("N m s/rad", "N s/m")] = Field(
         description="(Nm s/rad or N s/m)"
     )
@@ -149,11 +144,8 @@ class JointFriction(OnJoint):
 
     type: Literal["joint_friction"]
     one_of = ("limit", "coefficient")
-    acts = "forces"
-    joints = ("turning", "sliding")
     changeable = ("limit", "coefficient", "radius", "speed")
     strength = "limit"
-    local = True
     edged = True
     limit: Annotated[NotNegativeOrParameter | None, Unit("N m", "N")] = Field(
         None, description="friction torque (Nm) or force (N) while it slides"

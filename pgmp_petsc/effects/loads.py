@@ -55,7 +55,6 @@ class Torque(OverTime):
     """A torque (Nm) over time on a joint that turns: it acts on the second body, and its reaction on the first."""
 
     type: Literal["torque"]
-    acts = "forces"
     joints = ("turning",)
     strength_unit = "N m"
     joint: str = Field(description="name of a joint that turns")
@@ -81,7 +80,6 @@ class Force(OverTime):
 
     type: Literal["force"]
     one_of = ("point", "joint")
-    acts = "forces"
     joints = ("sliding",)
     strength_unit = "N"
     point: Point | None = Field(None, description='where it acts, "body:point"')

@@ -138,11 +138,8 @@ class SpringDamper(OnJoint):
 
     type: Literal["spring_damper"]
     one_of = ("joint", "points")
-    acts = "forces"
-    joints = ("turning", "sliding")
     changeable = ("stiffness", "damping", "rest")
     stiff_by = strength = "stiffness"
-    local = True
     joint: str | None = Field(None, description="name of a joint that turns or slides")
     points: Connection | None = Field(None, description='two points, "body:point" or "ground:point"')
     stiffness: Annotated[NumberOrParameter, Unit("N m/rad", "N/m")] = Field(0.0, description="(Nm/rad or N/m)")

@@ -208,6 +208,7 @@ def _try_forces(cls: type[EffectEntry]) -> None:
 class OverTime(EffectEntry):
     """What acts with a given strength over time."""
 
+    acts = "forces"
     one_of = ("table", "harmonic")
     table: LoadTable | None = Field(None, description=TABLE)
     harmonic: LoadHarmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
@@ -271,6 +272,9 @@ OverMotion = Annotated[
 class OnJoint(EffectEntry):
     """What acts on the motion in a joint."""
 
+    acts = "forces"
+    joints = ("turning", "sliding")
+    local = True
     joint: str = Field(description="name of a joint that turns or slides")
     motion: Literal["turning", "sliding"] | None = Field(None, description="which motion of a joint that has both")
 
