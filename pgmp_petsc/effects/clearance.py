@@ -33,6 +33,7 @@ Friction in a guide is the same against the speed along it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -41,7 +42,7 @@ from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import SOURCE, Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.law import Law
-from pgmp_petsc.mechanism.joints import Connection, Coupling
+from pgmp_petsc.mechanism.joints import Coupling
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import Combination, Function, U, sweeping
 from pgmp_petsc.scene import Scene
@@ -133,45 +134,37 @@ CONTACT, RUBBING, SLIDING, BACKLASH = LAWS["hunt_crossley"]
 
 
 class LooseEffect(ActionEffect):
-    """What acts in a joint, or a coupling, with a clearance."""
+    """What acts in a joint, or a coupling, with a clearance. In the middle of a joint's room no force has a direction:
+    static answers are to unit forces along all directions in which there is room."""
+
+    units: Sequence[Action] = ()  # these forces
 
     @property
     def entry(self) -> str:
         return f"joints.{self.name}.clearance"
 
-
-class ClearanceEffect(LooseEffect):
-    """What acts in a joint with a clearance. In the middle of the room no force has a direction: static answers are to
-    unit forces along all directions in which there is room."""
-
-    def __init__(self, actions: list[Action], connection: Connection, mechanism: Mechanism) -> None:
-        super().__init__(connection.name, actions, mechanism)
-        self._units = [
-            Action(connection.name, part.statement, *connection.sides, SOURCE, (Quantity(1.0),))
-            for part in connection.released
-        ]
-
     def turning_patterns(self) -> list[Action]:
-        return self._units
+        return [*self.units] or super().turning_patterns()
 
 
-def loose_joint(name: str, scene: Scene, mechanism: Mechanism) -> ClearanceEffect:
+def loose_joint(name: str, scene: Scene, mechanism: Mechanism) -> LooseEffect:
     """Return what acts in a joint by a name that has a clearance."""
     connection, entry = mechanism.connection(name), scene.joints[name].clearance
     parameters = _contact(entry, _impact_speed(scene))
     distance = Combination(tuple((part.statement, Function.square()) for part in connection.released))
     sides = [side for _ in connection.released for side in connection.sides]
     laws = LAWS[entry.damping]
-    contact = Action(name, distance, *sides[:2], laws.touching, parameters, further=tuple(sides[2:]))
-    if not entry.friction:
-        return ClearanceEffect([contact], connection, mechanism)
-    if "sliding" in scene.joints[name].motions_in(scene.dimension):
-        law, way = laws.sliding, connection.measure("sliding")
-    else:
-        law, way = laws.rubbing, sweeping(*(part.statement.axes[U] for part in connection.released))
-    rubbing = *parameters, Quantity.of(entry.friction), Quantity.of(entry.friction_speed)
-    friction = Action(name, way, *connection.sides, law, rubbing, by_load=True)
-    return ClearanceEffect([contact, friction], connection, mechanism)
+    actions = [Action(name, distance, *sides[:2], laws.touching, parameters, further=tuple(sides[2:]))]
+    if entry.friction:
+        if "sliding" in scene.joints[name].motions_in(scene.dimension):
+            law, way = laws.sliding, connection.measure("sliding")
+        else:
+            law, way = laws.rubbing, sweeping(*(part.statement.axes[U] for part in connection.released))
+        rubbing = *parameters, Quantity.of(entry.friction), Quantity.of(entry.friction_speed)
+        actions.append(Action(name, way, *connection.sides, law, rubbing, by_load=True))
+    effect, unit = LooseEffect(name, actions, mechanism), (Quantity(1.0),)
+    effect.units = [Action(name, part.statement, *connection.sides, SOURCE, unit) for part in connection.released]
+    return effect
 
 
 def loose_coupling(coupling: Coupling, scene: Scene, mechanism: Mechanism) -> LooseEffect:

@@ -236,8 +236,7 @@ class FormulaOfOutputs(OutputEntry):
         return evaluated(text, names, Dimensions())
 
     def kinked_in(self, scene: Scene) -> bool:
-        own = any(mark in self.formula for mark in CORNERS)
-        return own or any(scene.outputs[one].kinked_in(scene) for one in self.made_in(scene))
+        return any(mark in self.formula for mark in CORNERS) or super().kinked_in(scene)
 
     def combined(self, name: str, parts: Mapping[str, AnyReading], scene: Scene) -> AnyReading:
         text, used = self.in_si(scene)
