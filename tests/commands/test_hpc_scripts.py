@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
-from runs import PAPER_SCENE, PGMP, SMALL, overridden, pgmp
+from runs import PGMP
 
 from pgmp_petsc.results import Ensemble
 
@@ -155,13 +155,6 @@ def stopped(
     job, path = start(checkout, script, WORK=work, **variables), output_of(checkout, script)
     stop(job, checkout / f"{output or path.name}.partial" / f"{part}.npz", number)
     return ended(job, status)
-
-
-@pytest.fixture(scope="module")
-def rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("hpc") / "rom.h5"
-    pgmp("build", PAPER_SCENE, "-o", path, *overridden(*SMALL))
-    return path
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
@@ -409,9 +402,9 @@ def test_heads_leave_variables_to_the_one_who_submits() -> None:
         assert "--output=%x-%j.out" in text and "--requeue" in text and "--signal" not in text
 
 
-def test_samples_are_taken_up_on_other_ranks(checkout: Path, rom: Path) -> None:
+def test_samples_are_taken_up_on_other_ranks(checkout: Path, small_rom: Path) -> None:
     """The real program: one uninterrupted PBS job, and two Slurm jobs of which the first is stopped."""
-    given = {"ROM": rom, "SAMPLES": 80, "SEED": 5, "EXTRA": "--override ensemble.batch=1"}
+    given = {"ROM": small_rom, "SAMPLES": 80, "SEED": 5, "EXTRA": "--override ensemble.batch=1"}
     run(checkout, "montecarlo.pbs", OUTPUT=checkout / "whole.h5", RANKS=1, **given)
     given |= {"OUTPUT": checkout / "parts.h5"}
     job = start(checkout, "montecarlo.slurm", RANKS=2, **given)
