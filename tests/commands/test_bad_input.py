@@ -1,12 +1,12 @@
 """Bad input: exit status 2, one clear message that names the entry, no traceback, no hang; on one rank and on three."""
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import meshio
 import numpy as np
 import pytest
+from conftest import run_mpi
 from refusals import cases
 from runs import PAPER_SCENE, PGMP, SMALL, one_message, overridden, paper_scene, pgmp, refused, rom_of
 from sealed import resealed
@@ -110,13 +110,18 @@ simulate SCENE --full -o OUT & simulation={tolerance=0.01, duration=1.0} & refer
     simulation.tolerance = 0.01: to find the step, the full-order model has to run | \
     reference.budget = 0.001 | give simulation.step
 # files
-check FOLDER/slider_crnk.toml -> slider_crnk.toml | no such scene file
+* check FOLDER/slider_crnk.toml -> slider_crnk.toml | no such scene file
 check FOLDER/words.msh -> words.msh | not valid TOML
 check ROM -> rom.h5 | a scene is a TOML file
 simulate ROM --full -o OUT -> --full | rom.h5' is a reduced model; give its scene
 * simulate SCENE -o OUT -> slider_crank_paper.toml | needed: a reduced model
 montecarlo SCENE -n 2 -o OUT -> slider_crank_paper.toml | needed: a reduced model
-simulate FOLDER/nothing.h5 -o OUT -> nothing.h5 | does not exist
+* simulate FOLDER/nothing.h5 -o OUT -> nothing.h5 | does not exist
+* montecarlo FOLDER/nothing.h5 -n 2 -o OUT -> nothing.h5 | does not exist
+* modes SCENE --rom FOLDER/nothing.h5 -o OUT -> nothing.h5 | does not exist
+* plot FOLDER/nothing.h5 -o FOLDER/pictures -> nothing.h5 | does not exist
+* export FOLDER/nothing.h5 -o FOLDER/x.xdmf -> nothing.h5 | does not exist
+* info FOLDER/nothing.h5 -> nothing.h5 | does not exist
 * simulate FOLDER/cut.h5 -o OUT -> cut.h5 | is damaged: it is cut off
 simulate FOLDER/future.h5 -o OUT -> future.h5 | format version 99
 * simulate FOLDER/older.h5 -o OUT -> older.h5 | format version 2 | build it again with pgmp build
@@ -166,7 +171,7 @@ export SCENE -o FOLDER/x.xdmf --set r1=5e-3 -> --set and --override are for
 info ROM -- -log_view -> 'info' does not use PETSc
 # the trade-off study
 * tradeoff SCENE -o OUT & outputs={} -> outputs: the scene has none
-tradeoff FOLDER/slider_crnk.toml -o OUT -> no such scene file
+* tradeoff FOLDER/slider_crnk.toml -o OUT -> no such scene file
 tradeoff ROM -o OUT -> rom.h5 | a scene is a TOML file
 tradeoff SCENE -o OUT & SHORT_ROD -> cannot close at theta = | joints.
 tradeoff SCENE -o FOLDER/no/out.h5 -> /no' | does not exist
@@ -230,9 +235,9 @@ def test_several_wrong_entries_are_told_at_once() -> None:
         assert words in err
 
 
-def test_a_run_that_leaves_the_range_ends_with_its_reason(mpirun: Callable, folder: Path) -> None:
+def test_a_run_that_leaves_the_range_ends_with_its_reason(folder: Path) -> None:
     path = folder / "left_3.h5"
-    done = mpirun(3, *PGMP, "simulate", folder / "limited.h5", "-o", path, check_status=1)
+    done = run_mpi(3, *PGMP, "simulate", folder / "limited.h5", "-o", path, check_status=1)
     assert "pgmp: error: reduced simulation stopped at 0." in done.stderr
     assert done.stderr.count(Status.LEFT_RANGE.meaning) == 1
     assert "Traceback" not in done.stderr
