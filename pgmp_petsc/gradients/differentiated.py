@@ -238,8 +238,8 @@ def _propagated(
     step = times[-1] / (n_t - 1)
     radius = model.scene.simulation.spectral_radius
     scheme = Scheme.of(radius, step)
-    prescribed = model.terms.tables.prescribed(model.motions)
-    moment = start_of_sensitivities(model, linearisation, _part(states, slice(0, 1)))
+    prescribed = linearisation.prescribed
+    moment = start_of_sensitivities(model, linearisation, states.at(slice(1)))
     result = np.empty((3, n_t, len(linearisation.names), n))
     result[:, 0] = moment[:3]
     if not begun.lost.any():
@@ -251,7 +251,7 @@ def _propagated(
         crossing = contacts.following(first)
         for begin in range(first, crossing, at_once):
             part = slice(begin, min(begin + at_once, crossing))
-            here = linearisation.at(times[part], _part(states, part), scheme)
+            here = linearisation.at(times[part], states.at(part), scheme)
             found = np.empty((3, *here.by_parameters.shape))
             propagate(
                 here.by_q, here.by_v, here.by_a, here.by_parameters, astuple(scheme), step, prescribed, moment, found
@@ -262,10 +262,6 @@ def _propagated(
             result[:, crossing] = moment[:3]
         first = crossing + 1
     return result
-
-
-def _part(states: State, part: slice) -> State:
-    return State(states.q[part], states.v[part], states.a[part], states.multipliers)
 
 
 @njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
@@ -345,8 +341,7 @@ def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Lin
     arrays of shape (1, n_eta)."""
     n_parameters, n = len(linearisation.names), start.q.shape[1]
     moment = np.zeros((4, n_parameters, n))
-    prescribed = model.terms.tables.prescribed(model.motions)
-    free, given = ~prescribed, offset_directions(model.scene)
+    free, given = ~linearisation.prescribed, offset_directions(model.scene)
     for row, name in zip(moment[0], linearisation.names):
         row[n - len(given) :] = [own == name for own in given]
     time, initial, bent = np.zeros(1), model.scene.initial, free.copy()
@@ -482,13 +477,12 @@ class ObservedChanges:
         parts = [member.changes(name, changes) for member in self._members]
         parts += [member.outputs for member in self._members]
         found = blended([*shares, *slopes], parts)
-        far = OF_STRESSES / _largest(self._model, changes, self._values[name])
-        ahead, behind = (
-            self._model.stressed(_moved(self._states, step, changes), self._values | {name: self._values[name] + step})
-            for step in (far, -far)
+        value = self._values[name]
+        found |= _central(
+            lambda far: self._model.stressed(_moved(self._states, far, changes), self._values | {name: value + far}),
+            OF_STRESSES / _largest(self._model, changes, value),
         )
-        stresses = {output: (ahead[output] - behind[output]) / (2.0 * far) for output in ahead}
-        found = self._through_formulas(name, found | stresses)
+        found = self._through_formulas(name, found)
         for output, formula in self._combined.items():
             exact = formula.change(name, self.outputs, found, self._times, self._values)
             # the slope of a root at zero is infinite
@@ -504,15 +498,13 @@ class ObservedChanges:
         shares = [np.full((1, self._times.size), 1.0 / abs(value) if value else 0.0)]
         shares += [np.abs(np.atleast_2d(found[one])) / size for one, size in sizes.items() if size]
         largest = np.max(np.concatenate(shares), axis=0)
-        far = OBSERVED_DIFFERENCE / np.where(largest > 0.0, largest, 1.0)
-        ahead, behind = (
-            model.composed(
-                {one: values + step * found[one] for one, values in self._made_of.items()}, self._times,
-                self._values | {name: value + step}, far.size,
-            )
-            for step in (far, -far)
-        )  # fmt: skip
-        return found | {formula: (ahead[formula] - behind[formula]) / (2.0 * far) for formula in model.formulas}
+
+        def composed(far: np.ndarray) -> dict[str, np.ndarray]:
+            made_of = {one: values + far * found[one] for one, values in self._made_of.items()}
+            return model.composed(made_of, self._times, self._values | {name: value + far}, far.size)
+
+        changes = _central(composed, OBSERVED_DIFFERENCE / np.where(largest > 0.0, largest, 1.0))
+        return found | {formula: changes[formula] for formula in model.formulas}
 
 
 class _Member:
@@ -529,37 +521,37 @@ class _Member:
         self._evaluate = model.outputs.near(observed)
         self.outputs = self._evaluate(observed)
         #: outputs by what is differenced: frames alone, or the whole line, stresses with smaller steps
-        self._kinds: dict[str, set[str]] = {"frames": set(), "line": set(), "stresses": set()}
+        self._kinds: dict[str, str] = {}
         for name, reading in model.outputs.functions.items():
             on_line = reading.depth(0) or reading.needs.parameters or reading.needs.base
             of_model = reading.needs.stresses or reading.needs.multipliers
-            self._kinds["stresses" if of_model else "line" if on_line else "frames"].add(name)
+            self._kinds[name] = "stresses" if of_model else "line" if on_line else "frames"
 
     def changes(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
         """Return the derivatives of the outputs with a parameter."""
-        of_line = _largest(self._model, changes, self._values[name])
-        steps = {
-            "frames": OBSERVED_DIFFERENCE / _largest(self._model, changes, 0.0),
-            "line": OBSERVED_DIFFERENCE / of_line,
-            "stresses": OF_STRESSES / of_line,
+        model, value, frames_at = self._model, self._values[name], self._along(changes[0])
+
+        def observed(far: np.ndarray, cells: np.ndarray | None = None) -> np.ndarray:
+            values = self._values | {name: value + far}
+            return model.observed_of(self._times, _moved(self._states, far, changes), values, cells)
+
+        of_line = _largest(model, changes, value)
+        ways = {
+            "frames": (
+                lambda far: self._evaluate(np.concatenate([frames_at(far).reshape(-1, far.size), self._behind])),
+                OBSERVED_DIFFERENCE / _largest(model, changes, 0.0),
+            ),
+            "line": (lambda far: model.outputs.evaluate(observed(far, self._states.q)), OBSERVED_DIFFERENCE / of_line),
+            "stresses": (lambda far: self._evaluate(observed(far)), OF_STRESSES / of_line),
         }
-        total: dict[str, np.ndarray] = {}
-        frames_at = self._along(changes[0])
-        for share in (-1.0, 1.0):
-            for kind, names in self._kinds.items():
-                if not names:
-                    continue
-                far = share * steps[kind]
-                if kind == "frames":
-                    found = self._evaluate(np.concatenate([frames_at(far).reshape(-1, far.size), self._behind]))
-                else:
-                    values, cells = self._values | {name: self._values[name] + far}, self._states.q
-                    stresses, at = kind == "stresses", _moved(self._states, far, changes)
-                    observed = self._model.observed_of(self._times, at, values, None if stresses else cells)
-                    found = self._evaluate(observed) if stresses else self._model.outputs.evaluate(observed)
-                for output in names:
-                    total[output] = total.get(output, 0.0) + found[output] / (2.0 * far)
-        return {output: total[output] for output in self.outputs}
+        each = {kind: _central(*ways[kind]) for kind in {*self._kinds.values()}}
+        return {output: each[self._kinds[output]][output] for output in self.outputs}
+
+
+def _central(outputs: Callable[[np.ndarray], dict[str, np.ndarray]], far: np.ndarray) -> dict[str, np.ndarray]:
+    """Return central differences of outputs along a line, over steps (n_t,)."""
+    ahead, behind = outputs(far), outputs(-far)
+    return {name: (ahead[name] - behind[name]) / (2.0 * far) for name in ahead}
 
 
 def _moved(states: State, far: np.ndarray, changes: np.ndarray) -> State:

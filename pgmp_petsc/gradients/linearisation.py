@@ -28,7 +28,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.gradients.local_effects import Edge, LocalDerivatives
+from pgmp_petsc.gradients.local_effects import LocalDerivatives
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import WIDE, aligned, eliminate, items
 from pgmp_petsc.lanes.tiles import store_rows
@@ -158,7 +158,8 @@ class Linearised:
 
 
 class Linearisation:
-    """Derivatives of the equations of motion of one sample of a reduced model with the parameters of these names."""
+    """Derivatives of the equations of motion of one sample of a reduced model with the parameters of these names;
+    `prescribed` says whether a coordinate is given, shape (n_eta,)."""
 
     def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
         self._terms, self.names, self.values = model.terms, tuple(names), dict(values)
@@ -167,8 +168,8 @@ class Linearisation:
         self._load_weights = _weights(tables.load_weights, values, names)
         by_name = {effect.name: effect for effect in model.effects}
         self._load_effects = [by_name[name] for name in tables.load_effects]
-        self._local = LocalDerivatives(model, values, names)
-        self._prescribed = tables.prescribed(model.motions)
+        self.local = LocalDerivatives(model, values, names)
+        self.prescribed = tables.prescribed(model.motions)
         self._room = _room(terms.layout, len(tables.load_weights))
 
     def at(
@@ -198,24 +199,15 @@ class Linearisation:
         result = Linearised(
             *(np.zeros((n_t, n, n)) for _ in range(3)), np.zeros((n_t, len(weights) - 1, n)), np.zeros((n_t, n))
         )
-        if self._local.present:
-            self._local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
+        self.local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
         damping, gains = self._terms.damping, (0.0, 0.0) if scheme is None else (scheme.gain_v, scheme.gain_a)
         _linearise(
             self._terms.layout, self._terms.cells, weights, np.ascontiguousarray(loads),
-            0.0 if damping is None else damping.mass, self._prescribed, gains,
-            (np.argsort(cells, kind="stable"), cells, places), own, self._local.present, self._room,
+            0.0 if damping is None else damping.mass, self.prescribed, gains,
+            (np.argsort(cells, kind="stable"), cells, places), own, self.local.present, self._room,
             (result.by_q, result.by_v, result.by_a, result.by_parameters, result.residual),
         )  # fmt: skip
         return result
-
-    def depths(self, times: np.ndarray, states: State) -> np.ndarray:
-        """Return how far every edge of a law is crossed (negative: not), shape (n_t, n_events)."""
-        return self._local.depths(times, states)
-
-    def edge(self, event: int, time: float, state: State) -> Edge:
-        """Return the derivatives of how far an edge is crossed, in a state whose arrays have the shape (1, n_eta)."""
-        return self._local.edge(event, time, state)
 
 
 def _weights(monomials: Sequence[Monomial], values: Mapping[str, float], names: Sequence[str]) -> np.ndarray:

@@ -63,6 +63,7 @@ class LocalDerivatives:
 
     def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
         self._actions, self._terms = model.actions.actions, model.terms
+        self.present = bool(self._actions)  # whether there are local effects
         of_sample = {name: np.array([value]) for name, value in values.items()}
         self._local = model.actions.of_samples(of_sample, 1)
         weights = model.actions.weights
@@ -87,11 +88,6 @@ class LocalDerivatives:
                 for k, quantity in enumerate(action.parameters):
                     table[k] = quantity.derivative(name, values)
 
-    @property
-    def present(self) -> bool:
-        """Whether there are local effects."""
-        return bool(self._actions)
-
     def add(
         self, times: np.ndarray, states: State, by_q: np.ndarray, by_v: np.ndarray, by_parameters: np.ndarray,
         residual: np.ndarray,
@@ -100,7 +96,7 @@ class LocalDerivatives:
 
         A row of `by_parameters` behind those of the parameters is that with time.
         """
-        if not self._actions:
+        if not self.present:
             return
         gradient, measured, slopes, _ = self._measured(times, states.q, states.v, self._weights)
         force, stiffness, damping = (measured[:, :, row] for row in (FORCE, STIFFNESS, DAMPING))
