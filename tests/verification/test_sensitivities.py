@@ -278,7 +278,8 @@ def test_edges_are_differentiated(model: ReducedModel) -> None:
     v, a = (q - before) / step, 30.0 * np.ones(q.shape)
 
     def depths(at: np.ndarray) -> np.ndarray:
-        return linearisation.local.depths(np.zeros(len(at)), State(at, np.zeros_like(at), np.zeros_like(at), np.zeros(0)))
+        still = np.zeros_like(at)
+        return linearisation.local.depths(np.zeros(len(at)), State(at, still, still, np.zeros(0)))
 
     h = np.diag(1e-4 / model.terms.scale)
     slopes = (depths(q + h) - depths(q - h)) / (2.0 * np.diag(h)[:, None])
