@@ -15,11 +15,10 @@ from solid_scenes import solid_meshes, solid_slider_crank
 from two_coordinates import double_pendulum, five_bar
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.design.design_figures import Question
 from pgmp_petsc.design.fitting import fit
 from pgmp_petsc.design.goals import read_constraint, read_goal
 from pgmp_petsc.design.measured_history import MeasuredHistory
-from pgmp_petsc.design.optimization import optimize
+from pgmp_petsc.design.optimization import Question, optimize
 from pgmp_petsc.design.sensitivities import _moved, sensitivities
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, ObservedChanges, differentiate
