@@ -42,7 +42,6 @@ from pgmp_petsc.bench.history import (
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.lanes.vectors import LANES
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh, refined
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.ranks.agreement import agreed
@@ -280,7 +279,7 @@ class Bench:
 
     def moved(self, coarse: int, fine: int, loads: tuple[str, ...] | None = None) -> Errors:
         """Return how far runs of the reference with two numbers of steps are apart."""
-        found = self.errors(self._names(loads), Setting("reference", coarse), Setting("reference", fine))
+        found = self.errors(loads or self.training.names, Setting("reference", coarse), Setting("reference", fine))
         if self._bar is not None:
             self._bar.update()
         return found
@@ -288,7 +287,7 @@ class Bench:
     def check_references(self, n_steps: int, loads: tuple[str, ...] | None = None) -> None:
         """Note which training cases do not count; raises `RunError` if the scene itself, at nominal parameters, cannot
         be run."""
-        names, title, setting = self._names(loads), self.full_model.title, Setting("reference", n_steps)
+        names, title, setting = loads or self.training.names, self.full_model.title, Setting("reference", n_steps)
         cases = [self.training.case(self.scene, name) for name in names]
         self._run(cases, setting)
         mine = {}
@@ -309,8 +308,7 @@ class Bench:
 
     def try_out(self, reduction: Reduction, n_steps: int, loads: tuple[str, ...] | None = None) -> Trial:
         """Build a candidate, run it under some loads (all, by default) and compare it with the full-order model."""
-        names, start = self._names(loads), perf_counter()
-        given = "parameter_modes" in self.scene.reduction.model_fields_set
+        start, given = perf_counter(), "parameter_modes" in self.scene.reduction.model_fields_set
         try:
             rom = self._shelf.take(reduction)
             few = rom.n_parameter < reduction.parameter_modes and not given
@@ -322,12 +320,12 @@ class Bench:
             reason = str(error)
         self._bar.update()
         seconds = self.comm.bcast(perf_counter() - start)
-        return self.go_on(Trial(reduction, n_steps, self._endless(()), reason, seconds, not reason), names)
+        return self.go_on(Trial(reduction, n_steps, self._endless(()), reason, seconds, not reason), loads)
 
     def go_on(self, trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
         """Run a candidate under further loads."""
         start, exact = perf_counter(), trial.exact
-        names = tuple(dict.fromkeys((*trial.errors.loads, *self._names(loads))))
+        names = tuple(dict.fromkeys((*trial.errors.loads, *(loads or self.training.names))))
         if names == trial.errors.loads:
             return trial
         self._run([self.training.case(self.scene, name) for name in names], exact)
@@ -375,9 +373,9 @@ class Bench:
         return self.errors(self.training.names[:1], Setting("reference", n_steps), Setting("full", n_steps, 2))
 
     @property
-    def mechanism(self) -> Mechanism:
-        """The mechanism that candidates are made of: bodies of cells are condensed."""
-        return self._subject.kinematics.mechanism
+    def n_unknowns(self) -> int:
+        """Unknowns of the mechanism that candidates are made of: bodies of cells are condensed."""
+        return self._subject.kinematics.mechanism.n_dofs
 
     @property
     def most_steps(self) -> float:
@@ -395,9 +393,6 @@ class Bench:
     def _endless(self, names: tuple[str, ...]) -> Errors:
         shape = (len(names), len(self.outputs), self.training.n_samples)
         return Errors(np.full(shape, np.inf), np.zeros(shape), names, self.outputs, self.training)
-
-    def _names(self, loads: tuple[str, ...] | None) -> tuple[str, ...]:
-        return self.training.names if loads is None else loads
 
     def _failures(self, names: Sequence[str], setting: Setting) -> str:
         """Return why samples of a candidate failed, empty where none did."""

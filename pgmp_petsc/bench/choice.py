@@ -10,7 +10,7 @@ what is open is chosen with the nominal lengths, and checked with nothing left o
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from math import ceil
@@ -100,7 +100,8 @@ class ReductionChoice:
         """Leave out candidates that cost too much at twice the present angles, which show whether these suffice."""
         n_runs = self._n_steps * self._bench.training.n_cases
         most = self._grid["angles"] * (1 if self._fixed_grid else 2)
-        self._prices = candidates.CandidatePrices.of(self._bench.mechanism, self._limits, n_runs, most)
+        n_local = sum(effect.local for effect in self._bench.scene.effects.values())
+        self._prices = candidates.CandidatePrices(self._bench.n_unknowns, self._limits, n_local, n_runs, most)
         self._families, self._too_dear = self._prices.affordable(self._all_families, self._bench.budget)
 
     def run(self) -> Trial:
@@ -435,7 +436,11 @@ def choose(
         chosen = _chosen_scene(scene, step, trial, rom)
         times = bench.processor_times(trial, step.n_steps, step.n_full)
         cost = cost_text(times[0], step.n_steps, times[1], step.n_full, bench.full_model.title)
-        found = [*_of_loads(step), *mesh_remark(bench, trial.n_steps), cost]
+        found = [*mesh_remark(bench, trial.n_steps), cost]
+        if not step.kept:
+            loads = " and ".join(f"'{name}'" for name in step.loads)
+            sharper = "for loads with sharper corners, give simulation.tolerance with the run"
+            found.insert(0, f"the step was found with {loads}: {sharper}")
     asked = {name: getattr(scene, name).tolerance for name in ("reduction", "simulation")}
     used = step.loads if scene.reduction.tolerance is None else [load.name for load in bench.training.loads]
     selection = Selection(
@@ -488,14 +493,6 @@ def _tried(
             refuse("reduction.tolerance", tolerance, "basis", parts, ledger, [])
         trial = ReductionChoice(bench, ledger, limits, n_steps, step.allowed).run()
     return allowed, trial
-
-
-def _of_loads(step: step_choice.StepChoice) -> Iterator[str]:
-    """Yield with which loads the step was found, where it was."""
-    if not step.kept:
-        loads = " and ".join(f"'{name}'" for name in step.loads)
-        sharper = "for loads with sharper corners, give simulation.tolerance with the run"
-        yield f"the step was found with {loads}: {sharper}"
 
 
 def _given_steps(scene: Scene) -> int:

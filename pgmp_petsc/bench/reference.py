@@ -270,7 +270,7 @@ def first_period(scene: Scene, kinematics: RigidKinematics, comm: Comm, group: C
     eigenproblem."""
     frequency = 0.0
     with agreed(comm, "first mode"), ModalProblem(kinematics, scene.nominal, 1, group) as problem:
-        frequency = float(problem.solve(start_of_coordinates(scene, kinematics)).frequencies_hz[0])
+        frequency = float(problem.solve(start_of(scene, kinematics.mechanism)[0]).frequencies_hz[0])
     # the first rank's: numbers of steps follow from it on all of them
     return 1.0 / comm.bcast(frequency)
 
@@ -284,11 +284,6 @@ def period_of(model: AnyModel, comm: Comm) -> float:
     return first_period(model.scene, model.kinematics, comm, comm)
 
 
-def start_of_coordinates(scene: Scene, kinematics: RigidKinematics) -> np.ndarray:
-    """Return where the coordinates of a scene start, shape (n_theta,), rad."""
-    return start_of(scene, kinematics.mechanism)[0]
-
-
 def _of_tables(model: ReducedModel) -> float:
     """Return the period of a reduced model, from its tables at the sample nearest to the start."""
     tables, nominal = model.terms.tables, model.scene.nominal
@@ -299,7 +294,7 @@ def _of_tables(model: ReducedModel) -> float:
 def _of_floating_bodies(model: ComponentModel) -> float:
     """Return the period of bodies in floating frames."""
     kinematics, nominal = model.kinematics, model.scene.nominal
-    mechanism, start = kinematics.mechanism, start_of_coordinates(model.scene, kinematics)
+    mechanism, start = kinematics.mechanism, start_of(model.scene, kinematics.mechanism)[0]
     pose = kinematics.poses(start[None])[..., 0]
     clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
     moved, masses, stiffnesses = [], [], []
@@ -335,15 +330,11 @@ def _inertia(floating: FloatingBody, nominal: dict[str, float]) -> np.ndarray:
     """Return the mass of rigid motions and amplitudes of a body in a floating frame, in its own frame."""
     d = floating.centres.shape[1]
     moments, n_rigid = weighted_sum_dense(floating.moments, nominal), d * (d + 1) // 2
-    rigid, total = rigid_motions(np.zeros(d)), np.zeros((n_rigid + floating.n,) * 2)
-    for k in range(d):
-        # the k-th component of the displacement, by the scalar fields (1, X, Psi_1, .. Psi_d)
-        fields = np.zeros((len(moments), n_rigid + floating.n))
-        fields[0, :n_rigid], fields[1 : 1 + d, :n_rigid] = rigid[k], rigid[d + d * k : d + d * (k + 1)]
-        own = slice(1 + d + k * floating.n, 1 + d + (k + 1) * floating.n)
-        fields[own, n_rigid:] = np.eye(floating.n)
-        total += fields.T @ moments @ fields
-    return total
+    # every component of the displacement by the scalar fields (1, X, Psi_1, .. Psi_d)
+    rigid, fields = rigid_motions(np.zeros(d)), np.zeros((d, len(moments), n_rigid + floating.n))
+    fields[:, 0, :n_rigid], fields[:, 1 : 1 + d, :n_rigid] = rigid[:d], rigid[d:].reshape(d, d, n_rigid)
+    fields[:, 1 + d :, n_rigid:] = np.eye(d * floating.n).reshape(d, floating.n, -1).swapaxes(1, 2)
+    return np.sum(fields.swapaxes(1, 2) @ moments @ fields, axis=0)
 
 
 OF_SMALLEST = 0.1  # error of any setting: what the last halving may move

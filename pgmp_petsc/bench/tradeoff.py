@@ -269,17 +269,15 @@ class _Study:
     _measured: dict[Setting, Measured] = field(default_factory=dict)
     _finest: Measured | None = None  # on the finest mesh
     _sequences: dict[int, ReferenceSequence] = field(init=False)
-    _floors: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         n, halvings = self.scene.simulation.n_steps, self.sweep.reference_halvings
-        self._floors = self.bench.floors
         # where errors fall by 4 with each halving, a step of an eighth of the finest one is the first that can settle;
         # on refined meshes no setting has a finer step than the scene's
         refinements = self.sweep.refinements if self.limits.refinable else ()
         finest = {1: n * 2**self.sweep.finer} | dict.fromkeys(refinements, n)
         self._sequences = {
-            refinement: ReferenceSequence(4 * steps, self._most(n * 2 ** halvings[refinement > 1]), self._floors)
+            refinement: ReferenceSequence(4 * steps, self._most(n * 2 ** halvings[refinement > 1]), self.bench.floors)
             for refinement, steps in finest.items()
         }
 
@@ -368,7 +366,7 @@ class _Study:
         history, sequence = self._measured[setting].history, self._sequences[setting.refinement]
         if history is None or not sequence.usable:
             return np.full(len(self.scene.outputs), np.nan)
-        return largest_errors(history, sequence.history, self._floors)
+        return largest_errors(history, sequence.history, self.bench.floors)
 
     def _smallest(self, refinement: int) -> np.ndarray:
         """Return the smallest error of every output on a mesh; infinite where there is none."""
@@ -404,7 +402,7 @@ class _Study:
         for refinement in refinements:
             run = self._measured.get(Setting("full", n, refinement), self._finest)
             known = exact is not None and run.history is not None
-            errors = largest_errors(run.history, exact, self._floors) if known else np.full(n_outputs, np.nan)
+            errors = largest_errors(run.history, exact, self.bench.floors) if known else np.full(n_outputs, np.nan)
             rows.append(errors)
         cells = [self.bench.n_cells(refinement) for refinement in refinements]
         return MeshErrors(np.array(refinements), np.array(cells), np.array(rows))
@@ -415,11 +413,11 @@ class _Study:
         apart, runs = None, (self._measured.get(Setting("full", self.scene.simulation.n_steps, 1)), self._finest)
         if all(run is not None and run.history is not None for run in runs):
             own, exact = (run.history for run in runs)
-            shares = errors_of_samples(own, exact, self._floors)
+            shares = errors_of_samples(own, exact, self.bench.floors)
             worst = np.argmax(np.nan_to_num(shares, nan=-1.0, posinf=-1.0), axis=1)
-            apart = shares * np.maximum(sizes_of(exact), self._floors[:, None])
+            apart = shares * np.maximum(sizes_of(exact), self.bench.floors[:, None])
             apart = tuple((int(at), float(row[at])) for at, row in zip(worst, apart))
-        return Sizes(np.where(found > self._floors[:, None], found, 0.0), apart)
+        return Sizes(np.where(found > self.bench.floors[:, None], found, 0.0), apart)
 
 
 def _flags(setting: Setting, scene: Scene) -> str:

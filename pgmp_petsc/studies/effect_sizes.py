@@ -425,7 +425,7 @@ def choose_effects(
 ) -> tuple[Scene, EffectSizes]:
     """Return the scene with the effects that matter, and the estimate that chose them; raises as `estimate_effects`."""
     sizes = estimate_effects(scene, meshes, shapes=shapes)
-    keeps = {kind: False for kind in TERMS} | {size.kind: size.keeps for size in sizes.sizes if size.kind in TERMS}
+    keeps = dict.fromkeys(TERMS, False) | {size.kind: size.keeps for size in sizes.sizes if size.kind in TERMS}
     kept = {size.name for size in sizes.sizes if size.name and size.keeps and size.kind not in TERMS}
     of_plugins = {name for name, one in scene.effects.items() if one.acts == "reduction" and one.type not in TERMS}
     effects = {name: effect for name, effect in scene.effects.items() if name in kept | of_plugins}

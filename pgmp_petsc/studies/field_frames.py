@@ -55,7 +55,14 @@ def field_frames(
     if not values:
         return {}
     poses = RigidReference(kinematics).poses(dict(enumerate(np.moveaxis(nodal, 0, -1))))
-    return {name: _field(field, kinematics, poses, values) for name, field in seen.points.items()}
+    n, fields = poses.shape[2], {}
+    for name, field in seen.points.items():
+        own = values[name]
+        rigid = placed(kinematics.mechanism.space, poses[field.number], undeformed(field))
+        places = own.positions[..., :n]
+        tables = ({quantity: table[:, :n] for quantity, table in part.items()} for part in (own.at_nodes, own.at_cells))
+        fields[name] = body_field(field, places, places - rigid, *tables)
+    return fields
 
 
 def fields_over(fields: ReducedFields, eta: np.ndarray, values: Mapping[str, float]) -> Fields:
@@ -83,15 +90,6 @@ def fields_at(model: ReducedModel, run: Trajectory, times: Sequence[float]) -> d
         raise InputError(f"no body can be seen: {'; '.join(map(' '.join, fields.seen.left_out.items())) or 'no mesh'}")
     nodal = np.moveaxis(model.frames_of(eta), 2, 0)
     return field_frames(fields.seen, model.kinematics, nodal, fields_over(fields, eta, model.scene.values))
-
-
-def _field(field: FieldPoints, kinematics: RigidKinematics, poses: np.ndarray, values: Fields) -> BodyField:
-    name = kinematics.mechanism.bodies[field.number].name
-    own, n = values[name], poses.shape[2]
-    rigid = placed(kinematics.mechanism.space, poses[field.number], undeformed(field))
-    places = own.positions[..., :n]
-    tables = ({quantity: table[:, :n] for quantity, table in part.items()} for part in (own.at_nodes, own.at_cells))
-    return body_field(field, places, places - rigid, *tables)
 
 
 def body_field(
