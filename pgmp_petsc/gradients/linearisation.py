@@ -121,29 +121,24 @@ _rigid_jet_of = _jet(N_POWERS_OF_RIGID, 2, "Return the jet of an entry of degree
 _rigid_slopes_of = _jet(N_POWERS_OF_RIGID, 1, "Return value and slopes of an entry of degree 7.")
 
 
-@njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def fill_jets(coefficients, places, rigid, first, n_entries, whole, jets):
-    """Fill the jets of entries from one on, at places (n_theta, LANES): value and slopes, and if `whole` the rest.
+def _filling(jet: Callable, slopes: Callable) -> Callable:
+    @njit(error_model="numpy", fastmath={"contract"}, counted=False)
+    def fill(coefficients, places, rigid, first, n_entries, whole, jets):
+        """Fill the jets of entries from one on, at places (n_theta, LANES): value and slopes, and if `whole` the rest.
 
-    `rigid` is a tuple as long as there are coordinates.
-    """
-    place, n = load_rows(places, 0, 1, rigid), jets.shape[1]
-    for e in range(first, n_entries):
-        if whole:
-            store_rows(jets, e * n, _jet_of(coefficients, e, place))
-        else:
-            store_rows(jets, e * n, _slopes_of(coefficients, e, place))
+        `rigid` is a tuple as long as there are coordinates.
+        """
+        place, n = load_rows(places, 0, 1, rigid), jets.shape[1]
+        for e in range(first, n_entries):
+            if whole:
+                store_rows(jets, e * n, jet(coefficients, e, place))
+            else:
+                store_rows(jets, e * n, slopes(coefficients, e, place))
+
+    return fill
 
 
-@njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def fill_rigid_jets(coefficients, places, rigid, n_entries, whole, jets):
-    """Fill the jets of the first entries with those of the rigid inertia; see `fill_jets`."""
-    place, n = load_rows(places, 0, 1, rigid), jets.shape[1]
-    for e in range(n_entries):
-        if whole:
-            store_rows(jets, e * n, _rigid_jet_of(coefficients, e, place))
-        else:
-            store_rows(jets, e * n, _rigid_slopes_of(coefficients, e, place))
+fill_jets, fill_rigid_jets = _filling(_jet_of, _slopes_of), _filling(_rigid_jet_of, _rigid_slopes_of)
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,7 +359,7 @@ def _fill_all_jets(layout, of_terms, of_rigid, of_loads, loads, s, at, whole, ro
     """Fill the jets of all tables with the weights of the set s, at instants `at` (LANES,); see `fill_jets`."""
     n_rigid, amplitudes = len(layout.rigid) * (len(layout.rigid) + 1) // 2, items(room.amplitudes, WIDE)
     fill_jets(of_terms, room.place, layout.rigid, n_rigid, layout.end, whole, room.jets)
-    fill_rigid_jets(of_rigid, room.place, layout.rigid, n_rigid, whole, room.jets)
+    fill_rigid_jets(of_rigid, room.place, layout.rigid, 0, n_rigid, whole, room.jets)
     if loads.shape[2] > 0:
         for lane in range(LANES):
             for j in range(loads.shape[2]):
