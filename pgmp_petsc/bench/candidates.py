@@ -228,6 +228,8 @@ def first_passing(
     `hopeless` tells of a failing candidate and a later one that fails whether all between were no use; as many as
     `PATIENCE` in a row end the search.
     """
+    if n == 0:
+        return None
     start = min(start, n - 1)
     if passes(start):
         low, high, taken = -1, start, 0

@@ -12,7 +12,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from enum import Enum, auto
 from math import ceil
 from typing import Any, NoReturn
 
@@ -46,15 +45,6 @@ MUCH_BETTER = 0.7  # a family that leaves less than this share of another's erro
 NEAREST = 4  # rungs to the middle that are tried where it cannot be built
 FAR = 3.0  # times the allowed error: where one scheme leaves more, another is not tried
 STALLED, NEAR = 0.6, 1.5  # more modes are no use where they leave more than this of the error, and of what is allowed
-
-
-class MoreAngles(Enum):
-    """Whether a rung may be tried at twice the angles, or what forbids it."""
-
-    FREE = auto()
-    GIVEN = auto()
-    LAST = auto()
-    DEAR = auto()
 
 
 class ReductionChoice:
@@ -185,18 +175,15 @@ class ReductionChoice:
     def _finer(self) -> dict[str, Any]:
         return self._grid | {"angles": 2 * self._grid["angles"]}
 
-    def _more_angles(self, rung: candidates.Rung) -> MoreAngles:
-        """Return whether a rung may be tried at twice the angles."""
-        if self._fixed_grid:
-            return MoreAngles.GIVEN
-        if self._finer["angles"] > self._angles[-1]:
-            return MoreAngles.LAST
-        alone = self._prices.within(rung, self._bench.budget)
-        return MoreAngles.FREE if alone and self._is_affordable(rung, self._finer) else MoreAngles.DEAR
+    @property
+    def _is_finest(self) -> bool:
+        """Whether twice the angles are more than are tried."""
+        return self._finer["angles"] > self._angles[-1]
 
     def _angles_count(self, rung: candidates.Rung) -> bool:
         """Return whether twice the angles may be tried, and change a good part of what a rung leaves."""
-        if self._more_angles(rung) is not MoreAngles.FREE:
+        free = not self._fixed_grid and not self._is_finest and self._prices.within(rung, self._bench.budget)
+        if not (free and self._is_affordable(rung, self._finer)):
             return False
         changed = self._apart(rung, self._grid, self._finer).largest
         return changed > max(self.allowed["interpolation"], COUNTS * self._error(rung))
@@ -306,8 +293,7 @@ class ReductionChoice:
             self._trials[_key(best.entries | self._grid)] = trial
             self._ledger.add_trial("basis", OF_BASIS, trial, trial.errors, best.cost)
             best = self._best_looked_at()
-        more = self._more_angles(best)
-        if more is MoreAngles.LAST:
+        if self._is_finest and not self._fixed_grid:
             most = self._grid["angles"]
             if self._apart(best, self._grid | {"angles": most // 2}, self._grid).largest > COUNTS * self._error(best):
                 hints = [f"the tables change too fast over the range for {most} angles: take more reduction.angles"]
@@ -315,12 +301,12 @@ class ReductionChoice:
         kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
         given = ", ".join(f"reduction.{name} = {json.dumps(value)}" for name, value in kept.items())
         last = [f"kept as given: {given}; leave them out to have them chosen"] if kept else []
-        more_known = self._reduction.sampling_tolerance is None and self._finer["angles"] <= self._angles[-1]
-        if more is MoreAngles.GIVEN and more_known and self._is_affordable(best, self._finer):
+        more_known = self._reduction.sampling_tolerance is None and not self._is_finest
+        if self._fixed_grid and more_known and self._is_affordable(best, self._finer):
             self._apart(best, self._grid, self._finer)  # noted: what twice the angles that are given would change
         rival = self._rival_of(trial)
         last += self._left_out
-        if more is MoreAngles.DEAR and not self._prices.within(best, self._bench.budget):
+        if not (self._fixed_grid or self._is_finest or self._prices.within(best, self._bench.budget)):
             last.append(f"{self._finer['angles']} angles were not tried: {self._prices.dear(best, self._bench.budget)}")
         n_static = self._limits.n_static if trial.reduction.static_modes else 0
         if trial.reduction.modes >= self._limits.most_modes(n_static):
@@ -352,11 +338,7 @@ class ReductionChoice:
 
         chosen, counts = self._grid, [n for n in self._angles if n < self._grid["angles"]]
         for scheme in schemes:
-            found = (
-                candidates.first_passing(len(counts), lambda k: passes(counts[k], scheme), len(counts) - 1)
-                if counts
-                else None
-            )
+            found = candidates.first_passing(len(counts), lambda k: passes(counts[k], scheme), len(counts) - 1)
             if found is not None:
                 chosen = {"angles": counts[found], "interpolation": scheme}
                 counts = counts[:found]
@@ -434,8 +416,9 @@ def choose(
         step.fit_reduced(trial)
         rom = bench.rom_of(trial)
         chosen = _chosen_scene(scene, step, trial, rom)
-        times = bench.processor_times(trial, step.n_steps, step.n_full)
-        cost = cost_text(times[0], step.n_steps, times[1], step.n_full, bench.full_model.title)
+        n_full = step.search.chosen
+        times = bench.processor_times(trial, step.n_steps, n_full)
+        cost = cost_text(times[0], step.n_steps, times[1], n_full, bench.full_model.title)
         found = [*mesh_remark(bench, trial.n_steps), cost]
         if not step.kept:
             loads = " and ".join(f"'{name}'" for name in step.loads)
@@ -481,7 +464,7 @@ def _tried(
     # also good enough with a step that was found later and is finer than the trial's
     tolerance = bench.scene.reduction.tolerance
     while trial.n_steps < step.n_steps:
-        finest = step.n_finest
+        finest = step.search.finest
         again = replace(trial, n_steps=finest)
         errors = bench.errors(step.loads, again.setting, again.exact)
         ledger.add_trial("basis", KNOBS, again, errors)
