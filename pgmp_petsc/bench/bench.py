@@ -28,7 +28,6 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench import prices
 from pgmp_petsc.bench.cases import OWN, Case, Setting, Training, at_values, node_values, step_of
 from pgmp_petsc.bench.history import (
-    AnyModel,
     Errors,
     History,
     ResponseSurface,
@@ -43,7 +42,7 @@ from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.mesh.line_mesh import LineMesh, refined
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, RankGroup, first_ranks
 from pgmp_petsc.reduction.build import FEW_VECTORS, build_rom
@@ -136,7 +135,7 @@ class Bench:
         self._histories: dict[tuple[Case, Setting], History] = {}
         self._ran: set[tuple[Case, Setting]] = set()  # the same on all ranks
         self._shelf = Shelf(self.build)
-        self._models: dict[tuple, tuple[AnyModel | ResponseSurface, int, float]] = {}
+        self._models: dict[tuple, tuple[Model | ResponseSurface, int, float]] = {}
         self._offline: dict[tuple, list[np.ndarray]] = {}
         self._online: dict[tuple[Setting, int], np.ndarray] = {}
         self._steps: dict[Setting, float] = {}  # s of a step of a sample, of the runs at the test values
@@ -170,7 +169,7 @@ class Bench:
         """Return the reduced model of a trial that could be built, on all ranks; built again where it was let go."""
         return self._shelf.take(trial.reduction)
 
-    def _model(self, setting: Setting) -> tuple[AnyModel | ResponseSurface, int, float]:
+    def _model(self, setting: Setting) -> tuple[Model | ResponseSurface, int, float]:
         """Return what a setting runs with, its number of coordinates, and the smallest cosine; see `Measured`."""
         if setting.family == "components":
             model = component_model(self.scene, self._subject.meshes, self.comm, setting.component_modes)
@@ -189,7 +188,7 @@ class Bench:
         n_coordinates = rom.tables.n_coordinates + rom.tables.n_modes
         return ReducedModel(scene, rom, kinematics), n_coordinates, float(rom.cosines.min())
 
-    def _full(self, setting: Setting) -> tuple[AnyModel, int, float]:
+    def _full(self, setting: Setting) -> tuple[Model, int, float]:
         if setting.family == "reference" and setting.refinement == 1:
             model = self.reference.model
         else:
@@ -250,7 +249,7 @@ class Bench:
                     self._histories[case, setting] = self._history(case, setting, model)
         self._ran.update((case, setting) for case in todo)
 
-    def _history(self, case: Case, setting: Setting, model: AnyModel) -> History:
+    def _history(self, case: Case, setting: Setting, model: Model) -> History:
         """Run a case on this rank, or take up what an earlier run of the program has of the reference."""
         if setting.family != "reference":
             history = history_of(case, setting, model)
@@ -416,9 +415,7 @@ class Bench:
                     times = (*times, min(float(self.seconds(model, n_steps, BATCH)[1]) for _ in range(2)))
         return self.comm.bcast(times)
 
-    def seconds(
-        self, model: AnyModel | ResponseSurface, n_steps: int, n_samples: int, known: float = 0.0
-    ) -> np.ndarray:
+    def seconds(self, model: Model | ResponseSurface, n_steps: int, n_samples: int, known: float = 0.0) -> np.ndarray:
         """Return wall and processor time of a sample in a batch of n, shape (2,), s; by this rank.
 
         The samples of the training are repeated until there are n, and their outputs evaluated at the end. Of a step of
@@ -502,20 +499,20 @@ class Bench:
         wall, processor = self._offline[setting.build][0]
         return Measured(history, n_coordinates, cosine, reason, (float(wall), float(processor)))
 
-    def _ready(self, setting: Setting) -> tuple[AnyModel | ResponseSurface, int, float]:
+    def _ready(self, setting: Setting) -> tuple[Model | ResponseSurface, int, float]:
         """Prepare a setting, or return what was prepared for one with the same build."""
         if setting.build not in self._models:
             self._models[setting.build], seconds = self._prepared(setting)
             self._offline.setdefault(setting.build, [seconds])
         return self._models[setting.build]
 
-    def _prepared(self, setting: Setting) -> tuple[tuple[AnyModel | ResponseSurface, int, float], np.ndarray]:
+    def _prepared(self, setting: Setting) -> tuple[tuple[Model | ResponseSurface, int, float], np.ndarray]:
         start = _now()
         made = self._model(setting)
         shared = self._timed.get(setting.family, 0.0) if setting.refinement == 1 else 0.0
         return made, shared + _now() - start
 
-    def _too_dear(self, setting: Setting, model: AnyModel | ResponseSurface) -> str:
+    def _too_dear(self, setting: Setting, model: Model | ResponseSurface) -> str:
         """Return why a setting is not run at the test values; empty where it is."""
         if setting.family != "full" or self.reference.is_mesh:
             return ""
@@ -559,14 +556,14 @@ class Bench:
 
 
 def history_of(
-    case: Case, setting: Setting, model: AnyModel, pulse: Callable[[int], object] = lambda n_steps: None
+    case: Case, setting: Setting, model: Model, pulse: Callable[[int], object] = lambda n_steps: None
 ) -> History:
     """Run a case with a model of a setting, on this rank; `pulse` is called with numbers of steps."""
     loaded = model if case.name == OWN else model.with_loads(case.scene)
     return run_history(loaded, case.values, case.n_samples, setting.n_steps, pulse=pulse)
 
 
-def step_price(model: AnyModel) -> float:
+def step_price(model: Model) -> float:
     """Return the predicted processor time of a step of a sample, s; none of a reduced model."""
     return 0.0 if isinstance(model, ReducedModel) else prices.step_seconds(model.kinematics.mechanism)
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bench.cases import Setting, Training
-from pgmp_petsc.models import FullModel, OutputRecord, ReducedModel
+from pgmp_petsc.models import Model, OutputRecord, ReducedModel
 from pgmp_petsc.models.model import floors_of as floors_of
 from pgmp_petsc.outputs.rainflow import at_the_end
 from pgmp_petsc.outputs.readings import Reading
@@ -27,8 +27,6 @@ from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
-
-AnyModel = FullModel | ReducedModel
 
 MOST_INSTANTS = 1024  # kept of a run: enough for the largest value over time
 MARGIN = 0.02  # of a limited range: what the flexible bodies may add to the coordinate
@@ -78,7 +76,7 @@ def spacing(n_steps: int) -> int:
 
 
 def run_history(
-    model: AnyModel,
+    model: Model,
     values: Mapping[str, np.ndarray],
     n_samples: int,
     n_steps: int,
@@ -105,7 +103,7 @@ def run_history(
     return History(n_steps, parts[0].every, **joined)
 
 
-def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, pulse: Callable[[int], object]) -> History:
+def _integrated(model: Model, system: SecondOrderSystem, n_steps: int, pulse: Callable[[int], object]) -> History:
     """Integrate a system and evaluate the outputs at the kept instants."""
     kinematics, n_samples = model.kinematics, system.n_samples
     # what measures free coordinates with a limited range; a reduced model watches its own itself
@@ -128,7 +126,7 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, pulse:
 class _Record(OutputRecord):
     """Keeps outputs, and frames of some nodes, after one of `every` so many steps."""
 
-    def __init__(self, model: AnyModel, system: SecondOrderSystem, nodes: list[int], *how: Any) -> None:
+    def __init__(self, model: Model, system: SecondOrderSystem, nodes: list[int], *how: Any) -> None:
         super().__init__(model, system, *how)
         self._nodes, self._frames = nodes, []
 

@@ -21,7 +21,7 @@ from scipy.linalg import block_diag, eigh, null_space
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
+from pgmp_petsc.bench.history import History, errors_between, floors_of, largest_errors, run_history
 from pgmp_petsc.bench.prices import Price, duration_text, step_seconds
 from pgmp_petsc.bodies.component import rigid_motions
 from pgmp_petsc.bodies.floating import FloatingBody
@@ -34,7 +34,7 @@ from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
+from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
 from pgmp_petsc.models.component_file import ModelBodyFile, bodies_of, model_of
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.agreement import agreed, on_root
@@ -275,7 +275,7 @@ def first_period(scene: Scene, kinematics: RigidKinematics, comm: Comm, group: C
     return 1.0 / comm.bcast(frequency)
 
 
-def period_of(model: AnyModel, comm: Comm) -> float:
+def period_of(model: Model, comm: Comm) -> float:
     """Return the period of any model (s). Collective on `comm`."""
     if isinstance(model, ReducedModel):
         return on_root(comm, _of_tables, model)

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import numpy as np
 
@@ -28,13 +27,11 @@ from pgmp_petsc.bench.history import Errors, Trial
 from pgmp_petsc.bench.ledger import STEP, ZERO, Ledger, refuse
 from pgmp_petsc.bench.prices import Price
 from pgmp_petsc.bench.reference import Reference, period_of
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import Model
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import steps_of_samplings
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.parameters import spanning_values
-
-AnyModel = TypeVar("AnyModel", FullModel, ReducedModel)
 
 AHEAD = 8
 SEEN = 16  # 64 steps a period of the first flexible mode: ten times its frequency is not damped within some periods
@@ -314,7 +311,7 @@ class StepChoice:
         self._ledger.add("step", {"step": step, "model": model or self._model}, n_steps, errors)
 
 
-def settle_step(model: AnyModel, comm: Comm, ensemble: bool) -> tuple[AnyModel, str]:
+def settle_step(model: Model, comm: Comm, ensemble: bool) -> tuple[Model, str]:
     """Return a model with the step that its scene's tolerance allows, and what was chosen. Collective on `comm`.
 
     The step follows from runs of the model itself, those to come: the scene's own loads; for an ensemble with the

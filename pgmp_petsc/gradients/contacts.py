@@ -19,14 +19,13 @@ multiplied by the first of these equations. Where the path turns at the edge (gr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.gradients.linearisation import Linearisation
-from pgmp_petsc.models import LengthLanes, ReducedModel
+from pgmp_petsc.models import Observing
 from pgmp_petsc.stepping.alpha_step import AlphaStep
 from pgmp_petsc.stepping.edge_search import EventLocation, Part
 from pgmp_petsc.stepping.edge_search import Place as Moment
@@ -60,13 +59,7 @@ class Contacts:
     """
 
     def __init__(
-        self,
-        model: ReducedModel | LengthLanes,
-        values: Mapping[str, float],
-        linearisation: Linearisation,
-        times: np.ndarray,
-        states: State,
-        auxiliary: np.ndarray,
+        self, model: Observing, linearisation: Linearisation, times: np.ndarray, states: State, auxiliary: np.ndarray
     ) -> None:
         self._model, self._linearisation, self._times, self._states = model, linearisation, times, states
         self._radius, self._step = model.scene.simulation.spectral_radius, times[-1] / (len(times) - 1)
@@ -77,7 +70,7 @@ class Contacts:
         self._known = 0, auxiliary  # an instant, and the auxiliary accelerations there
         self.found: list[Contact] = []
         if self._in_parts.any() or (self._beyond[1:] != self._beyond[:-1]).any():
-            system = model.batch({name: np.array([value]) for name, value in values.items()}, 1)
+            system = model.batch({name: np.array([value]) for name, value in linearisation.values.items()}, 1)
             self._location = EventLocation(system, AlphaStep(system, self._radius), states.at(slice(1)).copy())
 
     def following(self, first: int) -> int:

@@ -51,11 +51,11 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.gradients.contacts import Contact, Contacts
-from pgmp_petsc.gradients.differences import FURTHER, NEAR, AnyModel, Differences, Off, why_differences
+from pgmp_petsc.gradients.differences import FURTHER, NEAR, Differences, Off, why_differences
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import eliminate
-from pgmp_petsc.models import LengthLanes, OutputRecord, ReducedModel
+from pgmp_petsc.models import Model, Observing, OutputRecord, ReducedModel
 from pgmp_petsc.models.lengths import blended
 from pgmp_petsc.models.reduced_statics import JointAngles
 from pgmp_petsc.outputs.of_outputs import FormulaOfOutputs
@@ -89,7 +89,7 @@ class DifferentiatedRun:
 
 
 def differentiate(
-    model: AnyModel,
+    model: Model,
     values: Mapping[str, float],
     names: Sequence[str],
     pulse: Callable[[int], object] = lambda n_steps: None,
@@ -120,7 +120,7 @@ def differentiate(
     step, radius = times[-1] / (len(times) - 1), model.scene.simulation.spectral_radius
     first = first_accelerations(system, system.start(), step, np.ones(1, dtype=bool), radius)
     begun = replace(states, a=np.concatenate([first.a, states.a[1:]]))
-    contacts = Contacts(model, values, linearisation, times, begun, first.auxiliary[0])
+    contacts = Contacts(model, linearisation, times, begun, first.auxiliary[0])
     changes = _propagated(model, first, linearisation, contacts, times, states)
     with np.errstate(all="ignore"):
         observed = ObservedChanges(model, values, times, states)
@@ -129,7 +129,7 @@ def differentiate(
     return DifferentiatedRun(times, outputs, derivatives, attempt.divisor, contacts=tuple(contacts.found))
 
 
-def _fine(model: AnyModel, once: Callable[[Attempt], tuple[Run, Any]]) -> tuple[Attempt, Any]:
+def _fine(model: Model, once: Callable[[Attempt], tuple[Run, Any]]) -> tuple[Attempt, Any]:
     """Integrate `once`, or again with smaller steps; return the attempt that came to the end and what it kept. Raises
     `RunError` if none did."""
     kept: list[tuple[Attempt, Run, Any]] = []
@@ -149,7 +149,7 @@ def _fine(model: AnyModel, once: Callable[[Attempt], tuple[Run, Any]]) -> tuple[
 
 
 def _by_differences(
-    model: AnyModel, values: Mapping[str, float], names: Sequence[str], pulse: Callable[[int], object]
+    model: Model, values: Mapping[str, float], names: Sequence[str], pulse: Callable[[int], object]
 ) -> DifferentiatedRun:
     """Return a run with differences of the runs beside it as derivatives; see `differentiate`."""
     near = Differences.of(model, values, names, NEAR)
@@ -176,7 +176,7 @@ def _by_differences(
 
 
 def _runs_beside(
-    model: AnyModel, beside: Differences, pulse: Callable[[int], object] = lambda n_steps: None
+    model: Model, beside: Differences, pulse: Callable[[int], object] = lambda n_steps: None
 ) -> tuple[Attempt, np.ndarray, dict[str, np.ndarray]]:
     """Run a sample and those beside it; return the attempt, times (n_t,), and outputs, each (n_runs, n_t)."""
 
@@ -204,7 +204,7 @@ def _runs_beside(
 
 
 def _counted(
-    model: AnyModel,
+    model: Model,
     values: Mapping[str, float],
     times: np.ndarray,
     outputs: dict[str, np.ndarray],
@@ -225,12 +225,7 @@ def _counted(
 
 
 def _propagated(
-    model: ReducedModel | LengthLanes,
-    begun: First,
-    linearisation: Linearisation,
-    contacts: Contacts,
-    times: np.ndarray,
-    states: State,
+    model: Observing, begun: First, linearisation: Linearisation, contacts: Contacts, times: np.ndarray, states: State
 ) -> np.ndarray:
     """Return the derivatives of the reduced coordinates, their rates and their accelerations over the run, shape (3,
     n_t, n_parameters, n_eta)."""
@@ -336,7 +331,7 @@ def _of_first(
 DIFFERENCE = 1e-3  # of second differences of fourth order: rounding and truncation leave 1e-9 of them
 
 
-def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Linearisation, start: State) -> np.ndarray:
+def start_of_sensitivities(model: Observing, linearisation: Linearisation, start: State) -> np.ndarray:
     """Return S_q, S_v, S_a and S_A of a sample at time zero, shape (4, n_parameters, n_eta), from its state there,
     arrays of shape (1, n_eta)."""
     n_parameters, n = len(linearisation.names), start.q.shape[1]
@@ -375,7 +370,7 @@ def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Lin
     return moment
 
 
-def _require_rest(model: ReducedModel | LengthLanes) -> None:
+def _require_rest(model: Observing) -> None:
     """Refuse a start that moves, where springs of elastic joints are in balance with joints that are off."""
     named = velocity_names(model.scene)
     for name, rate in zip(model.scene.coordinates, model.start[1]):
@@ -393,11 +388,7 @@ def _solved(matrix: np.ndarray, rows: np.ndarray, free: np.ndarray) -> np.ndarra
 
 
 def _held(
-    model: ReducedModel | LengthLanes,
-    eta: np.ndarray,
-    at_rest: Linearised,
-    linearisation: Linearisation,
-    given: np.ndarray,
+    model: Observing, eta: np.ndarray, at_rest: Linearised, linearisation: Linearisation, given: np.ndarray
 ) -> np.ndarray:
     """Return S_q of coordinates (n_parameters, n_eta) whose joints' angles are held, at eta (1, n_eta); `given` has
     that of coordinates that say how far joints are off."""
@@ -423,7 +414,7 @@ def _held(
 
 
 def _angle_derivatives(
-    model: ReducedModel | LengthLanes, angles: Sequence[JointAngles], shares: np.ndarray, eta: np.ndarray
+    model: Observing, angles: Sequence[JointAngles], shares: np.ndarray, eta: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return first and second derivatives of the coordinates' angles, (n_theta, n_eta) and (n_theta, n_eta, n_eta)."""
     offsets, factors = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
@@ -455,9 +446,7 @@ class ObservedChanges:
     n_eta).
     """
 
-    def __init__(
-        self, model: ReducedModel | LengthLanes, values: Mapping[str, float], times: np.ndarray, states: State
-    ) -> None:
+    def __init__(self, model: Observing, values: Mapping[str, float], times: np.ndarray, states: State) -> None:
         self._model, self._values, self._times, self._states = model, dict(values), times, states
         self._members = [_Member(member, self._values, times, states) for member in model.members]
         shares = model.shares(self._values)
@@ -560,7 +549,7 @@ def _moved(states: State, far: np.ndarray, changes: np.ndarray) -> State:
     return State(*moved, states.multipliers)
 
 
-def _largest(model: ReducedModel | LengthLanes, changes: np.ndarray, value: float) -> np.ndarray:
+def _largest(model: Observing, changes: np.ndarray, value: float) -> np.ndarray:
     """Return by how many of what is large reduced coordinates change with a parameter, or the parameter with itself,
     where it is not zero, shape (n_t,): what it is a factor of must not be taken far from its value."""
     size = np.max(np.abs(changes[0]) * model.terms.scale, axis=1)

@@ -46,7 +46,7 @@ from pgmp_petsc.lanes.vectors import (
     spread_number,
     vector,
 )
-from pgmp_petsc.models import LengthLanes, ReducedModel
+from pgmp_petsc.models import Observing
 from pgmp_petsc.reduced.arrays import Layout
 from pgmp_petsc.reduced.cells import Grid, place_of
 from pgmp_petsc.reduced.lagrangian import fill_residual, fill_tangents
@@ -156,7 +156,7 @@ class Linearisation:
     """Derivatives of the equations of motion of one sample of a reduced model with the parameters of these names;
     `prescribed` says whether a coordinate is given, shape (n_eta,)."""
 
-    def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
+    def __init__(self, model: Observing, values: Mapping[str, float], names: Sequence[str]) -> None:
         self._terms, self.names, self.values = model.terms, tuple(names), dict(values)
         terms, tables = model.terms, model.terms.tables
         self._weights = _weights(terms.weights, values, names)

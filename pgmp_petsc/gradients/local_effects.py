@@ -28,7 +28,7 @@ from pgmp_petsc.gradients.differences import CENTRAL
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import LANES, add, load, same_in_all_lanes, spread, store
-from pgmp_petsc.models import LengthLanes, ReducedModel
+from pgmp_petsc.models import Observing
 from pgmp_petsc.reduced.action_frames import KeptPlaces, place_nodes
 from pgmp_petsc.reduced.action_kernel import LEADING, MEASURE, RATE, LocalEffects, LocalWork, measure
 from pgmp_petsc.stepping.second_order_system import State
@@ -61,7 +61,7 @@ class LocalDerivatives:
         As of `Linearisation`.
     """
 
-    def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
+    def __init__(self, model: Observing, values: Mapping[str, float], names: Sequence[str]) -> None:
         self._actions, self._terms = model.actions.actions, model.terms
         self.present = bool(self._actions)  # whether there are local effects
         of_sample = {name: np.array([value]) for name, value in values.items()}
