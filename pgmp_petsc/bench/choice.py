@@ -10,7 +10,7 @@ what is open is chosen with the nominal lengths, and checked with nothing left o
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import ceil
 from typing import Any, NoReturn
@@ -25,8 +25,8 @@ from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.cases import Training
 from pgmp_petsc.bench.history import Errors, Trial
 from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, refuse, refuse_basis, shares_of
-from pgmp_petsc.bench.reference import MORE_MODES, Demand, Subject, choose_reference, distance_from_mesh
-from pgmp_petsc.bodies.shape import BodyShape, at_lengths
+from pgmp_petsc.bench.reference import MORE_MODES, Demand, Said, Subject, choose_reference, distance_from_mesh
+from pgmp_petsc.bodies.shape import Shapes, at_lengths
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import FEW_VECTORS, build_rom
 from pgmp_petsc.reduction.checkpoint import Finished
@@ -377,11 +377,7 @@ def leaves_open(scene: Scene) -> bool:
 
 
 def choose(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    group: RankGroup,
-    say: Callable[[str], None] = lambda text: None,
-    finished: Finished | None = None,
+    scene: Scene, meshes: Shapes, group: RankGroup, say: Said = lambda text: None, finished: Finished | None = None
 ) -> Choice:
     """Choose what the tolerances of a scene leave open. Collective on ``group.world``; its groups share an
     eigenproblem.
@@ -447,7 +443,7 @@ def choose(
 
 
 def _tried(
-    bench: Bench, ledger: Ledger, step: step_choice.StepChoice, subject: Subject, say: Callable[[str], None]
+    bench: Bench, ledger: Ledger, step: step_choice.StepChoice, subject: Subject, say: Said
 ) -> tuple[Mapping[str, float], Trial]:
     """Return the errors that are allowed, and the reduced model that is given or chosen, with the step it has."""
     scene = subject.scene
@@ -564,11 +560,7 @@ def cost_text(reduced: float, n_reduced: int, full: float, n_full: int, title: s
 
 
 def choose_over_lengths(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    group: RankGroup,
-    say: Callable[[str], None],
-    finished: Finished | None = None,
+    scene: Scene, meshes: Shapes, group: RankGroup, say: Said, finished: Finished | None = None
 ) -> Choice:
     """Choose what the tolerances of a scene leave open, with any lengths; see `choose`. Collective on ``group.world``.
     Raises `InputError` or `RunError`, as `choose`; with the lengths at which what was chosen does not keep the
@@ -598,9 +590,7 @@ def choose_over_lengths(
     return Choice(chosen, build_rom(chosen, meshes, group), selection)
 
 
-def _chosen_at(
-    scene: Scene, lengths: Mapping[str, float], meshes: Mapping[str, BodyShape], group: RankGroup, **how: Any
-) -> Choice:
+def _chosen_at(scene: Scene, lengths: Mapping[str, float], meshes: Shapes, group: RankGroup, **how: Any) -> Choice:
     """Choose with some lengths, m; `how` is as of `choose`."""
     shapes = at_lengths(scene.with_values(lengths), meshes)
     try:

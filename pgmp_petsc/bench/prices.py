@@ -32,7 +32,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.controllers.acting import are_stated
 from pgmp_petsc.effects import Effect, actions_of
 from pgmp_petsc.estimates.reference_motion import OF_BESIDE, carrying, found_beside
@@ -186,9 +186,7 @@ class Prospect:
         )
 
 
-def prospects(
-    scene: Scene, meshes: Mapping[str, BodyShape], mechanism: Mechanism, n_flexible: int, n_loads: int
-) -> list[Prospect]:
+def prospects(scene: Scene, meshes: Shapes, mechanism: Mechanism, n_flexible: int, n_loads: int) -> list[Prospect]:
     """Return what is predicted of the mesh, of component modes and of a reduced model: of its flexible coordinates, and
     of the load patterns that static modes could answer."""
     n_local = sum(effect.local for effect in scene.effects.values())
@@ -227,9 +225,7 @@ def prospects(
     ]
 
 
-def choice(
-    scene: Scene, meshes: Mapping[str, BodyShape], found: Sequence[Prospect], n_steps: int, effects: Sequence[Effect]
-) -> str:
+def choice(scene: Scene, meshes: Shapes, found: Sequence[Prospect], n_steps: int, effects: Sequence[Effect]) -> str:
     """Return which model to take for how many samples of so many steps, in words; among those whose error is small."""
     good = [one for one in found if not one.refused and one.error <= GOOD]
     compared = not why_refused(scene, Purpose.TRADEOFF, meshes)

@@ -12,7 +12,7 @@ from the eigenproblem of the modes; of a reduced model from its tables; of bodie
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -26,7 +26,7 @@ from pgmp_petsc.bench.prices import Price, duration_text, step_seconds
 from pgmp_petsc.bodies.component import rigid_motions
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.matrices import AffineMatrices
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.components.component_modes import weighted_sum_dense
 from pgmp_petsc.components.condensing import angle_group, condensed, floating_shapes
 from pgmp_petsc.effects import start_of
@@ -49,13 +49,13 @@ class Subject:
     """A scene and its bodies."""
 
     scene: Scene  # as the user gave it
-    meshes: Mapping[str, BodyShape]  # the mesh of every body
-    shapes: Mapping[str, BodyShape]  # the same, bodies of continuum cells condensed
+    meshes: Shapes  # the mesh of every body
+    shapes: Shapes  # the same, bodies of continuum cells condensed
     kinematics: RigidKinematics  # of the mechanism of `shapes`
     n_modes: int  # modes that bodies are condensed for
 
     @classmethod
-    def of(cls, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, n_modes: int) -> Self:
+    def of(cls, scene: Scene, meshes: Shapes, group: RankGroup, n_modes: int) -> Self:
         """Condense the bodies for so many modes, and follow the rigid motion. Collective on ``group.world``."""
         serving = scene.with_entries(reduction={"modes": n_modes, "tolerance": None})
         shapes = condensed(serving, meshes, group, large=takes_second_order(scene))
@@ -79,6 +79,7 @@ def takes_second_order(scene: Scene) -> bool:
     return True
 
 
+Said = Callable[[str], None]  # what takes lines for whoever waits
 CHECK_SHARE = 0.1  # of the budget, for the distance of the component model from the mesh
 FEWEST_STEPS = 16  # of the mesh that tell anything about that distance
 MOST_POINTS = 3
@@ -108,9 +109,7 @@ class Reference:
         return {"model": self.model.name, "predicted_seconds": price, "why": self.why, "from_mesh": apart}
 
 
-def condensed_bodies(
-    scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm, n_modes: int | None = None
-) -> dict[str, ModelBodyFile]:
+def condensed_bodies(scene: Scene, meshes: Shapes, comm: Comm, n_modes: int | None = None) -> dict[str, ModelBodyFile]:
     """Return the bodies of a scene as component models have them. Collective on `comm`; parameters and errors as of
     `component_model`."""
     serving = scene if n_modes is None else scene.with_entries(reduction={"modes": n_modes})
@@ -122,11 +121,7 @@ def condensed_bodies(
 
 
 def component_model(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    comm: Comm,
-    n_modes: int | None = None,
-    kinematics: RigidKinematics | None = None,
+    scene: Scene, meshes: Shapes, comm: Comm, n_modes: int | None = None, kinematics: RigidKinematics | None = None
 ) -> ComponentModel:
     """Return the component model of a scene, whose fields serve so many modes, ``reduction.modes`` by default.
     Collective on `comm`.
@@ -152,7 +147,7 @@ class Demand:
 
 
 def choose_reference(
-    scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKinematics, demand: Demand, comm: Comm
+    scene: Scene, meshes: Shapes, kinematics: RigidKinematics, demand: Demand, comm: Comm
 ) -> Reference:
     """Choose the mesh where it is within the budget, or named, else the component model. Collective on `comm`. Raises
     `InputError` if neither is within the budget and none is named; or if the component model is named and there is
@@ -194,12 +189,7 @@ def choose_reference(
 
 
 def distance_from_mesh(
-    reference: Reference,
-    meshes: Mapping[str, BodyShape],
-    values: Mapping[str, np.ndarray],
-    n_samples: int,
-    n_steps: int,
-    comm: Comm,
+    reference: Reference, meshes: Shapes, values: Mapping[str, np.ndarray], n_samples: int, n_steps: int, comm: Comm
 ) -> Reference:
     """Return a reference that says how far it is from the mesh. Collective on `comm`.
 

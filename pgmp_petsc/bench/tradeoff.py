@@ -11,7 +11,7 @@ operations, never from times: the settings are the same in every run, on any num
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from time import process_time
@@ -32,11 +32,12 @@ from pgmp_petsc.bench.reference import (
     Demand,
     Reference,
     ReferenceSequence,
+    Said,
     Subject,
     choose_reference,
     distance_from_mesh,
 )
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import why_no_grid
@@ -108,13 +109,13 @@ QUICK = Sweep(
 
 def measure_tradeoff(
     scene: Scene,
-    meshes: Mapping[str, BodyShape],
+    meshes: Shapes,
     sweep: Sweep,
     n_samples: int,
     quick: bool,
     comm: Comm,
     finished: Finished | None = None,
-    say: Callable[[str], None] = lambda text: None,
+    say: Said = lambda text: None,
 ) -> Tradeoff | None:
     """Measure errors and times of the settings of a sweep, on the first rank; None elsewhere. Collective on `comm`.
 
@@ -177,12 +178,7 @@ def _of_one_mechanism(scene: Scene) -> Scene:
 
 
 def _prepared(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    training: Training,
-    sweep: Sweep,
-    comm: Comm,
-    say: Callable[[str], None],
+    scene: Scene, meshes: Shapes, training: Training, sweep: Sweep, comm: Comm, say: Said
 ) -> tuple[Subject, Reference, dict[str, float]]:
     """Condense bodies and choose the reference; return the processor times of both by what they are for."""
     modes, n = scene.reduction.modes, scene.simulation.n_steps
