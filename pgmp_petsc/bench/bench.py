@@ -30,10 +30,12 @@ from pgmp_petsc.bench.cases import OWN, Case, Setting, Training, at_values, node
 from pgmp_petsc.bench.history import (
     Errors,
     History,
+    Pulse,
     ResponseSurface,
     Trial,
     errors_between,
     floors_of,
+    integrated,
     round_off_of,
     run_history,
     spacing,
@@ -130,8 +132,7 @@ class Bench:
         with agreed(comm, "preparing training runs"):
             self.floors = floors_of(self.full_model)
         self.batch = min(self.scene.ensemble.batch, MOST_TIMED_TOGETHER)
-        #: is called with numbers of steps while a setting is measured
-        self.pulse: Callable[[int], object] = lambda n_steps: None
+        self.pulse: Pulse = lambda n: None  # while a setting is measured
         self._histories: dict[tuple[Case, Setting], History] = {}
         self._ran: set[tuple[Case, Setting]] = set()  # the same on all ranks
         self._shelf = Shelf(self.build)
@@ -242,7 +243,7 @@ class Bench:
         if alone and large and not isinstance(self.full_model, ReducedModel):
             with first_ranks(self.comm, self.comm.size) as workers, agreed(self.comm, "training runs"):
                 with model.distributed(self.scene.values, workers) as system:
-                    self._histories[todo[0], setting] = run_history(model, {}, 1, setting.n_steps, system)
+                    self._histories[todo[0], setting] = integrated(model, system, setting.n_steps)
         else:
             with agreed(self.comm, f"{setting.family} training runs"):
                 for case in self._own(todo):
@@ -555,10 +556,8 @@ class Bench:
         return refinement * sum(mesh.n_cells for mesh in self._subject.meshes.values())
 
 
-def history_of(
-    case: Case, setting: Setting, model: Model, pulse: Callable[[int], object] = lambda n_steps: None
-) -> History:
-    """Run a case with a model of a setting, on this rank; `pulse` is called with numbers of steps."""
+def history_of(case: Case, setting: Setting, model: Model, pulse: Pulse = lambda n: None) -> History:
+    """Run a case with a model of a setting, on this rank."""
     loaded = model if case.name == OWN else model.with_loads(case.scene)
     return run_history(loaded, case.values, case.n_samples, setting.n_steps, pulse=pulse)
 

@@ -311,7 +311,7 @@ class ReductionChoice:
         n_static = self._limits.n_static if trial.reduction.static_modes else 0
         if trial.reduction.modes >= self._limits.most_modes(n_static):
             last.append(self._limits.last_mode)
-        refuse_basis(self._bench, trial, self.tolerance, self.allowed, self._ledger, last, rival)
+        refuse_basis(self._bench, trial, self.allowed, self._ledger, last, rival)
 
     def _rival_of(self, trial: Trial) -> Trial | None:
         """Return the largest basis that follows stretching in another way than one of second order does."""

@@ -94,20 +94,14 @@ def refuse(
 
 
 def refuse_basis(
-    bench: Bench,
-    trial: Trial,
-    tolerance: float,
-    allowed: Mapping[str, float],
-    ledger: Ledger,
-    last: Sequence[str],
-    rival: Trial | None,
+    bench: Bench, trial: Trial, allowed: Mapping[str, float], ledger: Ledger, last: Sequence[str], rival: Trial | None
 ) -> NoReturn:
     """Find out what is wrong with the best basis and raise an `InputError` that says so.
 
     It may be the load's size, the parameters' distance, the step, how bodies stretch, or round-off. `trial` is the best
     that was found, `rival` the largest basis that follows stretching in the other way, `last` are further lines.
     """
-    entry, errors = "reduction.tolerance", trial.errors
+    entry, tolerance, errors = "reduction.tolerance", bench.scene.reduction.tolerance, trial.errors
     if not np.isfinite(errors.largest):
         refuse(entry, tolerance, "basis", allowed, ledger, last)
     possible = f"a tolerance of {1.05 * errors.largest * tolerance / allowed['basis']:.1e} can be met by this part"

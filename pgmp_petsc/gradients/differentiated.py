@@ -89,10 +89,7 @@ class DifferentiatedRun:
 
 
 def differentiate(
-    model: Model,
-    values: Mapping[str, float],
-    names: Sequence[str],
-    pulse: Callable[[int], object] = lambda n_steps: None,
+    model: Model, values: Mapping[str, float], names: Sequence[str], pulse: Callable[[int], object] = lambda n: None
 ) -> DifferentiatedRun:
     """Run one sample, and differentiate its outputs with some parameters; with forces beside (`Scene.beside`), and of
     component models, by `differences`.

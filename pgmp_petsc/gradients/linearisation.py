@@ -168,12 +168,7 @@ class Linearisation:
         self._room = _room(terms.layout, len(tables.load_weights))
 
     def at(
-        self,
-        times: np.ndarray,
-        states: State,
-        scheme: Scheme | None = None,
-        with_time: bool = False,
-        loaded: bool = True,
+        self, times: np.ndarray, states: State, scheme: Scheme | None = None, by_time: bool = False, loaded: bool = True
     ) -> Linearised:
         """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta).
 
@@ -185,7 +180,7 @@ class Linearisation:
         n_t, n = states.q.shape
         strengths = np.array([effect.strength.with_rates(times) for effect in self._load_effects]).reshape(-1, 3, n_t)
         weights, loads = self._weights, np.einsum("sl,lt->tsl", self._load_weights, strengths[:, 0])
-        if with_time:
+        if by_time:
             weights = np.concatenate([weights, np.zeros_like(weights[:1])])
             loads = np.concatenate([loads, (self._load_weights[0] * strengths[:, 1].T)[:, None]], axis=1)
         loads = loads if loaded else np.zeros_like(loads)

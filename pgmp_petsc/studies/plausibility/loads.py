@@ -270,12 +270,7 @@ def formula_findings(scene: Scene, assembled: Callable[[], RigidKinematics]) -> 
 
 
 def _outputs_at_start(
-    scene: Scene,
-    kinematics: RigidKinematics,
-    names: Sequence[str],
-    theta: np.ndarray,
-    moving: np.ndarray,
-    moment: float,
+    scene: Scene, kinematics: RigidKinematics, names: Sequence[str], theta: np.ndarray, speed: np.ndarray, moment: float
 ) -> Iterator[Finding]:
     """Yield outputs of other outputs that have no finite value where the rigid mechanism starts; of accelerations,
     stresses and forces it does not know, nor of deformations of a settled start."""
@@ -288,8 +283,8 @@ def _outputs_at_start(
     rows = np.broadcast_to(theta[None, :, None], (len(here), theta.size, 1))
     whole = np.concatenate([here, rows[:, : outputs.n_frame - outputs.n_pose]], axis=1)
     rates = np.zeros_like(here)
-    if np.any(moving):
-        rates = (frames(theta + moment * moving) - frames(theta - moment * moving)) / (2.0 * moment)
+    if np.any(speed):
+        rates = (frames(theta + moment * speed) - frames(theta - moment * speed)) / (2.0 * moment)
     n = len(outputs.stresses) + outputs.n_forces
     observed = outputs.observed([whole, rates, np.zeros_like(here)], np.zeros((n, 1)), 0.0, scene.values)
     with np.errstate(all="ignore"):
