@@ -108,20 +108,12 @@ QUICK = Sweep(
 
 
 def measure_tradeoff(
-    scene: Scene,
-    meshes: Shapes,
-    sweep: Sweep,
-    n_samples: int,
-    quick: bool,
-    comm: Comm,
-    finished: Finished | None = None,
-    say: Said = lambda text: None,
+    scene: Scene, meshes: Shapes, sweep: Sweep, n_samples: int, comm: Comm, say: Said, finished: Finished | None = None
 ) -> Tradeoff | None:
     """Measure errors and times of the settings of a sweep, on the first rank; None elsewhere. Collective on `comm`.
 
-    The advice is for so many samples; `quick`, whether the sweep is the short one, is for the record. What errors are
-    measured against, and what that is predicted to take, goes to `say` before it is run; what an earlier run finished
-    is in `finished`, where further tasks are kept.
+    The advice is for so many samples. What errors are measured against, and what that is predicted to take, goes to
+    `say` before it is run; what an earlier run finished is in `finished`, where further tasks are kept.
 
     Raises `InputError` if the scene has no outputs, its mechanism cannot be closed, or there is no reference within the
     budget; `RunError` if the reference fails at a test value, so that there is nothing to compare with.
@@ -132,7 +124,7 @@ def measure_tradeoff(
             '[outputs.angle] type = "angle", joint = "<a revolute joint>"'
         )
     scene = _of_one_mechanism(scene)
-    timings, sweep = Timings(), sweep.over(len(scene.coordinates))
+    timings, quick, sweep = Timings(), sweep != FULL, sweep.over(len(scene.coordinates))
     training = Training.of_own_loads(scene, *held_out(scene))
     with RankGroup.split(alone(), 1) as own:
         with timings.phase("preparation"), without_progress():

@@ -77,12 +77,7 @@ class Built:
 
 
 def build(
-    scene: Scene,
-    meshes: Shapes,
-    group: RankGroup,
-    say: Said = lambda text: None,
-    output: Path | None = None,
-    resume: bool = False,
+    scene: Scene, meshes: Shapes, group: RankGroup, say: Said, output: Path | None = None, resume: bool = False
 ) -> Built:
     """Build the reduced model of a scene with the mesh of every body; groups share an eigenproblem. Collective on
     ``group.world``.
