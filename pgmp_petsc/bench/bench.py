@@ -153,8 +153,8 @@ class Bench:
         if setting.reduction is None:
             return n_steps * setting.refinement * self.reference.price.step
         scene = scene.with_entries(reduction=setting.reduction)
-        n_local = sum(effect.local for effect in scene.effects.values())
-        step = prices.reduced_step(setting.reduction.modes, len(scene.coordinates), scene.second_order, n_local)
+        sizes = setting.reduction.modes, len(scene.coordinates)
+        step = prices.reduced_step(*sizes, scene.second_order, prices.n_local(scene))
         return prices.build_seconds(scene, mechanism) + n_steps * step
 
     # models of settings
@@ -371,11 +371,6 @@ class Bench:
         if not (lines and self.reference.is_mesh and self.reference.price.step <= SMALL):
             return None
         return self.errors(self.training.names[:1], Setting("reference", n_steps), Setting("full", n_steps, 2))
-
-    @property
-    def n_unknowns(self) -> int:
-        """Unknowns of the mechanism that candidates are made of: bodies of cells are condensed."""
-        return self._subject.kinematics.mechanism.n_dofs
 
     @property
     def most_steps(self) -> float:

@@ -14,7 +14,7 @@ from itertools import product
 from math import log
 from typing import Any
 
-from pgmp_petsc.bench.prices import coefficients, duration_text, reduced_step
+from pgmp_petsc.bench.prices import coefficients, duration_text, n_local, reduced_step
 from pgmp_petsc.bench.reference import takes_second_order
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects import effects_of, patterns_of, start_of
@@ -36,9 +36,7 @@ MOST_BYTES = 2**30  # that its tables may have
 class CandidatePrices:
     """Figures common to all candidates."""
 
-    n_unknowns: int  # of the mechanism, bodies of cells condensed
     limits: Limits
-    n_local: int  # local effects
     n_steps: int  # steps of all samples and loads together
     angles: int  # most along each coordinate that the first candidates are built at
 
@@ -48,15 +46,15 @@ class CandidatePrices:
         m, n = rung.n_flexible, (angles or self.angles) ** self.limits.n_coordinates
         second, others = (bool(rung.entries[key]) for key in ("second_order", "parameter_modes"))
         pairs = m * (m + 1) / 2 if second else 0
-        build = n * self.n_unknowns * (UNKNOWN * (1 + second + others) + PAIR_OF_UNKNOWN * pairs)
-        return build + self.n_steps * reduced_step(m, self.limits.n_coordinates, second, self.n_local)
+        build = n * self.limits.n_unknowns * (UNKNOWN * (1 + second + others) + PAIR_OF_UNKNOWN * pairs)
+        return build + self.n_steps * reduced_step(m, self.limits.n_coordinates, second, self.limits.n_local)
 
     def bytes(self, rung: Rung) -> float:
         """Return the size of its tables; over two turns of a coordinate they are twice as many."""
         m, n, n_terms = rung.n_flexible, self.angles**self.limits.n_coordinates, self.limits.n_terms
         entries = 2.0 * n_terms * m**2
         if rung.entries["second_order"]:
-            entries += 2.0 * n_terms * m**3 + self.n_unknowns * m**2
+            entries += 2.0 * n_terms * m**3 + self.limits.n_unknowns * m**2
         return 8.0 * n * entries
 
     def within(self, rung: Rung, budget: float) -> bool:
@@ -126,6 +124,8 @@ class Limits:
     n_condensed: int | None = None
     # whether all flexible bodies have a long axis: terms of second order are then tried with static stretching too
     slender: bool = True
+    n_unknowns: int = 0  # n_unknowns, n_local: of the mechanism, bodies of cells condensed, and local effects
+    n_local: int = 0
     gridded: bool = True  # whether reduced models go over the coordinates on a grid
     refinable: bool = True  # whether meshes can be cut into finer ones and run as the reference: those of lines
 
@@ -160,7 +160,8 @@ class Limits:
         n_inertia, curved = n * (n + 1) // 2 + len(clamped), not scene.second_order and takes_second_order(scene)
         slender = all(body.has_long_axis for body in mechanism.bodies)
         uncertain, gridded = bool(uncertain_names(scene)), not why_no_grid(scene, mechanism)
-        return cls(n_modes, n_static, n_terms, uncertain, n, n_inertia, curved, served, slender, gridded)
+        sizes = mechanism.n_dofs, n_local(scene)
+        return cls(n_modes, n_static, n_terms, uncertain, n, n_inertia, curved, served, slender, *sizes, gridded)
 
 
 @dataclass(frozen=True)

@@ -90,8 +90,7 @@ class ReductionChoice:
         """Leave out candidates that cost too much at twice the present angles, which show whether these suffice."""
         n_runs = self._n_steps * self._bench.training.n_cases
         most = self._grid["angles"] * (1 if self._fixed_grid else 2)
-        n_local = sum(effect.local for effect in self._bench.scene.effects.values())
-        self._prices = candidates.CandidatePrices(self._bench.n_unknowns, self._limits, n_local, n_runs, most)
+        self._prices = candidates.CandidatePrices(self._limits, n_runs, most)
         self._families, self._too_dear = self._prices.affordable(self._all_families, self._bench.budget)
 
     def run(self) -> Trial:

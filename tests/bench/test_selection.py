@@ -132,7 +132,7 @@ def test_few_vectors_extend_a_basis_where_a_parameter_is_uncertain() -> None:
 
 
 def prices(n_steps: int = 1000, angles: int = 96, n_unknowns: int = 36) -> CandidatePrices:
-    return CandidatePrices(n_unknowns, PAPER, 0, n_steps, angles)
+    return CandidatePrices(replace(PAPER, n_unknowns=n_unknowns), n_steps, angles)
 
 
 @pytest.mark.parametrize("budget", [1.0, 5.0, 10.0])

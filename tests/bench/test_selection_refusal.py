@@ -17,8 +17,7 @@ from pgmp_petsc.scene.numerics import Reduction
 from scenes import slider_crank
 
 LOADS = (Load("own", "", {}, True), Load("quick", "", {}, False))
-N_UNKNOWNS = 36  # of the slider-crank
-PAPER = Limits(n_modes=30, n_static=1, n_terms=3)
+PAPER = Limits(n_modes=30, n_static=1, n_terms=3, n_unknowns=36)
 
 
 def training() -> Training:
@@ -41,7 +40,7 @@ class Known:
         self.scene = slider_crank(f"reduction={{tolerance=1e-2{given}}}")
         self.outputs, self.training = ("x",), training()
         self._basis, self._round_off, self._builds = basis, round_off, builds
-        self.budget, self.remarks, self.n_unknowns, self.spent = budget, [], N_UNKNOWNS, 0.0
+        self.budget, self.remarks, self.spent = budget, [], 0.0
         self.tried: list[Reduction] = []
 
     def _grid(self, reduction: Reduction) -> float:
