@@ -138,7 +138,6 @@ class FormulaController(JointController):
         return law_of(states, force, constants, starts, (*self.measured,))
 
     def parameters(self) -> dict[str, float | str]:
-        """Return the constants, and what states begin with."""
         begins = {_start(name): value for name, value in self.initial.items()}
         return {_own(name): value for name, value in self.constants.items()} | begins
 

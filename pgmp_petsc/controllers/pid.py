@@ -65,12 +65,10 @@ class Pid(JointController):
 
     @property
     def filtered(self) -> bool:
-        """Whether there is a filter."""
         return self.gains.filter != 0.0
 
     @property
     def needs_rate(self) -> bool:
-        """Whether the rate of the error is taken, and is not filtered."""
         return not self.filtered and self.gains.d != 0.0
 
     def law(self) -> ControlLaw:
@@ -99,7 +97,6 @@ class Pid(JointController):
                 return
 
     def uses(self, entry: str) -> Iterator[Use]:
-        """Yield the gains, the times, and what all controllers have."""
         yield from super().uses(entry)
         for key in ("p", "i", "d"):
             yield Use(f"{entry}.gains.{key}", getattr(self.gains, key), "any", ())

@@ -152,7 +152,6 @@ class ClearanceEffect(LooseEffect):
         ]
 
     def turning_patterns(self) -> list[Action]:
-        """Return the unit forces."""
         return self._units
 
 

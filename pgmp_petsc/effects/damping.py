@@ -135,23 +135,14 @@ class StructuralDamping(EffectEntry):
 
     @property
     def adds(self) -> str:
-        """The bodies that it damps."""
         return f"in {', '.join(self.bodies) if self.bodies else 'all flexible bodies'}"
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:
-        return BodiesDamping(name, self, mechanism)
-
-
-class BodiesDamping(Effect):
-    """Structural damping in the models: what is damped, by the body's number, and how; see the module."""
-
-    def __init__(self, name: str, entry: StructuralDamping, mechanism: Mechanism) -> None:
-        super().__init__(name)
-        self.dampings = {
-            i: entry
-            for i, body in enumerate(mechanism.bodies)
-            if (body.flexible if entry.bodies is None else body.name in entry.bodies)
-        }
+        """Return what is damped, by the body's number, and how; see the module."""
+        effect, own = Effect(name), self.bodies
+        damped = (body.flexible if own is None else body.name in own for body in mechanism.bodies)
+        effect.dampings = {number: self for number, is_damped in enumerate(damped) if is_damped}
+        return effect
 
 
 @dataclass(frozen=True)

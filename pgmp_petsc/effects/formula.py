@@ -256,11 +256,9 @@ class FormulaEffect(OnJoint):
             raise refusal(f"the formula does not name '{unused[0]}'; leave it out", "constants")
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line if there is no such joint as its s is of."""
         return over_problems(scene, f"effects.{name}", self)
 
     def uses(self, entry: str, turns: bool) -> Iterator[Use]:
-        """Yield the constants, which may be of any unit."""
         for name, value in self.constants.items():
             yield Use(f"{entry}.constants.{name}", value, "any", ())
 

@@ -109,7 +109,6 @@ class EndStop(ElasticEnds):
 
     @classmethod
     def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
-        """Say where the motion of the coordinates ends."""
         ranges = [
             f"{one.name} from {one.shown(path.min()):.3g} to {one.text(path.max(), '.3g')}"
             for one, path in zip(run.coordinates, run.theta.T)
@@ -137,13 +136,11 @@ class JointDamping(OnJoint):
 
     @classmethod
     def work(cls, rate: np.ndarray, time: np.ndarray, turns_freely: bool) -> float:
-        """Return ``int s'^2 dt``."""
         from scipy.integrate import trapezoid  # a noticeable time, and only sizes of effects need it
 
         return float(trapezoid(rate**2, time))
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
-        """Return the viscous damper."""
         place, parameters = joint_measure(mechanism, self), (0.0, self.coefficient, 0.0)
         return ActionEffect.of_laws(name, mechanism, place, SPRING_DAMPER, parameters)
 
@@ -181,12 +178,10 @@ class JointFriction(OnJoint):
 
     @property
     def nothing_without(self) -> str:
-        """The entry that says how strong it is."""
         return "limit" if self.coefficient is None else "coefficient"
 
     @property
     def by_load(self) -> bool:
-        """Whether it hangs on the force that the joint carries."""
         return self.coefficient is not None
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
@@ -200,7 +195,6 @@ class JointFriction(OnJoint):
 
     @classmethod
     def work(cls, rate: np.ndarray, time: np.ndarray, turns_freely: bool) -> float:
-        """Return ``int |s'| dt``."""
         from scipy.integrate import trapezoid  # as above
 
         return float(trapezoid(np.abs(rate), time))

@@ -63,7 +63,6 @@ class Torque(OverTime):
     over_motion: OverMotion = None
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line if steps do not resolve it, or its table does not fit a joint."""
         return load_over_problems(scene, name, self)
 
     def forces(self, name: str, mechanism: Mechanism) -> Effect:
@@ -154,7 +153,6 @@ class Gravity(EffectEntry):
     )
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line if it has no direction in space."""
         if scene.dimension == 3 and "direction" not in self.model_fields_set:
             yield problem(f"effects.{name}.direction", "missing; needed in space: direction (x, y, z)")
 
@@ -196,7 +194,6 @@ class FixedForce(Effect):
         return [] if self._guided else [self._vector(matrices, axis) for axis in np.eye(self._direction.size)]
 
     def turning_patterns(self) -> list[Action]:
-        """Return the force on a guided point, in its own direction."""
         if not self._guided:
             return []
         return [Action(self.name, along(self._direction), self._ground, self._point, SOURCE, (self._scale,))]
@@ -224,7 +221,6 @@ class Couples(Effect):
         return [Load(self.name, self._scale.monomial, vector, in_bodies=True)]
 
     def natural_actions(self) -> list[Action]:
-        """Return the torque on the joint's angle."""
         joint = self._connection
         return [Action(self.name, joint.angle, joint.a, joint.b, SOURCE, (self._scale,), self.strength)]
 
@@ -242,11 +238,9 @@ class HoldingTorque(Effect):
         self._coordinate = coordinate
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
-        """Return the couples on the joint of a coordinate that turns."""
         return [_couples(self._coordinate.connection, matrices)] if self._coordinate.turns else []
 
     def turning_patterns(self) -> list[Action]:
-        """Return the force along one that is a length."""
         held = self._coordinate
         return [] if held.turns else [Action(self.name, held.statement, *held.sides, SOURCE, (Quantity(1.0),))]
 
@@ -313,12 +307,10 @@ class PointMass(AddedMass):
 
     @classmethod
     def if_added(cls, scene: Scene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
-        """Say from which mass on it would matter."""
         return np.nan, f"would matter from {scene.system.text(tolerance * run.mass, 'kg', '.2g')} on"
 
     @property
     def adds(self) -> str:
-        """Where it is a part of the mass."""
         return f"part of the mass matrix at {self.point}"
 
 

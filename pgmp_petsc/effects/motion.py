@@ -119,7 +119,6 @@ class PrescribedMotion(Driving):
 
     @property
     def adds(self) -> str:
-        """The coordinate that it drives."""
         return f"drives {self.coordinate}"
 
     @property
@@ -134,8 +133,14 @@ class PrescribedMotion(Driving):
         return "table", max(abs((b[1] - a[1]) / (b[0] - a[0])) for a, b in pairwise(self.table)), ()
 
     def motion(self, name: str) -> Motion:
-        """Return the motion over time."""
-        return Motion.of(name, self)
+        makers = {
+            "table": lambda rows: TimeFunction(*_spline(rows)),
+            "harmonic": lambda wave: TimeFunction(harmonic(wave)),
+            "spin_up": _spin_up,
+            "constant_speed": lambda given: TimeFunction(Piece(cubic=(given.start, given.speed))),
+        }
+        angle = next(make(getattr(self, key)) for key, make in makers.items() if getattr(self, key) is not None)
+        return Motion(name, self.coordinate, angle)
 
 
 class Instant(NamedTuple):
@@ -153,18 +158,6 @@ class Motion:
     name: str  # of the effect
     coordinate: str
     angle: TimeFunction  # rad or m
-
-    @classmethod
-    def of(cls, name: str, entry: PrescribedMotion) -> Motion:
-        """Return that of an effect by its name."""
-        makers = {
-            "table": lambda rows: TimeFunction(*_spline(rows)),
-            "harmonic": lambda wave: TimeFunction(harmonic(wave)),
-            "spin_up": _spin_up,
-            "constant_speed": lambda given: TimeFunction(Piece(cubic=(given.start, given.speed))),
-        }
-        angle = next(make(getattr(entry, key)) for key, make in makers.items() if getattr(entry, key) is not None)
-        return cls(name, entry.coordinate, angle)
 
     def at(self, time: float | np.ndarray) -> Instant:
         """Return the motion at a time (s), or at each of several."""
@@ -217,11 +210,9 @@ class BaseMotion(OverTime):
 
     @property
     def unit_of_values(self) -> str:
-        """Unit of the values over time."""
         return GIVEN[self.of][1]
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line if steps do not resolve it."""
         if self.of == "acceleration":
             yield from load_problems(scene, name, self)
         elif self.harmonic is not None:

@@ -26,7 +26,6 @@ class Gyroscopic(EffectEntry):
     keep: bool = Field(True, strict=True, description="false leaves them out of the reduced model")
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line if it leaves out what another entry asks for."""
         named = [f"effects.{other}" for other, effect in scene.effects.items() if effect.second_order]
         if not self.keep and scene.second_order:
             reason = named[0] if named else "reduction.second_order"
@@ -38,12 +37,10 @@ class Gyroscopic(EffectEntry):
 
     @property
     def keeps_velocity_forces(self) -> bool:
-        """Whether it keeps them."""
         return self.keep
 
     @property
     def adds(self) -> str:
-        """Whether the reduced model has them."""
         return "kept" if self.keep else "left out of the reduced model"
 
 
@@ -57,7 +54,6 @@ class Half(EffectEntry):
     adds = "tables of second order in the reduced model"
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line if the other half is missing."""
         if all(effect.type != self.other_half for effect in scene.effects.values()):
             yield problem(
                 f"effects.{name}",
@@ -81,7 +77,6 @@ class GeometricStiffening(Half):
 
     @property
     def is_stretching(self) -> str | None:
-        """How bodies follow their shortening by bending."""
         return self.stretching
 
 

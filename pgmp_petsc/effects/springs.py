@@ -225,7 +225,6 @@ class Bushing(EffectEntry):
         yield from frame_problems(self, scene.dimension, f"effects.{name}")
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
-        """Return one action for each spring and damper."""
         a, b = (mechanism.attachment(point, f"effects.{name}.points") for point in self.points)
         poses, space = mechanism.first_guess, mechanism.space
         frames = [side.frame_of_pose(poses) for side in (a, b)]

@@ -42,13 +42,19 @@ class Load:
     names: tuple[str, ...]  # of the outputs
 
 
-def joint_forces(run: Trajectory) -> list[Load]:
-    """Return the outputs of the forces in joints along x and y, on one body in one frame."""
+def _components(run: Trajectory) -> dict[tuple[str, str, str], dict[str, str]]:
+    """Return the outputs of forces in joints by their components, by joint, which body they act on, and frame."""
     found: dict[tuple[str, str, str], dict[str, str]] = {}
     for name, entry in outputs_of(run, ("joint_force",)).items():
         of, frame = entry.get("of", "second"), entry.get("frame", "ground")
         found.setdefault((entry["joint"], of, frame), {})[entry.get("component", "magnitude")] = name
-    pairs = [(joint, (own["x"], own["y"])) for (joint, *_), own in found.items() if {"x", "y"} <= own.keys()]
+    return found
+
+
+def joint_forces(run: Trajectory) -> list[Load]:
+    """Return the outputs of the forces in joints along x and y, on one body in one frame."""
+    found = _components(run).items()
+    pairs = [(joint, (own["x"], own["y"])) for (joint, *_), own in found if {"x", "y"} <= own.keys()]
     joints = [joint for joint, _ in pairs]
     return [Load(joint if joints.count(joint) == 1 else ", ".join(names), names) for joint, names in pairs]
 
@@ -69,14 +75,12 @@ def arrows_of(run: Trajectory) -> tuple[list[Arrow], list[str]]:
     scene, frames = style.scene_of(run.record), run.frames
     found: list[Arrow] = []
     without: list[str] = []
-    of_joint: dict[tuple[str, str], dict[str, str]] = {}
-    for name, entry in outputs_of(run, ("joint_force",)).items():
-        if entry.get("frame", "ground") != "ground":
-            without.append(f'{name}: no arrow of it, as it is along axes of a body; take frame = "ground"')
-        else:
-            of_joint.setdefault((entry["joint"], entry.get("of", "second")), {})[entry.get("component", "")] = name
     axes = "xy" if next(iter(frames.nodes.values())).shape[1] == 2 else "xyz"
-    for (joint, of), own in of_joint.items():
+    for (joint, of, frame), own in _components(run).items():
+        if frame != "ground":
+            words = 'no arrow of it, as it is along axes of a body; take frame = "ground"'
+            without += [f"{name}: {words}" for name in own.values()]
+            continue
         if not set(axes) <= own.keys():
             without.append(f"{joint}: no arrow of its force, which takes outputs {', '.join(axes)} of joint_force")
             continue

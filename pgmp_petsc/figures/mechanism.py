@@ -358,9 +358,7 @@ class _Hidden:
 
     def cost(self, box: Bbox, leader: np.ndarray) -> float:
         """Return what a label at a place hides, together with the line that leads to it."""
-        outside = (
-            box.x0 < self.inside.x0 or box.x1 > self.inside.x1 or box.y0 < self.inside.y0 or box.y1 > self.inside.y1
-        )
+        outside = not all(self.inside.contains(*corner) for corner in (box.min, box.max))
         shared = filter(None, (Bbox.intersection(box, other) for other in self.labels))
         cost = 1e6 * outside + ON_LABEL * sum(one.width * one.height for one in shared)
         cost += ON_LINE * box.padded(6).count_contains(self.lines)
@@ -468,36 +466,22 @@ def _write(axes: Axes, place: np.ndarray, text: str, look: dict, hidden: _Hidden
         text, place, xytext=(0, 0), textcoords="offset points", ha="center", va="center", zorder=8, linespacing=1.15,
         arrowprops={"arrowstyle": "-", "color": "#B5BAC0", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 5}, **look,
     )  # fmt: skip
-    best, cost, size = (0.0, 0.0), np.inf, _extent(note)
-    for ring, angle in product(RINGS, 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS):
-        offset = np.cos(angle) * (ring + 0.5 * size[0]), np.sin(angle) * (ring + 0.5 * size[1])
-        found = hidden.cost(_box_at(note, offset), _leader(note, offset)) + np.hypot(*offset)
-        if found < cost:
-            best, cost = offset, found
-    note.set_position(best)
+    figure, at = axes.figure, axes.transData.transform(place)
+    scale, box = figure.dpi / 72.0, super(Annotation, note).get_window_extent(figure.canvas.get_renderer())
+    half, shares = 0.5 * np.array([box.width, box.height]), np.linspace(0.15, 0.7, 8)[:, None]
+
+    def covered(offset: np.ndarray) -> tuple[Bbox, np.ndarray]:
+        """Return the box of the text whose middle is at an offset from its place, and points (n, 2) along the line
+        between both, but for its ends; pixels."""
+        return Bbox([at + offset - half, at + offset + half]), at + shares * offset
+
+    angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    ways = product(RINGS, np.column_stack([np.cos(angles), np.sin(angles)]))
+    offsets = [way * (scale * ring + half) for ring, way in ways]
+    best = min(offsets, key=lambda offset: hidden.cost(*covered(offset)) + np.hypot(*offset) / scale)
+    note.set_position(best / scale)
     note.set_anncoords("offset points")
-    hidden.add(_box_at(note, best), _leader(note, best))
-
-
-def _extent(note: Annotation) -> tuple[float, float]:
-    figure = note.figure
-    box = super(Annotation, note).get_window_extent(figure.canvas.get_renderer())
-    return 72.0 * box.width / figure.dpi, 72.0 * box.height / figure.dpi
-
-
-def _box_at(note: Annotation, offset: tuple[float, float]) -> Bbox:
-    """Return the box of a text, pixels, whose middle is at an offset (points) from its place."""
-    scale = note.figure.dpi / 72.0
-    x, y = note.axes.transData.transform(note.xy)
-    width, height = (scale * length for length in _extent(note))
-    x, y = x + scale * offset[0], y + scale * offset[1]
-    return Bbox.from_extents(x - 0.5 * width, y - 0.5 * height, x + 0.5 * width, y + 0.5 * height)
-
-
-def _leader(note: Annotation, offset: tuple[float, float]) -> np.ndarray:
-    """Return points along the line from a label's place to its middle, but for both ends, (n, 2), pixels."""
-    start = note.axes.transData.transform(note.xy)
-    return start + np.linspace(0.15, 0.7, 8)[:, None] * np.array(offset) * note.figure.dpi / 72.0
+    hidden.add(*covered(best))
 
 
 def _pixels(axes: Axes, shapes: Shapes) -> np.ndarray:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -116,7 +117,11 @@ class Skin:
     """Surface or lines drawn of a body."""
 
     name: str  # of the body
-    points: np.ndarray  # where its nodes are drawn, shape (n_f, n_nodes, 3), m
+    nodes: np.ndarray  # undeformed, in the body's frame, shape (n_nodes, d), m
+    #: points, deformation: where the nodes are, and what of it may be enlarged, not a number where that is not known;
+    #: shape (n_f, n_nodes, 3), m
+    points: np.ndarray
+    deformation: np.ndarray
     #: edges, triangles: what shows its shape, and its surface, shapes (n, 2) and (n, 3); of beams edges are their
     #: lines, without triangles. A point mass has neither.
     edges: np.ndarray
@@ -124,6 +129,20 @@ class Skin:
     values: np.ndarray | None = None  # what colours it, shape (n_f, n_nodes); None where that is not known
     triangles: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=int))
     radius: float = 0.0  # of beams, m; 0 where it is not known
+
+    @property
+    def moved(self) -> np.ndarray:
+        """The deformation, zero where it is not known."""
+        return np.nan_to_num(self.deformation)
+
+    def enlarged(self, factor: float) -> Skin:
+        return replace(self, points=self.points + (factor - 1.0) * self.moved)
+
+    def part(self, frames: Any = slice(None), nodes: Any = slice(None)) -> Skin:
+        """Return it at some frames, with some nodes; edges and triangles are left as they are."""
+        over_time = {name: getattr(self, name) for name in ("points", "deformation", "values")}
+        chosen = {name: own[frames][:, nodes] for name, own in over_time.items() if own is not None}
+        return replace(self, nodes=self.nodes[nodes], **chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,10 +175,7 @@ class Motion:
 
     def only(self, number: int) -> Motion:
         one = [number]
-        skins = (
-            replace(skin, points=skin.points[one], values=None if skin.values is None else skin.values[one])
-            for skin in self.skins
-        )
+        skins = (skin.part(one) for skin in self.skins)
         arrows = (replace(arrow, place=arrow.place[one], force=arrow.force[one]) for arrow in self.arrows)
         return replace(self, skins=tuple(skins), arrows=tuple(arrows), captions=[self.captions[number]], peak=0)
 
@@ -176,17 +192,11 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
     frames = run.frames
     if frames is None or not len(frames.time):
         raise InputError("the trajectory has no frames to draw; use --override simulation.frames=100")
-    skins, notes = [], of_runs([run])
+    notes = of_runs([run])
     factor = scale_of(run.fields) if scale is None else scale
-    for name, positions in frames.positions.items():
-        if name in run.fields:
-            skins.append(skin_of(name, run.fields[name], factor, VALUES[colour]))
-            continue
-        skins.append(Skin(name, in_space(positions), frames.cells[name], name in frames.rigid))
+    skins = skins_of(run, VALUES[colour])
     bare = [skin.name for skin in skins if len(skin.edges) and not skin.rigid and skin.name not in run.fields]
-    d, line = next(iter(frames.nodes.values())).shape[1], np.array([[0, 1]])
-    for name, at in spans_of(frames, run.record, {skin.name: skin.points[..., :d] for skin in skins}).items():
-        skins.append(Skin(name, in_space(at), line, False))
+    skins = [skin.enlarged(factor) for skin in with_spans(skins, run)]
     if bare:
         notes.append(f"{', '.join(bare)}: drawn as lines between joints, their fields are not stored (see pgmp info)")
     notes += uncoloured(run.fields, colour)
@@ -240,9 +250,9 @@ def vibration_of(shape: ModeShape, colour: str, scale: float | None) -> Motion:
         # the deformation of a mode is all of its displacement
         still = _size(own.deformation) if colour in ("deformation", "displacement") else VALUES[colour](own)
         values = None if own.rigid or still is None else np.repeat(still, N_PHASES, axis=0)
-        moved = own.positions + reach * swing[:, None, None] * own.deformation
-        bare = replace(own, positions=moved, deformation=0.0 * moved, units={}, at_nodes={}, at_cells={})
-        skins.append(replace(skin_of(name, bare, 1.0, VALUES["none"]), values=values))
+        skin = skin_of(name, own, VALUES["none"])
+        points = skin.points + reach * swing[:, None, None] * skin.deformation
+        skins.append(replace(skin, points=points, values=values))
     largest = max((float(np.nanmax(skin.values)) for skin in skins if skin.values is not None), default=0.0)
     if colour != "none" and not largest > 0.0:
         raise InputError(f"nothing of this mode is known in {WORDS[colour]}; take --field displacement or none")
@@ -254,14 +264,41 @@ def vibration_of(shape: ModeShape, colour: str, scale: float | None) -> Motion:
     return Motion(tuple(skins), captions, title, notes, quantity, 1.0, 1.0, N_PHASES // 4, metre)
 
 
-def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField], np.ndarray | None]) -> Skin:
+Values = Callable[[BodyField], np.ndarray | None]  # what colours a body, at its nodes
+
+
+def skins_of(run: Trajectory, values: Values) -> list[Skin]:
+    """Return the bodies of a run with frames, as they are; those without a field between their joints."""
+    frames, found = run.frames, []
+    for name, positions in frames.positions.items():
+        if name in run.fields:
+            found.append(skin_of(name, run.fields[name], values))
+            continue
+        points = in_space(positions)
+        unknown, rigid = np.full(points.shape, np.nan), name in frames.rigid
+        found.append(Skin(name, frames.nodes[name], points, unknown, frames.cells[name], rigid))
+    return found
+
+
+def skin_of(name: str, own: BodyField, values: Values) -> Skin:
     """Return what is drawn of a body whose field is known."""
-    shown = own.positions + (scale - 1.0) * np.nan_to_num(own.deformation)
-    colours = None if own.rigid else values(own)
+    shown, colours = (in_space(own.positions), in_space(own.deformation)), None if own.rigid else values(own)
     if own.kind == "line":
-        return Skin(name, in_space(shown), own.cells, own.rigid, colours, radius=own.radius or 0.0)
+        return Skin(name, own.nodes, *shown, own.cells, own.rigid, colours, radius=own.radius or 0.0)
     faces = drawn_faces(own.kind, own.cells)
-    return Skin(name, in_space(shown), outlines(faces, own.nodes), own.rigid, colours, triangles(faces))
+    return Skin(name, own.nodes, *shown, outlines(faces, own.nodes), own.rigid, colours, triangles(faces))
+
+
+def with_spans(skins: Sequence[Skin], run: Trajectory) -> list[Skin]:
+    """Return the bodies of a run, and what acts between two points as lines whose ends are moved with them."""
+    d = skins[0].nodes.shape[1]
+    at, moved = (
+        spans_of(run.frames, run.record, {skin.name: skin.enlarged(factor).points[..., :d] for skin in skins})
+        for factor in (1.0, 2.0)
+    )
+    line = np.array([[0, 1]])
+    spans = ((name, own, moved[name] - own) for name, own in at.items())
+    return [*skins, *(Skin(name, own[0], in_space(own), in_space(by), line, False) for name, own, by in spans)]
 
 
 def in_unit(skins: list[Skin], colour: str, unit: str) -> tuple[list[Skin], str, float, int]:
@@ -301,7 +338,7 @@ def _mises(own: BodyField) -> np.ndarray | None:
 
 
 #: What colours bodies.
-VALUES: dict[str, Callable[[BodyField], np.ndarray | None]] = {
+VALUES: dict[str, Values] = {
     "mises": _mises,
     "deformation": lambda own: _size(own.deformation),
     "displacement": lambda own: _size(own.displacement),

@@ -218,10 +218,14 @@ class _Drawn:
         return tube
 
     def _rgb(self, number: int, nodes: np.ndarray) -> np.ndarray:
-        values = self._skin.values[number][nodes]
-        found = matplotlib.colormaps[COLOURS](values / max(self._largest, 1e-300))[:, :3]
-        found[~np.isfinite(values)] = to_rgb(style.QUIET)
-        return (255.0 * found).round().astype(np.uint8)
+        return (255.0 * colours_of(self._skin.values[number][nodes], self._largest)).round().astype(np.uint8)
+
+
+def colours_of(values: np.ndarray, largest: float) -> np.ndarray:
+    """Return the colours of values (n,), shape (n, 3); what is not known is grey."""
+    found = matplotlib.colormaps[COLOURS](values / max(largest, 1e-300))[:, :3]
+    found[~np.isfinite(values)] = to_rgb(style.QUIET)
+    return found
 
 
 def _counted(cells: np.ndarray) -> np.ndarray:

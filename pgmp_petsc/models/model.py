@@ -17,7 +17,8 @@ from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.outputs.outputs import OutputSet, carried_in, with_outputs
+from pgmp_petsc.outputs.joint_forces import carried_forces
+from pgmp_petsc.outputs.outputs import OutputSet, with_outputs
 from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.outputs.readings import AnyReading, Rate, Reading, Seen
 from pgmp_petsc.reduction.rom import Served
@@ -174,7 +175,7 @@ class Measures:
         each = (len(measured_by(scene, one).motions) for one in scene.controllers.values())
         self.rows = [first + k for first, n in zip(firsts, each) for k in range(n)]
         self._read = [(_before(scene.outputs[name], of_these.functions[name]), True) for name in motions]
-        self._set, self.carried = replace(of_these, order=1), carried_in(scene, kinematics, start)
+        self._set, self.carried = replace(of_these, order=1), carried_forces(scene, kinematics, start)
         self.nodes = tuple(sorted({*of_these.nodes, *(node for one in self.carried for node in one.nodes)}))
         self.order = int(bool(scene.controllers) or any(one.reads_rates for one in self.carried))
         self._own = [self.nodes.index(node) for node in of_these.nodes]

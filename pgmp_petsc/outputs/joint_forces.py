@@ -94,7 +94,6 @@ class InJoint(OutputEntry):
             yield problem(f"{entry}.of", words, self.of)
 
     def multiplied(self, name: str, kinematics: RigidKinematics) -> ForceOutput:
-        """Return the component of the joint's force or moment."""
         mechanism = kinematics.mechanism
         coupling = next((one for one in mechanism.couplings if one.name == self.joint), None)
         if coupling is not None:
@@ -152,7 +151,6 @@ class OfDrive(OutputEntry):
         return next(one for one in scene.driven if scene.coordinates[one].joint == self.joint)
 
     def multiplied(self, name: str, kinematics: RigidKinematics) -> ForceOutput:
-        """Return what the motion takes."""
         wanted = self.of_coordinate(kinematics.mechanism.scene)
         driven = [one for one in kinematics.mechanism.coordinates if one.prescribed]
         number = next(k for k, one in enumerate(driven) if one.name == wanted)
@@ -166,7 +164,6 @@ class DriveTorque(OfDrive):
     unit = "N m"
 
     def unit_in(self, scene: Scene) -> str:
-        """Return N for what slides."""
         coordinate = scene.coordinates[self.of_coordinate(scene)]
         return "N" if slides(scene, coordinate) else "N m"
 
@@ -187,12 +184,10 @@ class ControlForce(OutputEntry):
     controller: str = Field(description="name of the controller")
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line if there is no such controller."""
         if self.controller not in scene.controllers:
             yield unknown(f"outputs.{name}.controller", "controller", self.controller, scene.controllers)
 
     def unit_in(self, scene: Scene) -> str:
-        """Return N for what slides."""
         found = scene.controllers.get(self.controller)
         return "N" if found is not None and slides(scene, found) else "N m"
 
@@ -285,19 +280,10 @@ class OfConnection(ForceOutput):
         meet = all(isinstance(part, Statement) and part.kind == MEET for part, _ in held)
         if entry.turning or pulls or not along_ground or not meet:
             return made
-        return replace(made, nodes=frozenset(), shares=made.of_units())
-
-    def of_units(self) -> np.ndarray:
-        """Return the force (d, n_rows) for a unit of each multiplier, of points that meet."""
-        d, gradients = self.space.dimension, []
-        nowhere = np.zeros((d * (d + 1), 1))
-        for part, _ in self.held:
-            slopes = (function.factor * own.gradient(nowhere, nowhere)[len(nowhere) :] for own, function in part.terms)
-            gradients.append(-sum(slopes)[:d, 0])
-        return np.array(gradients).T
+        nowhere = {node: np.zeros((mechanism.space.n_pose, 1)) for node in nodes}
+        return replace(made, nodes=frozenset(), shares=_map_of(made, nowhere, mechanism)[:, rows])
 
     def parts(self, seen: Seen) -> np.ndarray:
-        """Return the component, or the vector whose magnitude it is."""
         if self.shares is not None:
             # sums of numbers alone: those of matrices hang on what is side by side
             force = sum(share[:, None] * seen.multipliers[row] for share, row in zip(self.shares.T, self.rows))
@@ -557,15 +543,8 @@ def _map_of(output: OfConnection, frames: Frames, mechanism: Mechanism) -> np.nd
 
 def _chosen(output: OfConnection, frames: Frames) -> np.ndarray:
     """Return the directions that a component takes, shape (n, n_components)."""
-    entry, d = output.entry, output.space.dimension
-    size = 1 if entry.turning and d == 2 else d
-    every = np.eye(size)
-    if entry.component == "magnitude" or size == 1:
-        return every
-    if entry.component in ("axial", "radial"):
-        along = output.axis(frames, 1)[:, 0]
-        return along[None] if entry.component == "axial" else every - np.outer(along, along)
-    return np.array([output.component(every[:, [k]], frames)[0, 0] for k in range(size)])[None]
+    units = np.eye(1 if output.entry.turning and output.space.dimension == 2 else output.space.dimension)
+    return np.concatenate([output.component(unit[:, None], frames) for unit in units], axis=1)
 
 
 def _combination(

@@ -40,7 +40,6 @@ class FromOutside(OutputEntry):
         return not self.absolute
 
     def doubts(self, scene: Scene, name: str) -> Iterator[Finding]:
-        """Yield a base that does not move."""
         if self.absolute and not any(bases_of(scene)):
             yield doubt(f"outputs.{name}.absolute", "without effect, as there is no base_motion; leave it out", True)
 
@@ -79,7 +78,6 @@ class Sliding(OfStatement):
     joint: str = Field(description="name of a joint that slides")
 
     def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
-        """Return the place along the joint's line."""
         return joint_measure(mechanism, self)
 
 
@@ -102,7 +100,6 @@ class Rotation(OutputEntry):
     point: Point = Field(description='point of a body, "body:point"')
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line in space."""
         if scene.dimension == 3:
             why = "a rotation in space is no single number; take the angle of a joint"
             yield problem(f"outputs.{name}.type", why, self.type)
@@ -143,7 +140,6 @@ class Position(OnTheGround):
     type: Literal["position"]
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
-        """Return the place along the axis."""
         found = Reading.at_point("POSITION", self.point, name, kinematics, AXES[self.axis])
         return Absolute(found) if self.absolute else found
 
@@ -196,11 +192,9 @@ class Speed(FromOutside):
             raise refusal("a joint's speed is that of one body against the other; leave it out", "absolute")
 
     def unit_in(self, scene: Scene) -> str:
-        """Return rad/s for what turns."""
         return "m/s" if slides(scene, self) else "rad/s"
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
-        """Return the rate of the place or angle."""
         if self.point is not None:
             found = Reading.at_point("POSITION", self.point, name, kinematics, AXES[self.axis])
             return Rate(Absolute(found) if self.absolute else found)
@@ -210,6 +204,5 @@ class Speed(FromOutside):
         return Rate(_measured(joint_measure(mechanism, self), kinematics))
 
     def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
-        """Return the place or angle."""
         of_joint = self.joint is not None
         return joint_measure(mechanism, self) if of_joint else _along_axis(self.point, self.axis, name, mechanism)

@@ -68,7 +68,6 @@ class OfMotion:
     parameters: tuple[str, ...] = ()
 
     def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
-        """Return its symbol."""
         return motions[self.number][self.derivative]
 
 
@@ -80,11 +79,9 @@ class RateOf:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Those of what it is of."""
         return self.of.parameters
 
     def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
-        """Return the rate."""
         return rate_of(self.of.symbolic(motions, names), motions, names["t"])
 
 
@@ -98,11 +95,9 @@ class FormulaOf:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Its own, and those of its parts."""
         return tuple(dict.fromkeys(one for part in (self.own, *(p.parameters for _, p in self.parts)) for one in part))
 
     def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
-        """Return the formula."""
         parts = {name: part.symbolic(motions, names) for name, part in self.parts}
         constants = {f"of_{one}": names[in_law(one)] for one in self.own}
         return symbolic(self.text, {TIME: names["t"], **constants, **parts})
@@ -125,16 +120,13 @@ class RateOfOutput(OutputEntry):
 
     @property
     def made_of(self) -> Mapping[str, str]:
-        """The output, by its entry."""
         return {self.of: "of"}
 
     @property
     def derivative(self) -> int:
-        """The order."""
         return self.order
 
     def unit_in(self, scene: Scene) -> str:
-        """Return the output's by s or s2."""
         unit = unit_of(scene, self.of)
         return per_second(per_second(unit)) if self.order == 2 else per_second(unit)
 
@@ -167,7 +159,6 @@ class FormulaOfOutputs(OutputEntry):
         return dict.fromkeys((name for name in scene.outputs if name in used), "formula")
 
     def uses(self, scene: Scene, entry: str) -> Iterator[Use]:
-        """Yield the parameters that it names."""
         try:
             _, used = self.in_declarations(scene)
         except FormulaError:  # which `problems` says
@@ -229,7 +220,6 @@ class FormulaOfOutputs(OutputEntry):
             yield problem(entry, words, given)
 
     def unit_in(self, scene: Scene) -> str:
-        """Return what is given, or what follows."""
         if self.unit is not None:
             return self.unit
         try:
@@ -247,7 +237,6 @@ class FormulaOfOutputs(OutputEntry):
         return evaluated(text, names, Dimensions())
 
     def kinked_in(self, scene: Scene) -> bool:
-        """Whether it has corners, or what it names has."""
         own = any(mark in self.formula for mark in CORNERS)
         return own or any(scene.outputs[one].kinked_in(scene) for one in self.made_in(scene))
 
@@ -299,16 +288,13 @@ class Combined:
 
     @property
     def needs(self) -> Needs:
-        """Those of its parts, and its own."""
         own = Needs(parameters=frozenset(self.constants.values()), time=self.reads_time)
         return reduce(or_, (part.needs for part in self.parts.values()), own)
 
     def depth(self, order: int) -> int:
-        """Return the largest of its parts."""
         return max((part.depth(order) for part in self.parts.values()), default=0)
 
     def jet(self, seen: Seen, order: int) -> Jet:
-        """Return the formula with its derivatives."""
         n = next(iter(seen.frames[0].values())).shape[1] if seen.frames[0] else seen.n
         zero, one = np.zeros(n), np.ones(n)
         jets = {name: part.jet(seen, order) for name, part in self.parts.items()}

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,13 +23,11 @@ from pgmp_petsc.effects import start_of
 from pgmp_petsc.effects.motion import bases_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.outputs.joint_forces import ForceOutput, force_outputs
+from pgmp_petsc.outputs.rainflow import Counted
 from pgmp_petsc.outputs.readings import AnyReading, Base, Frames, Jet, ModelReading, Needs, RigidReference, Seen
+from pgmp_petsc.outputs.stress import StressOutput
 from pgmp_petsc.scene import Scene
-
-if TYPE_CHECKING:
-    from pgmp_petsc.outputs.joint_forces import ForceOutput
-    from pgmp_petsc.outputs.rainflow import Counted
-    from pgmp_petsc.outputs.stress import StressOutput
 
 
 @dataclass(frozen=True)
@@ -173,12 +170,12 @@ class OutputSet:
             start = start_of(scene, kinematics.mechanism)[0]
         functions, stresses, needs, order, beside = {}, [], Needs(), 0, []
         numbers = {name: k for k, name in enumerate((*scene.carried, *scene.controllers))}
-        forces = _forces(scene, kinematics, start)
+        forces = force_outputs(scene, kinematics, start)
         for name in in_order(scene):
             entry = scene.outputs[name]
             if "stresses" in entry.reads:
-                stresses.append(_stress(name, scene, kinematics))
-                body = kinematics.mechanism.bodies[stresses[-1].body]
+                number, body = next(one for one in enumerate(kinematics.mechanism.bodies) if one[1].name == entry.body)
+                stresses.append(StressOutput.of(name, scene, number, body))
                 # frames of the nodes of beams say all of their strains
                 nodes = frozenset(range(body.nodes.start, body.nodes.stop) if body.fibred else ())
                 functions[name] = ModelReading(name, Needs(nodes, stresses=frozenset([name])))
@@ -255,34 +252,9 @@ def with_outputs(scene: Scene, names: Iterable[str]) -> Scene:
     return scene.with_entries(outputs={name: scene.outputs[name] for name in in_order(scene, names)})
 
 
-def carried_in(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> tuple[ForceOutput, ...]:
-    """Return the forces in joints that effects hang on; see `joint_forces.carried_forces`."""
-    if not scene.carried:
-        return ()
-    from pgmp_petsc.outputs.joint_forces import carried_forces  # few scenes have them
-
-    return carried_forces(scene, kinematics, start)
-
-
 def _bases(scene: Scene) -> tuple[Base, ...]:
     """Return the motions of a scene's base."""
     return tuple(
         Base(np.array(entry.direction) / np.linalg.norm(entry.direction), Quantity.of(entry.scale), course)
         for entry, course in bases_of(scene)
     )
-
-
-def _stress(name: str, scene: Scene, kinematics: RigidKinematics) -> StressOutput:
-    from pgmp_petsc.outputs.stress import StressOutput  # few scenes have them
-
-    bodies = kinematics.mechanism.bodies
-    number = next(k for k, body in enumerate(bodies) if body.name == scene.outputs[name].body)
-    return StressOutput.of(name, scene, number, bodies[number])
-
-
-def _forces(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) -> tuple[ForceOutput, ...]:
-    if not any("multipliers" in entry.reads for entry in scene.outputs.values()):
-        return ()
-    from pgmp_petsc.outputs.joint_forces import force_outputs  # few scenes have them
-
-    return force_outputs(scene, kinematics, start)

@@ -84,7 +84,6 @@ class Rainflow(OutputEntry):
     )
 
     def measured(self, entry: str) -> Iterator[Use]:
-        """Yield the amplitudes of the curve's rows."""
         rows = range(len(self.curve.table or ()))
         yield from (Use(f"{entry}.curve.table[{k}][0]", 0.0, "any", ("Pa",)) for k in rows)
 
@@ -98,14 +97,12 @@ class Rainflow(OutputEntry):
 
     @property
     def made_of(self) -> Mapping[str, str]:
-        """The output, by its entry."""
         return {self.of: "of"}
 
     def unit_in(self, scene: Scene) -> str:
         return "s" if self.quantity == "life" else "1"
 
     def uses(self, scene: Scene, entry: str) -> Iterator[Use]:
-        """Yield its numbers and those of its curve."""
         yield from super().uses(scene, entry)
         for key, *use in named_numbers(self.curve):
             yield Use(f"{entry}.curve.{key}", *use)
@@ -126,7 +123,6 @@ class Rainflow(OutputEntry):
             yield doubt(f"outputs.{name}.of", words, self.of)
 
     def combined(self, name: str, parts: Mapping[str, AnyReading], scene: Scene) -> AnyReading:
-        """Return what is counted, and how."""
         return Counted(parts[self.of], self)
 
 

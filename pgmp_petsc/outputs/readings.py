@@ -145,17 +145,14 @@ class Reading:
 
     @property
     def needs(self) -> Needs:
-        """Its nodes."""
         return Needs(self.nodes, self.of_coordinates)
 
     def depth(self, order: int) -> int:
-        """Return the order."""
         if order > HIGHEST:
             raise InputError("its rate is asked for after accelerations, which are the last that models have")
         return order
 
     def jet(self, seen: Seen, order: int) -> Jet:
-        """Return the number and its derivatives."""
         value = self.value(seen.frames[0], seen.poses)
         return [value, *(self._changes(seen, order)[1:] if order else ())]
 
@@ -223,15 +220,12 @@ class OfReading:
 
     @property
     def needs(self) -> Needs:
-        """Those of what it is of."""
         return self.of.needs
 
     def depth(self, order: int) -> int:
-        """Return that of what it is of."""
         return self.of.depth(order)
 
     def jet(self, seen: Seen, order: int) -> Jet:
-        """Return that of what it is of."""
         return self.of.jet(seen, order)
 
 
@@ -245,7 +239,6 @@ class Rate(OfReading):
         return self.of.depth(order + self.order)
 
     def jet(self, seen: Seen, order: int) -> Jet:
-        """Return the later derivatives of what it is of."""
         return self.of.jet(seen, order + self.order)[self.order :]
 
 
@@ -258,11 +251,9 @@ class Absolute(OfReading):
 
     @property
     def needs(self) -> Needs:
-        """Those of the place, and the base."""
         return self.of.needs | Needs(time=True, base=True)
 
     def jet(self, seen: Seen, order: int) -> Jet:
-        """Return the sum of both."""
         found = self.of.jet(seen, order)
         for direction, factor, course in seen.bases:
             share, gone = direction[self.of.axis] * factor.at(seen.values), course.jet(seen.time, order)
@@ -291,7 +282,6 @@ class ModelReading:
         return self.order
 
     def jet(self, seen: Seen, order: int) -> Jet:
-        """Return its value."""
         found = seen.of_model[self.name]
         return [found if self.made is None else self.made(found)]
 

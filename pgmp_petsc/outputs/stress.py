@@ -54,11 +54,9 @@ class Stress(OutputEntry):
         return next(table[self.quantity] for table in STRESSES.values() if self.quantity in table)
 
     def kinked_in(self, scene: Scene) -> bool:
-        """Whether it is asked of more than one place."""
         return self.at is None
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
-        """Yield a line for each entry that does not fit its body."""
         return stress_problems(scene, name, self)
 
 
@@ -136,25 +134,22 @@ def points_of(scene: Scene, name: str, stresses: BodyStresses) -> Strains:
     return points
 
 
-@dataclass(frozen=True)
-class Extreme:
-    """Which of several values an output reports."""
+def _extreme(place: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what takes of values (n_points, n) those at a place of each, shape (n,); no number where one of them is
+    none."""
 
-    #: from values (n_points, n) to the place of the one that is reported, shape (n,)
-    of: Callable[[np.ndarray], np.ndarray]
-
-    def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Return the value reported, shape (n,); no number where one of them is none."""
+    def found(values: np.ndarray) -> np.ndarray:
         known = np.isfinite(values)
-        place = self.of(np.where(known, values, 0.0))
-        found = np.take_along_axis(values, place[None], axis=0)[0]
-        return np.where(known.all(axis=0), found, np.nan)
+        at = place(np.where(known, values, 0.0))
+        return np.where(known.all(axis=0), np.take_along_axis(values, at[None], axis=0)[0], np.nan)
+
+    return found
 
 
-LARGEST = Extreme(lambda values: np.argmax(values, axis=0))
-SMALLEST = Extreme(lambda values: np.argmin(values, axis=0))
+LARGEST = _extreme(lambda values: np.argmax(values, axis=0))
+SMALLEST = _extreme(lambda values: np.argmin(values, axis=0))
 #: Of forces and moments: the one of largest magnitude, with its sign.
-FURTHEST = Extreme(lambda values: np.argmax(np.abs(values), axis=0))
+FURTHEST = _extreme(lambda values: np.argmax(np.abs(values), axis=0))
 EXTREMES = {"von_mises": LARGEST, "principal_max": LARGEST, "stress_max": LARGEST} | dict.fromkeys(
     ("principal_min", "stress_min"), SMALLEST
 )

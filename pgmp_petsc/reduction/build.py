@@ -33,7 +33,8 @@ from pgmp_petsc.modes.built_in import BuiltIn, Closing
 from pgmp_petsc.modes.continuity import POOR_COSINE
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
-from pgmp_petsc.outputs.outputs import OutputSet, carried_in
+from pgmp_petsc.outputs.joint_forces import carried_forces
+from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import AngleRounds
@@ -166,7 +167,7 @@ class _Build:
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         self._matrices, self._effects = AffineMatrices(mechanism.bodies, rows), effects_of(scene, mechanism)
         self._loads = loads_of(self._effects, self._matrices)
-        carried = carried_in(scene, self._kinematics, start_of(scene, mechanism)[0])
+        carried = carried_forces(scene, self._kinematics, start_of(scene, mechanism)[0])
         self._opened_rows = rows_of((*OutputSet.of(scene, self._kinematics).forces, *carried), mechanism.n_held)
 
     def found(self, timings: Timings) -> _Found:

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import matplotlib
@@ -23,92 +22,54 @@ from matplotlib.tri import Triangulation
 
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.declare.records import number_name
-from pgmp_petsc.figures.mechanism import AT_REST, FLAT, ends, is_followed, shown_positions, spans_of
-from pgmp_petsc.figures.motion import VALUES, WORDS, coarsened, in_space, outlines, skin_of, uncoloured
-from pgmp_petsc.figures.solids import COLOURS, EDGE, PLAIN, RIGID, view_of
-from pgmp_petsc.figures.style import PALETTE, QUIET, axis_unit, new_figure, round_below, scene_of
+from pgmp_petsc.figures import motion
+from pgmp_petsc.figures.mechanism import AT_REST, FLAT, ends, is_followed, shown_positions
+from pgmp_petsc.figures.solids import COLOURS, EDGE, PLAIN, RIGID, colours_of, view_of
+from pgmp_petsc.figures.style import PALETTE, axis_unit, new_figure, round_below, scene_of
 from pgmp_petsc.report.sources import Datum
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.results.trajectory import BodyField, truncated
+from pgmp_petsc.results.trajectory import truncated
 
 MOST_NODES = 6000  # nodes of all surfaces of a film: what a phone draws 25 times a second
 MESHED = ("solid2d", "solid3d")
-NO_LINES, NO_TRIANGLES = (np.zeros((0, n), dtype=int) for n in (2, 3))
 
 
-@dataclass(frozen=True, eq=False)
-class FilmBody:
-    """A body as the film draws it."""
-
-    name: str  # of the body
-    kind: str  # ``flexible``, ``rigid`` or ``mass``
-    nodes: np.ndarray  # undeformed, in the body's frame, shape (n, d), m
-    points: np.ndarray  # where they are, ground frame, shape (n_f, n, 3), m
-    deformation: np.ndarray  # what of it may be enlarged, shape (n_f, n, 3), m
-    known: np.ndarray  # the frames at which there is a deformation, shape (n_f,)
-    #: lines, triangles, edges: cells of beams; of surfaces their triangles, and the edges that show their shape; shapes
-    #: (., 2), (., 3), (., 2)
-    lines: np.ndarray = field(default_factory=NO_LINES.copy)
-    triangles: np.ndarray = field(default_factory=NO_TRIANGLES.copy)
-    edges: np.ndarray = field(default_factory=NO_LINES.copy)
-    values: np.ndarray | None = None  # von Mises' stress at the nodes, shape (n_f, n), Pa; None where it is not known
-    note: str = ""  # what of the body is left out, empty where nothing is
-
-    def at(self, frames: np.ndarray) -> FilmBody:
-        chosen = {name: getattr(self, name)[frames] for name in ("points", "deformation", "known")}
-        return replace(self, **chosen, values=None if self.values is None else self.values[frames])
+def bodies_of(run: Trajectory) -> tuple[list[motion.Skin], list[str]]:
+    """Return the bodies of a run with frames, and what is left out of them; surfaces with as many nodes as may be
+    drawn, and of bodies without a field what of their deformation lies between their ends."""
+    most = max(1, MOST_NODES // max(1, sum(own.kind != "line" for own in run.fields.values())))
+    found, notes = motion.skins_of(run, motion.VALUES["mises"]), list[str]()
+    for k, skin in enumerate(found):
+        if len(skin.triangles):
+            found[k] = _surface(skin, most, notes)
+        elif skin.name not in run.fields:
+            bent = motion.in_space(shown_positions(run.frames, skin.name, 2.0)) - skin.points
+            found[k] = replace(skin, deformation=bent) if bent.any() else skin
+    return motion.with_spans(found, run), notes
 
 
-def bodies_of(run: Trajectory) -> list[FilmBody]:
-    """Return the bodies of a run with frames, those with fields as these are."""
-    meshed = [own for own in run.fields.values() if own.kind != "line"]
-    most = max(1, MOST_NODES // max(1, len(meshed)))
-    bodies = [
-        _with_field(name, run.fields[name], most) if name in run.fields else _of_frames(run, name)
-        for name in run.frames.nodes
-    ]
-    d = next(iter(run.frames.nodes.values())).shape[1]
-    at, moved = (
-        spans_of(run.frames, run.record, {b.name: (b.points + factor * b.deformation)[..., :d] for b in bodies})
-        for factor in (0.0, 1.0)
-    )
-    return bodies + [_of_span(name, at[name], moved[name] - at[name]) for name in at]
-
-
-def _of_span(name: str, at: np.ndarray, moved: np.ndarray) -> FilmBody:
-    """Return what acts between two points, at (n_f, 2, d), m, as a line whose ends are moved with the bodies."""
-    known = np.ones(len(at), dtype=bool)
-    return FilmBody(name, "flexible", at[0], in_space(at), in_space(moved), known, np.array([[0, 1]]))
-
-
-def _with_field(name: str, own: BodyField, most: int) -> FilmBody:
-    """Return a body whose field is known; of a meshed one the surface, with as many nodes as may be drawn."""
-    skin = skin_of(name, own, 1.0, VALUES["mises"])
-    known = np.isfinite(own.deformation).all(axis=(1, 2))
-    kind, moved = "rigid" if own.rigid else "flexible", in_space(np.nan_to_num(own.deformation))
-    if own.kind == "line":
-        return FilmBody(name, kind, own.nodes, skin.points, moved, known, own.cells, values=skin.values)
+def _surface(skin: motion.Skin, most: int, notes: list[str]) -> motion.Skin:
+    """Return a surface with its own nodes alone, as many as may be drawn, and note where they are fewer."""
     used, triangles = np.unique(skin.triangles, return_inverse=True)
-    triangles, edges, note = triangles.reshape(-1, 3), np.searchsorted(used, skin.edges), ""
+    triangles, edges = triangles.reshape(-1, 3), np.searchsorted(used, skin.edges)
     if len(used) > most:
         peaks = np.zeros(len(used)) if skin.values is None else np.nan_to_num(skin.values[:, used]).max(axis=0)
-        kept, triangles = coarsened(own.nodes[used], triangles, peaks, most)
-        note = f"the surface of {name} has {len(kept)} of its {len(used)} nodes, those of largest stress among them"
+        kept, triangles = motion.coarsened(skin.nodes[used], triangles, peaks, most)
+        left = f"has {len(kept)} of its {len(used)} nodes, those of largest stress among them"
+        notes.append(f"the surface of {skin.name} {left}")
         used = used[kept]
-        edges = outlines(triangles, own.nodes[used])
-    values = None if skin.values is None else skin.values[:, used]
-    nodes, points = own.nodes[used], skin.points[:, used]
-    return FilmBody(name, kind, nodes, points, moved[:, used], known, NO_LINES, triangles, edges, values, note)
+        edges = motion.outlines(triangles, skin.nodes[used])
+    return replace(skin.part(nodes=used), triangles=triangles, edges=edges)
 
 
-def _of_frames(run: Trajectory, name: str) -> FilmBody:
-    """Return a body whose nodes at the frames alone are known."""
-    frames, cells = run.frames, run.frames.cells[name]
-    places, twice = (shown_positions(frames, name, factor) for factor in (1.0, 2.0))
-    moved = twice - places
-    kind = "mass" if not len(cells) else "rigid" if name in frames.rigid else "flexible"
-    known = np.full(len(places), bool(np.abs(moved).max(initial=0.0) > 0.0))
-    return FilmBody(name, kind, frames.nodes[name], in_space(places), in_space(moved), known, cells)
+def _kind(skin: motion.Skin) -> str:
+    """Return ``flexible``, ``rigid`` or ``mass``."""
+    return "rigid" if skin.rigid and len(skin.edges) else "flexible" if len(skin.edges) else "mass"
+
+
+def _known(skin: motion.Skin) -> np.ndarray:
+    """Return the frames at which the deformation is known, shape (n_f,)."""
+    return np.isfinite(skin.deformation).all(axis=(1, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +96,7 @@ def stress_of(run: Trajectory) -> Stress | None:
 
     Outputs know of all steps, frames of some: a peak between two frames is that of an output, where one has it.
     """
-    known = {name: VALUES["mises"](own) for name, own in run.fields.items() if not own.rigid}
+    known = {name: motion.VALUES["mises"](own) for name, own in run.fields.items() if not own.rigid}
     known = {name: values for name, values in known.items() if values is not None and np.isfinite(values).any()}
     if not known:
         return None
@@ -168,6 +129,8 @@ LARGEST_SHOWN = 0.3  # an enlarged deformation may reach this share of the pictu
 FACTORS = (1, 3, 10, 30, 100, 300, 1000)
 N_STOPS = 33  # colours that the page interpolates between
 STOPS = [to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0.0, 1.0, N_STOPS))]
+WIDTH = 1400  # pixels of the picture that is there without a script
+DARKEST = 0.5  # of a face along the line of sight; the page's script has the same
 SHADES = 254  # of stress from zero to the largest one; one more number says that it is not known
 
 
@@ -180,27 +143,6 @@ class Legend:
     stops: list[str]  # colours from zero to the largest value
     largest: Datum  # of the whole run, as far as it is known
     where: str  # body and instant of it
-
-
-@dataclass(frozen=True)
-class Film:
-    """Data that the page needs to draw the mechanism."""
-
-    width: int  # width, height: of the picture, in its own unit
-    height: int
-    start: int  # number of the frame that is shown first and printed: that of the largest stress
-    #: bodies without a surface at that frame: kind (``flexible``, ``rigid``, ``mass``), colour, paths with their
-    #: colours, and marks at the ends
-    lines: list[dict[str, Any]]
-    paths: list[str]  # ``d`` of the paths that ends of bodies take
-    ground: list[tuple[int, int]]  # places (x, y) of ends that do not move
-    scale: tuple[int, str]  # length of the bar of the scale in the picture's unit, and in words
-    still: str  # address of a picture of the surfaces at the first frame; empty without any
-    keys: list[tuple[str, str, str]]  # kind, colour and name of bodies that are not coloured by stress
-    legend: Legend | None  # none where no stress is known
-    data: dict[str, Any]  # for the script: instants, bodies, factors, outputs
-    notes: list[str]  # what has to be known of the picture
-    left_out: list[str]  # what the film does not show and the file has
 
 
 @dataclass(frozen=True)
@@ -222,107 +164,129 @@ class _Picture:
 
 def film_of(run: Trajectory, name: str = "") -> Film | None:
     """Return the film of a run, whose file has a name; None where it has no frames."""
-    if run.frames is None or not len(run.frames.time):
-        return None
-    made = _Shots(run)
-    data, stress, pascal = made.data(), made.stress, run.record.system.unit("Pa")
-    legend = None
-    if stress is not None:
-        factor, unit = axis_unit(pascal, np.array([stress.largest]))
-        largest, _ = stress.shown(name, pascal)
-        legend = Legend(WORDS["mises"], unit, STOPS, largest, f"{stress.body} {stress.when}")
-        data |= {"stops": STOPS, "stress": (factor * stress.over_time[made.chosen]).tolist(), "unit": unit}
-    length, metre = axis_unit(run.record.system.unit("m"), np.array([made.bar]))
-    return Film(
-        width=SIZE,
-        height=made.height + FOOT,
-        start=made.start,
-        lines=made.lines(),
-        paths=["M" + "L".join(_pair(at) for at in path) for path in made.moving],
-        ground=[tuple(path[0, :2].round().astype(int).tolist()) for path in made.resting],
-        scale=(round(made.bar * made.picture.unit), f"{made.bar * length:g} {metre}"),
-        still=made.still(),
-        keys=[
-            ("surface" if len(body.triangles) else body.kind, colour, body.name + ", rigid" * (body.kind == "rigid"))
-            for body, colour in zip(made.shown, made.colours)
-            if body.values is None or stress is None
-        ],
-        legend=legend,
-        data=data,
-        notes=_notes(run, made.bodies, len(data["factors"]) > 1),
-        left_out=_left_out(run, made.bodies, len(made.chosen), name),
-    )
+    return None if run.frames is None or not len(run.frames.time) else Film(run, name)
 
 
-class _Shots:
-    """A run's bodies at the frames that are shown, and where the picture has them."""
+class Film:
+    """Data that the page needs to draw the mechanism of a run with frames."""
 
-    def __init__(self, run: Trajectory) -> None:
-        self._run, frames = run, run.frames
-        self.bodies, self.stress = bodies_of(run), stress_of(run)
-        peak = 0 if self.stress is None else self.stress.frame
-        self.picture, self.height = _picture(self.bodies)
-        size = sum(b.points.shape[1] * (4 * bool(b.deformation.any()) + (b.values is not None)) for b in self.bodies)
+    def __init__(self, run: Trajectory, name: str) -> None:
+        frames, stress = run.frames, stress_of(run)
+        self._bodies, left_out = bodies_of(run)
+        self._stress, peak = stress, 0 if stress is None else stress.frame
+        self._picture, tall = _picture(self._bodies)
+        #: of the picture, in its own unit
+        self.width, self.height = SIZE, tall + FOOT
+        size = sum(b.points.shape[1] * (4 * bool(b.moved.any()) + (b.values is not None)) for b in self._bodies)
         n = len(frames.time)
         most = max(2, min(MOST_FRAMES, MOST_BYTES // max(size, 1), n))
-        self.chosen = np.union1d(np.linspace(0, n - 1, most).round().astype(int), peak)
-        self.start = int(np.searchsorted(self.chosen, peak))
-        self.shown = [body.at(self.chosen) for body in self.bodies]
-        self.colours = [
-            PALETTE[number % len(PALETTE)] if not len(body.triangles) else RIGID if body.kind == "rigid" else PLAIN
-            for number, body in enumerate(self.shown)
+        chosen = np.union1d(np.linspace(0, n - 1, most).round().astype(int), peak)
+        #: number of the frame that is shown first and printed: that of the largest stress
+        self.start = int(np.searchsorted(chosen, peak))
+        self._shown = [body.part(chosen) for body in self._bodies]
+        self._flat = [self._picture.places(body.points[self.start]) for body in self._shown]
+        colours = [
+            PALETTE[number % len(PALETTE)] if not len(body.triangles) else RIGID if body.rigid else PLAIN
+            for number, body in enumerate(self._shown)
         ]
-        joints = {body: self.picture.places(in_space(at)) for body, at in frames.positions.items()}
-        self.moving, self.resting = (_paths(run, joints, self.picture, moving) for moving in (True, False))
-        self.bar = round_below(SIZE / 6.0 / self.picture.unit)  # in the run's unit, about a sixth of the picture
-        self._flat = [self.picture.places(body.points[self.start]) for body in self.shown]
+        #: bodies without a surface at that frame: kind (``flexible``, ``rigid``, ``mass``), colour, paths with their
+        #: colours, and marks at the ends
+        self.lines = [
+            _line(body, at, colour, stress, self.start)
+            for body, at, colour in zip(self._shown, self._flat, colours)
+            if not len(body.triangles)
+        ]
+        joints = {body: self._picture.places(motion.in_space(at)) for body, at in frames.positions.items()}
+        moving, resting = (_paths(run, joints, moves) for moves in (True, False))
+        #: paths, ground: ``d`` of the paths that ends of bodies take; places (x, y) of ends that do not move
+        self.paths = ["M" + "L".join(_pair(at) for at in path) for path in moving]
+        self.ground = [tuple(path[0, :2].round().astype(int).tolist()) for path in resting]
+        bar = round_below(SIZE / 6.0 / self._picture.unit)  # in the run's unit, about a sixth of the picture
+        length, metre = axis_unit(run.record.system.unit("m"), np.array([bar]))
+        #: length of the bar of the scale in the picture's unit, and in words
+        self.scale = round(bar * self._picture.unit), f"{bar * length:g} {metre}"
+        #: kind, colour and name of bodies that are not coloured by stress
+        self.keys = [
+            ("surface" if len(body.triangles) else kind, colour, body.name + ", rigid" * (kind == "rigid"))
+            for body, kind, colour in zip(self._shown, map(_kind, self._shown), colours)
+            if body.values is None or stress is None
+        ]
+        #: for the script: instants, bodies, factors, outputs
+        self.data = self._data(run, frames.time[chosen], bar, colours)
+        if not self._picture.flat:
+            everywhere = self._picture.places(np.concatenate([body.points.reshape(-1, 3) for body in self._shown]))
+            middle = 0.5 * (everywhere.min(axis=0) + everywhere.max(axis=0))
+            self.data["turns"] = {"middle": middle.tolist(), "paths": [path.round().tolist() for path in moving],
+                                  "ground": [path[0].round().tolist() for path in resting]}  # fmt: skip
+        self.legend: Legend | None = None  # none where no stress is known
+        if stress is not None:
+            pascal = run.record.system.unit("Pa")
+            factor, unit = axis_unit(pascal, np.array([stress.largest]))
+            where = f"{stress.body} {stress.when}"
+            self.legend = Legend(motion.WORDS["mises"], unit, STOPS, stress.shown(name, pascal)[0], where)
+            self.data |= {"stops": STOPS, "stress": (factor * stress.over_time[chosen]).tolist(), "unit": unit}
+        self.still = self._still()
+        #: notes, left_out: what has to be known of the picture; what it does not show and the file has
+        self.notes = _notes(run, self._bodies, len(self.data["factors"]) > 1)
+        self.left_out = [*left_out, *_left_out(run, len(chosen), name)]
 
-    def data(self) -> dict[str, Any]:
+    def _data(self, run: Trajectory, time: np.ndarray, bar: float, colours: list[str]) -> dict[str, Any]:
         """Return what the page's script moves, without stress."""
-        run, picture, time = self._run, self.picture, self._run.frames.time[self.chosen]
-        packed = [_packed(body, picture, self.stress) for body in self.shown]
+        packed = [_packed(body, self._picture, self._stress) for body in self._shown]
         reach = max((entry["step"] * np.iinfo(np.int16).max for entry in packed if "step" in entry), default=0.0)
+        largest = LARGEST_SHOWN * (self.height - FOOT)
         # digits behind the point that tell frames apart
         decimals = int(np.clip(1 - np.floor(np.log10(np.diff(time).min()) + 1e-9), 0, 12)) if len(time) > 1 else 3
-        largest = LARGEST_SHOWN * self.height
-        data: dict[str, Any] = {
+        return {
             "time": time.tolist(),
             "decimals": decimals,
-            "width": SIZE,
-            "height": self.height + FOOT,
+            "width": self.width,
+            "height": self.height,
             "start": self.start,
-            "bar": self.bar,
+            "bar": bar,
             "metre": run.record.system.unit("m"),
-            "bodies": [entry | {"colour": colour} for entry, colour in zip(packed, self.colours)],
+            "bodies": [entry | {"colour": colour} for entry, colour in zip(packed, colours)],
             "factors": [factor for factor in FACTORS if factor == 1 or 0.0 < factor * reach <= largest],
             "outputs": {
                 key: [float(value) if np.isfinite(value) else None for value in np.interp(time, run.time, own)]
                 for key, own in run.outputs.items()
             },
         }
-        if not picture.flat:
-            everywhere = picture.places(np.concatenate([body.points.reshape(-1, 3) for body in self.shown]))
-            middle = 0.5 * (everywhere.min(axis=0) + everywhere.max(axis=0))
-            data["turns"] = {"middle": middle.tolist(), "paths": [path.round().tolist() for path in self.moving],
-                             "ground": [path[0].round().tolist() for path in self.resting]}  # fmt: skip
-        return data
 
-    def lines(self) -> list[dict[str, Any]]:
-        """Return the bodies without a surface, as SVG has them."""
-        return [
-            _line(body, at, colour, self.stress, self.start)
-            for body, at, colour in zip(self.shown, self._flat, self.colours)
-            if not len(body.triangles)
-        ]
+    def _still(self) -> str:
+        """Return the address of a picture of the surfaces at the first frame as PNG, empty where there is none."""
+        corners, colours = [], []
+        for body, at in zip(self._shown, self._flat):
+            if not len(body.triangles):
+                continue
+            corners.append(at[body.triangles])
+            own = np.tile(to_rgb(RIGID if body.rigid else PLAIN), (len(at), 1))
+            if body.values is not None:
+                own = colours_of(body.values[self.start], 1.0 if self._stress is None else self._stress.largest)
+            colours.append(own[body.triangles])
+        if not corners:
+            return ""
+        triangles, shown = np.concatenate(corners), np.concatenate(colours)
+        numbers = np.arange(3 * len(triangles)).reshape(-1, 3)
+        towards = np.abs(motion.normals(numbers, triangles.reshape(-1, 3))[:, 2])
+        shown = shown * (DARKEST + (1.0 - DARKEST) * towards)[:, None, None]
+        order = np.argsort(triangles[..., 2].mean(axis=1), kind="stable")
+        x, y = triangles[order].reshape(-1, 3)[:, :2].T
+        figure = new_figure(1.0, self.height / SIZE)
+        figure.set_layout_engine("none")
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, SIZE), ylim=(self.height, 0))
+        axes.set_axis_off()
+        mesh = Triangulation(x, y, numbers)
+        axes.add_collection(TriMesh(mesh, facecolors=np.column_stack([shown[order].reshape(-1, 3), np.ones(len(x))])))
+        if not np.ptp(triangles[..., 2]) > 0.0:
+            pieces = [at[body.edges][..., :2] for body, at in zip(self._shown, self._flat) if len(body.edges)]
+            axes.add_collection(LineCollection(np.concatenate(pieces), colors=EDGE, linewidths=72.0 / WIDTH, alpha=0.6))
+        stream = io.BytesIO()
+        figure.savefig(stream, format="png", dpi=WIDTH, transparent=True, metadata={"Software": None})
+        return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
 
-    def still(self) -> str:
-        """Return the picture of the surfaces; see `still_of`."""
-        largest = 1.0 if self.stress is None else max(self.stress.largest, 1e-300)
-        shares = [None if body.values is None else body.values / largest for body in self.shown]
-        return still_of(self.shown, self._flat, shares, self.start, (SIZE, self.height + FOOT))
 
-
-def _picture(bodies: list[FilmBody]) -> tuple[_Picture, int]:
+def _picture(bodies: list[motion.Skin]) -> tuple[_Picture, int]:
     points = np.concatenate([body.points.reshape(-1, 3) for body in bodies])
     extents = np.ptp(points, axis=0)
     flat = bool(extents[2] < FLAT * extents.max())
@@ -338,27 +302,28 @@ def _picture(bodies: list[FilmBody]) -> tuple[_Picture, int]:
     return _Picture(view, float(unit), shift, flat), height
 
 
-def _packed(body: FilmBody, picture: _Picture, stress: Stress | None) -> dict[str, Any]:
+def _packed(body: motion.Skin, picture: _Picture, stress: Stress | None) -> dict[str, Any]:
     """Return a body for the script: motions (n_f, 3, 1 + d), bending in steps, and stress in shades."""
     n_frames, n = body.points.shape[:2]
     places = picture.places(body.points)
     undeformed = np.column_stack([np.ones(n), body.nodes])
-    rigid = (places - picture.directions(body.deformation)).transpose(1, 0, 2).reshape(n, -1)
+    rigid = (places - picture.directions(body.moved)).transpose(1, 0, 2).reshape(n, -1)
     # rigid where a deformation is known; else the nearest one, and what is left is not enlarged
-    motion = np.linalg.lstsq(undeformed, rigid, rcond=None)[0]
-    bend = places - (undeformed @ motion).reshape(n, n_frames, 3).transpose(1, 0, 2)
+    moved = np.linalg.lstsq(undeformed, rigid, rcond=None)[0]
+    bend = places - (undeformed @ moved).reshape(n, n_frames, 3).transpose(1, 0, 2)
+    lines = body.edges[: 0 if len(body.triangles) else None]
     entry: dict[str, Any] = {
         "n": n,
-        "kind": body.kind,
-        "lines": body.lines.ravel().tolist(),
-        "ends": ends(body.lines).tolist(),
+        "kind": _kind(body),
+        "lines": lines.ravel().tolist(),
+        "ends": ends(lines).tolist(),
         "nodes": _text(body.nodes, "<f4"),
-        "motion": _text(motion.reshape(-1, n_frames, 3).transpose(1, 2, 0), "<f4"),
+        "motion": _text(moved.reshape(-1, n_frames, 3).transpose(1, 2, 0), "<f4"),
     }
     bend = bend[..., : 2 if picture.flat else 3]
     if (reach := float(np.abs(bend).max(initial=0.0))) > 0.5 / FACTORS[-1]:
         step = reach / np.iinfo(np.int16).max
-        as_it_is = np.flatnonzero(~body.known).tolist()
+        as_it_is = np.flatnonzero(~_known(body)).tolist()
         entry |= {"step": step, "bend": _text((bend / step).round(), "<i2"), "as_it_is": as_it_is}
     if len(body.triangles):
         entry |= {"triangles": _text(body.triangles, "<u4"), "edges": _text(body.edges, "<u4")}
@@ -372,23 +337,23 @@ def _text(numbers: np.ndarray, kind: str) -> str:
     return base64.b64encode(np.ascontiguousarray(numbers, dtype=kind).tobytes()).decode("ascii")
 
 
-def _line(body: FilmBody, at: np.ndarray, colour: str, stress: Stress | None, number: int) -> dict[str, Any]:
+def _line(body: motion.Skin, at: np.ndarray, colour: str, stress: Stress | None, number: int) -> dict[str, Any]:
     """Return a body without a surface as SVG has it, as the page's script draws it at other frames."""
     if body.values is None or stress is None:
-        paths = [("hollow" if hollow else "", colour, "".join(f"M{_pair(at[a])}L{_pair(at[b])}" for a, b in body.lines))
-                 for hollow in ([False, True] if body.kind == "rigid" else [False])]  # fmt: skip
+        paths = [("hollow" if hollow else "", colour, "".join(f"M{_pair(at[a])}L{_pair(at[b])}" for a, b in body.edges))
+                 for hollow in ([False, True] if _kind(body) == "rigid" else [False])]  # fmt: skip
     else:
         own = np.nan_to_num(body.values[number]) / max(stress.largest, 1e-300)
-        whole = "".join(f"M{_pair(at[a])}L{_pair(at[b])}" for a, b in body.lines)
+        whole = "".join(f"M{_pair(at[a])}L{_pair(at[b])}" for a, b in body.edges)
         paths = [("casing", "#3a3a3a", whole)]
         paths += [
             ("", STOPS[round((N_STOPS - 1) * float(max(own[a], own[b])))], f"M{_pair(at[a])}L{_pair(at[b])}")
-            for a, b in body.lines
+            for a, b in body.edges
         ]
-    nodes = ends(body.lines) if len(body.lines) else range(len(at))
+    nodes = ends(body.edges) if len(body.edges) else range(len(at))
     marks = [at[node, :2].round().astype(int).tolist() for node in nodes]
     dots = colour if body.values is None else "#3a3a3a"
-    return {"name": body.name, "kind": body.kind, "colour": dots, "paths": paths, "marks": marks}
+    return {"name": body.name, "kind": _kind(body), "colour": dots, "paths": paths, "marks": marks}
 
 
 def _pair(place: np.ndarray) -> str:
@@ -396,7 +361,7 @@ def _pair(place: np.ndarray) -> str:
     return f"{x} {y}"
 
 
-def _paths(run: Trajectory, joints: dict[str, np.ndarray], picture: _Picture, moving: bool) -> list[np.ndarray]:
+def _paths(run: Trajectory, joints: dict[str, np.ndarray], moving: bool) -> list[np.ndarray]:
     """Return the paths (n_f, 3) of the ends of bodies that move, as far as frames follow them, or of those at rest;
     where all are, none tells what the ground holds."""
     extent = max(np.ptp(np.concatenate([at.reshape(-1, 3) for at in joints.values()]), axis=0)[:2])
@@ -405,19 +370,19 @@ def _paths(run: Trajectory, joints: dict[str, np.ndarray], picture: _Picture, mo
     return [path for path in moved if is_followed(path)] if moving else moved * (len(moved) < len(every))
 
 
-def _notes(run: Trajectory, bodies: list[FilmBody], enlarged: bool) -> list[str]:
-    said = uncoloured(run.fields) if run.fields else []
+def _notes(run: Trajectory, bodies: list[motion.Skin], enlarged: bool) -> list[str]:
+    said = motion.uncoloured(run.fields) if run.fields else []
     if run.fields and run.model == "reduced":
         said += filter(None, [truncated(run.record.scene_toml)])
-    unknown = [body.name for body in bodies if body.kind == "flexible" and not body.known.all()]
+    unknown = [body.name for body in bodies if _kind(body) == "flexible" and not _known(body).all()]
     if unknown and enlarged:
         said.append(f"{', '.join(unknown)}: not enlarged where the deformation is not known")
     return said
 
 
-def _left_out(run: Trajectory, bodies: list[FilmBody], n_shown: int, name: str) -> list[str]:
+def _left_out(run: Trajectory, n_shown: int, name: str) -> list[str]:
     """Return what the file has and the film has not, and what neither has, with the cure."""
-    found = [body.note for body in bodies if body.note]
+    found = []
     if n_shown < len(run.frames.time):
         found.append(f"the film shows {n_shown} of {len(run.frames.time)} frames; the file has all")
     entries = scene_of(run.record).get("bodies", {})
@@ -429,51 +394,3 @@ def _left_out(run: Trajectory, bodies: list[FilmBody], n_shown: int, name: str) 
             "out"
         )
     return found
-
-
-WIDTH = 1400  # pixels
-DARKEST = 0.5  # of a face along the line of sight; the page's script has the same
-
-
-def still_of(
-    bodies: Sequence[FilmBody],
-    places: Sequence[np.ndarray],
-    shares: Sequence[np.ndarray | None],
-    number: int,
-    size: tuple[int, int],
-) -> str:
-    """Return the address of a picture of the frame of that number as PNG, empty where there is no surface.
-
-    Places are of the bodies' nodes in the picture, and towards the eye, shape (n, 3) each, in a picture whose size is
-    in its own unit; shares are of the largest stress, shape (n_f, n), None where none is known.
-    """
-    corners, colours = [], []
-    for body, at, share in zip(bodies, places, shares):
-        if not len(body.triangles):
-            continue
-        corners.append(at[body.triangles])
-        plain = np.array(to_rgb(RIGID if body.kind == "rigid" else PLAIN))
-        own = np.tile(plain, (len(at), 1)) if share is None else matplotlib.colormaps[COLOURS](share[number])[:, :3]
-        if share is not None:
-            own[~np.isfinite(share[number])] = to_rgb(QUIET)
-        colours.append(own[body.triangles])
-    if not corners:
-        return ""
-    triangles, shown = np.concatenate(corners), np.concatenate(colours)
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    towards = np.abs(normals[:, 2]) / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
-    shown = shown * (DARKEST + (1.0 - DARKEST) * towards)[:, None, None]
-    order = np.argsort(triangles[..., 2].mean(axis=1), kind="stable")
-    x, y = triangles[order].reshape(-1, 3)[:, :2].T
-    figure = new_figure(1.0, size[1] / size[0])
-    figure.set_layout_engine("none")
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, size[0]), ylim=(size[1], 0))
-    axes.set_axis_off()
-    mesh = Triangulation(x, y, np.arange(len(x)).reshape(-1, 3))
-    axes.add_collection(TriMesh(mesh, facecolors=np.column_stack([shown[order].reshape(-1, 3), np.ones(len(x))])))
-    if not np.ptp(triangles[..., 2]) > 0.0:
-        pieces = [at[body.edges][..., :2] for body, at in zip(bodies, places) if len(body.edges)]
-        axes.add_collection(LineCollection(np.concatenate(pieces), colors=EDGE, linewidths=72.0 / WIDTH, alpha=0.6))
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=WIDTH, transparent=True, metadata={"Software": None})
-    return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"

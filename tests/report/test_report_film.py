@@ -99,7 +99,7 @@ effects.spring: points = ["ground:wall", "rod:2"]
 def test_what_acts_between_points_goes_from_the_ground_to_where_a_body_is_moved_to() -> None:
     run = synthetic.trajectory("full", n_frames=20)
     run = replace(run, record=replace(run.record, scene_toml=SPRING))
-    film, (_, rod, spring) = film_of(run), bodies_of(run)
+    film, (_, rod, spring) = film_of(run), bodies_of(run)[0]
     assert [body["name"] for body in film.lines] == ["crank", "rod", "spring"]
     np.testing.assert_array_equal(spring.points[:, 0], [[0.1, 0.5, 0.0]] * 20)
     np.testing.assert_array_equal(spring.points[:, 1], rod.points[:, 2])
