@@ -31,7 +31,7 @@ from pgmp_petsc.components.component_modes import weighted_sum_dense
 from pgmp_petsc.components.condensing import angle_group, condensed, floating_shapes
 from pgmp_petsc.effects import start_of
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
-from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, why_no_full_model
+from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model, why_refused
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
@@ -71,12 +71,7 @@ class Subject:
 
 def takes_second_order(scene: Scene) -> bool:
     """Return whether a reduced model of the scene may have terms of second order."""
-    asked = scene.with_entries(reduction={"second_order": True, "tolerance": None})
-    try:
-        check_capabilities(asked, Purpose.BUILD)
-    except InputError:
-        return False
-    return True
+    return not why_refused(scene.with_entries(reduction={"second_order": True, "tolerance": None}), Purpose.BUILD)
 
 
 Said = Callable[[str], None]  # what takes lines for whoever waits
