@@ -67,6 +67,7 @@ from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, StateRecord, int
 from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 
+Outputs = dict[str, np.ndarray]  # over a run or their derivatives, by their names, (n_t,) each
 MOST_NUMBERS = 4_000_000  # of matrices along a run that are kept at once, 32 MB
 
 
@@ -75,14 +76,14 @@ class DifferentiatedRun:
     """A run and its derivatives."""
 
     time: np.ndarray  # shape (n_t,), s
-    outputs: dict[str, np.ndarray]  # each of shape (n_t,)
+    outputs: Outputs
     #: of every output with every parameter, by the names of both: ``derivatives[output][parameter]``, (n_t,)
     derivatives: dict[str, dict[str, np.ndarray]]
     steps_divided: int = 1  # by what the scene's step was divided
     off: Off = Off()  # how far derivatives that are differences may be off; see `differences`
     contacts: tuple[Contact, ...] = ()  # instants at which end stops are met and left, with their own derivatives
 
-    def at_steps_of_scene(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def at_steps_of_scene(self) -> tuple[np.ndarray, Outputs]:
         """Return the instants after the scene's own steps and the outputs there, as many whatever the run's steps."""
         every = slice(None, None, self.steps_divided)
         return self.time[every], {name: values[every] for name, values in self.outputs.items()}
@@ -174,11 +175,11 @@ def _by_differences(
 
 def _runs_beside(
     model: Model, beside: Differences, pulse: Callable[[int], object] = lambda n_steps: None
-) -> tuple[Attempt, np.ndarray, dict[str, np.ndarray]]:
+) -> tuple[Attempt, np.ndarray, Outputs]:
     """Run a sample and those beside it; return the attempt, times (n_t,), and outputs, each (n_runs, n_t)."""
 
-    def once(attempt: Attempt) -> tuple[Run, tuple[np.ndarray, list[dict[str, np.ndarray]]]]:
-        times, runs = np.zeros(0), list[dict[str, np.ndarray]]()
+    def once(attempt: Attempt) -> tuple[Run, tuple[np.ndarray, list[Outputs]]]:
+        times, runs = np.zeros(0), list[Outputs]()
         while len(runs) < beside.n_runs:
             n = min(model.largest_batch, beside.n_runs - len(runs))
             own = {name: column[len(runs) : len(runs) + n] for name, column in beside.values.items()}
@@ -201,12 +202,8 @@ def _runs_beside(
 
 
 def _counted(
-    model: Model,
-    values: Mapping[str, float],
-    times: np.ndarray,
-    outputs: dict[str, np.ndarray],
-    by_name: Mapping[str, dict[str, np.ndarray]],
-) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
+    model: Model, values: Mapping[str, float], times: np.ndarray, outputs: Outputs, by_name: Mapping[str, Outputs]
+) -> tuple[Outputs, dict[str, dict[str, np.ndarray]]]:
     """Return outputs, with what is counted of them, and their derivatives by the names of outputs and parameters."""
     counts = model.outputs.counts
     by_name = {name: counted_changes(counts, times, outputs, found, values, name) for name, found in by_name.items()}
@@ -456,7 +453,7 @@ class ObservedChanges:
             for one, entry in entries.items() if isinstance(entry, FormulaOfOutputs)
         }  # fmt: skip
 
-    def of(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
+    def of(self, name: str, changes: np.ndarray) -> Outputs:
         """Return the derivatives of all outputs with a parameter, each (n_t,), for those of eta, its rates and
         accelerations, shape (3, n_t, n_eta)."""
         shares, slopes = self._model.shares(self._values), self._model.shares(self._values, name)
@@ -475,7 +472,7 @@ class ObservedChanges:
             found[output] = np.where(np.isfinite(exact), exact, found[output])
         return found
 
-    def _through_formulas(self, name: str, found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def _through_formulas(self, name: str, found: Outputs) -> Outputs:
         """Return derivatives with those of formulas by differences along what they are made of."""
         model, value = self._model, self._values[name]
         if not model.formulas:
@@ -485,7 +482,7 @@ class ObservedChanges:
         shares += [np.abs(np.atleast_2d(found[one])) / size for one, size in sizes.items() if size]
         largest = np.max(np.concatenate(shares), axis=0)
 
-        def composed(far: np.ndarray) -> dict[str, np.ndarray]:
+        def composed(far: np.ndarray) -> Outputs:
             made_of = {one: values + far * found[one] for one, values in self._made_of.items()}
             return model.composed(made_of, self._times, self._values | {name: value + far}, far.size)
 
@@ -513,7 +510,7 @@ class _Member:
             of_model = reading.needs.stresses or reading.needs.multipliers
             self._kinds[name] = "stresses" if of_model else "line" if on_line else "frames"
 
-    def changes(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
+    def changes(self, name: str, changes: np.ndarray) -> Outputs:
         """Return the derivatives of the outputs with a parameter."""
         model, value, frames_at = self._model, self._values[name], self._along(changes[0])
 
@@ -534,7 +531,7 @@ class _Member:
         return {output: each[self._kinds[output]][output] for output in self.outputs}
 
 
-def _central(outputs: Callable[[np.ndarray], dict[str, np.ndarray]], far: np.ndarray) -> dict[str, np.ndarray]:
+def _central(outputs: Callable[[np.ndarray], Outputs], far: np.ndarray) -> Outputs:
     """Return central differences of outputs along a line, over steps (n_t,)."""
     ahead, behind = outputs(far), outputs(-far)
     return {name: (ahead[name] - behind[name]) / (2.0 * far) for name in ahead}
