@@ -29,13 +29,12 @@ from scipy.linalg import LinAlgError, eigh
 
 from pgmp_petsc.base.errors import InputError, Remark, note
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.effects import start_of
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.body_fields import FieldPoints, Fields, FieldSet, ReducedFields, joined, placed, undeformed
 from pgmp_petsc.outputs.readings import RigidReference
@@ -160,7 +159,7 @@ def _rotation_vectors(shape: np.ndarray) -> np.ndarray:
     return turns.reshape(*shape.shape[:2], 3)
 
 
-def assembly_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> Assembly:
+def assembly_of(scene: Scene, meshes: Shapes) -> Assembly:
     """Return where bodies, joints and named points are at the start; raises `InputError` if the mechanism cannot be
     assembled."""
     mechanism = Mechanism.from_scene(scene, meshes)

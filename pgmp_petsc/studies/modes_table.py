@@ -22,6 +22,7 @@ from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
+from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import actions_of, effects_of
 from pgmp_petsc.effects.springs import linear_springs, spring_remarks
@@ -29,7 +30,6 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, words_of
-from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import SpringStiffness, VibrationProblem, frequencies_of
 from pgmp_petsc.ranks.agreement import agreed
@@ -87,7 +87,7 @@ STRUCTURE = ("ground", "materials", "bodies", "joints", "coordinates")
 
 
 def tabulate_modes(
-    scene: Scene, meshes: Mapping[str, LineMesh], rom: ReducedOrderModel | None, n_angles: int, group: RankGroup
+    scene: Scene, meshes: Shapes, rom: ReducedOrderModel | None, n_angles: int, group: RankGroup
 ) -> ModesTable | None:
     """Compute the table at the scene's parameter values, on the first rank; None elsewhere. Collective on
     ``group.world``.

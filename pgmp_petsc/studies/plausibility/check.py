@@ -15,11 +15,10 @@ import numpy as np
 
 from pgmp_petsc.base.errors import Remark, warning
 from pgmp_petsc.base.units import MM, SI, STANDARD_GRAVITY
+from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.mechanism.capabilities import BYTES
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_values, shown_in
 from pgmp_petsc.scene.fields import GROUND
@@ -41,7 +40,7 @@ SEVERAL, SHOWN = 3, 6  # findings that are reported as one, and entries of them 
 NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.,]*(e[-+]?\d+)?")
 
 
-def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None = None) -> tuple[Remark, ...]:
+def plausibility(scene: Scene, meshes: Shapes | None = None) -> tuple[Remark, ...]:
     """Return a warning for each entry that probably is not meant.
 
     Without the mesh of every body only straight beams are looked at, and stops of coordinates. Raises `InputError` if
