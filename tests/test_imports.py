@@ -168,7 +168,7 @@ def modules_of(packages: Iterable[str]) -> list[str]:
     return [".".join(parts[:-1] if parts[-1] == "__init__" else parts) for parts in paths]
 
 
-SCENE = str(ROOT / "scenes" / "slider_crank.toml")
+SCENE = str(ROOT / "pgmp_petsc" / "scene" / "templates" / "rotor.toml")
 #: What a program does, and what it has not imported then.
 UNLOADED = {
     "the package": ("import pgmp_petsc", {"numpy", "mpi4py", "petsc4py"}),
@@ -180,7 +180,7 @@ UNLOADED = {
         "import pgmp_petsc.scene, pgmp_petsc.mesh",
         {"petsc4py", "mpi4py", "scipy", "meshio", "gmsh", "matplotlib"},
     ),
-    "a scene in SI units": (f"from pgmp_petsc.scene import load_scene\nload_scene({SCENE!r})", {"pint"}),
+    "a scene with numbers in mm and GPa": (f"from pgmp_petsc.scene import load_scene\nload_scene({SCENE!r})", {"pint"}),
 }
 
 

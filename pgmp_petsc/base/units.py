@@ -18,14 +18,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 
 from pgmp_petsc.base.errors import nearest_name
-
-if TYPE_CHECKING:
-    import pint
 
 #: Exponents of kilogram, metre and second; an angle counts as a number.
 Dimension = tuple[float, float, float]
@@ -119,7 +117,7 @@ OTHERS = (
     UnitSystem(("cm", "g", "s"), 1e-2, 1e-3, 1.0, "dyn", "dyn/cm2"),
     UnitSystem(("cm", "kg", "s"), 1e-2, 1.0, 1.0, "cN", "cN/cm2"),
     UnitSystem(("m", "t", "s"), 1.0, 1e3, 1.0, "kN", "kPa"),
-    UnitSystem(("in", "lbf s2/in", "s"), 0.0254, 175.126835, 1.0, "lbf", "psi"),
+    UnitSystem(("in", "lbf s2/in", "s"), 0.0254, 4.4482216152605 / 0.0254, 1.0, "lbf", "psi"),
     UnitSystem(("um", "kg", "s"), 1e-6, 1.0, 1.0, "uN", "MPa"),
 )
 #: Units of lengths.
@@ -160,7 +158,7 @@ def _apart(density: float, modulus: float, system: UnitSystem) -> float:
     return min(abs(math.log(density / rho)) + abs(math.log(modulus / e)) for rho, e in MATERIALS)
 
 
-#: SI units of what scenes hold, which are taken without a library.
+#: SI units of what scenes hold, which are taken without a library, as those of other systems are.
 UNITS: dict[str, Dimension] = {
     "1": (0, 0, 0),
     "rad": (0, 0, 0),
@@ -196,11 +194,8 @@ ANGULAR = ("rad", "deg", "\N{DEGREE SIGN}", "rpm", "rev", "turn", "gon", "arcmin
 BASE = ("[mass]", "[length]", "[time]")
 LONGEST = 40  # characters of a unit
 ROUNDING = 1e-14  # by which a factor of pint may miss a whole number, and a number that is converted twice itself
-#: Units to propose for one that is not known.
-COMMON = (
-    *UNITS, "mm", "cm", "um", "in", "ft", "g", "t", "lb", "kN", "MN", "N mm", "kN m", "lbf", "kPa", "MPa", "GPa", "bar",
-    "psi", "g/cm3", "kg/dm3", "t/m3", "deg", "rpm", "percent", "N/mm", "N/mm2", "N s/mm", "mm/s2", "kN/m",
-)  # fmt: skip
+#: Units to propose for one that is not known, beside those of systems.
+COMMON = ("ft", "lb", "MN", "bar", "g/cm3", "kg/dm3", "t/m3", "deg", "rpm", "percent")
 NEEDED = 'a unit such as "m", "mm", "GPa", "kg/m3" or "N m/rad" is needed, or none for those of the scene'
 HERTZ = "Hz"  # of frequencies, in turns a second where SI counts radians
 #: What quantities of a dimension are called.
@@ -238,9 +233,9 @@ class UnknownUnit(ValueError):
 def measure(unit: str) -> tuple[float, Dimension]:
     """Return how many of the SI unit one of `unit` is, and its dimension; no unit is 1. Raises `UnknownUnit` if it is
     not one, or of something that scenes do not hold, such as a temperature."""
-    known = plain_names().get(plain(unit))
+    known = plain_names().get(plain(unit)) or names_in_others().get(unit)
     if known is not None:
-        return 1.0, known
+        return known
     if len(unit) > LONGEST or not re.fullmatch(r"[\w \N{DEGREE SIGN}%*/^().\N{MIDDLE DOT}-]*", unit):
         raise UnknownUnit(NEEDED)
     text = unit.replace("\N{MIDDLE DOT}", "*").replace("^", "**").replace("\N{DEGREE SIGN}", "deg")
@@ -350,18 +345,21 @@ def plain(unit: str) -> str:
 
 
 @cache
-def plain_names() -> dict[str, Dimension]:
-    """Return the dimensions of SI units by their `plain` names."""
-    return {"": (0, 0, 0), "-": (0, 0, 0)} | {plain(name): dimension for name, dimension in UNITS.items()}
+def plain_names() -> dict[str, tuple[float, Dimension]]:
+    """Return what `measure` finds of SI units, by their `plain` names."""
+    return {plain(name): (1.0, dimension) for name, dimension in ({"": (0, 0, 0), "-": (0, 0, 0)} | UNITS).items()}
 
 
 @cache
-def _registry() -> pint.UnitRegistry:
-    import pint  # most of a second, which a scene in SI units need not wait for
+def names_in_others() -> dict[str, tuple[float, Dimension]]:
+    """Return what `measure` finds of units of the other systems, as these write them: in "m s" the blank counts."""
+    return {one.unit(name): (one.size(own), own) for one in OTHERS for name, own in UNITS.items()}
 
-    return pint.UnitRegistry()
+
+#: The units that pint knows, read in a third of a second, for which few scenes wait.
+_registry = cache(lambda: import_module("pint").UnitRegistry())
 
 
 def _nearest(unit: str) -> str:
-    hint = nearest_name(unit, COMMON)
+    hint = nearest_name(unit, (*UNITS, *names_in_others(), *COMMON))
     return hint if "did you mean" in hint else ""

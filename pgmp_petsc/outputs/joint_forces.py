@@ -303,9 +303,10 @@ class OfConnection(ForceOutput):
         for row, (part, own) in zip(self.rows, self.held):
             for (statement, function), first in zip(part.terms, own[::2]):
                 # that points meet has the same slopes everywhere
-                some = slice(0, 1) if statement.kind == MEET else slice(None)
-                gradient = statement.gradient(natural[first][:, some], b[:, some])[len(b) :]
-                slopes -= seen.multipliers[row] * function.factor * gradient
+                some = slice(0, 1) if statement.kind == MEET and not function.breaks.size else slice(None)
+                sides = natural[first][:, some], b[:, some]
+                factor = function.at(statement.value(*sides))[1]
+                slopes -= seen.multipliers[row] * factor * statement.gradient(*sides)[len(b) :]
         if self.pulls:
             a = self._natural(self.connection.a, seen.frames[0], n)
             for pull, force, factors in acting(self.pulls, seen):

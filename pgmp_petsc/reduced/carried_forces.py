@@ -120,19 +120,19 @@ def _pulls_of(
     d, found, terms = force.space.dimension, [], []
     for row, (part, _) in zip(force.rows, force.held):
         found.append((rows.index(row), -1, -1, number))
-        terms.append([(statement, function.factor) for statement, function in part.terms])
+        terms.append(part.terms)
     firsts = first_terms(actions).tolist()
     own = {pull.action.effect for pull in force.pulls}
     for action in (k for k, one in enumerate(actions) if one.effect in own):
         for k, (statement, _) in enumerate(actions[action].statement.terms):
             found.append((-1, action, firsts[action] + k, number))
-            terms.append([(statement, 1.0)])
+            terms.append(statement.terms)
     random, products, directions = np.random.default_rng(1), [], np.zeros((0, d))
     for turned in (True, True, False):  # the last ones are those of the ground
         turns = [np.linalg.qr(random.normal(size=(d, d)))[0] if turned else np.eye(d) for _ in range(2)]
         z = [np.concatenate([random.normal(size=d), turn.T.ravel()])[:, None] for turn in turns]
         directions = np.array(
-            [sum(factor * one.gradient(*z)[len(z[0]) :][:d, 0] for one, factor in own) for own in terms]
+            [sum((f.at(one.value(*z))[1] * one.gradient(*z))[len(z[0]) :][:d, 0] for one, f in own) for own in terms]
         ).reshape(-1, d)
         products.append(directions @ directions.T)
     same = all(np.allclose(one, products[-1], rtol=0.0, atol=TURNED) for one in products)

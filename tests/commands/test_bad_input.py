@@ -110,13 +110,18 @@ simulate SCENE --full -o OUT & simulation={tolerance=0.01, duration=1.0} & refer
     simulation.tolerance = 0.01: to find the step, the full-order model has to run | \
     reference.budget = 0.001 | give simulation.step
 # files
-check FOLDER/slider_crnk.toml -> slider_crnk.toml | no such scene file
+* check FOLDER/slider_crnk.toml -> slider_crnk.toml | no such scene file
 check FOLDER/words.msh -> words.msh | not valid TOML
 check ROM -> rom.h5 | a scene is a TOML file
 simulate ROM --full -o OUT -> --full | rom.h5' is a reduced model; give its scene
 * simulate SCENE -o OUT -> slider_crank_paper.toml | needed: a reduced model
 montecarlo SCENE -n 2 -o OUT -> slider_crank_paper.toml | needed: a reduced model
-simulate FOLDER/nothing.h5 -o OUT -> nothing.h5 | does not exist
+* simulate FOLDER/nothing.h5 -o OUT -> nothing.h5 | does not exist
+* montecarlo FOLDER/nothing.h5 -n 2 -o OUT -> nothing.h5 | does not exist
+* modes SCENE --rom FOLDER/nothing.h5 -o OUT -> nothing.h5 | does not exist
+* plot FOLDER/nothing.h5 -o FOLDER/pictures -> nothing.h5 | does not exist
+* export FOLDER/nothing.h5 -o FOLDER/x.xdmf -> nothing.h5 | does not exist
+* info FOLDER/nothing.h5 -> nothing.h5 | does not exist
 * simulate FOLDER/cut.h5 -o OUT -> cut.h5 | is damaged: it is cut off
 simulate FOLDER/future.h5 -o OUT -> future.h5 | format version 99
 * simulate FOLDER/older.h5 -o OUT -> older.h5 | format version 2 | build it again with pgmp build
@@ -166,7 +171,7 @@ export SCENE -o FOLDER/x.xdmf --set r1=5e-3 -> --set and --override are for
 info ROM -- -log_view -> 'info' does not use PETSc
 # the trade-off study
 * tradeoff SCENE -o OUT & outputs={} -> outputs: the scene has none
-tradeoff FOLDER/slider_crnk.toml -o OUT -> no such scene file
+* tradeoff FOLDER/slider_crnk.toml -o OUT -> no such scene file
 tradeoff ROM -o OUT -> rom.h5 | a scene is a TOML file
 tradeoff SCENE -o OUT & SHORT_ROD -> cannot close at theta = | joints.
 tradeoff SCENE -o FOLDER/no/out.h5 -> /no' | does not exist

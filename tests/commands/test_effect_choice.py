@@ -194,11 +194,10 @@ def test_check_prints_sizes_and_warns() -> None:
     assert (scene.effects, scene.reduction.effects) == ({}, "auto")
 
 
-@pytest.mark.parametrize("n_ranks", [1, 3])
-def test_a_build_prints_the_choice_and_keeps_it(tmp_path: Path, n_ranks: int, mpirun: Callable) -> None:
+def test_a_build_prints_the_choice_and_keeps_it(tmp_path: Path, mpirun: Callable) -> None:
     rom = tmp_path / "rom.h5"
     options = (*QUICK, *overridden('reduction.effects="auto"', TINY))
-    done = mpirun(n_ranks, *PGMP, "build", FOUR_BAR, "-o", rom, *options)
+    done = mpirun(3, *PGMP, "build", FOUR_BAR, "-o", rom, *options)
     assert re.search(r"tiny \(joint_damping\) .* leave", done.stdout)
     with open_file(rom, "rom") as file:
         sizes, scene = EffectSizes.found_in(file), tomllib.loads(file.attrs["scene"])

@@ -16,7 +16,6 @@ import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from runs import PAPER_SCENE, PGMP, SMALL, overridden, pgmp
 
-from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble
 
 SCRIPTS = ("build.slurm", "montecarlo.slurm", "build.pbs", "montecarlo.pbs")
@@ -425,22 +424,6 @@ def test_samples_are_taken_up_on_other_ranks(checkout: Path, rom: Path) -> None:
     assert (parts.record.seed, len(parts.status)) == (5, 80)
     for name, values in whole.outputs.items():
         np.testing.assert_array_equal(parts.outputs[name], values)
-
-
-def test_a_build_is_taken_up_on_other_ranks(checkout: Path) -> None:
-    """The real program: one uninterrupted PBS job, and two Slurm jobs of which the first is stopped after a body."""
-    # so many angles that some are left when the signal comes
-    extra = "--override reduction.modes=4 --override 'reduction.angles = 200'"
-    given = {"SCENE": ROOT / "scenes" / "slider_crank_solid2d.toml", "EXTRA": extra}
-    run(checkout, "build.pbs", ROM="whole.h5", RANKS=1, **given)
-    job = start(checkout, "build.slurm", ROM="parts.h5", SLURM_NTASKS=2, **given)
-    stop(job, checkout / "parts.h5.partial" / "component-*.npz")
-    ended(job, STOPPED)
-    assert calls(checkout) == ["srun 2", "scontrol requeue 17"]
-    assert "--resume" in run(checkout, "build.slurm", ROM="parts.h5", RANKS=1, **given)[0]
-    assert calls(checkout)[2:] == ["srun 1"] and not (checkout / "parts.h5.partial").exists()
-    whole, parts = (ReducedOrderModel.read(checkout / name) for name in ("whole.h5", "parts.h5"))
-    np.testing.assert_allclose(parts.frequencies_hz, whole.frequencies_hz, rtol=1e-9)
 
 
 def test_the_scripts_are_sound() -> None:

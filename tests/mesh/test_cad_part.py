@@ -218,8 +218,6 @@ def test_a_coarser_mesh_tells_the_share_of_the_mesh(parts: Path, tmp_path: Path,
         r"at most ([\d.]+) % of the largest .*: (\d+) nodes against (\d+), component modes; of the c", line
     )
     assert found and int(found[2]) < 0.7 * int(found[3]) and 0.0 < float(found[1]) < 20.0, line
-    again = said("run", tmp_path / "bar.toml", "-n", "2", *short)[0]
-    assert f"{line} (finished before; --force does it again)" in again
     short = overridden("simulation.duration=5e-3", "reduction.angles=4", "simulation.frames=3")
     out, _ = said("run", ROOT / "scenes/slider_crank_solid2d.toml", "-n", "1", "-o", tmp_path / "out", *short)
     assert (

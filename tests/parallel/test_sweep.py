@@ -8,10 +8,10 @@ from sweep import SCENES, sweep, table
 
 # on two ranks, where asked for (`scripts/test --thorough`): all effects, and solids in the plane; the script takes all
 ON_TWO_RANKS = ("slider_crank_effects", "slider_crank_solid2d")
-# what the suite has: all effects, joints in space, a loop of three coordinates, gaps, controllers, and more coordinates
-# than reduced models have. Runs of the others are compared with full order elsewhere, and commands on several ranks in
-# test_more_ranks_than_work.py
-IN_SUITE = ("slider_crank_effects", "rssr_beams", "platform_3rrr", "worn_slider_crank", "servo_arm", "six_joint_arm")
+# what the suite has: all effects, joints in space, a loop of three coordinates, and more coordinates than reduced
+# models have. Gaps and controllers are in commands/test_combinations.py, runs of the others are compared with full
+# order elsewhere, and commands on several ranks in test_more_ranks_than_work.py
+IN_SUITE = ("slider_crank_effects", "rssr_beams", "platform_3rrr", "six_joint_arm")
 # whose pictures are drawn: in the plane, in space and of three coordinates
 DRAWN = ("slider_crank_effects", "rssr_beams", "platform_3rrr")
 CASES = [(scene, 1) for scene in SCENES] + [(scene, 2) for scene in SCENES if scene.stem in ON_TWO_RANKS]

@@ -1,4 +1,4 @@
-"""Measure the least trade-off study on all ranks and print its errors. Used by test_more_ranks_than_work.py.
+"""Measure the least trade-off study on all ranks and print what it found. Used by test_more_ranks_than_work.py.
 
 tradeoff.py [OVERRIDE ...]
 """
@@ -18,5 +18,7 @@ if __name__ == "__main__":
     assert (result is None) == (comm.rank > 0)
     if result is not None:
         names = [result.name(row) for row in range(len(result.families))]
+        told = names, result.flags, result.reasons, result.references.step.tolist()
         timed = [all(t > 0 for t in times) for times in zip(result.wall.offline, result.wall.batch)]
-        print(json.dumps({"names": names, "errors": result.errors.tolist(), "timed": timed}))
+        numbers = [of.tolist() for of in (result.errors, result.references.moved, result.mesh.errors)]
+        print(json.dumps({"told": told, "numbers": numbers, "timed": timed}))

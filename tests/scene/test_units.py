@@ -8,7 +8,7 @@ import pytest
 from refusals import cases, check_said, refusal
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.base.units import OTHERS, UNITS, measure
+from pgmp_petsc.base.units import OTHERS, UNITS, measure, names_in_others
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.scene import load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.border import result_units
@@ -100,10 +100,16 @@ def test_one_parameter_for_two_quantities() -> None:
         load_scene(SLIDER_CRANK, ['materials.steel.E="r1"', "parameters.r1={nominal=1e9}"])
 
 
-@pytest.mark.parametrize("unit", UNITS)
-def test_si_units_as_the_library_has_them(unit: str) -> None:
-    """The table of SI units against pint, which reads each as a product with a factor of 1."""
-    assert measure(f"{unit}*1") == (1.0, UNITS[unit])
+@pytest.mark.parametrize("unit", {**UNITS, **names_in_others()})
+def test_units_as_the_library_has_them(unit: str) -> None:
+    """Units that are taken without pint against it, which reads products with a factor of 1; both round some times."""
+    assert measure(f"{unit}*1") == (pytest.approx(measure(unit)[0], rel=1e-15), measure(unit)[1])
+    assert measure(unit)[0] == 1.0 or unit not in UNITS
+
+
+def test_a_blank_between_units() -> None:
+    """Metre seconds are no milliseconds, though units of SI may be written without blanks."""
+    assert measure("m s") == (1.0, (0, 1, 1)) and measure("ms") == (1e-3, (0, 0, 1)) and measure("Nm")[0] == 1.0
 
 
 TEXTS = [

@@ -419,19 +419,23 @@ class Parabola(JointEntry):
 
 def test_a_point_stays_on_a_curve_in_every_model_and_in_c(tmp_path: Path) -> None:
     """Newton's iteration closes the constraint to round-off in full-order and component runs; a reduced one is off by
-    what is of third order in its deformation."""
+    what is of third order in its deformation. The force that guides it is square to the curve, to round-off."""
     plugged(tmp_path, PARABOLA)
     slot = 'joints.slider={type="parabola", connect=["ground:origin", "rod:tip"], a=0.3}'
     across = 'outputs.across={type="position", point="rod:tip", axis="y"}'
-    scene = pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=[slot, across, "simulation.duration=0.5"])
+    forces = [f'outputs.{x}={{type="joint_force", joint="slider", component="{x}"}}' for x in "xy"]
+    more = [slot, across, *forces, "simulation.duration=0.5"]
+    scene = pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=more)
     rom = pgmp.build(scene)
     runs = {model: pgmp.simulate(scene, model=model) for model in ("full", "components")}
     runs["reduced"] = pgmp.simulate(rom)
     for model, run in runs.items():
         off = run.outputs["across"] - 0.3 * run.outputs["slider_position"] ** 2
         assert np.abs(off).max() < (1e-7 if model == "reduced" else 1e-12), model
-        angle = runs["full"].outputs["crank_angle"]
+        angle, x, y = runs["full"].outputs["crank_angle"], run.outputs["x"], run.outputs["y"]
         np.testing.assert_allclose(run.outputs["crank_angle"], angle, rtol=0, atol=2e-4 * angle[-1], err_msg=model)
+        along = -0.6 * run.outputs["slider_position"] * y
+        np.testing.assert_allclose(x, along, rtol=0, atol=1e-12 * np.abs(y).max(), err_msg=model)
     assert_same_in_c(rom, tmp_path, runs["reduced"])
     with pytest.raises(InputError, match=r"^joints\.slider\.elastic: this joint has no axes that are the same"):
         springs = "joints.slider.elastic={reference=[[1.0, 0.0]], stiffness=[0.0, 1e5]}"

@@ -283,14 +283,10 @@ def test_the_spring_of_a_joint_that_is_off_itself_is_in_series_with_the_beam(kin
     np.testing.assert_allclose(ratios, 10.0, rtol=0.01)
 
 
-@pytest.mark.parametrize("ranks", [1, 3])
-def test_an_offset_that_nothing_takes_is_refused_on_ranks(ranks: int, tmp_path: Path) -> None:
+def test_an_offset_that_nothing_takes_is_refused_on_ranks(tmp_path: Path) -> None:
     scene = tmp_path / "clamped.toml"
     scene.write_text(CLAMPED)
     asked = overridden("bodies.beam.flexible=false", "outputs={}", offset("right", place=[0.0, 1e-3]))
-    for message in refused(
-        ranks, [("check", scene, *asked), ("simulate", scene, "--full", *asked, "-o", tmp_path / "r.h5")]
-    ):
-        assert (
-            "joints.right: a gap of 0.001 m remains at theta = 0 rad: joints are off by what no redundancy" in message
-        )
+    commands = [("check", scene, *asked), ("simulate", scene, "--full", *asked, "-o", tmp_path / "r.h5")]
+    said = "joints.right: a gap of 0.001 m remains at theta = 0 rad: joints are off by what no redundancy"
+    assert all(said in message for message in refused(3, commands))
