@@ -147,23 +147,19 @@ class _Part:
 
 def _furthest(once: Callable[[Attempt], _Part], simulation: Simulation) -> tuple[_Part, list[Remark]]:
     """Integrate, again with smaller steps where that fails; return what was fine, or went furthest, and what to say."""
-    best: list[_Part] = []
-    first: list[Run] = []
+    parts: list[_Part] = []
 
     def run(attempt: Attempt) -> Run:
-        part = once(attempt)
-        first[:] = first or [part.run]
-        if not best or part.reach > best[0].reach:
-            best[:] = [part]
-        return part.run
+        parts.append(once(attempt))
+        return parts[-1].run
 
     tried = int(integrate_with_smaller_steps(run, simulation, np.ones(1, dtype=bool)).divisors[0])
-    part, step = best[0], f"simulation.step = {simulation.step:g} s"
-    status, divisor = Status(first[0].status[0]), part.attempt.divisor
+    part, step = max(parts, key=lambda one: one.reach), f"simulation.step = {simulation.step:g} s"
+    first, divisor = parts[0].run, part.attempt.divisor
     if tried == 1:
         return part, []
     if part.run.status[0] == Status.FINE:
-        what = f"with {step} the run stopped at {first[0].failure_time[0]:.6g} s ({status.meaning})"
+        what = f"with {step} the run stopped at {first.failure_time[0]:.6g} s ({Status(first.status[0]).meaning})"
         again = f"it was integrated again with 1/{divisor} of it (steps_divided), which is fine"
         return part, [note(f"{what}; {again}; the step is large for it")]
     kept = f"what was computed with {'it' if divisor == 1 else f'1/{divisor} of it'} went furthest and is kept"

@@ -196,10 +196,8 @@ def _slenderness(scene: Scene, name: str, size: Size) -> Iterator[Finding]:
     entry, received = _thickness_entry(scene, body, f"bodies.{name}.section")
     if size.thickness > size.length:
         words = f"{name} is {system.text(size.thickness, 'm')} thick and {system.text(size.length, 'm')} long"
-        if body.flexible:
-            yield refusal(entry, f"{words}; a beam is longer than thick (sizes are in {metre})", *received)
-        else:
-            yield doubt(entry, f"{words} (sizes are in {metre})", *received)
+        words += "; a beam is longer than thick" if body.flexible else ""
+        yield (refusal if body.flexible else doubt)(entry, f"{words} (sizes are in {metre})", *received)
     elif size.length < SLENDERNESS * size.thickness and body.flexible:
         words = f"{name} is only {size.length / size.thickness:.2g} times as long as thick; below {SLENDERNESS:g}"
         cure = "take continuum elements (solid2d, solid3d), or make it rigid"
