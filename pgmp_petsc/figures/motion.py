@@ -244,7 +244,7 @@ def vibration_of(shape: ModeShape, colour: str, scale: float | None) -> Motion:
     picture nobody asks another one of."""
     places = np.concatenate([own.positions.reshape(-1, own.positions.shape[2]) for own in shape.fields.values()])
     reach = LARGEST_SHOWN * float(np.ptp(places, axis=0).max()) * (1.0 if scale is None else scale)
-    swing = np.sin(2.0 * np.pi * np.arange(N_PHASES) / N_PHASES)
+    swing = np.sin(2.0 * np.pi * np.arange(N_PHASES) / N_PHASES) / shape.record.system.shown(1.0, "m")  # of 1 m
     skins = []
     for name, own in shape.fields.items():
         # the deformation of a mode is all of its displacement

@@ -305,8 +305,8 @@ class OfConnection(ForceOutput):
                 # that points meet has the same slopes everywhere
                 some = slice(0, 1) if statement.kind == MEET and not function.breaks.size else slice(None)
                 sides = natural[first][:, some], b[:, some]
-                factor = function.at(statement.value(*sides))[1]
-                slopes -= seen.multipliers[row] * factor * statement.gradient(*sides)[len(b) :]
+                gradient = statement.gradient(*sides)[len(b) :]
+                slopes -= seen.multipliers[row] * function.at(statement.value(*sides))[1] * gradient
         if self.pulls:
             a = self._natural(self.connection.a, seen.frames[0], n)
             for pull, force, factors in acting(self.pulls, seen):

@@ -121,8 +121,7 @@ def _pulls_of(
     for row, (part, _) in zip(force.rows, force.held):
         found.append((rows.index(row), -1, -1, number))
         terms.append(part.terms)
-    firsts = first_terms(actions).tolist()
-    own = {pull.action.effect for pull in force.pulls}
+    firsts, own = first_terms(actions).tolist(), {pull.action.effect for pull in force.pulls}
     for action in (k for k, one in enumerate(actions) if one.effect in own):
         for k, (statement, _) in enumerate(actions[action].statement.terms):
             found.append((-1, action, firsts[action] + k, number))

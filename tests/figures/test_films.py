@@ -16,15 +16,16 @@ from click.testing import CliRunner, Result
 from fielded import block_run, flat_run, rod_run
 from mpi4py import MPI
 from PIL import Image
-from runs import rom_of
+from runs import reduced_model, rom_of
 
 from pgmp_petsc.base.errors import InputError, Remark
 from pgmp_petsc.cli.declared import Session
 from pgmp_petsc.cli.main import COMMANDS
 from pgmp_petsc.figures.collection import draw
-from pgmp_petsc.figures.motion import motion_of, scale_of
+from pgmp_petsc.figures.motion import motion_of, scale_of, vibration_of
 from pgmp_petsc.figures.solids import Pace, Stage, drawing, solids, view_of
 from pgmp_petsc.files.claims import check_output
+from pgmp_petsc.studies.field_frames import mode_shape
 from scenes import slider_crank
 
 WIDE, HIGH = 240, 160
@@ -170,6 +171,15 @@ def test_films(tmp_path: Path) -> None:
     frames = [np.frombuffer(frame, np.uint8) for frame in reader]
     assert len(frames) == 4 and about["fps"] == 10 and all(length % 2 == 0 for length in about["size"])
     assert frames[0].std() > 10 and np.abs(frames[3].astype(int) - frames[0]).max() > 100
+
+
+def test_a_mode_is_drawn_as_large_in_a_scene_in_mm() -> None:
+    si = mode_shape(reduced_model(slider_crank("simulation.frames=1")), 1, {"theta": 0.5})
+    record = replace(si.record, scene_toml=si.record.scene_toml.replace("[scene]", '[scene]\nunits = "mm"', 1))
+    fields = {name: own.converted(record.system.converting) for name, own in si.fields.items()}
+    metres, millimetres = (vibration_of(one, "none", None) for one in (si, replace(si, record=record, fields=fields)))
+    for one, other in zip(metres.skins, millimetres.skins, strict=True):
+        np.testing.assert_allclose(other.points, 1e3 * one.points, rtol=1e-12)
 
 
 def test_the_film_of_a_mode(tmp_path: Path) -> None:
