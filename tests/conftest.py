@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import hypothesis
@@ -17,7 +17,7 @@ import warm_start
 from hypothesis.internal.conjecture import providers
 
 ROOT = Path(__file__).resolve().parent.parent
-SCRIPTS = Path(__file__).resolve().parent / "parallel"
+SCRIPTS = Path(__file__).resolve().parent / "parallel"  # that tests run on several ranks
 gc.disable()  # until tests begin: modules and tests stay
 os.fsync = os.fstat  # no file has to outlast the machine, and each would wait some milliseconds for the disk
 if sys.dont_write_bytecode:
@@ -104,6 +104,8 @@ THOROUGH = (
     "verification/test_three_coordinates.py::test_interpolation_over_three_coordinates_is_of_order_four",
     "verification/test_tolerance.py::test_the_reduction_keeps_its_tolerance_on_the_mesh[own load-two",
     "verification/test_tolerance.py::test_the_reduction_keeps_its_tolerance_on_the_mesh[another load-two",
+    "verification/test_tolerance.py::test_the_reduction_keeps_its_tolerance_on_the_mesh[own load-cells",
+    "verification/test_tolerance.py::test_the_reduction_keeps_its_tolerance_on_the_mesh[another load-cells",
     "verification/test_tolerance.py::test_what_errors_are_against_is_said_before_and_kept[two coordinates]",
 )
 # Folders whose dearest files take a quarter to a minute and a half of a processor, as measured file by file; elsewhere
@@ -174,18 +176,21 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.fixture(scope="session")
-def mpirun() -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Return :func:`run_mpi`."""
-    return run_mpi
-
-
-@pytest.fixture(scope="session")
 def accurate_rom() -> object:
     """Return the reduced-order model of `runs.accurate_scene`: 7 modes and a static one at 48 angles, splines."""
     # PETSc starts only where a test needs it
     from runs import accurate_scene, rom_of
 
     return rom_of(accurate_scene())
+
+
+@pytest.fixture(scope="session")
+def small_rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the file of the paper's reduced model with the settings of `runs.SMALL`, which no test may change."""
+    from runs import SMALL, paper_scene, rom_of
+
+    rom_of(paper_scene(*SMALL)).write(path := tmp_path_factory.mktemp("small") / "rom.h5")
+    return path
 
 
 @pytest.fixture(scope="session")
@@ -200,12 +205,6 @@ def commands(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder that the tests of a module share."""
     return tmp_path_factory.mktemp(request.module.__name__)
-
-
-@pytest.fixture(scope="session")
-def parallel_scripts() -> Path:
-    """Return the directory of the scripts that tests run on several ranks."""
-    return SCRIPTS
 
 
 @pytest.fixture

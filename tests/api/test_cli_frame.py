@@ -9,23 +9,17 @@ from importlib import metadata
 
 import pytest
 import synthetic
-from conftest import ROOT
+from conftest import PGMP, ROOT, SCRIPTS, run_mpi
 
 from pgmp_petsc.cli.main import split_arguments
 from pgmp_petsc.ranks.petsc import ALONE, OF_RANKS, PREFIXES, option_names
 
 RANKS = (1, 3)
-PGMP = ("-m", "pgmp_petsc.cli.main")
 
 
-@pytest.fixture
-def run(mpirun, parallel_scripts):
-    """Return a function that runs the test's commands on n ranks."""
-
-    def run_command(n: int, *arguments: object, check_status: int = 0) -> subprocess.CompletedProcess[str]:
-        return mpirun(n, parallel_scripts / "commands.py", *arguments, check_status=check_status)
-
-    return run_command
+def run(n: int, *arguments: object, check_status: int = 0) -> subprocess.CompletedProcess[str]:
+    """Run the test's commands on n ranks."""
+    return run_mpi(n, SCRIPTS / "commands.py", *arguments, check_status=check_status)
 
 
 def messages(done: subprocess.CompletedProcess[str]) -> list[str]:
@@ -73,11 +67,11 @@ OPTIONS = "options -o f.h5 --set r1=5e-3 --set a=1 --override scene.name=a=b"
 
 
 @pytest.fixture(scope="module", params=RANKS)
-def told(request, mpirun, parallel_scripts):
+def told(request):
     """Return what every command came to on all ranks, in one start: status, standard output, standard error."""
     commands = [*HELPS, "fine", *ENDINGS, *(OF_SYSTEM if request.param == 1 else ()), OPTIONS]
     words = json.dumps([command.split() for command in commands])
-    lines = mpirun(request.param, parallel_scripts / "commands.py", "each", words).stdout.splitlines()
+    lines = run_mpi(request.param, SCRIPTS / "commands.py", "each", words).stdout.splitlines()
     return {command: json.loads(line) for command, line in zip(commands, lines, strict=True)}
 
 
@@ -86,7 +80,7 @@ def test_rank_0_alone_prints(told):
     assert first == [0, "said\nprinted\n", ""] and all(other == [0, "", ""] for other in others)
 
 
-def test_commands_that_do_not_need_petsc_do_not_import_it(run):
+def test_commands_that_do_not_need_petsc_do_not_import_it():
     assert run(1, "modules").stdout.strip() == "petsc4py imported: False"
 
 
@@ -112,13 +106,13 @@ def test_shared_options(told):
 
 
 @pytest.mark.parametrize("n", RANKS)
-def test_an_unexpected_exception_shows_its_traceback_and_ends_all_ranks(run, n):
+def test_an_unexpected_exception_shows_its_traceback_and_ends_all_ranks(n):
     done = run(n, "crashing", check_status=1)
     assert done.stderr.count("Traceback") == 1
     assert "ZeroDivisionError: a mistake" in done.stderr
 
 
-def test_open_mpi_can_be_told_to_add_nothing_to_the_message(run, monkeypatch):
+def test_open_mpi_can_be_told_to_add_nothing_to_the_message(monkeypatch):
     """What docs/hpc.md says of mpirun's own lines."""
     loud = run(3, "agreeing", check_status=2).stderr
     assert loud.index("pgmp: error: bodies.rod.mesh") < loud.index("mpirun detected that one or more processes exited")
@@ -126,7 +120,7 @@ def test_open_mpi_can_be_told_to_add_nothing_to_the_message(run, monkeypatch):
     assert run(3, "agreeing", check_status=2).stderr == "pgmp: error: bodies.rod.mesh: not found\n"
 
 
-def test_a_failure_that_was_not_agreed_on_does_not_hang(run):
+def test_a_failure_that_was_not_agreed_on_does_not_hang():
     done = run(3, "alone", check_status=2)
     first, *others = messages(done)
     # mpirun writes a line of dashes, which may come before the end of this one
@@ -136,18 +130,18 @@ def test_a_failure_that_was_not_agreed_on_does_not_hang(run):
 
 
 @pytest.mark.parametrize("n", RANKS)
-def test_an_interrupted_run(run, n):
+def test_an_interrupted_run(n):
     done = run(n, "interrupted", check_status=130)
     assert "pgmp: interrupted" in done.stderr
 
 
-def test_options_after_the_dashes_reach_petsc(run):
+def test_options_after_the_dashes_reach_petsc():
     done = run(3, "petsc", "--", "-pgmp_modes_eps_tol", "1e-9", "-flag", "1")
     assert done.stdout.strip() == "[('flag', '1'), ('options_left', 'no'), ('pgmp_modes_eps_tol', '1e-9')]"
 
 
 @pytest.mark.parametrize("n", RANKS)
-def test_options_that_nothing_used_are_named(run, n):
+def test_options_that_nothing_used_are_named(n):
     """Those of PETSc itself, which it reads when it ends (several ranks then time their messages, for 15 s), and those
     that one rank alone used are not."""
     given = ("-eps_tol", "1e-3", "-pgmp_ts_used", "-2", "-pgmp_modes_x")
@@ -166,7 +160,7 @@ def test_options_that_nothing_used_are_named(run, n):
         (("-pgmp_ts_ksp_rtol", "x"), "PETSc options -pgmp_ts_ksp_rtol x: Input string x has no numeric value"),
     ],
 )
-def test_a_wrong_option_for_petsc_is_one_message(run, given, message):
+def test_a_wrong_option_for_petsc_is_one_message(given, message):
     done = run(3, "solving", "--", *given, check_status=2)
     (line,) = messages(done)
     assert line.startswith(f"pgmp: error: {message}")
@@ -211,9 +205,9 @@ def test_a_process_alone_starts_no_daemon(tmp_path, given, daemons, turns):
     assert done.stdout == f"1 {daemons} {daemons} {turns} 1 []\n"
 
 
-def test_info_describes_a_file(mpirun, tmp_path):
+def test_info_describes_a_file(tmp_path):
     synthetic.trajectory("reduced", n_frames=4).write(tmp_path / "t.h5")
-    lines = mpirun(3, *PGMP, "info", tmp_path / "t.h5").stdout.splitlines()
+    lines = run_mpi(3, *PGMP, "info", tmp_path / "t.h5").stdout.splitlines()
     text = "\n".join(lines)
     assert lines[0].endswith("t.h5: trajectory of the reduced model")
     for expected in ("by pgmp", "slider_crank", "r1 = 0.0056", "seed       none", "ranks      2", "1.250 s"):
@@ -229,11 +223,11 @@ def cold(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("n", RANKS)
-def test_what_petsc_still_holds_is_let_go_while_python_lives(cold, mpirun, parallel_scripts, n):
-    mpirun(n, parallel_scripts / "left_behind.py", "closed")
+def test_what_petsc_still_holds_is_let_go_while_python_lives(cold, n):
+    run_mpi(n, SCRIPTS / "left_behind.py", "closed")
 
 
 @pytest.mark.skipif(not metadata.version("petsc4py").startswith("3.18."), reason="3.26 was seen to do it itself")
-def test_without_that_the_end_of_petsc_may_crash(cold, mpirun, parallel_scripts):
+def test_without_that_the_end_of_petsc_may_crash(cold):
     """Once this is skipped with Debian's PETSc too, `release_petsc` has no use any more."""
-    assert mpirun(1, parallel_scripts / "left_behind.py", "open", check_status=None).returncode != 0
+    assert run_mpi(1, SCRIPTS / "left_behind.py", "open", check_status=None).returncode != 0

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import petsc4py
 import pytest
+from conftest import SCRIPTS, run_mpi
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh, splu
 from solids import body_of, matrices_of, mesh_of, rod
@@ -196,14 +196,14 @@ def test_answers_that_do_not_settle_are_an_error(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.fixture(scope="module")
-def on_ranks(mpirun: Callable, parallel_scripts: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable:
+def on_ranks(tmp_path_factory: pytest.TempPathFactory) -> Callable:
     """Return a function that gives the arrays of a body condensed on n ranks."""
     directory = tmp_path_factory.mktemp("components")
     done = set()
 
     def read(kind: str, n: int) -> dict[str, np.ndarray]:
         if n not in done:
-            mpirun(n, parallel_scripts / "components.py", directory, *KINDS)
+            run_mpi(n, SCRIPTS / "components.py", directory, *KINDS)
             done.add(n)
         with np.load(directory / f"{kind}_{n}.npz") as data:
             return dict(data)

@@ -1,12 +1,12 @@
 """Bad input: exit status 2, one clear message that names the entry, no traceback, no hang; on one rank and on three."""
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import meshio
 import numpy as np
 import pytest
+from conftest import run_mpi
 from refusals import cases
 from runs import PAPER_SCENE, PGMP, SMALL, one_message, overridden, paper_scene, pgmp, refused, rom_of
 from sealed import resealed
@@ -235,9 +235,9 @@ def test_several_wrong_entries_are_told_at_once() -> None:
         assert words in err
 
 
-def test_a_run_that_leaves_the_range_ends_with_its_reason(mpirun: Callable, folder: Path) -> None:
+def test_a_run_that_leaves_the_range_ends_with_its_reason(folder: Path) -> None:
     path = folder / "left_3.h5"
-    done = mpirun(3, *PGMP, "simulate", folder / "limited.h5", "-o", path, check_status=1)
+    done = run_mpi(3, *PGMP, "simulate", folder / "limited.h5", "-o", path, check_status=1)
     assert "pgmp: error: reduced simulation stopped at 0." in done.stderr
     assert done.stderr.count(Status.LEFT_RANGE.meaning) == 1
     assert "Traceback" not in done.stderr

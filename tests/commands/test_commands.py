@@ -9,12 +9,9 @@ import pytest
 from runs import PAPER_SCENE, SMALL, besides_progress, full_model, history, overridden, paper_scene, pgmp, samples
 
 from pgmp_petsc import __version__
-from pgmp_petsc.files.hdf5 import version_of
 from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
 
-ATTRIBUTES = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 OUTPUTS = ("crank_angle", "slider_position", "slider_deformation")
-STATISTICS = ("mean", "std", "pdf", "edges", "quantiles")
 N_STEPS = 50
 SCENE_OPTIONS = overridden(*SMALL)
 
@@ -53,27 +50,16 @@ def table(folder: Path, rom: Path) -> Path:
     return made(folder / "modes.h5", "24 angles", "modes", PAPER_SCENE, "--rom", rom, *SCENE_OPTIONS)
 
 
-def assert_attributes(path: Path, kind: str, ranks: int = 1, seed: int | None = None) -> None:
+def assert_origin(path: Path, seed: int | None = None) -> None:
+    """Check what a file says of its own making; what else is in it is in tests/listings."""
     with h5py.File(path) as file:
-        assert set(ATTRIBUTES) <= set(file.attrs)
-        assert file.attrs["format_version"] == version_of(kind)
-        assert file.attrs["program_version"] == __version__
-        assert file.attrs["kind"] == kind
-        assert file.attrs["ranks"] == ranks
+        assert file.attrs["program_version"] == __version__ and file.attrs["ranks"] == 1
         assert (file.attrs["seed"] == seed) if seed is not None else isinstance(file.attrs["seed"], h5py.Empty)
         scene = tomllib.loads(file.attrs["scene"])
         assert scene["scene"]["name"] == "slider_crank_paper"
         assert scene["reduction"]["modes"] == 4
         assert scene["simulation"]["spectral_radius"] == 0.8, "resolved: with its defaults"
-        assert len(file["timings"]) > 0
-        for phase in file["timings"].values():
-            assert phase.shape == () and phase[()] >= 0.0 and phase.attrs["unit"] == "s"
-
-        def assert_described(name: str, item: object) -> None:
-            if isinstance(item, h5py.Dataset):
-                assert item.attrs["unit"] and item.attrs["description"], name
-
-        file.visititems(assert_described)
+        assert len(file["timings"]) > 0 and all(phase[()] >= 0.0 for phase in file["timings"].values())
 
 
 def arrays(path: Path, *names: str) -> dict[str, np.ndarray]:
@@ -84,8 +70,8 @@ def arrays(path: Path, *names: str) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("kind", ["reduced", "full"])
 def test_a_trajectory_keeps_the_contract(kind: str, request: pytest.FixtureRequest, rom: Path) -> None:
     path = request.getfixturevalue(kind)
-    assert_attributes(rom, "rom")
-    assert_attributes(path, "trajectory")
+    assert_origin(rom)
+    assert_origin(path)
     data = arrays(path, "time", *(f"outputs/{name}" for name in OUTPUTS))
     for values in data.values():
         assert values.shape == (N_STEPS + 1,) and np.isfinite(values).all()
@@ -104,13 +90,7 @@ def test_a_reduced_run_says_how_wrong_it_is(folder: Path, rom: Path, reduced: Pa
     with h5py.File(reduced) as file:
         assert file["errors/time"][-1] == pytest.approx(0.05, rel=1e-12)
         for name in OUTPUTS:
-            values, about = file[f"errors/{name}"], file[f"errors/{name}"].attrs
-            assert (
-                values.shape == file["errors/time"].shape
-                and values.attrs["unit"] == file[f"outputs/{name}"].attrs["unit"]
-            )
-            assert about["maximum"] == pytest.approx(np.abs(values[()]).max(), rel=1e-12)
-            largest = np.abs(file[f"outputs/{name}"][()]).max()
+            about, largest = file[f"errors/{name}"].attrs, np.abs(file[f"outputs/{name}"][()]).max()
             assert about["share"] == pytest.approx(about["maximum"] / largest, rel=1e-12)
         assert 0.0 < file["validity/elastic_rotation"][()] < 0.01
         assert 0.0 < file["validity/elastic_strain"][()] < 0.01
@@ -157,7 +137,7 @@ def test_frames_and_outputs_tell_the_same(reduced: Path, full: Path) -> None:
 
 
 def test_an_ensemble_keeps_the_contract(ensemble: Path) -> None:
-    assert_attributes(ensemble, "ensemble", seed=7)
+    assert_origin(ensemble, seed=7)
     data = arrays(ensemble, "parameters/r1", "status", *(f"outputs/{name}" for name in OUTPUTS))
     for values in data.values():
         assert values.shape == (12,)
@@ -166,17 +146,15 @@ def test_an_ensemble_keeps_the_contract(ensemble: Path) -> None:
         for name in (*OUTPUTS, "r1"):
             group = file[f"statistics/{name}"]
             values = data[f"outputs/{name}" if name in OUTPUTS else f"parameters/{name}"]
-            assert set(STATISTICS) <= set(group)
             assert group["mean"][()] == pytest.approx(values.mean(), rel=1e-12)
             assert group["std"][()] == pytest.approx(values.std(ddof=1), rel=1e-9)
             # of 12 samples: no more than these tell
             assert group["edges"].shape == (len(group["pdf"]) + 1,) and 3 <= len(group["pdf"]) <= 12
-            assert group["quantiles"].shape == group["quantiles"].attrs["probabilities"].shape
     assert not ensemble.with_name("ensemble.h5.partial").exists()
 
 
 def test_a_table_of_modes_keeps_the_contract(table: Path) -> None:
-    assert_attributes(table, "modes")
+    assert_origin(table)
     data = arrays(table, "theta", "full/frequencies_hz", "reduced/frequencies_hz")
     assert data["theta"].shape == (24,)
     assert data["full/frequencies_hz"].shape == data["reduced/frequencies_hz"].shape == (24, 4)

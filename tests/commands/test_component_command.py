@@ -2,11 +2,10 @@
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, run_mpi
 from runs import PAPER_SCENE, PGMP, overridden, pgmp
 from two_coordinates import DOUBLE_PENDULUM, LOWER, UPPER
 
@@ -115,8 +114,8 @@ def test_fewer_coordinates_than_degrees_of_freedom(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_what_ranks_did_not_share_is_said(tmp_path: Path, mpirun: Callable) -> None:
-    said = mpirun(3, *PGMP, "simulate", PAPER_SCENE, "--components", *QUICK, "-o", tmp_path / "run.h5").stdout
+def test_what_ranks_did_not_share_is_said(tmp_path: Path) -> None:
+    said = run_mpi(3, *PGMP, "simulate", PAPER_SCENE, "--components", *QUICK, "-o", tmp_path / "run.h5").stdout
     told = "each of the 2 flexible bodies was condensed by one rank in its own memory, and 1 of 3 ranks had none"
     assert told in said
 

@@ -4,12 +4,11 @@ import pickle
 import re
 import shlex
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, run_mpi
 from result_files import assert_same, contents, in_turn, statuses
 from runs import PGMP, overridden, pgmp
 from test_without_petsc import LAUNCHER
@@ -82,12 +81,12 @@ def test_what_a_file_keeps_from_call_to_call_changes_no_number(arm: Path) -> Non
     assert len(pickle.dumps(kept)) == len(pickle.dumps(interface.read(arm)))  # what was made stays here
 
 
-def test_ensembles_of_file_and_scene_are_the_same_on_any_ranks(arm: Path, tmp_path: Path, mpirun: Callable) -> None:
+def test_ensembles_of_file_and_scene_are_the_same_on_any_ranks(arm: Path, tmp_path: Path) -> None:
     words = ("-n", 6, *overridden("ensemble.batch=2"), "-o")
     scene = ("montecarlo", SCENES / "six_joint_arm.toml", "--components", *overridden(SHORT), *words)
     pgmp(*scene, tmp_path / "one.h5")
-    mpirun(2, *PGMP, "montecarlo", arm, *words, tmp_path / "file.h5")
-    mpirun(3, *PGMP, *scene, tmp_path / "scene.h5")
+    run_mpi(2, *PGMP, "montecarlo", arm, *words, tmp_path / "file.h5")
+    run_mpi(3, *PGMP, *scene, tmp_path / "scene.h5")
     one, *others = (Ensemble.read(tmp_path / f"{name}.h5") for name in ("one", "file", "scene"))
     for other in others:
         assert one.model == other.model == "components"

@@ -2,13 +2,12 @@
 
 import re
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cantilevers import BAR, BEAM_IN_SPACE, IN_SPACE, PLATE, bar_mesh, cantilever, ends, plate_mesh
-from conftest import ROOT
+from conftest import ROOT, run_mpi
 from mpi4py import MPI
 from runs import PGMP, overridden, pgmp
 from solids import rectangle_mesh
@@ -127,9 +126,9 @@ def test_what_goes_with_another_term_is_said_so() -> None:
     assert beside == warned
 
 
-def test_several_ranks_condense_for_a_check(mpirun: Callable) -> None:
+def test_several_ranks_condense_for_a_check() -> None:
     scene, short = ROOT / "scenes" / "slider_crank_solid2d.toml", "simulation.duration=0.1"
-    printed = mpirun(2, *PGMP, "check", scene, "--effects", "--override", short).stdout
+    printed = run_mpi(2, *PGMP, "check", scene, "--effects", "--override", short).stdout
     for line in sizes_of(scene, short).lines():
         assert re.sub(r"\S*e-\d\d+", "", line) in re.sub(r"\S*e-\d\d+", "", printed), line  # an angle of 1e-35 rad
 
@@ -194,10 +193,10 @@ def test_check_prints_sizes_and_warns() -> None:
     assert (scene.effects, scene.reduction.effects) == ({}, "auto")
 
 
-def test_a_build_prints_the_choice_and_keeps_it(tmp_path: Path, mpirun: Callable) -> None:
+def test_a_build_prints_the_choice_and_keeps_it(tmp_path: Path) -> None:
     rom = tmp_path / "rom.h5"
     options = (*QUICK, *overridden('reduction.effects="auto"', TINY))
-    done = mpirun(3, *PGMP, "build", FOUR_BAR, "-o", rom, *options)
+    done = run_mpi(3, *PGMP, "build", FOUR_BAR, "-o", rom, *options)
     assert re.search(r"tiny \(joint_damping\) .* leave", done.stdout)
     with open_file(rom, "rom") as file:
         sizes, scene = EffectSizes.found_in(file), tomllib.loads(file.attrs["scene"])

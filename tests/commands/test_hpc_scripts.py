@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
-from runs import PAPER_SCENE, PGMP, SMALL, overridden, pgmp
+from runs import PGMP
 
 from pgmp_petsc.results import Ensemble
 
 SCRIPTS = ("build.slurm", "montecarlo.slurm", "build.pbs", "montecarlo.pbs")
+CROSSED = "build.slurm", "montecarlo.pbs"  # each scheduler and each command once
 SLURM, PBS = SCRIPTS[:2], SCRIPTS[2:]
 STUBS = {
     # as with MpiDefault=none where DEFAULT says so: the ranks do not find each other
@@ -157,13 +158,6 @@ def stopped(
     return ended(job, status)
 
 
-@pytest.fixture(scope="module")
-def rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("hpc") / "rom.h5"
-    pgmp("build", PAPER_SCENE, "-o", path, *overridden(*SMALL))
-    return path
-
-
 @pytest.mark.parametrize("script", SCRIPTS)
 def test_a_job_with_enough_time_runs_once(checkout: Path, script: str) -> None:
     given = worker(checkout) | {"EXTRA": """--override 'outputs.a={ b = "c d" }' -- -log_view""", "SEED": 4}
@@ -209,9 +203,8 @@ def test_where_slurm_queues_nothing_again_a_new_job_has_the_same_options(checkou
     )
 
 
-@pytest.mark.parametrize("script", PBS)
-def test_a_job_stopped_by_its_own_clock_is_followed_by_one_with_its_options(checkout: Path, script: str) -> None:
-    given = worker(checkout) | {"SUBMIT": "-m e", "LEAD": 57, "WALLTIME": "1:00"}
+def test_a_job_stopped_by_its_own_clock_is_followed_by_one_with_its_options(checkout: Path) -> None:
+    script, given = "montecarlo.pbs", worker(checkout) | {"SUBMIT": "-m e", "LEAD": 57, "WALLTIME": "1:00"}
     out, _ = run(checkout, script, STOPPED, WORK="slow", **given)
     assert "60 s left; the command is stopped after 3 s" in out and "stopped before the end of the wall time" in out
     assert calls(checkout)[1:] == [f"{PBS_AGAIN}-W depend=afterany:17 -m e scripts/hpc/{script}"]
@@ -228,7 +221,7 @@ def test_one_job_of_a_pbs_array_is_followed_by_one_that_knows_its_index(checkout
     assert calls(checkout)[2] == "pgmp build scene.toml -o r3.h5 --resume"
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
+@pytest.mark.parametrize("script", CROSSED)
 def test_what_cannot_be_queued_is_said(checkout: Path, script: str) -> None:
     given = worker(checkout) | {"REQUEUE": "no", "QUEUE": "closed"}
     _, err = stopped(checkout, script, status=1, **given)
@@ -258,7 +251,7 @@ def test_a_job_that_finished_nothing_is_not_repeated(checkout: Path) -> None:
         assert len(calls(checkout)) == 1
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
+@pytest.mark.parametrize("script", CROSSED)
 def test_a_failure_ends_the_job(checkout: Path, script: str) -> None:
     _, err = run(checkout, script, 3, WORK="failing", THEN="touch then", **worker(checkout))
     assert f"{script}: the command ended with status 3; its own message begins with 'pgmp:'" in err
@@ -409,9 +402,9 @@ def test_heads_leave_variables_to_the_one_who_submits() -> None:
         assert "--output=%x-%j.out" in text and "--requeue" in text and "--signal" not in text
 
 
-def test_samples_are_taken_up_on_other_ranks(checkout: Path, rom: Path) -> None:
+def test_samples_are_taken_up_on_other_ranks(checkout: Path, small_rom: Path) -> None:
     """The real program: one uninterrupted PBS job, and two Slurm jobs of which the first is stopped."""
-    given = {"ROM": rom, "SAMPLES": 80, "SEED": 5, "EXTRA": "--override ensemble.batch=1"}
+    given = {"ROM": small_rom, "SAMPLES": 80, "SEED": 5, "EXTRA": "--override ensemble.batch=1"}
     run(checkout, "montecarlo.pbs", OUTPUT=checkout / "whole.h5", RANKS=1, **given)
     given |= {"OUTPUT": checkout / "parts.h5"}
     job = start(checkout, "montecarlo.slurm", RANKS=2, **given)

@@ -3,15 +3,14 @@
 import os
 import shutil
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import synthetic
 import warm_start
-from conftest import MPI_ENVIRONMENT, ROOT
-from runs import PGMP, SMALL, besides_progress, one_message, overridden, paper_scene, pgmp, rom_of
+from conftest import MPI_ENVIRONMENT, ROOT, run_mpi
+from runs import PGMP, besides_progress, one_message, overridden, pgmp
 from sealed import resealed
 
 from pgmp_petsc.files import claims
@@ -66,13 +65,6 @@ def folder(tmp_path: Path, small_rom: Path) -> Path:
     (tmp_path / "scenes").mkdir()
     shutil.copy(SCENE, tmp_path / "scenes" / "scene.toml")
     return tmp_path
-
-
-@pytest.fixture(scope="module")
-def small_rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("model") / "rom.h5"
-    rom_of(paper_scene(*SMALL)).write(path)
-    return path
 
 
 def contents(folder: Path) -> dict[Path, bytes]:
@@ -151,9 +143,9 @@ def test_a_second_job_with_the_same_output_is_refused(folder: Path, monkeypatch:
     assert contents(folder) == before
 
 
-def test_a_second_job_is_refused_on_three_ranks(mpirun: Callable, folder: Path) -> None:
+def test_a_second_job_is_refused_on_three_ranks(folder: Path) -> None:
     with locked(folder / "x.h5"):
-        done = mpirun(3, *PGMP, "montecarlo", folder / "rom.h5", "-n", 5, "-o", folder / "x.h5", check_status=2)
+        done = run_mpi(3, *PGMP, "montecarlo", folder / "rom.h5", "-n", 5, "-o", folder / "x.h5", check_status=2)
     assert done.stderr.count("is being written by another job") == 1
     assert not (folder / "x.h5.partial").exists()
 
@@ -201,11 +193,11 @@ def test_a_folder_of_somebody_else_is_not_removed(folder: Path) -> None:
     assert (folder / "x.h5.partial" / "thesis.tex").read_text() == "mine"
 
 
-def test_ranks_in_different_directories_build_and_resume(mpirun: Callable, tmp_path: Path) -> None:
+def test_ranks_in_different_directories_build_and_resume(tmp_path: Path) -> None:
     """The paths of the first rank count; nobody waits for a rank that sees other files."""
     build = ("build", SCENE, *overridden("reduction.modes=3", "reduction.angles=8"), "-o", "rom.h5", "--resume")
     for _ in range(2):
-        mpirun(2, "-c", APART, tmp_path, *build)
+        run_mpi(2, "-c", APART, tmp_path, *build)
     assert sorted(path.name for path in tmp_path.rglob("*") if path.is_file()) == ["rom.h5"]
     assert (tmp_path / "0" / "rom.h5").exists()
 

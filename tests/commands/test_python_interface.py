@@ -6,7 +6,6 @@ import logging
 import pickle
 import re
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib.image
@@ -14,7 +13,7 @@ import numpy as np
 import pandas
 import pytest
 import synthetic
-from conftest import ROOT
+from conftest import ROOT, SCRIPTS, run_mpi
 from mpi4py import MPI
 from refusals import cases
 from result_files import KINDS, QUICK, assert_same
@@ -100,14 +99,14 @@ def test_what_the_first_rank_alone_has_is_said(run: pgmp.Result) -> None:
 
 
 @pytest.mark.parametrize("others", ["later", "never"])
-def test_a_rank_that_runs_alone_waits_for_nobody(others: str, commands: Path, mpirun, parallel_scripts: Path) -> None:
+def test_a_rank_that_runs_alone_waits_for_nobody(others: str, commands: Path) -> None:
     """PETSc starts on the ranks of a call; the other rank calls the interface later, or never, and the program ends."""
-    done = mpirun(2, parallel_scripts / "interface_apart.py", commands / "rom.h5", others)
+    done = run_mpi(2, SCRIPTS / "interface_apart.py", commands / "rom.h5", others)
     assert done.stdout.splitlines()[-1] == ("same" if others == "later" else "alone")
 
 
-def test_two_ranks_of_a_script(commands: Path, tmp_path: Path, mpirun: Callable, parallel_scripts: Path) -> None:
-    done = mpirun(2, parallel_scripts / "python_interface.py", commands / "rom.h5", tmp_path)
+def test_two_ranks_of_a_script(commands: Path, tmp_path: Path) -> None:
+    done = run_mpi(2, SCRIPTS / "python_interface.py", commands / "rom.h5", tmp_path)
     first, second = json.loads(done.stdout.splitlines()[-1])
     assert first == second and first["end"] == first["alone"]
     starts = ("parameters r7=1.0: the scene has no", "nowhere.toml: there is no", "n = 0: allowed", "output file ")
@@ -417,13 +416,13 @@ def test_arguments_that_a_function_does_not_have_are_said_with_its_name() -> Non
         pgmp.simulate("rom.h5", {}, {})
 
 
-def test_the_documentation_runs(tmp_path: Path, mpirun: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_documentation_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The blocks of docs/python.md run in order, as one program on two ranks, in a folder of their own."""
     text = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
     assert len(blocks) == text.count("```python")
     (tmp_path / "example.py").write_text("\n".join(blocks), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    done = mpirun(2, "example.py")
+    done = run_mpi(2, "example.py")
     assert done.stdout.count("did you mean 'height'?") == 2
     assert {"report.html", "run.h5", "report_rom_1.h5"} <= {item.name for item in tmp_path.iterdir()}

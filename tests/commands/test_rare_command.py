@@ -1,11 +1,11 @@
 """Rare events and random fields through the command, on one rank and on several."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import run_mpi
 from mpi4py import MPI
 from runs import PGMP, SMALL, in_turn, paper_scene, pgmp, rom_of
 
@@ -78,9 +78,9 @@ def test_the_design_point_is_on_the_border_and_nearest_to_the_origin(
     assert summary["most_likely"]["beta"] == [pytest.approx(likely.beta[0])]
 
 
-def test_any_number_of_ranks_finds_the_same(mpirun: Callable, folder: Path, found: tuple[RareEvent, str]) -> None:
+def test_any_number_of_ranks_finds_the_same(folder: Path, found: tuple[RareEvent, str]) -> None:
     path = folder / "ranks.h5"
-    mpirun(2, *PGMP, "montecarlo", folder / "rom.h5", "-n", 1000, "--rare", EVENT, "-o", path)
+    run_mpi(2, *PGMP, "montecarlo", folder / "rom.h5", "-n", 1000, "--rare", EVENT, "-o", path)
     other, (one, _) = RareEvent.read(path), found
     for name in ("normal", "value", "weight", "threshold", "interval", "status"):
         np.testing.assert_array_equal(getattr(other, name), getattr(one, name), err_msg=name)

@@ -3,13 +3,12 @@
 import json
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, run_mpi
 from machine_scenes import cart
 from runs import PGMP, overridden, pgmp, said
 
@@ -170,8 +169,8 @@ def test_refusals(scene: Path, tmp_path: Path, prepare: str | None, arguments: t
     assert message in err and err.count("\n") == 1 and out == ""
 
 
-def test_two_ranks_give_the_same_figures(scene: Path, first: str, tmp_path: Path, mpirun: Callable) -> None:
-    done = mpirun(2, *PGMP, "run", scene, "-o", tmp_path / "two", "-n", 8, *SHORT)
+def test_two_ranks_give_the_same_figures(scene: Path, first: str, tmp_path: Path) -> None:
+    done = run_mpi(2, *PGMP, "run", scene, "-o", tmp_path / "two", "-n", 8, *SHORT)
     assert told(done.stdout)["report"]
     with h5py.File(scene.with_name("first.h5")) as one, h5py.File(tmp_path / "two" / "run.h5") as two:
         for name, values in one["outputs"].items():

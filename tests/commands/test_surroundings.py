@@ -2,12 +2,11 @@
 
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import warm_start
-from conftest import ROOT, TIMEOUT_SECONDS
+from conftest import ROOT, TIMEOUT_SECONDS, run_mpi
 from runs import PGMP, pgmp
 
 SCENE = ROOT / "scenes" / "slider_crank.toml"
@@ -55,10 +54,10 @@ def test_programs_are_told_of_these_variables() -> None:
     assert "this is no value of this setting of numba" in done.stdout
 
 
-def test_variables_are_refused_on_all_ranks(mpirun: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_variables_are_refused_on_all_ranks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(warm_start, "python", lambda environment: [sys.executable])  # which has numba already
     monkeypatch.setenv("NUMBA_OPT", "fast")
-    done = mpirun(3, *PGMP, "check", SCENE, check_status=2)
+    done = run_mpi(3, *PGMP, "check", SCENE, check_status=2)
     assert done.stderr.count("pgmp: error: environment variable NUMBA_OPT = 'fast'") == 1
 
 

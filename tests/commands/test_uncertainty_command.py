@@ -2,12 +2,12 @@
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from conftest import run_mpi
 from runs import PGMP, SMALL, overridden, paper_scene, pgmp, refused, rom_of
 
 from pgmp_petsc.ensemble.plan import Plan
@@ -92,12 +92,10 @@ def test_the_terminal_says_what_the_file_holds(sobol: tuple[Ensemble, str], fold
     assert found.mean_interval[0] < found.mean < found.mean_interval[1]
 
 
-def test_ranks_batches_and_longer_runs_have_no_part_in_it(
-    mpirun: Callable, folder: Path, rom: Path, sobol: tuple[Ensemble, str]
-) -> None:
+def test_ranks_batches_and_longer_runs_have_no_part_in_it(folder: Path, rom: Path, sobol: tuple[Ensemble, str]) -> None:
     path = folder / "ranks.h5"
     asked = (*ASKED, *overridden("ensemble.batch=7"))
-    mpirun(2, *PGMP, "montecarlo", rom, "-n", 64, "--seed", 3, "--sampler", "sobol", *asked, "-o", path)
+    run_mpi(2, *PGMP, "montecarlo", rom, "-n", 64, "--seed", 3, "--sampler", "sobol", *asked, "-o", path)
     found, (expected, _) = Ensemble.read(path), sobol
     scene = scene_from_toml(expected.record.scene_toml, folder)
     longer = Sampler(scene, Plan(1000, 3)).draw(0, 64)
@@ -149,7 +147,7 @@ def test_a_file_of_samples_repeats_them_in_another_model(rom: Path, folder: Path
         assert json.loads(file.attrs["remarks"])
 
 
-def test_bad_input_is_one_message_on_several_ranks(folder: Path, rom: Path) -> None:
+def test_bad_input_is_one_message(folder: Path, rom: Path) -> None:
     table, fixed = folder / "bad.csv", folder / "fixed.csv"
     table.write_text("push,r1\n1.0,5e-3\n1.0,wide\n")
     fixed.write_text("push,r1\n1.0,5e-3\n")
@@ -163,7 +161,7 @@ def test_bad_input_is_one_message_on_several_ranks(folder: Path, rom: Path) -> N
         (("--samples", fixed, "--set", "r1=5e-3", *overridden("parameters.r1={nominal=5.6e-3}")),
          f"--set r1=5e-3: every sample takes 'r1' from --samples {fixed}; leave one of them out"),
     )  # fmt: skip
-    messages = refused(2, [["montecarlo", rom, *words, "-o", folder / "no.h5"] for words, _ in cases])
+    messages = refused(1, [["montecarlo", rom, *words, "-o", folder / "no.h5"] for words, _ in cases])
     for (_, said), message in zip(cases, messages):
         assert message.startswith(said)
     assert not (folder / "no.h5").exists()
@@ -294,9 +292,9 @@ def test_failed_samples_end_shards_and_their_whole_with_status_one(folder: Path,
     assert np.sum(Ensemble.read(folder / "failing_merged.h5").status != 0) == 2
 
 
-def test_ranks_have_no_part_in_it(folder: Path, rom: Path, shards: list[Path], mpirun: Callable) -> None:
+def test_ranks_have_no_part_in_it(folder: Path, rom: Path, shards: list[Path]) -> None:
     output = folder / "two_ranks.h5"
-    mpirun(2, *PGMP, "montecarlo", rom, "-n", N, "--seed", 3, *SHARDED, "--shard", "2/3", "-o", output)
+    run_mpi(2, *PGMP, "montecarlo", rom, "-n", N, "--seed", 3, *SHARDED, "--shard", "2/3", "-o", output)
     pgmp("merge", shards[0], output, shards[2], "-o", folder / "two_ranks_merged.h5")
     pgmp("merge", *shards, "-o", folder / "merged.h5")
     same(folder / "merged.h5", folder / "two_ranks_merged.h5")

@@ -4,12 +4,11 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import warm_start
-from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
+from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS, run_mpi
 from mpi4py import MPI
 from result_files import KINDS, ONE_BY_ONE, assert_same, in_turn, statuses, written_by_commands
 from runs import besides_progress
@@ -78,11 +77,11 @@ def test_several_processes_that_do_not_know_of_each_other_are_refused(rank: str)
 
 
 def test_with_mpi_alone_several_ranks_share_an_ensemble(
-    mpirun: Callable, commands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    commands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("REFUSED", "petsc4py,slepc4py")
     words = ("montecarlo", commands / "rom.h5", "-n", 12, "--seed", 7, "-o", tmp_path / "ensemble.h5")
-    mpirun(2, LAUNCHER, "-m", "pgmp_petsc.cli.main", *words)
+    run_mpi(2, LAUNCHER, "-m", "pgmp_petsc.cli.main", *words)
     assert_same(tmp_path / "ensemble.h5", commands / "ensemble.h5")
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from cantilevers import BAR, BEAM_IN_SPACE, IN_SPACE, PLATE, bar_mesh, cantilever, plate_mesh
+from conftest import run_mpi
 from effect_scenes import CANTILEVER, line_meshes, scene_of
 from mpi4py import MPI
 
@@ -143,6 +144,6 @@ except Exception:
 """
 
 
-def test_rows_of_nodes_come_from_the_ranks_that_have_them(mpirun: Callable) -> None:
+def test_rows_of_nodes_come_from_the_ranks_that_have_them() -> None:
     """On three ranks, of which one has none of two nodes."""
-    mpirun(3, "-c", FETCHED)
+    run_mpi(3, "-c", FETCHED)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import SCRIPTS, run_mpi
 
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.reduction.cell_products import pair_rotations
@@ -35,17 +36,17 @@ COMPONENT_ERROR = 1e-10  # what the component modes promise of squares: stiffnes
 
 
 @pytest.fixture(scope="module")
-def model(mpirun: Callable, parallel_scripts: Path, folder: Path) -> Callable[[int, str], ReducedOrderModel]:
+def model(folder: Path) -> Callable[[int, str], ReducedOrderModel]:
     """Return a function that gives the model of a case; the first one asked for builds all those of its ranks."""
-    return cache(lambda n, case: built(mpirun, parallel_scripts, folder, n, case))
+    return cache(lambda n, case: built(folder, n, case))
 
 
-def built(mpirun: Callable, scripts: Path, folder: Path, n: int, case: str) -> ReducedOrderModel:
+def built(folder: Path, n: int, case: str) -> ReducedOrderModel:
     name, ranks_per_group, seed = case.split(":")
     script = "solid_build.py" if name in SOLIDS else "build.py"
     printed, path = folder / f"{script}_{n}.txt", folder / f"{name}_{n}_{ranks_per_group}_{seed}.h5"
     if not printed.exists():
-        printed.write_text(mpirun(n, scripts / script, folder, *RUNS[script][n].split()).stdout)
+        printed.write_text(run_mpi(n, SCRIPTS / script, folder, *RUNS[script][n].split()).stdout)
     assert path.exists(), printed.read_text()
     return ReducedOrderModel.read(path)
 
@@ -152,11 +153,9 @@ SAID = {
 }  # fmt: skip
 
 
-def test_bad_input_and_a_failure_of_one_group_are_those_of_all_ranks(
-    mpirun: Callable, parallel_scripts: Path, folder: Path
-) -> None:
+def test_bad_input_and_a_failure_of_one_group_are_those_of_all_ranks(folder: Path) -> None:
     cases = "refused:1:0", "fails:1:0", "fails:2:0", "refused:4:0", "plain:5:0"
-    lines = mpirun(4, parallel_scripts / "build.py", folder, *cases).stdout.splitlines()
+    lines = run_mpi(4, SCRIPTS / "build.py", folder, *cases).stdout.splitlines()
     assert len(lines) == 4 * len(cases)
     for k, case in enumerate(cases):
         said = f"{case} {SAID[case.split(':')[0]]}"

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable
 from functools import reduce
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 import warm_start
-from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
+from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS, run_mpi
 from runs import overridden, pgmp
 
 TABLES = ("mass", "inertia", "stiffness", "load")
@@ -103,7 +102,7 @@ def assert_same(found: Path, expected: Path) -> None:
 
 @pytest.mark.parametrize(("name", "before", "after", "n_pieces"), [("beams", 1, 3, 4), ("solids", 2, 1, 7)])
 def test_a_killed_build_is_resumed(
-    mpirun: Callable, folder: Path, whole: dict[str, Path], name: str, before: int, after: int, n_pieces: int
+    folder: Path, whole: dict[str, Path], name: str, before: int, after: int, n_pieces: int
 ) -> None:
     path = folder / f"killed_{name}_{before}.h5"
     interrupted(path, SCENES[name], before, n_pieces)
@@ -113,26 +112,26 @@ def test_a_killed_build_is_resumed(
         refused = pgmp("build", *other, "-o", path, "--resume", status=2).stderr
         assert "--resume:" in refused and said in refused
         assert {file.name: file.stat().st_mtime_ns for file in partial.glob("*.npz")} == stored
-    mpirun(after, "-c", slowly(), "build", *SCENES[name], "-o", path, "--resume")
+    run_mpi(after, "-c", slowly(), "build", *SCENES[name], "-o", path, "--resume")
     assert len(stored) >= n_pieces
     assert_same(path, whole[name])
     assert not partial.exists()
 
 
-def test_what_is_finished_is_not_computed_again(mpirun: Callable, folder: Path, whole: dict[str, Path]) -> None:
+def test_what_is_finished_is_not_computed_again(folder: Path, whole: dict[str, Path]) -> None:
     path = folder / "finished.h5"
     script = slowly().replace(
         "main()\n", "from pgmp_petsc.reduction import continuous_basis\ndef stop(*args):\n    raise SystemExit(7)\n"
         "continuous_basis.SampleStore.join = stop\nmain()\n"
     )  # fmt: skip
-    stopped = mpirun(1, "-c", script, "build", *SCENES["solids"], "-o", path, check_status=None)
+    stopped = run_mpi(1, "-c", script, "build", *SCENES["solids"], "-o", path, check_status=None)
     assert stopped.returncode != 0 and not path.exists()
-    mpirun(1, "-c", WITHOUT_SAMPLES, "build", *SCENES["solids"], "-o", path, "--resume")
+    run_mpi(1, "-c", WITHOUT_SAMPLES, "build", *SCENES["solids"], "-o", path, "--resume")
     assert_same(path, whole["solids"])
 
 
-def test_a_build_that_cannot_begin_leaves_nothing(mpirun: Callable, folder: Path) -> None:
+def test_a_build_that_cannot_begin_leaves_nothing(folder: Path) -> None:
     path = folder / "nothing.h5"
     bad = (ROOT / "scenes/slider_crank.toml", "--override", "reduction.modes=500")
-    mpirun(1, "-m", "pgmp_petsc.cli.main", "build", *bad, "-o", path, check_status=2)
+    run_mpi(1, "-m", "pgmp_petsc.cli.main", "build", *bad, "-o", path, check_status=2)
     assert not path.with_name(f"{path.name}.partial").exists()

@@ -1,9 +1,9 @@
 """Lengths as parameters: built and drawn by two ranks as by one, and refused without a hang."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from conftest import run_mpi
 from length_scenes import BRIEF, PART, SLIDER_CRANK, long_crank
 from mpi4py import MPI
 from runs import PGMP, full_model, in_turn, overridden, rom_of
@@ -60,7 +60,7 @@ def test_two_ranks_build_and_draw_lengths_as_one_does(tmp_path: Path) -> None:
                 assert np.isfinite(values[:1]).all() or key == "stiffness_lost" or name == "full"
 
 
-def test_two_ranks_take_angles_and_values_of_the_nominal_lengths_as_one_does(mpirun: Callable, tmp_path: Path) -> None:
+def test_two_ranks_take_angles_and_values_of_the_nominal_lengths_as_one_does(tmp_path: Path) -> None:
     """The first rank alone knows the nominal model: points and angles of the others come from it."""
     path, rom = tmp_path / "scene.toml", tmp_path / "rom.h5"
     path.write_text(SLIDER_CRANK, encoding="utf-8")
@@ -68,7 +68,7 @@ def test_two_ranks_take_angles_and_values_of_the_nominal_lengths_as_one_does(mpi
         "reduction.parameter_modes=2", "reduction.length_points=2", "reduction.second_order=false", "reduction.modes=2",
         "reduction.angles=5", PART,
     )  # fmt: skip
-    mpirun(2, *PGMP, "build", path, *overridden(*settings), "-o", rom)
+    run_mpi(2, *PGMP, "build", path, *overridden(*settings), "-o", rom)
     found, own = ReducedOrderModel.read(rom), rom_of(long_crank(*settings))
     for one, other in zip(found.family.members, own.family.members, strict=True):
         np.testing.assert_array_equal(one.tables.samples.theta, other.tables.samples.theta)

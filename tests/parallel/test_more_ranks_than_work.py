@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import synthetic
 from click.testing import CliRunner
-from conftest import ROOT
+from conftest import ROOT, SCRIPTS, run_mpi
 from mpi4py import MPI
 from runs import PGMP, in_turn, overridden, rom_of
 
@@ -116,14 +116,14 @@ def test_results_are_those_of_one_rank(folder: Callable, kind: type, name: str) 
         np.testing.assert_allclose(getattr(several, frequencies), getattr(one, frequencies), rtol=1e-8)
 
 
-def test_seven_ranks(mpirun: Callable, folder: Callable, tmp_path: Path) -> None:
+def test_seven_ranks(folder: Callable, tmp_path: Path) -> None:
     """Each command in a start of its own: nothing of another one may help it to end."""
     assert (folder(MANY) / "shapes.xdmf").exists() and list((folder(MANY) / "pictures").glob("*.png"))
     modes, samples = tmp_path / "modes.h5", tmp_path / "three.h5"
-    mpirun(7, *PGMP, "modes", BEAMS, *FEW, "-o", modes)
+    run_mpi(7, *PGMP, "modes", BEAMS, *FEW, "-o", modes)
     found, one = (ModesTable.read(path).full_hz for path in (modes, folder(1) / "modes.h5"))
     np.testing.assert_allclose(found, one, rtol=1e-8)
-    mpirun(7, *PGMP, "montecarlo", folder(1) / "rom.h5", "-n", 3, "-o", samples)
+    run_mpi(7, *PGMP, "montecarlo", folder(1) / "rom.h5", "-n", 3, "-o", samples)
     close(Ensemble.read(samples).outputs, Ensemble.read(folder(1) / "three.h5").outputs)
 
 
@@ -132,9 +132,9 @@ def test_runs_that_stop_and_samples_that_fail_end_too(folder: Callable) -> None:
     assert np.all(Ensemble.read(folder(MANY) / "failed.h5").status != 0)
 
 
-def test_a_refused_option_of_petsc_ends_all_ranks(mpirun: Callable, tmp_path: Path) -> None:
+def test_a_refused_option_of_petsc_ends_all_ranks(tmp_path: Path) -> None:
     output, option = tmp_path / "none.h5", ("--", "-pgmp_ts_ts_max_time", 0.1)
-    done = mpirun(3, *PGMP, "montecarlo", BEAMS, "--full", *SHORT, "-n", 2, "-o", output, *option, check_status=2)
+    done = run_mpi(3, *PGMP, "montecarlo", BEAMS, "--full", *SHORT, "-n", 2, "-o", output, *option, check_status=2)
     assert done.stderr.count("option -pgmp_ts_ts_max_time 0.1: it cannot be changed here") == 1
     assert not output.exists()
 
@@ -145,12 +145,12 @@ FAILING["the writing fails"] = "RunError: the disk is full"
 
 
 @pytest.fixture(scope="module")
-def said(mpirun: Callable, parallel_scripts: Path) -> Callable[[int, str], list[str]]:
+def said() -> Callable[[int, str], list[str]]:
     """Return a function that gives what the ranks said of a case; all cases of one number of ranks are one run."""
 
     def lines(n: int, case: str) -> list[str]:
         if n not in done:
-            printed = mpirun(n, parallel_scripts / "dealing.py", *FINE, *FAILING).stdout
+            printed = run_mpi(n, SCRIPTS / "dealing.py", *FINE, *FAILING).stdout
             done[n] = [line.split("|") for line in printed.splitlines()]
         return [text for name, _, text in done[n] if name == case]
 
@@ -189,8 +189,8 @@ LIMITED = 'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}'
 FEW_STEPS = (LIMITED, "simulation.duration=0.01", "reduction.angles=8")
 
 
-def test_a_study_on_more_ranks_than_it_has_tasks(mpirun, parallel_scripts) -> None:
-    one, many = (json.loads(mpirun(n, parallel_scripts / "tradeoff.py", *FEW_STEPS).stdout) for n in (1, 6))
+def test_a_study_on_more_ranks_than_it_has_tasks() -> None:
+    one, many = (json.loads(run_mpi(n, SCRIPTS / "tradeoff.py", *FEW_STEPS).stdout) for n in (1, 6))
     assert many["told"] == one["told"] and all(many["timed"])
     for several, alone in zip(many["numbers"], one["numbers"], strict=True):
         # the eigensolver's random start changes the last digits
@@ -200,10 +200,10 @@ def test_a_study_on_more_ranks_than_it_has_tasks(mpirun, parallel_scripts) -> No
 SMALL = ("reduction.modes=4", "reduction.angles=6")
 
 
-def test_two_ranks_have_a_body_each(tmp_path: Path, mpirun: Callable) -> None:
+def test_two_ranks_have_a_body_each(tmp_path: Path) -> None:
     options = [word for entry in SMALL for word in ("--override", entry)]
     path = tmp_path / "case.json"
-    mpirun(2, "-m", "benchmarks.scaling.build", SOLIDS, "-o", path, *options)
+    run_mpi(2, "-m", "benchmarks.scaling.build", SOLIDS, "-o", path, *options)
     found = ScalingCase.read(path)
     assert (found.ranks, found.ranks_per_angle, len(found.peak)) == (2, 1, 2)
     assert found.factorisations == 2, "of one body"

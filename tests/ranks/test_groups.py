@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, TIMEOUT_SECONDS
+from conftest import ROOT, SCRIPTS, TIMEOUT_SECONDS, run_mpi
 from refusals import refusal
 
 from pgmp_petsc.base.errors import InputError
@@ -104,9 +104,9 @@ def test_the_first_ranks_and_the_others() -> None:
     assert all(part.freed for part in parts)
 
 
-def test_communicators_are_freed(mpirun: Callable, parallel_scripts: Path) -> None:
+def test_communicators_are_freed() -> None:
     """MPI has a limited number of them, and a study makes some for every model."""
-    handles = ast.literal_eval(mpirun(3, parallel_scripts / "communicators.py").stdout)
+    handles = ast.literal_eval(run_mpi(3, SCRIPTS / "communicators.py").stdout)
     assert len(handles) == 3 and all(before == after for before, after in handles)
 
 
@@ -128,9 +128,9 @@ AGREED: dict[str, Callable[[int], str]] = {
 
 
 @pytest.fixture(scope="module", params=RANKS)
-def agreed(request, mpirun, parallel_scripts) -> tuple[int, list[str], str]:
+def agreed(request) -> tuple[int, list[str], str]:
     """Return the number of ranks, the lines of all, case by case in one start, and stderr."""
-    done = mpirun(request.param, parallel_scripts / "agreement.py", *AGREED)
+    done = run_mpi(request.param, SCRIPTS / "agreement.py", *AGREED)
     return request.param, done.stdout.splitlines(), done.stderr
 
 

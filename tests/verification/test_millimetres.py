@@ -174,7 +174,8 @@ d = { nominal = 1e-5, unit = "m", distribution = { name = "norm", loc = 1e-5, sc
 )
 #: Steps of a scene, in this order, in a folder F of its own: what is asked of pgmp.
 STEPS = {
-    "check": "check F/scene.toml --plot F/assembled.png", "effects": "check F/scene.toml --effects",
+    "check": "check F/scene.toml", "picture": "check F/scene.toml --plot F/assembled.png",
+    "effects": "check F/scene.toml --effects",
     "check as JSON": "check F/scene.toml --json", "modes": "modes F/scene.toml -o F/modes.h5",
     "full": "simulate F/scene.toml --full -o F/full.h5",
     "components": "simulate F/scene.toml --components -o F/components.h5", "build": "build F/scene.toml -o F/rom.h5",
@@ -214,9 +215,10 @@ OF_ROM = tuple(step for step, words in STEPS.items() if re.search(r"(rom|run|sam
 OF_CHOICE = ("tolerance", "run with tolerance")
 OF_PARAMETERS = ("sensitivities", "design", "measured", "fit")
 # of which one scene shows all
-SEEN_ONCE = ("run as JSON", "samples as JSON", "samples in components", "pictures")
+SEEN_ONCE = ("run as JSON", "samples as JSON", "samples in components", "pictures", "picture")
 CASES = {
-    "four bar": Case(FOUR_BAR, "thick", "minimise max(abs(stress))", ("code", "unit", "trade-off", *OF_CHOICE)),
+    "four bar": Case(FOUR_BAR, "thick", "minimise max(abs(stress))",
+                     ("check", "code", "unit", "trade-off", *OF_CHOICE)),
     "four bar, chosen": Case(FOUR_BAR, "thick", "minimise max(abs(stress))", ("code", "unit", "trade-off")),
     "cart": Case(CART, without=tuple(set(STEPS) - {*"check effects full build run code unit".split()})),
     "cart, all": Case(CART, "drag", "minimise max(abs(x))", (*SEEN_ONCE, "fit", *OF_CHOICE, "trade-off")),

@@ -99,7 +99,7 @@ def test_a_parameter_that_nothing_depends_on_is_named(wound: ReducedModel) -> No
     assert not any("depends on it" in text for text in said)
 
 
-def test_a_robust_design_keeps_its_distance(wound: ReducedModel, tmp_path) -> None:
+def test_a_robust_design_keeps_its_distance(wound: ReducedModel) -> None:
     """The angle is linear in the torque: ``(push mean - K std) / k = least`` with the drawn samples' own moments."""
     found = design_of(wound, "minimise push", f"start(angle) >= {LEAST}", deviations=3.0, n_samples=12, seed=4)
     offsets = draw(wound.scene, 4, 0, 12)["push"] - 1.0
@@ -119,10 +119,6 @@ def test_a_robust_design_keeps_its_distance(wound: ReducedModel, tmp_path) -> No
     assert any("leave open whether the design meets 'start(angle) >=" in str(remark) for remark in found.record.remarks)
     lines = "\n".join(design_lines(found))
     assert "95 % interval of mean and 3 deviations" in lines and lines.count("[") == 3
-    found.write(tmp_path / "design.h5")
-    again = Design.read(tmp_path / "design.h5")
-    assert again.constraints == found.constraints and again.confidence == 0.95
-    np.testing.assert_array_equal(again.goal_interval, found.goal_interval)
 
 
 class OneOfTwo:
