@@ -44,7 +44,7 @@ def law_of(filtered: bool, back: str) -> ControlLaw:
 class Gains(Table):
     """What the parts of the error are multiplied by, each a number or a parameter's name."""
 
-    p: NumberOrParameter = Field(0.0, description="force by the error, a number or a parameter's name")
+    p: NumberOrParameter = Field(0.0, description="force by the error")
     i: NumberOrParameter = Field(0.0, description="force by the integral of the error over time")
     d: NumberOrParameter = Field(0.0, description="force by the rate of the error")
     filter: Annotated[NotNegativeOrParameter, Unit("s")] = Field(

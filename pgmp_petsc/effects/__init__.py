@@ -13,7 +13,7 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.clearance import loose_coupling, loose_joint
 from pgmp_petsc.effects.effect import Effect, Load, Patterns
 from pgmp_petsc.effects.loads import HoldingTorque
-from pgmp_petsc.effects.motion import Motion, driven
+from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.effects.springs import elastic_coupling, elastic_joint
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.effects import Driving
@@ -135,20 +135,3 @@ def patterns_of(effects: Sequence[Effect], matrices: AffineMatrices) -> Patterns
     turning = tuple(action for effect in effects for action in effect.turning_patterns())
     fixed = np.array(vectors).reshape(len(vectors), len(matrices.rows)).T
     return Patterns(fixed, turning, np.array(elastic, dtype=int))
-
-
-__all__ = [
-    "Action",
-    "Effect",
-    "Load",
-    "Motion",
-    "Patterns",
-    "actions_of",
-    "driven",
-    "effects_of",
-    "loads_of",
-    "motions_of",
-    "patterns_of",
-    "springs_of_joints",
-    "start_of",
-]

@@ -33,6 +33,7 @@ Friction in a guide is the same against the speed along it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -41,7 +42,7 @@ from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import SOURCE, Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.law import Law
-from pgmp_petsc.mechanism.joints import Connection, Coupling
+from pgmp_petsc.mechanism.joints import Coupling
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import Combination, Function, U, sweeping
 from pgmp_petsc.scene import Scene
@@ -50,7 +51,7 @@ from pgmp_petsc.scene.joints import IMPACT_SPEED, Clearance
 RESTITUTION = (
     1.00492702, 0.72557631, 5.55295772, -26.68819243, 55.68048401, -64.97565655, 42.75255961, -14.28554436, 1.73280757,
 )  # fmt: skip
-SLOW, FAST = 1e-3, 30.0  # of a: the limits hold to 1e-6 and to 1e-13
+SLOW = 1e-3  # of a, below which the limit holds to 1e-6
 # what is beside the room's edge is evaluated too: no roots of zero, and no powers of what is negative
 FAR = "sqrt(s + 1e-30)"  # |e|
 DEPTH = f"(({FAR} - radius)**2 + 1e-40)"  # d^2
@@ -133,45 +134,37 @@ CONTACT, RUBBING, SLIDING, BACKLASH = LAWS["hunt_crossley"]
 
 
 class LooseEffect(ActionEffect):
-    """What acts in a joint, or a coupling, with a clearance."""
+    """What acts in a joint, or a coupling, with a clearance. In the middle of a joint's room no force has a direction:
+    static answers are to unit forces along all directions in which there is room."""
+
+    units: Sequence[Action] = ()  # these forces
 
     @property
     def entry(self) -> str:
         return f"joints.{self.name}.clearance"
 
-
-class ClearanceEffect(LooseEffect):
-    """What acts in a joint with a clearance. In the middle of the room no force has a direction: static answers are to
-    unit forces along all directions in which there is room."""
-
-    def __init__(self, actions: list[Action], connection: Connection, mechanism: Mechanism) -> None:
-        super().__init__(connection.name, actions, mechanism)
-        self._units = [
-            Action(connection.name, part.statement, *connection.sides, SOURCE, (Quantity(1.0),))
-            for part in connection.released
-        ]
-
     def turning_patterns(self) -> list[Action]:
-        return self._units
+        return [*self.units] or super().turning_patterns()
 
 
-def loose_joint(name: str, scene: Scene, mechanism: Mechanism) -> ClearanceEffect:
+def loose_joint(name: str, scene: Scene, mechanism: Mechanism) -> LooseEffect:
     """Return what acts in a joint by a name that has a clearance."""
     connection, entry = mechanism.connection(name), scene.joints[name].clearance
     parameters = _contact(entry, _impact_speed(scene))
     distance = Combination(tuple((part.statement, Function.square()) for part in connection.released))
     sides = [side for _ in connection.released for side in connection.sides]
     laws = LAWS[entry.damping]
-    contact = Action(name, distance, *sides[:2], laws.touching, parameters, further=tuple(sides[2:]))
-    if not entry.friction:
-        return ClearanceEffect([contact], connection, mechanism)
-    if "sliding" in scene.joints[name].motions_in(scene.dimension):
-        law, way = laws.sliding, connection.measure("sliding")
-    else:
-        law, way = laws.rubbing, sweeping(*(part.statement.axes[U] for part in connection.released))
-    rubbing = *parameters, Quantity.of(entry.friction), Quantity.of(entry.friction_speed)
-    friction = Action(name, way, *connection.sides, law, rubbing, by_load=True)
-    return ClearanceEffect([contact, friction], connection, mechanism)
+    actions = [Action(name, distance, *sides[:2], laws.touching, parameters, further=tuple(sides[2:]))]
+    if entry.friction:
+        if "sliding" in scene.joints[name].motions_in(scene.dimension):
+            law, way = laws.sliding, connection.measure("sliding")
+        else:
+            law, way = laws.rubbing, sweeping(*(part.statement.axes[U] for part in connection.released))
+        rubbing = *parameters, Quantity.of(entry.friction), Quantity.of(entry.friction_speed)
+        actions.append(Action(name, way, *connection.sides, law, rubbing, by_load=True))
+    effect, unit = LooseEffect(name, actions, mechanism), (Quantity(1.0),)
+    effect.units = [Action(name, part.statement, *connection.sides, SOURCE, unit) for part in connection.released]
+    return effect
 
 
 def loose_coupling(coupling: Coupling, scene: Scene, mechanism: Mechanism) -> LooseEffect:
@@ -184,15 +177,16 @@ def loose_coupling(coupling: Coupling, scene: Scene, mechanism: Mechanism) -> Lo
 
 
 def restitution_at(restitution: float, ratio: float) -> float:
-    """Return the restitution of impacts at `ratio` times the speed at which it is `restitution`."""
+    """Return the restitution of impacts at `ratio` times the speed at which it is `restitution`.
+
+    With ``y = 1 - e a`` the module's equation is ``y exp(-y) = (1 + a) exp(-1 - a)``, which Lambert's W solves.
+    """
     a = ratio * (1.0 - restitution) / restitution * float(np.polynomial.Polynomial(RESTITUTION)(restitution))
     if a < SLOW:
         return 1.0 - 2.0 * a / 3.0
-    if a > FAST:
-        return 1.0 / a
-    from scipy.optimize import brentq  # a noticeable time, and few scenes have clearance
+    from scipy.special import lambertw  # a noticeable time, and few scenes have clearance
 
-    return float(brentq(lambda e: (1.0 + e) * a - np.log1p(a) + np.log1p(-e * a), 0.0, min(1.0, (1.0 - 1e-15) / a)))
+    return float(1.0 + lambertw(-(1.0 + a) * np.exp(-1.0 - a)).real) / a
 
 
 def hysteresis_at(restitution: float, ratio: float) -> float:

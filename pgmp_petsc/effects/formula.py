@@ -39,7 +39,7 @@ from pgmp_petsc.scene.effects import OnJoint, OverMotion, OverTime
 from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Rows, Unit, refusal
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.references import load_problems, over_problems
-from pgmp_petsc.scene.uses import Use, motion_over, slides
+from pgmp_petsc.scene.uses import motion_over, slides
 
 TURN = 2.0 * math.pi
 CLOSED = 1e-9  # rad that whole turns may be off, and of the largest value that its ends may differ by
@@ -217,11 +217,8 @@ class FormulaEffect(OnJoint):
 
     type: Literal["law"]
     one_of = ("joint", "points")
-    acts = "forces"
-    joints = ("turning", "sliding")
     changeable = ("force", "constants")
     strength_unit = "s"  # of what its law has over time, which is the time
-    local = True
     edged = True
     joint: str | None = Field(None, description="name of a joint that turns or slides")
     points: Connection | None = Field(None, description='two points, "body:point" or "ground:point"')
@@ -257,10 +254,6 @@ class FormulaEffect(OnJoint):
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         return over_problems(scene, f"effects.{name}", self)
-
-    def uses(self, entry: str, turns: bool) -> Iterator[Use]:
-        for name, value in self.constants.items():
-            yield Use(f"{entry}.constants.{name}", value, "any", ())
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
         """Return the law on the joint's motion, or on the distance, in SI units."""

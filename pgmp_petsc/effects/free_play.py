@@ -30,12 +30,8 @@ class FreePlay(ElasticEnds):
     contact found exactly."""
 
     type: Literal["free_play"]
-    lower: Annotated[NumberOrParameter, Unit("rad", "m")] = Field(
-        description="where the play ends below (rad or m), a number or a parameter's name"
-    )
-    upper: Annotated[NumberOrParameter, Unit("rad", "m")] = Field(
-        description="where the play ends above (rad or m), a number or a parameter's name"
-    )
+    lower: Annotated[NumberOrParameter, Unit("rad", "m")] = Field(description="where the play ends below (rad or m)")
+    upper: Annotated[NumberOrParameter, Unit("rad", "m")] = Field(description="where the play ends above (rad or m)")
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
         place, parameters = joint_measure(mechanism, self), (self.stiffness, self.damping, self.lower, self.upper)

@@ -74,22 +74,18 @@ def place_of(mechanism: Mechanism, name: str, entry: Any) -> dict[str, Any]:
 class ElasticEnds(OnJoint):
     """What is elastic beyond ends of a joint's motion, with the instants of contact found exactly."""
 
-    acts = "forces"
-    joints = ("turning", "sliding")
     changeable = ("lower", "upper", "stiffness", "damping")
-    local = edged = True
+    edged = True
     stiff_by = "stiffness"
     sets_in = {"lower": -1.0, "upper": 1.0}
     ordered = (("lower", "upper"),)
     lower: Annotated[NumberOrParameter | None, Unit("rad", "m")] = Field(
-        None, description="where the stop at the lower end is (rad or m), a number or a parameter's name"
+        None, description="where the stop at the lower end is (rad or m)"
     )
     upper: Annotated[NumberOrParameter | None, Unit("rad", "m")] = Field(
-        None, description="where the stop at the upper end is (rad or m), a number or a parameter's name"
+        None, description="where the stop at the upper end is (rad or m)"
     )
-    stiffness: Annotated[PositiveOrParameter, Unit("N m/rad", "N/m")] = Field(
-        description="Nm/rad or N/m, a number or a parameter's name"
-    )
+    stiffness: Annotated[PositiveOrParameter, Unit("N m/rad", "N/m")] = Field(description="(Nm/rad or N/m)")
     damping: Annotated[NotNegativeOrParameter, Unit("s/rad", "s/m")] = Field(
         0.0,
         description="of Hunt and Crossley (s/rad or s/m): force of stiffness times depth (1 + damping depth'), a "
@@ -125,13 +121,10 @@ class JointDamping(OnJoint):
     """Viscous damping of the relative rotation or sliding in a joint."""
 
     type: Literal["joint_damping"]
-    acts = "forces"
-    joints = ("turning", "sliding")
     changeable = ("coefficient",)
     nothing_without = strength = "coefficient"
-    local = True
     coefficient: Annotated[NotNegativeOrParameter, Unit("N m s/rad", "N s/m")] = Field(
-        description="Nm s/rad or N s/m, a number or a parameter's name"
+        description="(Nm s/rad or N s/m)"
     )
 
     @classmethod
@@ -151,25 +144,21 @@ class JointFriction(OnJoint):
 
     type: Literal["joint_friction"]
     one_of = ("limit", "coefficient")
-    acts = "forces"
-    joints = ("turning", "sliding")
     changeable = ("limit", "coefficient", "radius", "speed")
     strength = "limit"
-    local = True
     edged = True
     limit: Annotated[NotNegativeOrParameter | None, Unit("N m", "N")] = Field(
-        None, description="friction torque (Nm) or force (N) while it slides, a number or a parameter's name"
+        None, description="friction torque (Nm) or force (N) while it slides"
     )
     coefficient: Annotated[NotNegativeOrParameter | None, Unit("1")] = Field(
         None,
-        description="in place of a limit: of friction under the force that the joint carries, a number or a "
-        "parameter's name",
+        description="in place of a limit: of friction under the force that the joint carries",
     )
     radius: Annotated[PositiveOrParameter | None, Unit("m")] = Field(
-        None, description="at which it rubs (m), of what turns, with a coefficient; a number or a parameter's name"
+        None, description="at which it rubs (m), of what turns, with a coefficient"
     )
     speed: Annotated[PositiveOrParameter, Unit("rad/s", "m/s")] = Field(
-        description="rate at which 76 % of the limit are reached (rad/s or m/s), a number or a parameter's name"
+        description="rate at which 76 % of the limit are reached (rad/s or m/s)"
     )
 
     def check_entries(self) -> None:

@@ -55,7 +55,6 @@ class Torque(OverTime):
     """A torque (Nm) over time on a joint that turns: it acts on the second body, and its reaction on the first."""
 
     type: Literal["torque"]
-    acts = "forces"
     joints = ("turning",)
     strength_unit = "N m"
     joint: str = Field(description="name of a joint that turns")
@@ -81,7 +80,6 @@ class Force(OverTime):
 
     type: Literal["force"]
     one_of = ("point", "joint")
-    acts = "forces"
     joints = ("sliding",)
     strength_unit = "N"
     point: Point | None = Field(None, description='where it acts, "body:point"')
@@ -149,7 +147,7 @@ class Gravity(EffectEntry):
     )
     acceleration: Annotated[NumberOrParameter, Unit("m/s2")] = Field(
         STANDARD_GRAVITY,
-        description="acceleration (m/s2), a number or a parameter's name; that of the Earth where it is not given",
+        description="acceleration (m/s2); that of the Earth where it is not given",
     )
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
@@ -325,11 +323,9 @@ class PointFriction(EffectEntry):
     nothing_without = "limit"
     point: Point = Field(description='where it rubs, "body:point"')
     direction: Direction = Field(description="direction (x, y), in space (x, y, z); its length does not matter")
-    limit: Annotated[NotNegativeOrParameter, Unit("N")] = Field(
-        description="friction force (N) while it slides, a number or a parameter's name"
-    )
+    limit: Annotated[NotNegativeOrParameter, Unit("N")] = Field(description="friction force (N) while it slides")
     speed: Annotated[PositiveOrParameter, Unit("m/s")] = Field(
-        description="rate at which 76 % of the limit are reached (m/s), a number or a parameter's name"
+        description="rate at which 76 % of the limit are reached (m/s)"
     )
 
     def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:

@@ -195,7 +195,6 @@ class BaseMotion(OverTime):
     """The ground's points move along a direction as given; what is seen is seen from there."""
 
     type: Literal["base_motion"]
-    acts = "forces"
     strength_unit = "m/s2"
     direction: Direction = Field(description="direction (x, y), in space (x, y, z); its length does not matter")
     of: Literal["acceleration", "velocity", "displacement"] = Field(

@@ -138,23 +138,17 @@ class SpringDamper(OnJoint):
 
     type: Literal["spring_damper"]
     one_of = ("joint", "points")
-    acts = "forces"
-    joints = ("turning", "sliding")
     changeable = ("stiffness", "damping", "rest")
     stiff_by = strength = "stiffness"
-    local = True
     joint: str | None = Field(None, description="name of a joint that turns or slides")
     points: Connection | None = Field(None, description='two points, "body:point" or "ground:point"')
-    stiffness: Annotated[NumberOrParameter, Unit("N m/rad", "N/m")] = Field(
-        0.0, description="Nm/rad or N/m, a number or a parameter's name"
-    )
+    stiffness: Annotated[NumberOrParameter, Unit("N m/rad", "N/m")] = Field(0.0, description="(Nm/rad or N/m)")
     damping: Annotated[NotNegativeOrParameter, Unit("N m s/rad", "N s/m")] = Field(
-        0.0, description="Nm s/rad or N s/m, a number or a parameter's name"
+        0.0, description="(Nm s/rad or N s/m)"
     )
     rest: Annotated[NumberOrParameter | None, Unit("rad", "m")] = Field(
         None,
-        description="angle (rad), displacement or distance (m) without force, a number or a parameter's name; 0 for a "
-        "joint if not given",
+        description="angle (rad), displacement or distance (m) without force; 0 for a joint if not given",
     )
 
     def check_entries(self) -> None:
@@ -237,15 +231,8 @@ class Bushing(EffectEntry):
             turning, rest = [angle(np.eye(2), np.eye(2))], frames[1][2] - frames[0][2]
         parts = [(sliding, self.stiffness, self.damping, Quantity(0.0))]
         parts.append((turning, self.turning_stiffness, self.turning_damping, Quantity(rest)))
-        return ActionEffect(
-            name,
-            [
-                Action(name, statement, a, b, SPRING_DAMPER, parameters)
-                for part in parts
-                for statement, parameters in _springs(*part)
-            ],
-            mechanism,
-        )
+        found = (one for part in parts for one in _springs(*part))
+        return ActionEffect(name, [Action(name, one, a, b, SPRING_DAMPER, given) for one, given in found], mechanism)
 
 
 def elastic_coupling(coupling: Coupling, scene: Scene, mechanism: Mechanism) -> ActionEffect:

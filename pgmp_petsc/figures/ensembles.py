@@ -268,9 +268,8 @@ def bands(ensemble: Ensemble, label: str = "") -> Figure:
     Pairs are the lowest probability of the scene's ``ensemble.quantiles`` with the highest, and so on inwards.
     """
     shown = {name: band for name, band in ensemble.bands.items() if band.count}
-    figure = style.new_figure(7.2, 0.9 + 2.0 * len(shown))
-    panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
-    colour = COLOURS[ensemble.model]
+    figure, blocks = style.panel_grid(len(shown), (7.2, 2.0), 0.9, columns=1, sharex=True)
+    panels, colour = blocks[:, 0], COLOURS[ensemble.model]
     for axes, (name, band) in zip(panels, shown.items()):
         factor, unit = style.axis_unit(ensemble.units.get(name, "1"), band.mean, band.quantiles)
         _draw(axes, band, factor, colour)

@@ -322,11 +322,8 @@ class Surround:
         self.figure = style.new_figure(WIDTH, height + 1.1)
         self.figure.set_dpi(resolution)
         self.axes = self.figure.subplots()
-        self.axes.set_xticks([])
-        self.axes.set_yticks([])
-        self.axes.grid(False)
-        for spine in self.axes.spines.values():
-            spine.set_visible(False)
+        self.axes.set(xticks=[], yticks=[])
+        self.axes.spines[:].set_visible(False)
         self.axes.set_xlabel("t = 0.0000 s", loc="right")
         if motion.quantity:
             colours = ScalarMappable(Normalize(0.0, motion.largest or 1.0), matplotlib.colormaps[COLOURS])

@@ -26,7 +26,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.effects import Motion, driven
+from pgmp_petsc.effects.motion import Motion, driven
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.full.energy import energies_of
 from pgmp_petsc.full.forces import act

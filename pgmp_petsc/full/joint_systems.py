@@ -15,7 +15,8 @@ from typing import Self
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.effects import Effect, Motion, driven
+from pgmp_petsc.effects import Effect, Motion
+from pgmp_petsc.effects.motion import driven
 from pgmp_petsc.full.batched_ldl import Pattern
 from pgmp_petsc.full.carried import Carried
 from pgmp_petsc.full.joint_kernel import Joints, TreeHolds, count_turns_in_joints, hold_all_in_tree, unknowns_of

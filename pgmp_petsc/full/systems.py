@@ -20,7 +20,8 @@ import numpy as np
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.controllers.acting import NOTED
 from pgmp_petsc.controllers.running import BEFORE, MOST_STARTS, Controls, States
-from pgmp_petsc.effects import Effect, Motion, driven
+from pgmp_petsc.effects import Effect, Motion
+from pgmp_petsc.effects.motion import driven
 from pgmp_petsc.full.carried import Carried, find_all_carried
 from pgmp_petsc.full.energy import EnergyNames, energies_of
 from pgmp_petsc.full.forces import act

@@ -48,8 +48,7 @@ class Gear(CouplingEntry):
     dimensions = (2, 3)
     joints: TwoNames = Field(description="names of two joints that turn")
     ratio: Annotated[NotZeroOrParameter, Unit("1")] = Field(
-        description="rad of the second for each rad of the first, or a parameter's name; negative where they turn "
-        "against"
+        description="rad of the second for each rad of the first; negative where they turn against"
     )
 
     def shares(self, motion):
@@ -98,7 +97,7 @@ class Rack(CouplingEntry):
     dimensions = (2, 3)
     joints: TwoNames = Field(description="name of a joint that turns, and of one that slides")
     radius: Annotated[NotZeroOrParameter, Unit("m")] = Field(
-        description="way for each rad (m), or a parameter's name; negative where it slides back as the first turns on"
+        description="way for each rad (m); negative where it slides back as the first turns on"
     )
 
     def shares(self, motion):
@@ -114,7 +113,7 @@ class Screw(CouplingEntry):
     dimensions = (3,)
     joint: Name = Field(description="name of a joint that turns and slides: a cylindrical one")
     lead: Annotated[NotZeroOrParameter, Unit("m")] = Field(
-        description="way for each turn (m), or a parameter's name; negative where the thread is left-handed"
+        description="way for each turn (m); negative where the thread is left-handed"
     )
 
     def shares(self, motion):

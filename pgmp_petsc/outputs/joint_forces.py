@@ -36,7 +36,7 @@ from pgmp_petsc.effects import springs_of_joints
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupling
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, Unknowns
+from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mechanism.space import Space
 from pgmp_petsc.mechanism.statements import MEET, Combination, Function, Statement
 from pgmp_petsc.outputs.readings import AXES, Frames, Rate, Reading, Seen
@@ -151,10 +151,13 @@ class OfDrive(OutputEntry):
         return next(one for one in scene.driven if scene.coordinates[one].joint == self.joint)
 
     def multiplied(self, name: str, kinematics: RigidKinematics) -> ForceOutput:
-        wanted = self.of_coordinate(kinematics.mechanism.scene)
-        driven = [one for one in kinematics.mechanism.coordinates if one.prescribed]
-        number = next(k for k, one in enumerate(driven) if one.name == wanted)
-        return OfMotion.of(name, self, driven[number], number, kinematics)
+        mechanism = kinematics.mechanism
+        every, wanted = mechanism.coordinates, self.of_coordinate(mechanism.scene)
+        row = mechanism.n_held + [one.name for one in every if one.prescribed].index(wanted)
+        number = [one.name for one in every].index(wanted)
+        reading = Reading.of_coordinate(every[number], kinematics) if self.with_rate else None
+        nodes = reading.nodes if reading else frozenset()
+        return OfMotion(name, np.array([row]), nodes, self.with_rate, self, reading, number)
 
 
 class DriveTorque(OfDrive):
@@ -430,17 +433,7 @@ class OfMotion(ForceOutput):
     """What a prescribed motion takes, or its power."""
 
     speed: Reading | None  # of the coordinate, for the power
-    coordinate: int = 0  # its number
-
-    @classmethod
-    def of(
-        cls, name: str, entry: OfDrive, coordinate: Coordinate, number: int, kinematics: RigidKinematics
-    ) -> Self:  # fmt: skip
-        """Prepare the output of the prescribed coordinate with a number among these."""
-        reading = Reading.of_coordinate(coordinate, kinematics) if entry.with_rate else None
-        nodes = frozenset(reading.nodes) if reading else frozenset()
-        row, names = kinematics.mechanism.n_held + number, [one.name for one in kinematics.mechanism.coordinates]
-        return cls(name, np.array([row]), nodes, entry.with_rate, entry, reading, names.index(coordinate.name))
+    coordinate: int  # its number
 
     def parts(self, seen: Seen) -> np.ndarray:
         """Return ``-lambda``, or that times the rate of the coordinate."""

@@ -45,17 +45,20 @@ class FromOutside(OutputEntry):
 
 
 class OfStatement(OutputEntry):
-    """What is read of a statement about two frames, which `stated` returns."""
+    """What is read of a statement about two frames, which `stated` returns: that on the motion in a joint."""
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
         return _measured(self.stated(name, kinematics.mechanism), kinematics)
+
+    def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
+        return joint_measure(mechanism, self)
 
 
 def _measured(stated: dict[str, Any], kinematics: RigidKinematics) -> Reading:
     return Reading("MEASURE", (stated["a"], stated["b"]), stated["statement"], kinematics.mechanism.space)
 
 
-class Angle(OutputEntry):
+class Angle(OfStatement):
     """Relative rotation in a joint (rad), measured on the flexible bodies' nodes."""
 
     type: Literal["angle"]
@@ -66,9 +69,6 @@ class Angle(OutputEntry):
         """Return the joint's angle, which counts turns."""
         return Reading.of_angle(kinematics.mechanism.connection(self.joint), kinematics, start)
 
-    def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
-        return joint_measure(mechanism, self)
-
 
 class Sliding(OfStatement):
     """Displacement along the line or axis of a joint that slides (m)."""
@@ -76,9 +76,6 @@ class Sliding(OfStatement):
     type: Literal["sliding"]
     reads, unit, joints = ("frames",), "m", ("sliding",)
     joint: str = Field(description="name of a joint that slides")
-
-    def stated(self, name: str, mechanism: Mechanism) -> dict[str, Any]:
-        return joint_measure(mechanism, self)
 
 
 class Distance(OfStatement):

@@ -152,18 +152,18 @@ class FormulaOfOutputs(OutputEntry):
     )
 
     def made_in(self, scene: Scene) -> Mapping[str, str]:
-        try:
-            _, used = self.in_declarations(scene)
-        except FormulaError:
-            return {}
+        used = self._named(scene)
         return dict.fromkeys((name for name in scene.outputs if name in used), "formula")
 
     def uses(self, scene: Scene, entry: str) -> Iterator[Use]:
-        try:
-            _, used = self.in_declarations(scene)
-        except FormulaError:  # which `problems` says
-            return
+        used = self._named(scene)
         yield from (Use(f"{entry}.formula.{name}", name, "any", ()) for name in scene.parameters if name in used)
+
+    def _named(self, scene: Scene) -> set[str]:
+        try:
+            return self.in_declarations(scene)[1]
+        except FormulaError:  # which `problems` says
+            return set()
 
     def in_declarations(self, scene: Scene) -> tuple[str, set[str]]:
         names = {name: f"of_{name}" for name in (*scene.outputs, *scene.parameters) if name.isidentifier()}
@@ -201,8 +201,7 @@ class FormulaOfOutputs(OutputEntry):
         given = self.unit
         if given is None:
             if found.dimension is None:
-                _, used = self.in_declarations(scene)
-                named = [one for one in scene.parameters if one in used]
+                named = [one for one in scene.parameters if one in self._named(scene)]
                 unknown = [one for one in named if _of_parameter(scene, one).dimension is None]
                 words = f"missing; that of {', '.join(unknown) or 'what the formula names'} is not known: give it"
                 yield problem(entry, f"{words}, or parameters.{unknown[0]}.unit" if unknown else words)
@@ -237,8 +236,7 @@ class FormulaOfOutputs(OutputEntry):
         return evaluated(text, names, Dimensions())
 
     def kinked_in(self, scene: Scene) -> bool:
-        own = any(mark in self.formula for mark in CORNERS)
-        return own or any(scene.outputs[one].kinked_in(scene) for one in self.made_in(scene))
+        return any(mark in self.formula for mark in CORNERS) or super().kinked_in(scene)
 
     def combined(self, name: str, parts: Mapping[str, AnyReading], scene: Scene) -> AnyReading:
         text, used = self.in_si(scene)

@@ -33,13 +33,13 @@ class Curve(Table):
 
     one_of = ("exponent", "table")
     exponent: Annotated[PositiveOrParameter | None, Unit("1")] = Field(
-        None, description="k of N = cycles (reference / amplitude)^k, or a parameter's name"
+        None, description="k of N = cycles (reference / amplitude)^k"
     )
     reference: Annotated[PositiveOrParameter | None, Unit("Pa")] = Field(
-        None, description="amplitude of the stress (Pa), half of its range, or a parameter's name"
+        None, description="amplitude of the stress (Pa), half of its range"
     )
     cycles: Annotated[PositiveOrParameter | None, Unit("1")] = Field(
-        None, description="cycles to failure at the reference, or a parameter's name"
+        None, description="cycles to failure at the reference"
     )
     table: tuple[Pair, ...] | None = Field(
         None,
@@ -73,7 +73,7 @@ class Rainflow(OutputEntry):
         "none", description="none: amplitudes alone count; goodman: those at a mean stress, by the ultimate strength"
     )
     ultimate: Annotated[PositiveOrParameter | None, Unit("Pa")] = Field(
-        None, description="ultimate strength (Pa) for goodman, or a parameter's name"
+        None, description="ultimate strength (Pa) for goodman"
     )
     quantity: Literal["damage", "life"] = Field(
         "damage",

@@ -228,26 +228,22 @@ def _outputs(
 ) -> list[Chart]:
     """Return a chart an output: the runs, and the bands of the first ensemble that has them."""
     banded = next((source.result for source in ensembles if any(b.count for b in source.result.bands.values())), None)
+    bands = {} if banded is None else {name: band for name, band in banded.bands.items() if band.count}
     runs = [
         (run, ", ".join(filter(None, (MODELS[run.model], label))))
         for comparison, label in zip(comparisons, labels)
         for run in comparison.runs
     ][:MOST_CURVES]
-    names = dict.fromkeys([name for run, _ in runs for name in run.outputs])
-    names |= dict.fromkeys([] if banded is None else banded.bands)
+    units, model = ({}, "full") if banded is None else (dict(banded.units), banded.model)
+    for run, _ in reversed(runs):
+        units |= {name: run.units.get(name, "1") for name in run.outputs}
     levels = charts.levels_of(scene.get("ensemble", {}).get("probabilities", {}))
     found = []
-    for name in names:
+    for name in dict.fromkeys([*(name for run, _ in runs for name in run.outputs), *bands]):
         curves = [Curve(label, run.model, run.time, run.outputs[name]) for run, label in runs if name in run.outputs]
-        band = None if banded is None else banded.bands.get(name)
-        band = band if band is not None and band.count else None
-        units = [run.units.get(name, "1") for run, _ in runs if name in run.outputs]
-        unit = (units or [banded.units.get(name, "1") if banded is not None else "1"])[0]
-        model = "full" if banded is None else banded.model
         level = levels.get(name)
         level = level if level is not None and level.when == "ever" else None
-        if curves or band is not None:
-            found.append(charts.output_over_time(name, unit, curves, band, model, level))
+        found.append(charts.output_over_time(name, units.get(name, "1"), curves, bands.get(name), model, level))
     return found
 
 

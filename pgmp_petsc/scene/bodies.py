@@ -13,7 +13,6 @@ from pydantic import Field, field_validator, model_validator
 from pgmp_petsc.base.units import UnitSystem, UnknownUnit, measure
 from pgmp_petsc.declare.ideas import SECTIONS, Found, blaming, refuse
 from pgmp_petsc.scene.fields import (
-    NAMED,
     Along,
     Angle,
     Axis,
@@ -196,12 +195,8 @@ class Matrices(Table):
     faces: dict[Name, NodeSet] = Field(
         {}, description="points of the body: a set of the nodes' file, or numbers of nodes"
     )
-    stiffness_scale: Annotated[PositiveOrParameter, Unit("1")] = Field(
-        1.0, description="factor of the stiffness, or a parameter's name"
-    )
-    mass_scale: Annotated[PositiveOrParameter, Unit("1")] = Field(
-        1.0, description="factor of the mass, or a parameter's name"
-    )
+    stiffness_scale: Annotated[PositiveOrParameter, Unit("1")] = Field(1.0, description="factor of the stiffness")
+    mass_scale: Annotated[PositiveOrParameter, Unit("1")] = Field(1.0, description="factor of the mass")
     stated: Stated | None = Field(None, description="mass properties that the matrices must have")
 
 
@@ -215,7 +210,7 @@ SINGULAR = 1e-12  # of the largest moment: one below is zero
 class Rigid(Table):
     """Mass properties of a rigid body, and its points."""
 
-    mass: Annotated[PositiveOrParameter, Unit("kg")] = Field(description="mass (kg), a number or a parameter's name")
+    mass: Annotated[PositiveOrParameter, Unit("kg")] = Field(description="mass (kg)")
     inertia: Inertia = Field(
         description="about the centre of mass (kg m2): in the plane izz; in space entries [ixx, iyy, izz, ixy, ixz, "
         "iyz] of the tensor along the axes of the body's frame, of which ixy is minus the integral of x y dm; numbers "
@@ -275,19 +270,19 @@ MOST_ELEMENTS = 100_000
 class Material(Table):
     """An isotropic linear elastic material."""
 
-    E: Annotated[PositiveOrParameter, Unit("Pa")] = Field(description=f"Young's modulus (Pa), {NAMED}")
+    E: Annotated[PositiveOrParameter, Unit("Pa")] = Field(description="Young's modulus (Pa)")
     nu: Annotated[
         Number,
         no_parameter("stiffness is no sum of products of parameters with it; build once for each value (--override)"),
     ] = Field(gt=-1.0, lt=0.5, description="Poisson's ratio")
-    rho: Annotated[PositiveOrParameter, Unit("kg/m3")] = Field(description=f"density (kg/m3), {NAMED}")
+    rho: Annotated[PositiveOrParameter, Unit("kg/m3")] = Field(description="density (kg/m3)")
 
 
 class StraightBeam(Table):
     """A straight line of equal elements along the x axis of the body's frame. It has the points hinge and tip at its
     ends, middle where a node is there, and any node by its index from 0 on."""
 
-    length: Annotated[PositiveOrParameter, Unit("m")] = Field(description=f"length (m), {NAMED}; see docs/method.md")
+    length: Annotated[PositiveOrParameter, Unit("m")] = Field(description="length (m); see docs/method.md")
     elements: Annotated[Integer, at_most(MOST_ELEMENTS, "no straight beam needs more, and they fill memory")] = Field(
         ge=1, description="number of elements"
     )
@@ -352,13 +347,11 @@ class Body(Table):
         description="direction (x, y, z) of the second axis of the section of a beam3d, that of its height, in the "
         "body's frame; circles need none",
     )
-    thickness: Annotated[PositiveOrParameter | None, Unit("m")] = Field(
-        None, description=f"thickness of solid2d (m), {NAMED}"
-    )
+    thickness: Annotated[PositiveOrParameter | None, Unit("m")] = Field(None, description="thickness of solid2d (m)")
     section_scale: Annotated[PositiveOrParameter | None, Unit("1")] = Field(
         None,
         description="scale of the cross-section of a continuum body about the x axis of its mesh, of which the mesh "
-        "has 1; a number or a parameter's name",
+        "has 1",
     )
     regions: dict[str, str] = Field(
         {}, description="materials of named regions of the mesh, other than the body's; continuum elements only"

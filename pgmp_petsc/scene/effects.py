@@ -17,7 +17,6 @@ from pgmp_petsc.base.errors import InputError, shortened
 from pgmp_petsc.base.units import UNITS, UnknownUnit, take_unit
 from pgmp_petsc.declare.ideas import EFFECTS, PACKAGE, Found, refuse
 from pgmp_petsc.scene.fields import (
-    NAMED,
     AnyScene,
     LoadHarmonic,
     LoadTable,
@@ -209,10 +208,11 @@ def _try_forces(cls: type[EffectEntry]) -> None:
 class OverTime(EffectEntry):
     """What acts with a given strength over time."""
 
+    acts = "forces"
     one_of = ("table", "harmonic")
     table: LoadTable | None = Field(None, description=TABLE)
     harmonic: LoadHarmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
-    scale: Annotated[NumberOrParameter, Unit("1")] = Field(1.0, description=f"factor on it, {NAMED}")
+    scale: Annotated[NumberOrParameter, Unit("1")] = Field(1.0, description="factor on it")
     changeable: ClassVar[tuple[str, ...]] = ("table", "harmonic")
     nothing_without: ClassVar[str] = "scale"
     cause: ClassVar[bool] = True
@@ -272,6 +272,9 @@ OverMotion = Annotated[
 class OnJoint(EffectEntry):
     """What acts on the motion in a joint."""
 
+    acts = "forces"
+    joints = ("turning", "sliding")
+    local = True
     joint: str = Field(description="name of a joint that turns or slides")
     motion: Literal["turning", "sliding"] | None = Field(None, description="which motion of a joint that has both")
 
@@ -313,9 +316,9 @@ class AddedMass(EffectEntry):
 
     acts: ClassVar[str] = "mechanism"
     point: Point = Field(description='where it is, "body:point"')
-    mass: Annotated[PositiveOrParameter, Unit("kg")] = Field(description="mass (kg), a number or a parameter's name")
+    mass: Annotated[PositiveOrParameter, Unit("kg")] = Field(description="mass (kg)")
     inertia: Annotated[NotNegativeOrParameter, Unit("kg m2")] = Field(
-        0.0, description="moment of inertia about the point (kg m2), a number or a parameter's name"
+        0.0, description="moment of inertia about the point (kg m2)"
     )
 
 

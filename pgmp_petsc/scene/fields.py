@@ -41,7 +41,7 @@ Sign = Literal["positive", "not negative", "not zero", "any"]
 LARGEST, SMALLEST = 1e30, 1e-30
 MOST_RADIANS = 1e6  # beyond it an angle is rounded by more than 1e-10 rad
 NAME = "[A-Za-z_][A-Za-z0-9_-]*"
-NAMED = "a number or a parameter's name"  # in descriptions of entries
+NAMED = "a number or a parameter's name"  # of an entry that is missing
 LONGEST_NAME = 100  # characters: names become data sets, columns and titles
 
 
@@ -283,7 +283,8 @@ def no_parameter(why: str) -> BeforeValidator:
 
 def _either(**bounds: float) -> WithJsonSchema:
     """Return the schema, for editors, of a number within bounds, or a parameter's name."""
-    return WithJsonSchema({"anyOf": [{"type": "number", **bounds}, {"type": "string"}]})
+    name = {"type": "string", "description": "a parameter's name"}
+    return WithJsonSchema({"anyOf": [{"type": "number", **bounds}, name]})
 
 
 def _or_parameter(
@@ -295,7 +296,7 @@ def _or_parameter(
         return isinstance(value, str) or (is_number(value) or infinite and value == math.inf) and fits(value)
 
     check = needed(f"{what} or the name of a parameter is needed", is_one)
-    return Annotated[(float | str, check, _SENSIBLE, *([_either(**bounds)] if bounds else []), Quantified(sign))]
+    return Annotated[(float | str, check, _SENSIBLE, _either(**bounds), Quantified(sign))]
 
 
 def _of_sensible_size(value: object) -> bool:
@@ -545,10 +546,10 @@ class Harmonic(Table):
 class LoadHarmonic(Table):
     """``mean + amplitude sin(2 pi frequency_hz t + phase)`` of a torque (N m) or force (N)."""
 
-    amplitude: Annotated[NumberOrParameter, Unit()] = Field(description=f"amplitude (N m) or (N), {NAMED}")
+    amplitude: Annotated[NumberOrParameter, Unit()] = Field(description="amplitude (N m) or (N)")
     frequency_hz: Annotated[Number, _OF_TIME, Unit("Hz")] = Field(gt=0.0, description="frequency (Hz)")
     phase: Annotated[Angle, _OF_TIME, Unit("rad")] = Field(0.0, description="phase at time 0 (rad)")
-    mean: Annotated[NumberOrParameter, Unit()] = Field(0.0, description=f"mean value (N m) or (N), {NAMED}")
+    mean: Annotated[NumberOrParameter, Unit()] = Field(0.0, description="mean value (N m) or (N)")
 
 
 def with_values(over_time: Any, value: Callable[[Any], Any]) -> Any:

@@ -116,20 +116,20 @@ class Clearance(Table):
 
     radius: Annotated[PositiveOrParameter, Unit("m")] = Field(
         description="how far the pin moves from the middle until it touches (m): bore's radius less the pin's, in a "
-        "guide half of its play; a number or a parameter's name"
+        "guide half of its play"
     )
     stiffness: Annotated[PositiveOrParameter, Unit()] = Field(
-        description="K of the normal force K depth^exponent (N/m^exponent), a number or a parameter's name"
+        description="K of the normal force K depth^exponent (N/m^exponent)"
     )
     exponent: Annotated[PositiveOrParameter, Unit("1")] = Field(
-        1.5, description="of the depth, at least 1: 1.5 of Hertz for points, about 1 for lines; or a parameter's name"
+        1.5, description="of the depth, at least 1: 1.5 of Hertz for points, about 1 for lines"
     )
     restitution: Annotated[PositiveOrParameter, Unit("1")] = Field(
         description="speed after an impact over that before it, above 0 and at most 1, of an impact at "
-        "restitution_speed; slower ones lose less; or a parameter's name"
+        "restitution_speed; slower ones lose less"
     )
     restitution_speed: Annotated[PositiveOrParameter | None, Unit("m/s")] = Field(
-        None, description="speed of the impact that restitution is of (m/s), 1 m/s if not given; or a parameter's name"
+        None, description="speed of the impact that restitution is of (m/s), 1 m/s if not given"
     )
     damping: Literal["hunt_crossley", "hysteresis"] = Field(
         "hunt_crossley",
@@ -137,12 +137,11 @@ class Clearance(Table):
         "a hysteresis, with which those at restitution_speed and faster ones lose alike",
     )
     friction: Annotated[NotNegativeOrParameter, Unit("1")] = Field(
-        0.0, description="coefficient of Coulomb's friction in contact, or a parameter's name"
+        0.0, description="coefficient of Coulomb's friction in contact"
     )
     friction_speed: Annotated[PositiveOrParameter | None, Unit("m/s")] = Field(
         None,
-        description="speed (m/s) up to which friction grows: friction N tanh(v / friction_speed); needed with "
-        "friction; or a parameter's name",
+        description="speed (m/s) up to which friction grows: friction N tanh(v / friction_speed); needed with friction",
     )
 
     def check_entries(self) -> None:
@@ -199,14 +198,14 @@ class Backlash(Clearance):
     """
 
     radius: Annotated[PositiveOrParameter, Unit("rad", "m")] = Field(
-        description="half of the backlash, of the motion of the second joint (rad or m), a number or a parameter's name"
+        description="half of the backlash, of the motion of the second joint (rad or m)"
     )
     stiffness: Annotated[PositiveOrParameter, Unit()] = Field(
-        description="K of K depth^exponent (N m/rad^exponent or N/m^exponent), a number or a parameter's name"
+        description="K of K depth^exponent (N m/rad^exponent or N/m^exponent)"
     )
     restitution_speed: Annotated[PositiveOrParameter | None, Unit("rad/s", "m/s")] = Field(
         None,
-        description="speed of the impact that restitution is of, 1 rad/s or 1 m/s if not given; or a parameter's name",
+        description="speed of the impact that restitution is of, 1 rad/s or 1 m/s if not given",
     )
 
 
@@ -423,10 +422,10 @@ class ElasticCoupling(Table):
 
     stiffness: Annotated[PositiveOrParameter, Unit("N m/rad", "N/m")] = Field(
         description="of what the coupled motion is off, of the second joint of two, the first of terms (N m/rad where "
-        "it turns, N/m where it slides), or a parameter's name"
+        "it turns, N/m where it slides)"
     )
     damping: Annotated[NotNegativeOrParameter, Unit("N m s/rad", "N s/m")] = Field(
-        0.0, description="N m s/rad or N s/m, or a parameter's name"
+        0.0, description="damping (N m s/rad or N s/m)"
     )
 
 

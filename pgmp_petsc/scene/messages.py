@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from pgmp_petsc.base.errors import InputError, nearest_name, shortened
 from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.declare.ideas import Found
-from pgmp_petsc.scene.fields import AnyScene
+from pgmp_petsc.scene.fields import NAMED, AnyScene, Quantified, notes_on
 
 MAX_LINES = 8
 MAX_RECEIVED = 60
@@ -96,7 +96,10 @@ def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
         if kind == "extra_forbidden":
             choice = _choice(keys[-1], list(parent.model_fields), f"unknown key{_home(model, location)}")
             return problem(entry, choice, received)
-        about = parent.model_fields[location[-1]].description
+        field = parent.model_fields[location[-1]]
+        about = field.description or ""
+        if notes_on(field, Quantified) and "parameter" not in about:
+            about += f", {NAMED}"
         return problem(entry, f"missing; needed: {about}" if about else "missing")
     if kind in ("union_tag_invalid", "union_tag_not_found"):  # of the key that says which kind of table it is
         key, allowed = context["discriminator"].strip("'"), [_tag(member) for member in members]

@@ -156,7 +156,7 @@ class InitialState(Table):
         Unit("rad", "m"),
     ] = Field(0.0, description="angle (rad) or displacement (m) at the start")
     velocity: Annotated[NumberOrParameter, Unit("rad/s", "m/s")] = Field(
-        0.0, description="velocity at the start (rad/s or m/s), a number or a parameter's name"
+        0.0, description="velocity at the start (rad/s or m/s)"
     )
 
 

@@ -236,16 +236,13 @@ def _bounds(entry: Mapping[str, Any]) -> str:
 
 
 def unit_of(entry: Mapping[str, Any]) -> str:
-    """Return the units that a description has in brackets, or names before "a number"."""
+    """Return the units that a description has in brackets."""
     found = []
     for text in re.findall(r"\(([^()]*)\)", entry.get("description", "")):
         for word in re.split(r" or |, ", text):
             unit = SPELLED.get(word, word)
             if (unit in UNITS and unit != "1") or unit in SPELLED.values():
                 found.append(unit)
-    head = re.match(r"(.+?), a number or a parameter's name", entry.get("description", ""))
-    for word in head[1].split(" or ") if head else ():
-        found += [SPELLED.get(word, word)] if SPELLED.get(word, word) in UNITS and word != "1" else []
     return ", ".join(dict.fromkeys(found))
 
 

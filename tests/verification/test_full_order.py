@@ -9,7 +9,8 @@ from elimination import Beams, Eliminated, chain, circle
 from mpi4py import MPI
 from runs import full_model, history, paper_scene, quick_return, run_model, samples
 
-from pgmp_petsc.effects import driven, effects_of
+from pgmp_petsc.effects import effects_of
+from pgmp_petsc.effects.motion import driven
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.mechanism import Unknowns

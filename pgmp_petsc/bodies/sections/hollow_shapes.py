@@ -50,9 +50,7 @@ class Hollow(ShapedSection):
     """A tube with walls of one thickness, which are thinner than its sizes as they are `ordered`."""
 
     proportional = ()
-    wall: Annotated[PositiveOrParameter, Unit("m")] = Field(
-        description="thickness of the walls (m), or a parameter's name"
-    )
+    wall: Annotated[PositiveOrParameter, Unit("m")] = Field(description="thickness of the walls (m)")
 
     def fitted(self, function: Callable[..., np.ndarray], nominal: Mapping[str, float], spans: Spans) -> AffineSum:
         """Return a function of the sizes, the wall last, as a polynomial of the parameters."""

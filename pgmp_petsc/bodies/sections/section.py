@@ -128,16 +128,12 @@ class Coefficients(_Given):
 
     elements = ("beam2d",)
     shape: Literal["coefficients"]
-    axial: Annotated[PositiveOrParameter, Unit("N")] = Field(description="EA (N), a number or a parameter's name")
-    shear: Annotated[PositiveOrParameter, Unit("N")] = Field(description="k_s GA (N), a number or a parameter's name")
-    bending: Annotated[PositiveOrParameter, Unit("N m2")] = Field(
-        description="EI (N m2), a number or a parameter's name"
-    )
-    line_density: Annotated[PositiveOrParameter, Unit("kg/m")] = Field(
-        description="rho A (kg/m), a number or a parameter's name"
-    )
+    axial: Annotated[PositiveOrParameter, Unit("N")] = Field(description="EA (N)")
+    shear: Annotated[PositiveOrParameter, Unit("N")] = Field(description="k_s GA (N)")
+    bending: Annotated[PositiveOrParameter, Unit("N m2")] = Field(description="EI (N m2)")
+    line_density: Annotated[PositiveOrParameter, Unit("kg/m")] = Field(description="rho A (kg/m)")
     rotary_density: Annotated[NotNegativeOrParameter, Unit("kg m")] = Field(
-        0.0, description="rho I (kg m), a number or a parameter's name; above 0 in a flexible body"
+        0.0, description="rho I (kg m); above 0 in a flexible body"
     )
 
 
@@ -146,7 +142,7 @@ class Coefficients3d(_Given):
 
     elements = ("beam3d",)
     shape: Literal["coefficients3d"]
-    axial: Annotated[PositiveOrParameter, Unit("N")] = Field(description="EA (N), a number or a parameter's name")
+    axial: Annotated[PositiveOrParameter, Unit("N")] = Field(description="EA (N)")
     shear_2: Annotated[PositiveOrParameter, Unit("N")] = Field(description="GA_2 (N): shear along the second axis")
     shear_3: Annotated[PositiveOrParameter, Unit("N")] = Field(description="GA_3 (N): shear along the third axis")
     torsion: Annotated[PositiveOrParameter, Unit("N m2")] = Field(description="GJ (N m2)")

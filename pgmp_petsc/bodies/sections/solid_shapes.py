@@ -43,7 +43,7 @@ class Circle(ShapedSection):
     round = True
     sizes = ("radius", "radius")
     shape: Literal["circle"]
-    radius: Annotated[PositiveOrParameter, Unit("m")] = Field(description="radius (m), a number or a parameter's name")
+    radius: Annotated[PositiveOrParameter, Unit("m")] = Field(description="radius (m)")
 
     @property
     def reach(self) -> tuple[Quantity, Quantity]:
@@ -69,10 +69,10 @@ class Rectangle(ShapedSection):
     proportional = ("width",)
     shape: Literal["rectangle"]
     width: Annotated[PositiveOrParameter, Unit("m")] = Field(
-        description="size across the plane of motion (m), in space along the third axis; or a parameter's name"
+        description="size across the plane of motion (m), in space along the third axis"
     )
     height: Annotated[PositiveOrParameter, Unit("m")] = Field(
-        description="size in the plane of motion (m), in space along `orientation`; or a parameter's name"
+        description="size in the plane of motion (m), in space along `orientation`"
     )
 
     @property
