@@ -16,10 +16,10 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.bench.reference import component_model
-from pgmp_petsc.gradients.differences import AnyModel, Differences
+from pgmp_petsc.gradients.differences import Differences
 from pgmp_petsc.gradients.differentiated import _runs_beside, differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.studies.inputs import read_scene
@@ -37,7 +37,7 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def model_of(given: argparse.Namespace) -> AnyModel:
+def model_of(given: argparse.Namespace) -> Model:
     """Return the model that the command line names."""
     purpose = Purpose.COMPONENTS if given.components else Purpose.REDUCED
     scene, meshes = read_scene(given.scene, given.override, (), MPI.COMM_SELF, purpose)

@@ -102,7 +102,8 @@ class Prices:
 def under(model: ReducedModel, load: str) -> ReducedModel:
     """Return the model under one of the torques of `effectivity`."""
     table = tuple((float(time), float(value)) for time, value in json.loads(TORQUES[load]))
-    return model.with_loads(Load(load, "", {MOTOR: table}, True).of(model.scene))
+    motor = model.scene.plain_effects[MOTOR].model_copy(update={"table": table, "harmonic": None})
+    return model.with_loads(Load(load, "", {MOTOR: motor}, True).of(model.scene))
 
 
 def outputs_of(model: ReducedModel, eta: np.ndarray) -> Outputs:

@@ -104,8 +104,6 @@ THOROUGH = (
     "verification/test_three_coordinates.py::test_interpolation_over_three_coordinates_is_of_order_four",
     "verification/test_tolerance.py::test_the_reduction_keeps_its_tolerance_on_the_mesh[own load-two",
     "verification/test_tolerance.py::test_the_reduction_keeps_its_tolerance_on_the_mesh[another load-two",
-    "verification/test_tolerance.py::test_the_reduction_keeps_its_tolerance_on_the_mesh[own load-cells",
-    "verification/test_tolerance.py::test_the_reduction_keeps_its_tolerance_on_the_mesh[another load-cells",
     "verification/test_tolerance.py::test_what_errors_are_against_is_said_before_and_kept[two coordinates]",
 )
 # Folders whose dearest files take a quarter to a minute and a half of a processor, as measured file by file; elsewhere

@@ -17,8 +17,8 @@ SHARES = (1e-3, 1e-4)
 CORRECTIONS = 5  # in place of one
 
 
-class OneByOne:
-    """A reduced system that does not step by itself: `EventLocation` finds its edges, one sample after the other."""
+class ToRoundOff:
+    """A reduced system whose every correction is several, and which takes one step at a time."""
 
     def __init__(self, system: ReducedSystem) -> None:
         self._system = system
@@ -27,10 +27,6 @@ class OneByOne:
         return getattr(self._system, name)
 
     steps_at_once, advance, take_steps = 1, SecondOrderSystem.advance, SecondOrderSystem.take_steps
-
-
-class ToRoundOff(OneByOne):
-    """One whose every correction is several."""
 
     def correct(self, *arguments: Any) -> np.ndarray:
         """Correct a state, always with a new matrix."""

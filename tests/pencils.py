@@ -1,7 +1,6 @@
-"""Stiffness and mass of mechanisms as matrices, by themselves and on a null space of their constraints; of residuals,
-linearised."""
+"""Stiffness and mass of mechanisms as matrices, by themselves and on a null space of their constraints."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import scipy.linalg
@@ -35,15 +34,3 @@ def dense_pencil(
     """Return stiffness and mass on an orthonormal null space of the constraints."""
     null = scipy.linalg.null_space(constraints_at(kinematics, theta))
     return tuple(null.T @ matrix @ null for matrix in dense_of(kinematics.mechanism, values))
-
-
-def linearised(residual: Callable[[np.ndarray], np.ndarray], at: np.ndarray, step: float) -> list[np.ndarray]:
-    """Return K, C and M (n, n) of a residual (n,) of ``(q, q', q'')``, shape (3, n), by central differences."""
-    nudges = step * np.eye(at.size).reshape(*at.shape, *at.shape)
-    return [np.array([(residual(at + one) - residual(at - one)) / (2.0 * step) for one in of]).T for of in nudges]
-
-
-def roots_of(stiffness: np.ndarray, damping: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Return the roots of ``det(M s^2 + C s + K) = 0``."""
-    below = [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]
-    return np.linalg.eigvals(np.block([[np.zeros_like(mass), np.eye(len(mass))], below]))

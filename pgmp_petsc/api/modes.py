@@ -147,7 +147,7 @@ def tradeoff(
             finished = Finished(keeper.output, kind, loaded, meshes, comm, resume)
         try:
             sweep = QUICK if quick else FULL
-            study = measure_tradeoff(loaded, meshes, sweep, n, quick, comm, finished, lambda text: tell(comm, text))
+            study = measure_tradeoff(loaded, meshes, sweep, n, comm, lambda text: tell(comm, text), finished)
         except InputError:
             if finished is not None:
                 finished.forget()

@@ -28,13 +28,14 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench import prices
 from pgmp_petsc.bench.cases import OWN, Case, Setting, Training, at_values, node_values, step_of
 from pgmp_petsc.bench.history import (
-    AnyModel,
     Errors,
     History,
+    Pulse,
     ResponseSurface,
     Trial,
     errors_between,
     floors_of,
+    integrated,
     round_off_of,
     run_history,
     spacing,
@@ -42,9 +43,8 @@ from pgmp_petsc.bench.history import (
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.lanes.vectors import LANES
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh, refined
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, RankGroup, first_ranks
 from pgmp_petsc.reduction.build import FEW_VECTORS, build_rom
@@ -132,12 +132,11 @@ class Bench:
         with agreed(comm, "preparing training runs"):
             self.floors = floors_of(self.full_model)
         self.batch = min(self.scene.ensemble.batch, MOST_TIMED_TOGETHER)
-        #: is called with numbers of steps while a setting is measured
-        self.pulse: Callable[[int], object] = lambda n_steps: None
+        self.pulse: Pulse = lambda n: None  # while a setting is measured
         self._histories: dict[tuple[Case, Setting], History] = {}
         self._ran: set[tuple[Case, Setting]] = set()  # the same on all ranks
         self._shelf = Shelf(self.build)
-        self._models: dict[tuple, tuple[AnyModel | ResponseSurface, int, float]] = {}
+        self._models: dict[tuple, tuple[Model | ResponseSurface, int, float]] = {}
         self._offline: dict[tuple, list[np.ndarray]] = {}
         self._online: dict[tuple[Setting, int], np.ndarray] = {}
         self._steps: dict[Setting, float] = {}  # s of a step of a sample, of the runs at the test values
@@ -154,8 +153,8 @@ class Bench:
         if setting.reduction is None:
             return n_steps * setting.refinement * self.reference.price.step
         scene = scene.with_entries(reduction=setting.reduction)
-        n_local = sum(effect.local for effect in scene.effects.values())
-        step = prices.reduced_step(setting.reduction.modes, len(scene.coordinates), scene.second_order, n_local)
+        sizes = setting.reduction.modes, len(scene.coordinates)
+        step = prices.reduced_step(*sizes, scene.second_order, prices.n_local(scene))
         return prices.build_seconds(scene, mechanism) + n_steps * step
 
     # models of settings
@@ -171,7 +170,7 @@ class Bench:
         """Return the reduced model of a trial that could be built, on all ranks; built again where it was let go."""
         return self._shelf.take(trial.reduction)
 
-    def _model(self, setting: Setting) -> tuple[AnyModel | ResponseSurface, int, float]:
+    def _model(self, setting: Setting) -> tuple[Model | ResponseSurface, int, float]:
         """Return what a setting runs with, its number of coordinates, and the smallest cosine; see `Measured`."""
         if setting.family == "components":
             model = component_model(self.scene, self._subject.meshes, self.comm, setting.component_modes)
@@ -190,7 +189,7 @@ class Bench:
         n_coordinates = rom.tables.n_coordinates + rom.tables.n_modes
         return ReducedModel(scene, rom, kinematics), n_coordinates, float(rom.cosines.min())
 
-    def _full(self, setting: Setting) -> tuple[AnyModel, int, float]:
+    def _full(self, setting: Setting) -> tuple[Model, int, float]:
         if setting.family == "reference" and setting.refinement == 1:
             model = self.reference.model
         else:
@@ -244,14 +243,14 @@ class Bench:
         if alone and large and not isinstance(self.full_model, ReducedModel):
             with first_ranks(self.comm, self.comm.size) as workers, agreed(self.comm, "training runs"):
                 with model.distributed(self.scene.values, workers) as system:
-                    self._histories[todo[0], setting] = run_history(model, {}, 1, setting.n_steps, system)
+                    self._histories[todo[0], setting] = integrated(model, system, setting.n_steps)
         else:
             with agreed(self.comm, f"{setting.family} training runs"):
                 for case in self._own(todo):
                     self._histories[case, setting] = self._history(case, setting, model)
         self._ran.update((case, setting) for case in todo)
 
-    def _history(self, case: Case, setting: Setting, model: AnyModel) -> History:
+    def _history(self, case: Case, setting: Setting, model: Model) -> History:
         """Run a case on this rank, or take up what an earlier run of the program has of the reference."""
         if setting.family != "reference":
             history = history_of(case, setting, model)
@@ -280,7 +279,7 @@ class Bench:
 
     def moved(self, coarse: int, fine: int, loads: tuple[str, ...] | None = None) -> Errors:
         """Return how far runs of the reference with two numbers of steps are apart."""
-        found = self.errors(self._names(loads), Setting("reference", coarse), Setting("reference", fine))
+        found = self.errors(loads or self.training.names, Setting("reference", coarse), Setting("reference", fine))
         if self._bar is not None:
             self._bar.update()
         return found
@@ -288,7 +287,7 @@ class Bench:
     def check_references(self, n_steps: int, loads: tuple[str, ...] | None = None) -> None:
         """Note which training cases do not count; raises `RunError` if the scene itself, at nominal parameters, cannot
         be run."""
-        names, title, setting = self._names(loads), self.full_model.title, Setting("reference", n_steps)
+        names, title, setting = loads or self.training.names, self.full_model.title, Setting("reference", n_steps)
         cases = [self.training.case(self.scene, name) for name in names]
         self._run(cases, setting)
         mine = {}
@@ -309,8 +308,7 @@ class Bench:
 
     def try_out(self, reduction: Reduction, n_steps: int, loads: tuple[str, ...] | None = None) -> Trial:
         """Build a candidate, run it under some loads (all, by default) and compare it with the full-order model."""
-        names, start = self._names(loads), perf_counter()
-        given = "parameter_modes" in self.scene.reduction.model_fields_set
+        start, given = perf_counter(), "parameter_modes" in self.scene.reduction.model_fields_set
         try:
             rom = self._shelf.take(reduction)
             few = rom.n_parameter < reduction.parameter_modes and not given
@@ -322,12 +320,12 @@ class Bench:
             reason = str(error)
         self._bar.update()
         seconds = self.comm.bcast(perf_counter() - start)
-        return self.go_on(Trial(reduction, n_steps, self._endless(()), reason, seconds, not reason), names)
+        return self.go_on(Trial(reduction, n_steps, self._endless(()), reason, seconds, not reason), loads)
 
     def go_on(self, trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
         """Run a candidate under further loads."""
         start, exact = perf_counter(), trial.exact
-        names = tuple(dict.fromkeys((*trial.errors.loads, *self._names(loads))))
+        names = tuple(dict.fromkeys((*trial.errors.loads, *(loads or self.training.names))))
         if names == trial.errors.loads:
             return trial
         self._run([self.training.case(self.scene, name) for name in names], exact)
@@ -375,11 +373,6 @@ class Bench:
         return self.errors(self.training.names[:1], Setting("reference", n_steps), Setting("full", n_steps, 2))
 
     @property
-    def mechanism(self) -> Mechanism:
-        """The mechanism that candidates are made of: bodies of cells are condensed."""
-        return self._subject.kinematics.mechanism
-
-    @property
     def most_steps(self) -> float:
         """Steps of a run up to which all runs with halved steps, of the loads that the step is found with, are within
         ``reference.budget``; no limit where the reference was named, whatever it takes, and of a reduced model."""
@@ -395,9 +388,6 @@ class Bench:
     def _endless(self, names: tuple[str, ...]) -> Errors:
         shape = (len(names), len(self.outputs), self.training.n_samples)
         return Errors(np.full(shape, np.inf), np.zeros(shape), names, self.outputs, self.training)
-
-    def _names(self, loads: tuple[str, ...] | None) -> tuple[str, ...]:
-        return self.training.names if loads is None else loads
 
     def _failures(self, names: Sequence[str], setting: Setting) -> str:
         """Return why samples of a candidate failed, empty where none did."""
@@ -421,9 +411,7 @@ class Bench:
                     times = (*times, min(float(self.seconds(model, n_steps, BATCH)[1]) for _ in range(2)))
         return self.comm.bcast(times)
 
-    def seconds(
-        self, model: AnyModel | ResponseSurface, n_steps: int, n_samples: int, known: float = 0.0
-    ) -> np.ndarray:
+    def seconds(self, model: Model | ResponseSurface, n_steps: int, n_samples: int, known: float = 0.0) -> np.ndarray:
         """Return wall and processor time of a sample in a batch of n, shape (2,), s; by this rank.
 
         The samples of the training are repeated until there are n, and their outputs evaluated at the end. Of a step of
@@ -507,20 +495,20 @@ class Bench:
         wall, processor = self._offline[setting.build][0]
         return Measured(history, n_coordinates, cosine, reason, (float(wall), float(processor)))
 
-    def _ready(self, setting: Setting) -> tuple[AnyModel | ResponseSurface, int, float]:
+    def _ready(self, setting: Setting) -> tuple[Model | ResponseSurface, int, float]:
         """Prepare a setting, or return what was prepared for one with the same build."""
         if setting.build not in self._models:
             self._models[setting.build], seconds = self._prepared(setting)
             self._offline.setdefault(setting.build, [seconds])
         return self._models[setting.build]
 
-    def _prepared(self, setting: Setting) -> tuple[tuple[AnyModel | ResponseSurface, int, float], np.ndarray]:
+    def _prepared(self, setting: Setting) -> tuple[tuple[Model | ResponseSurface, int, float], np.ndarray]:
         start = _now()
         made = self._model(setting)
         shared = self._timed.get(setting.family, 0.0) if setting.refinement == 1 else 0.0
         return made, shared + _now() - start
 
-    def _too_dear(self, setting: Setting, model: AnyModel | ResponseSurface) -> str:
+    def _too_dear(self, setting: Setting, model: Model | ResponseSurface) -> str:
         """Return why a setting is not run at the test values; empty where it is."""
         if setting.family != "full" or self.reference.is_mesh:
             return ""
@@ -563,15 +551,13 @@ class Bench:
         return refinement * sum(mesh.n_cells for mesh in self._subject.meshes.values())
 
 
-def history_of(
-    case: Case, setting: Setting, model: AnyModel, pulse: Callable[[int], object] = lambda n_steps: None
-) -> History:
-    """Run a case with a model of a setting, on this rank; `pulse` is called with numbers of steps."""
+def history_of(case: Case, setting: Setting, model: Model, pulse: Pulse = lambda n: None) -> History:
+    """Run a case with a model of a setting, on this rank."""
     loaded = model if case.name == OWN else model.with_loads(case.scene)
     return run_history(loaded, case.values, case.n_samples, setting.n_steps, pulse=pulse)
 
 
-def step_price(model: AnyModel) -> float:
+def step_price(model: Model) -> float:
     """Return the predicted processor time of a step of a sample, s; none of a reduced model."""
     return 0.0 if isinstance(model, ReducedModel) else prices.step_seconds(model.kinematics.mechanism)
 

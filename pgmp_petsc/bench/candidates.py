@@ -14,15 +14,14 @@ from itertools import product
 from math import log
 from typing import Any
 
-from pgmp_petsc.bench.prices import coefficients, duration_text, reduced_step
-from pgmp_petsc.bench.reference import start_of_coordinates, takes_second_order
+from pgmp_petsc.bench.prices import coefficients, duration_text, n_local, reduced_step
+from pgmp_petsc.bench.reference import takes_second_order
 from pgmp_petsc.bodies.matrices import AffineMatrices
-from pgmp_petsc.effects import effects_of, patterns_of
+from pgmp_petsc.effects import effects_of, patterns_of, start_of
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import why_no_grid
 from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import uncertain_names
 
@@ -37,34 +36,25 @@ MOST_BYTES = 2**30  # that its tables may have
 class CandidatePrices:
     """Figures common to all candidates."""
 
-    n_unknowns: int  # of the mechanism, bodies of cells condensed
-    n_terms: int  # n_terms, n_coordinates: affine terms, and rigid coordinates
-    n_coordinates: int
-    n_local: int  # local effects
+    limits: Limits
     n_steps: int  # steps of all samples and loads together
     angles: int  # most along each coordinate that the first candidates are built at
-
-    @classmethod
-    def of(cls, mechanism: Mechanism, limits: Limits, n_steps: int, angles: int) -> CandidatePrices:
-        """Take the sizes of a mechanism."""
-        n_local = sum(effect.local for effect in mechanism.scene.effects.values())
-        return cls(mechanism.n_dofs, limits.n_terms, limits.n_coordinates, n_local, n_steps, angles)
 
     def seconds(self, rung: Rung, angles: int | None = None) -> float:
         """Return the processor time to build a candidate and to run it under all loads, s; at the most angles, or at
         others."""
-        m, n = rung.n_flexible, (angles or self.angles) ** self.n_coordinates
+        m, n = rung.n_flexible, (angles or self.angles) ** self.limits.n_coordinates
         second, others = (bool(rung.entries[key]) for key in ("second_order", "parameter_modes"))
         pairs = m * (m + 1) / 2 if second else 0
-        build = n * self.n_unknowns * (UNKNOWN * (1 + second + others) + PAIR_OF_UNKNOWN * pairs)
-        return build + self.n_steps * reduced_step(m, self.n_coordinates, second, self.n_local)
+        build = n * self.limits.n_unknowns * (UNKNOWN * (1 + second + others) + PAIR_OF_UNKNOWN * pairs)
+        return build + self.n_steps * reduced_step(m, self.limits.n_coordinates, second, self.limits.n_local)
 
     def bytes(self, rung: Rung) -> float:
         """Return the size of its tables; over two turns of a coordinate they are twice as many."""
-        m, n = rung.n_flexible, self.angles**self.n_coordinates
-        entries = 2.0 * self.n_terms * m**2
+        m, n, n_terms = rung.n_flexible, self.angles**self.limits.n_coordinates, self.limits.n_terms
+        entries = 2.0 * n_terms * m**2
         if rung.entries["second_order"]:
-            entries += 2.0 * self.n_terms * m**3 + self.n_unknowns * m**2
+            entries += 2.0 * n_terms * m**3 + self.limits.n_unknowns * m**2
         return 8.0 * n * entries
 
     def within(self, rung: Rung, budget: float) -> bool:
@@ -134,6 +124,8 @@ class Limits:
     n_condensed: int | None = None
     # whether all flexible bodies have a long axis: terms of second order are then tried with static stretching too
     slender: bool = True
+    n_unknowns: int = 0  # n_unknowns, n_local: of the mechanism, bodies of cells condensed, and local effects
+    n_local: int = 0
     gridded: bool = True  # whether reduced models go over the coordinates on a grid
     refinable: bool = True  # whether meshes can be cut into finer ones and run as the reference: those of lines
 
@@ -153,7 +145,7 @@ class Limits:
     def of(cls, scene: Scene, kinematics: RigidKinematics, n_condensed: int = MODES[-1]) -> Limits:
         """Count, with the kinematics of beams and of bodies that are condensed for so many modes."""
         mechanism, coordinates = kinematics.mechanism, kinematics.coordinates
-        start = start_of_coordinates(scene, kinematics)
+        start = start_of(scene, mechanism)[0]
         pose, n_released = kinematics.poses(start[None])[..., 0], kinematics.motion(start).released.shape[-1]
         clamped = [coordinate for coordinate in coordinates if coordinate.prescribed]
         n_free = null_space(constraint_jacobian(mechanism, pose, clamped)).independent.size
@@ -168,7 +160,8 @@ class Limits:
         n_inertia, curved = n * (n + 1) // 2 + len(clamped), not scene.second_order and takes_second_order(scene)
         slender = all(body.has_long_axis for body in mechanism.bodies)
         uncertain, gridded = bool(uncertain_names(scene)), not why_no_grid(scene, mechanism)
-        return cls(n_modes, n_static, n_terms, uncertain, n, n_inertia, curved, served, slender, gridded)
+        sizes = mechanism.n_dofs, n_local(scene)
+        return cls(n_modes, n_static, n_terms, uncertain, n, n_inertia, curved, served, slender, *sizes, gridded)
 
 
 @dataclass(frozen=True)
@@ -236,6 +229,8 @@ def first_passing(
     `hopeless` tells of a failing candidate and a later one that fails whether all between were no use; as many as
     `PATIENCE` in a row end the search.
     """
+    if n == 0:
+        return None
     start = min(start, n - 1)
     if passes(start):
         low, high, taken = -1, start, 0

@@ -19,10 +19,11 @@ from typing import Any, Self
 import numpy as np
 import scipy
 
+from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.scene.effects import OverTime
-from pgmp_petsc.scene.fields import LoadHarmonic
+from pgmp_petsc.scene.fields import with_values
 from pgmp_petsc.scene.numerics import Initial, Reduction, Simulation, count_steps
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 
@@ -31,9 +32,6 @@ PULSE = 1.6
 HASTE = 2.0
 OF_REDUCTION = ", for basis and interpolation"
 N_ROWS = 129  # of the pulse: its corners are then small beside that of its beginning
-
-Table = tuple[tuple[float, float], ...]
-Function = Table | LoadHarmonic
 
 
 @dataclass(frozen=True)
@@ -131,19 +129,14 @@ class Load:
 
     name: str  # name, description: for messages
     description: str
-    functions: Mapping[str, Function]  # table or harmonic of every torque and force, by the effect's name
+    effects: Mapping[str, OverTime]  # torques and forces over time, by their names
     for_step: bool  # whether the step is found with them; basis and interpolation are with all
 
     def of(self, scene: Scene, factor: float = 1.0) -> Scene:
         """Return the scene under these loads, times a factor; itself under its own."""
         if self.name == OWN and factor == 1.0:
             return scene
-        effects = scene.plain_effects
-        for name, function in self.functions.items():
-            scaled = _scaled(function, factor)
-            table, harmonic = (None, scaled) if isinstance(scaled, LoadHarmonic) else (scaled, None)
-            effects[name] = effects[name].model_copy(update={"table": table, "harmonic": harmonic})
-        return scene.with_entries(effects=effects)
+        return scene.with_entries(effects=scene.plain_effects | _scaled(self.effects, factor))
 
 
 @dataclass(frozen=True)
@@ -199,22 +192,22 @@ class Training:
 
 def training_loads(scene: Scene) -> tuple[Load, ...]:
     """Return the variants of the loads, the scene's own first; of torques and forces over time alone."""
-    acting = {name: effect for name, effect in scene.plain_effects.items() if effect.is_over_time}
-    own = {name: effect.table or effect.harmonic for name, effect in acting.items()}
-    peaks = {name: _peak(function) for name, function in own.items()}
+    own = {name: effect for name, effect in scene.plain_effects.items() if effect.is_over_time}
     loads = [Load(OWN, "the scene's own loads", own, True)]
-    if not any(peaks.values()):
+    if not any(map(_peak, own.values())):
         return tuple(loads)
-    pulse = {name: _pulse(function, scene.simulation.duration) for name, function in own.items()}
+    pulse = _scaled(own, PULSE) | {
+        name: _half_sine(effect, scene.simulation.duration) for name, effect in own.items() if effect.harmonic is None
+    }
     gentle = all(_steepness(pulse[name]) <= HASTE * _steepness(own[name]) for name in own)
-    harmonic = [isinstance(function, LoadHarmonic) for function in own.values()]
-    sine = f"a half sine over the run, {PULSE:g} times the largest {_kinds(acting.values())}"
+    harmonic = [effect.harmonic is not None for effect in own.values()]
+    sine = f"a half sine over the run, {PULSE:g} times the largest {_kinds(own.values())}"
     about = [] if all(harmonic) else [sine]
     about += [f"harmonics {PULSE:g} times as large"] if any(harmonic) else []
     loads.append(Load("pulse", ", ".join(about) + ("" if gentle else OF_REDUCTION), pulse, gentle))
-    quick = {name: _hastened(function) for name, function in own.items()}
-    if any(isinstance(f, LoadHarmonic) or len({value for _, value in f}) > 1 for f in quick.values()):
-        about = f"the scene's {_kinds(acting.values(), 's')} {HASTE:g} times as fast"
+    if any(harmonic) or any(len({value for _, value in effect.table}) > 1 for effect in own.values()):
+        quick = {name: _hastened(effect) for name, effect in own.items()}
+        about = f"the scene's {_kinds(own.values(), 's')} {HASTE:g} times as fast"
         loads.append(Load("quick", about + OF_REDUCTION, quick, False))
     return tuple(loads)
 
@@ -233,54 +226,43 @@ def with_softer_stops(scene: Scene, factor: float) -> Scene:
     return scene.with_entries(effects=effects)
 
 
-def sets_in_at_once(function: Function) -> bool:
-    """Return whether a torque or force is not zero at the start."""
-    if isinstance(function, LoadHarmonic):
-        return function.mean + function.amplitude * np.sin(function.phase) != 0.0
-    time, value = np.array(function, dtype=float).T
-    return bool(np.interp(0.0, time, value) != 0.0)
-
-
 def _kinds(effects: Iterable[OverTime], plural: str = "") -> str:
     """Return what acts: ``torque``, ``force`` or ``torque and force``."""
     return " and ".join(word + plural for word in sorted({effect.type for effect in effects}, reverse=True))
 
 
-def _scaled(function: Function, factor: float) -> Function:
-    if isinstance(function, LoadHarmonic):
-        larger = {"amplitude": factor * function.amplitude, "mean": factor * function.mean}
-        return function.model_copy(update=larger)
-    return tuple((time, factor * value) for time, value in function)
+def _scaled(effects: Mapping[str, OverTime], factor: float) -> dict[str, OverTime]:
+    return {name: with_values(effect, lambda value: factor * value) for name, effect in effects.items()}
 
 
-def _peak(function: Function) -> float:
+def _peak(effect: OverTime) -> float:
     """Return the value of largest size, with its sign."""
-    if isinstance(function, LoadHarmonic):
-        return abs(function.amplitude) + abs(function.mean)
-    return max((value for _, value in function), key=abs)
+    if effect.harmonic is not None:
+        return abs(effect.harmonic.amplitude) + abs(effect.harmonic.mean)
+    return max((value for _, value in effect.table), key=abs)
 
 
-def _pulse(function: Function, duration: float) -> Function:
-    """Return a half sine over the run in place of a table, and a harmonic that is as much larger."""
-    if isinstance(function, LoadHarmonic):
-        return _scaled(function, PULSE)
-    largest = PULSE * _peak(function)
-    return tuple((float(duration * x), float(largest * np.sin(np.pi * x))) for x in np.linspace(0.0, 1.0, N_ROWS))
+def _half_sine(effect: OverTime, duration: float) -> OverTime:
+    """Return a half sine over the run in place of a table."""
+    largest, places = PULSE * _peak(effect), np.linspace(0.0, 1.0, N_ROWS)
+    rows = tuple((float(duration * x), float(largest * np.sin(np.pi * x))) for x in places)
+    return effect.model_copy(update={"table": rows})
 
 
-def _hastened(function: Function) -> Function:
-    if isinstance(function, LoadHarmonic):
-        return function.model_copy(update={"frequency_hz": HASTE * function.frequency_hz})
-    return tuple((time / HASTE, value) for time, value in function)
+def _hastened(effect: OverTime) -> OverTime:
+    if effect.harmonic is None:
+        return effect.model_copy(update={"table": tuple((time / HASTE, value) for time, value in effect.table)})
+    quicker = effect.harmonic.model_copy(update={"frequency_hz": HASTE * effect.harmonic.frequency_hz})
+    return effect.model_copy(update={"harmonic": quicker})
 
 
-def _steepness(function: Function) -> float:
+def _steepness(effect: OverTime) -> float:
     """Return the largest slope over time, N m/s or N/s; infinite where it does not begin at zero."""
-    if sets_in_at_once(function):
+    if amplitude_of(effect).at_start != 0.0:
         return np.inf
-    if isinstance(function, LoadHarmonic):
-        return float(2.0 * np.pi * function.frequency_hz * abs(function.amplitude))
-    time, value = np.array(function, dtype=float).T
+    if effect.harmonic is not None:
+        return float(2.0 * np.pi * effect.harmonic.frequency_hz * abs(effect.harmonic.amplitude))
+    time, value = np.array(effect.table, dtype=float).T
     slopes = np.abs(np.diff(value) / np.diff(time)) if time.size > 1 else np.zeros(1)
     return float(slopes.max())
 

@@ -10,9 +10,8 @@ what is open is chosen with the nominal lengths, and checked with nothing left o
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from enum import Enum, auto
 from math import ceil
 from typing import Any, NoReturn
 
@@ -26,8 +25,8 @@ from pgmp_petsc.bench.bench import Bench
 from pgmp_petsc.bench.cases import Training
 from pgmp_petsc.bench.history import Errors, Trial
 from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, refuse, refuse_basis, shares_of
-from pgmp_petsc.bench.reference import MORE_MODES, Demand, Subject, choose_reference, distance_from_mesh
-from pgmp_petsc.bodies.shape import BodyShape, at_lengths
+from pgmp_petsc.bench.reference import MORE_MODES, Demand, Said, Subject, choose_reference, distance_from_mesh
+from pgmp_petsc.bodies.shape import Shapes, at_lengths
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import FEW_VECTORS, build_rom
 from pgmp_petsc.reduction.checkpoint import Finished
@@ -46,15 +45,6 @@ MUCH_BETTER = 0.7  # a family that leaves less than this share of another's erro
 NEAREST = 4  # rungs to the middle that are tried where it cannot be built
 FAR = 3.0  # times the allowed error: where one scheme leaves more, another is not tried
 STALLED, NEAR = 0.6, 1.5  # more modes are no use where they leave more than this of the error, and of what is allowed
-
-
-class MoreAngles(Enum):
-    """Whether a rung may be tried at twice the angles, or what forbids it."""
-
-    FREE = auto()
-    GIVEN = auto()
-    LAST = auto()
-    DEAR = auto()
 
 
 class ReductionChoice:
@@ -100,7 +90,7 @@ class ReductionChoice:
         """Leave out candidates that cost too much at twice the present angles, which show whether these suffice."""
         n_runs = self._n_steps * self._bench.training.n_cases
         most = self._grid["angles"] * (1 if self._fixed_grid else 2)
-        self._prices = candidates.CandidatePrices.of(self._bench.mechanism, self._limits, n_runs, most)
+        self._prices = candidates.CandidatePrices(self._limits, n_runs, most)
         self._families, self._too_dear = self._prices.affordable(self._all_families, self._bench.budget)
 
     def run(self) -> Trial:
@@ -184,18 +174,15 @@ class ReductionChoice:
     def _finer(self) -> dict[str, Any]:
         return self._grid | {"angles": 2 * self._grid["angles"]}
 
-    def _more_angles(self, rung: candidates.Rung) -> MoreAngles:
-        """Return whether a rung may be tried at twice the angles."""
-        if self._fixed_grid:
-            return MoreAngles.GIVEN
-        if self._finer["angles"] > self._angles[-1]:
-            return MoreAngles.LAST
-        alone = self._prices.within(rung, self._bench.budget)
-        return MoreAngles.FREE if alone and self._is_affordable(rung, self._finer) else MoreAngles.DEAR
+    @property
+    def _is_finest(self) -> bool:
+        """Whether twice the angles are more than are tried."""
+        return self._finer["angles"] > self._angles[-1]
 
     def _angles_count(self, rung: candidates.Rung) -> bool:
         """Return whether twice the angles may be tried, and change a good part of what a rung leaves."""
-        if self._more_angles(rung) is not MoreAngles.FREE:
+        free = not self._fixed_grid and not self._is_finest and self._prices.within(rung, self._bench.budget)
+        if not (free and self._is_affordable(rung, self._finer)):
             return False
         changed = self._apart(rung, self._grid, self._finer).largest
         return changed > max(self.allowed["interpolation"], COUNTS * self._error(rung))
@@ -305,8 +292,7 @@ class ReductionChoice:
             self._trials[_key(best.entries | self._grid)] = trial
             self._ledger.add_trial("basis", OF_BASIS, trial, trial.errors, best.cost)
             best = self._best_looked_at()
-        more = self._more_angles(best)
-        if more is MoreAngles.LAST:
+        if self._is_finest and not self._fixed_grid:
             most = self._grid["angles"]
             if self._apart(best, self._grid | {"angles": most // 2}, self._grid).largest > COUNTS * self._error(best):
                 hints = [f"the tables change too fast over the range for {most} angles: take more reduction.angles"]
@@ -314,17 +300,17 @@ class ReductionChoice:
         kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
         given = ", ".join(f"reduction.{name} = {json.dumps(value)}" for name, value in kept.items())
         last = [f"kept as given: {given}; leave them out to have them chosen"] if kept else []
-        more_known = self._reduction.sampling_tolerance is None and self._finer["angles"] <= self._angles[-1]
-        if more is MoreAngles.GIVEN and more_known and self._is_affordable(best, self._finer):
+        more_known = self._reduction.sampling_tolerance is None and not self._is_finest
+        if self._fixed_grid and more_known and self._is_affordable(best, self._finer):
             self._apart(best, self._grid, self._finer)  # noted: what twice the angles that are given would change
         rival = self._rival_of(trial)
         last += self._left_out
-        if more is MoreAngles.DEAR and not self._prices.within(best, self._bench.budget):
+        if not (self._fixed_grid or self._is_finest or self._prices.within(best, self._bench.budget)):
             last.append(f"{self._finer['angles']} angles were not tried: {self._prices.dear(best, self._bench.budget)}")
         n_static = self._limits.n_static if trial.reduction.static_modes else 0
         if trial.reduction.modes >= self._limits.most_modes(n_static):
             last.append(self._limits.last_mode)
-        refuse_basis(self._bench, trial, self.tolerance, self.allowed, self._ledger, last, rival)
+        refuse_basis(self._bench, trial, self.allowed, self._ledger, last, rival)
 
     def _rival_of(self, trial: Trial) -> Trial | None:
         """Return the largest basis that follows stretching in another way than one of second order does."""
@@ -351,11 +337,7 @@ class ReductionChoice:
 
         chosen, counts = self._grid, [n for n in self._angles if n < self._grid["angles"]]
         for scheme in schemes:
-            found = (
-                candidates.first_passing(len(counts), lambda k: passes(counts[k], scheme), len(counts) - 1)
-                if counts
-                else None
-            )
+            found = candidates.first_passing(len(counts), lambda k: passes(counts[k], scheme), len(counts) - 1)
             if found is not None:
                 chosen = {"angles": counts[found], "interpolation": scheme}
                 counts = counts[:found]
@@ -394,11 +376,7 @@ def leaves_open(scene: Scene) -> bool:
 
 
 def choose(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    group: RankGroup,
-    say: Callable[[str], None] = lambda text: None,
-    finished: Finished | None = None,
+    scene: Scene, meshes: Shapes, group: RankGroup, say: Said = lambda text: None, finished: Finished | None = None
 ) -> Choice:
     """Choose what the tolerances of a scene leave open. Collective on ``group.world``; its groups share an
     eigenproblem.
@@ -433,9 +411,14 @@ def choose(
         step.fit_reduced(trial)
         rom = bench.rom_of(trial)
         chosen = _chosen_scene(scene, step, trial, rom)
-        times = bench.processor_times(trial, step.n_steps, step.n_full)
-        cost = cost_text(times[0], step.n_steps, times[1], step.n_full, bench.full_model.title)
-        found = [*_of_loads(step), *mesh_remark(bench, trial.n_steps), cost]
+        n_full = step.search.chosen
+        times = bench.processor_times(trial, step.n_steps, n_full)
+        cost = cost_text(times[0], step.n_steps, times[1], n_full, bench.full_model.title)
+        found = [*mesh_remark(bench, trial.n_steps), cost]
+        if not step.kept:
+            loads = " and ".join(f"'{name}'" for name in step.loads)
+            sharper = "for loads with sharper corners, give simulation.tolerance with the run"
+            found.insert(0, f"the step was found with {loads}: {sharper}")
     asked = {name: getattr(scene, name).tolerance for name in ("reduction", "simulation")}
     used = step.loads if scene.reduction.tolerance is None else [load.name for load in bench.training.loads]
     selection = Selection(
@@ -459,7 +442,7 @@ def choose(
 
 
 def _tried(
-    bench: Bench, ledger: Ledger, step: step_choice.StepChoice, subject: Subject, say: Callable[[str], None]
+    bench: Bench, ledger: Ledger, step: step_choice.StepChoice, subject: Subject, say: Said
 ) -> tuple[Mapping[str, float], Trial]:
     """Return the errors that are allowed, and the reduced model that is given or chosen, with the step it has."""
     scene = subject.scene
@@ -476,7 +459,7 @@ def _tried(
     # also good enough with a step that was found later and is finer than the trial's
     tolerance = bench.scene.reduction.tolerance
     while trial.n_steps < step.n_steps:
-        finest = step.n_finest
+        finest = step.search.finest
         again = replace(trial, n_steps=finest)
         errors = bench.errors(step.loads, again.setting, again.exact)
         ledger.add_trial("basis", KNOBS, again, errors)
@@ -488,14 +471,6 @@ def _tried(
             refuse("reduction.tolerance", tolerance, "basis", parts, ledger, [])
         trial = ReductionChoice(bench, ledger, limits, n_steps, step.allowed).run()
     return allowed, trial
-
-
-def _of_loads(step: step_choice.StepChoice) -> Iterator[str]:
-    """Yield with which loads the step was found, where it was."""
-    if not step.kept:
-        loads = " and ".join(f"'{name}'" for name in step.loads)
-        sharper = "for loads with sharper corners, give simulation.tolerance with the run"
-        yield f"the step was found with {loads}: {sharper}"
 
 
 def _given_steps(scene: Scene) -> int:
@@ -584,11 +559,7 @@ def cost_text(reduced: float, n_reduced: int, full: float, n_full: int, title: s
 
 
 def choose_over_lengths(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    group: RankGroup,
-    say: Callable[[str], None],
-    finished: Finished | None = None,
+    scene: Scene, meshes: Shapes, group: RankGroup, say: Said, finished: Finished | None = None
 ) -> Choice:
     """Choose what the tolerances of a scene leave open, with any lengths; see `choose`. Collective on ``group.world``.
     Raises `InputError` or `RunError`, as `choose`; with the lengths at which what was chosen does not keep the
@@ -618,9 +589,7 @@ def choose_over_lengths(
     return Choice(chosen, build_rom(chosen, meshes, group), selection)
 
 
-def _chosen_at(
-    scene: Scene, lengths: Mapping[str, float], meshes: Mapping[str, BodyShape], group: RankGroup, **how: Any
-) -> Choice:
+def _chosen_at(scene: Scene, lengths: Mapping[str, float], meshes: Shapes, group: RankGroup, **how: Any) -> Choice:
     """Choose with some lengths, m; `how` is as of `choose`."""
     shapes = at_lengths(scene.with_values(lengths), meshes)
     try:

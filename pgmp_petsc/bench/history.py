@@ -17,7 +17,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bench.cases import Setting, Training
-from pgmp_petsc.models import FullModel, OutputRecord, ReducedModel
+from pgmp_petsc.models import Model, OutputRecord, ReducedModel
 from pgmp_petsc.models.model import floors_of as floors_of
 from pgmp_petsc.outputs.rainflow import at_the_end
 from pgmp_petsc.outputs.readings import Reading
@@ -28,11 +28,10 @@ from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 
-AnyModel = FullModel | ReducedModel
-
 MOST_INSTANTS = 1024  # kept of a run: enough for the largest value over time
 MARGIN = 0.02  # of a limited range: what the flexible bodies may add to the coordinate
 MOST_MISSING = 0.1  # share of the exact run's instants at which an output may be no number without being a failure
+Pulse = Callable[[int], object]  # what is called with numbers of steps while they are taken
 OF_SAMPLES = ("outputs", "status", "inside", "failure_time")
 
 
@@ -78,35 +77,24 @@ def spacing(n_steps: int) -> int:
 
 
 def run_history(
-    model: AnyModel,
-    values: Mapping[str, np.ndarray],
-    n_samples: int,
-    n_steps: int,
-    system: SecondOrderSystem | None = None,
-    pulse: Callable[[int], object] = lambda n_steps: None,
+    model: Model, values: Mapping[str, np.ndarray], n_samples: int, n_steps: int, pulse: Pulse = lambda n: None
 ) -> History:
     """Integrate samples with some parameter values, each of shape (n_samples,), in equal steps over the scene's
-    duration.
-
-    On this rank, in batches as large as the model takes, or the only sample on the ranks of a given system that share
-    it. `pulse` is called with numbers of steps.
-    """
-    if system is not None:
-        return _integrated(model, system, n_steps, pulse)
+    duration; on this rank, in batches as large as the model takes."""
     parts = []
     for first in range(0, n_samples, model.largest_batch):
         chosen = slice(first, min(first + model.largest_batch, n_samples))
         some = {name: column[chosen] for name, column in values.items()}
         with closing(model.batch(some, chosen.stop - chosen.start)) as made:
-            parts.append(_integrated(model, made, n_steps, pulse))
+            parts.append(integrated(model, made, n_steps, pulse))
     if len(parts) == 1:
         return parts[0]
     joined = {name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in OF_SAMPLES}
     return History(n_steps, parts[0].every, **joined)
 
 
-def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, pulse: Callable[[int], object]) -> History:
-    """Integrate a system and evaluate the outputs at the kept instants."""
+def integrated(model: Model, system: SecondOrderSystem, n_steps: int, pulse: Pulse = lambda n: None) -> History:
+    """Integrate a system, on the ranks that share it, and evaluate the outputs at the kept instants."""
     kinematics, n_samples = model.kinematics, system.n_samples
     # what measures free coordinates with a limited range; a reduced model watches its own itself
     free = [c for c in kinematics.coordinates if not (c.periodic or c.prescribed or isinstance(model, ReducedModel))]
@@ -128,7 +116,7 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int, pulse:
 class _Record(OutputRecord):
     """Keeps outputs, and frames of some nodes, after one of `every` so many steps."""
 
-    def __init__(self, model: AnyModel, system: SecondOrderSystem, nodes: list[int], *how: Any) -> None:
+    def __init__(self, model: Model, system: SecondOrderSystem, nodes: list[int], *how: Any) -> None:
         super().__init__(model, system, *how)
         self._nodes, self._frames = nodes, []
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.bench import Bench
-from pgmp_petsc.bench.cases import sets_in_at_once, stops_of
+from pgmp_petsc.bench.cases import stops_of
 from pgmp_petsc.bench.history import Errors, Trial
+from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.results.selection import Attempt
 
 FELL = 0.4  # an error that falls below this share of itself has found its cause
@@ -94,20 +95,14 @@ def refuse(
 
 
 def refuse_basis(
-    bench: Bench,
-    trial: Trial,
-    tolerance: float,
-    allowed: Mapping[str, float],
-    ledger: Ledger,
-    last: Sequence[str],
-    rival: Trial | None,
+    bench: Bench, trial: Trial, allowed: Mapping[str, float], ledger: Ledger, last: Sequence[str], rival: Trial | None
 ) -> NoReturn:
     """Find out what is wrong with the best basis and raise an `InputError` that says so.
 
     It may be the load's size, the parameters' distance, the step, how bodies stretch, or round-off. `trial` is the best
     that was found, `rival` the largest basis that follows stretching in the other way, `last` are further lines.
     """
-    entry, errors = "reduction.tolerance", trial.errors
+    entry, tolerance, errors = "reduction.tolerance", bench.scene.reduction.tolerance, trial.errors
     if not np.isfinite(errors.largest):
         refuse(entry, tolerance, "basis", allowed, ledger, last)
     possible = f"a tolerance of {1.05 * errors.largest * tolerance / allowed['basis']:.1e} can be met by this part"
@@ -246,7 +241,7 @@ def _cure_of_sudden_loads(bench: Bench, trial: Trial, unresolved: float) -> list
     rests = moving or scene.initial.equilibrium and scene.initial.coordinates == "free"
     weights = [] if rests else [name for name, effect in scene.effects.items() if effect.uniform]
     acting = {name: effect for name, effect in scene.plain_effects.items() if effect.is_over_time}
-    sudden = [name for name, effect in acting.items() if sets_in_at_once(effect.table or effect.harmonic)]
+    sudden = [name for name, effect in acting.items() if amplitude_of(effect).at_start != 0.0]
     cures = []
     if weights:
         moved, left = (of[output] for of in bench.from_rest(trial, trial.errors.loads[load], sample))

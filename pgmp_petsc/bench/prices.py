@@ -32,7 +32,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.controllers.acting import are_stated
 from pgmp_petsc.effects import Effect, actions_of
 from pgmp_petsc.estimates.reference_motion import OF_BESIDE, carrying, found_beside
@@ -103,7 +103,9 @@ def step_seconds(mechanism: Mechanism, by_itself: bool = False) -> float:
     floating = {body.name: body.n_internal for body in mechanism.bodies if body.blocks("floating")}
     if floating:
         return beside + more * component_step(mechanism, floating)
-    return beside + more * (_local(mechanism) + sum(body.step_seconds for body in mechanism.bodies))
+    return beside + more * (
+        LOCAL_EFFECT * n_local(mechanism.scene) + sum(body.step_seconds for body in mechanism.bodies)
+    )
 
 
 def step_of_samples(scene: Scene, step: float) -> float:
@@ -121,7 +123,7 @@ def component_step(mechanism: Mechanism, fields: Mapping[str, int]) -> float:
     body, and without what is found between corrections."""
     pairs, n = sum(m**2 for m in fields.values()), sum(count_of(mechanism)) + sum(fields.values())
     in_space = len(mechanism.bodies) * (mechanism.space.dimension == 3)
-    return _local(mechanism) + PAIR * pairs + BODY * in_space + CUBE * n**3
+    return LOCAL_EFFECT * n_local(mechanism.scene) + PAIR * pairs + BODY * in_space + CUBE * n**3
 
 
 def _beside(scene: Scene, by_itself: bool = False) -> float:
@@ -149,8 +151,8 @@ def _found_everywhere(scene: Scene) -> float:
     return sum(price[scene.dimension] for kind, price in FOUND_EVERYWHERE.items() if kind in read)
 
 
-def _local(mechanism: Mechanism) -> float:
-    return LOCAL_EFFECT * sum(effect.local for effect in mechanism.scene.effects.values())
+def n_local(scene: Scene) -> int:
+    return sum(effect.local for effect in scene.effects.values())
 
 
 def duration_text(seconds: float) -> str:
@@ -186,12 +188,9 @@ class Prospect:
         )
 
 
-def prospects(
-    scene: Scene, meshes: Mapping[str, BodyShape], mechanism: Mechanism, n_flexible: int, n_loads: int
-) -> list[Prospect]:
+def prospects(scene: Scene, meshes: Shapes, mechanism: Mechanism, n_flexible: int, n_loads: int) -> list[Prospect]:
     """Return what is predicted of the mesh, of component modes and of a reduced model: of its flexible coordinates, and
     of the load patterns that static modes could answer."""
-    n_local = sum(effect.local for effect in scene.effects.values())
     everywhere = _found_everywhere(scene)
     n_rigid, fields = len(scene.coordinates), amplitudes(scene, mechanism, scene.reduction.modes)
     answered = scene.reduction.static_modes or not n_loads or scene.reduction.tolerance is not None
@@ -218,8 +217,8 @@ def prospects(
         ),
         Prospect(
             "reduced", why_refused(scene, Purpose.BUILD, meshes), n_flexible + n_rigid, build_seconds(scene, mechanism),
-            reduced_step(n_flexible, n_rigid, scene.second_order, n_local) + in_lanes, 0.005 if answered else 0.03,
-            share,
+            reduced_step(n_flexible, n_rigid, scene.second_order, n_local(scene)) + in_lanes,
+            0.005 if answered else 0.03, share,
         ),
     ]  # fmt: skip
     return [
@@ -227,9 +226,7 @@ def prospects(
     ]
 
 
-def choice(
-    scene: Scene, meshes: Mapping[str, BodyShape], found: Sequence[Prospect], n_steps: int, effects: Sequence[Effect]
-) -> str:
+def choice(scene: Scene, meshes: Shapes, found: Sequence[Prospect], n_steps: int, effects: Sequence[Effect]) -> str:
     """Return which model to take for how many samples of so many steps, in words; among those whose error is small."""
     good = [one for one in found if not one.refused and one.error <= GOOD]
     compared = not why_refused(scene, Purpose.TRADEOFF, meshes)
@@ -314,11 +311,11 @@ def coefficients(n_flexible: int, n_rigid: int, second_order: bool) -> int:
     return entries * N_POWERS**n_rigid
 
 
-def reduced_step(n_flexible: int, n_rigid: int, second_order: bool, n_local: int) -> float:
+def reduced_step(n_flexible: int, n_rigid: int, second_order: bool, n_effects: int) -> float:
     """Return the predicted processor time of a step of a sample of a reduced model, s, with so many local effects."""
     n = coefficients(n_flexible, n_rigid, second_order)
     each = CACHED if 8 * LANES * n <= CACHE else FROM_MEMORY
-    return REDUCED_SAMPLE + REDUCED_EFFECT * n_local + each * n
+    return REDUCED_SAMPLE + REDUCED_EFFECT * n_effects + each * n
 
 
 def condensing(mechanism: Mechanism) -> float:

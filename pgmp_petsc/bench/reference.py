@@ -12,7 +12,7 @@ from the eigenproblem of the modes; of a reduced model from its tables; of bodie
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -21,20 +21,20 @@ from scipy.linalg import block_diag, eigh, null_space
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bench.history import AnyModel, History, errors_between, floors_of, largest_errors, run_history
+from pgmp_petsc.bench.history import History, errors_between, floors_of, largest_errors, run_history
 from pgmp_petsc.bench.prices import Price, duration_text, step_seconds
 from pgmp_petsc.bodies.component import rigid_motions
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.matrices import AffineMatrices
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.components.component_modes import weighted_sum_dense
 from pgmp_petsc.components.condensing import angle_group, condensed, floating_shapes
 from pgmp_petsc.effects import start_of
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
-from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, why_no_full_model
+from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model, why_refused
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
+from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
 from pgmp_petsc.models.component_file import ModelBodyFile, bodies_of, model_of
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.agreement import agreed, on_root
@@ -49,13 +49,13 @@ class Subject:
     """A scene and its bodies."""
 
     scene: Scene  # as the user gave it
-    meshes: Mapping[str, BodyShape]  # the mesh of every body
-    shapes: Mapping[str, BodyShape]  # the same, bodies of continuum cells condensed
+    meshes: Shapes  # the mesh of every body
+    shapes: Shapes  # the same, bodies of continuum cells condensed
     kinematics: RigidKinematics  # of the mechanism of `shapes`
     n_modes: int  # modes that bodies are condensed for
 
     @classmethod
-    def of(cls, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, n_modes: int) -> Self:
+    def of(cls, scene: Scene, meshes: Shapes, group: RankGroup, n_modes: int) -> Self:
         """Condense the bodies for so many modes, and follow the rigid motion. Collective on ``group.world``."""
         serving = scene.with_entries(reduction={"modes": n_modes, "tolerance": None})
         shapes = condensed(serving, meshes, group, large=takes_second_order(scene))
@@ -71,14 +71,10 @@ class Subject:
 
 def takes_second_order(scene: Scene) -> bool:
     """Return whether a reduced model of the scene may have terms of second order."""
-    asked = scene.with_entries(reduction={"second_order": True, "tolerance": None})
-    try:
-        check_capabilities(asked, Purpose.BUILD)
-    except InputError:
-        return False
-    return True
+    return not why_refused(scene.with_entries(reduction={"second_order": True, "tolerance": None}), Purpose.BUILD)
 
 
+Said = Callable[[str], None]  # what takes lines for whoever waits
 CHECK_SHARE = 0.1  # of the budget, for the distance of the component model from the mesh
 FEWEST_STEPS = 16  # of the mesh that tell anything about that distance
 MOST_POINTS = 3
@@ -108,9 +104,7 @@ class Reference:
         return {"model": self.model.name, "predicted_seconds": price, "why": self.why, "from_mesh": apart}
 
 
-def condensed_bodies(
-    scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm, n_modes: int | None = None
-) -> dict[str, ModelBodyFile]:
+def condensed_bodies(scene: Scene, meshes: Shapes, comm: Comm, n_modes: int | None = None) -> dict[str, ModelBodyFile]:
     """Return the bodies of a scene as component models have them. Collective on `comm`; parameters and errors as of
     `component_model`."""
     serving = scene if n_modes is None else scene.with_entries(reduction={"modes": n_modes})
@@ -122,11 +116,7 @@ def condensed_bodies(
 
 
 def component_model(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    comm: Comm,
-    n_modes: int | None = None,
-    kinematics: RigidKinematics | None = None,
+    scene: Scene, meshes: Shapes, comm: Comm, n_modes: int | None = None, kinematics: RigidKinematics | None = None
 ) -> ComponentModel:
     """Return the component model of a scene, whose fields serve so many modes, ``reduction.modes`` by default.
     Collective on `comm`.
@@ -152,7 +142,7 @@ class Demand:
 
 
 def choose_reference(
-    scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKinematics, demand: Demand, comm: Comm
+    scene: Scene, meshes: Shapes, kinematics: RigidKinematics, demand: Demand, comm: Comm
 ) -> Reference:
     """Choose the mesh where it is within the budget, or named, else the component model. Collective on `comm`. Raises
     `InputError` if neither is within the budget and none is named; or if the component model is named and there is
@@ -194,12 +184,7 @@ def choose_reference(
 
 
 def distance_from_mesh(
-    reference: Reference,
-    meshes: Mapping[str, BodyShape],
-    values: Mapping[str, np.ndarray],
-    n_samples: int,
-    n_steps: int,
-    comm: Comm,
+    reference: Reference, meshes: Shapes, values: Mapping[str, np.ndarray], n_samples: int, n_steps: int, comm: Comm
 ) -> Reference:
     """Return a reference that says how far it is from the mesh. Collective on `comm`.
 
@@ -270,23 +255,18 @@ def first_period(scene: Scene, kinematics: RigidKinematics, comm: Comm, group: C
     eigenproblem."""
     frequency = 0.0
     with agreed(comm, "first mode"), ModalProblem(kinematics, scene.nominal, 1, group) as problem:
-        frequency = float(problem.solve(start_of_coordinates(scene, kinematics)).frequencies_hz[0])
+        frequency = float(problem.solve(start_of(scene, kinematics.mechanism)[0]).frequencies_hz[0])
     # the first rank's: numbers of steps follow from it on all of them
     return 1.0 / comm.bcast(frequency)
 
 
-def period_of(model: AnyModel, comm: Comm) -> float:
+def period_of(model: Model, comm: Comm) -> float:
     """Return the period of any model (s). Collective on `comm`."""
     if isinstance(model, ReducedModel):
         return on_root(comm, _of_tables, model)
     if isinstance(model, ComponentModel):
         return on_root(comm, _of_floating_bodies, model)
     return first_period(model.scene, model.kinematics, comm, comm)
-
-
-def start_of_coordinates(scene: Scene, kinematics: RigidKinematics) -> np.ndarray:
-    """Return where the coordinates of a scene start, shape (n_theta,), rad."""
-    return start_of(scene, kinematics.mechanism)[0]
 
 
 def _of_tables(model: ReducedModel) -> float:
@@ -299,7 +279,7 @@ def _of_tables(model: ReducedModel) -> float:
 def _of_floating_bodies(model: ComponentModel) -> float:
     """Return the period of bodies in floating frames."""
     kinematics, nominal = model.kinematics, model.scene.nominal
-    mechanism, start = kinematics.mechanism, start_of_coordinates(model.scene, kinematics)
+    mechanism, start = kinematics.mechanism, start_of(model.scene, kinematics.mechanism)[0]
     pose = kinematics.poses(start[None])[..., 0]
     clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
     moved, masses, stiffnesses = [], [], []
@@ -335,15 +315,11 @@ def _inertia(floating: FloatingBody, nominal: dict[str, float]) -> np.ndarray:
     """Return the mass of rigid motions and amplitudes of a body in a floating frame, in its own frame."""
     d = floating.centres.shape[1]
     moments, n_rigid = weighted_sum_dense(floating.moments, nominal), d * (d + 1) // 2
-    rigid, total = rigid_motions(np.zeros(d)), np.zeros((n_rigid + floating.n,) * 2)
-    for k in range(d):
-        # the k-th component of the displacement, by the scalar fields (1, X, Psi_1, .. Psi_d)
-        fields = np.zeros((len(moments), n_rigid + floating.n))
-        fields[0, :n_rigid], fields[1 : 1 + d, :n_rigid] = rigid[k], rigid[d + d * k : d + d * (k + 1)]
-        own = slice(1 + d + k * floating.n, 1 + d + (k + 1) * floating.n)
-        fields[own, n_rigid:] = np.eye(floating.n)
-        total += fields.T @ moments @ fields
-    return total
+    # every component of the displacement by the scalar fields (1, X, Psi_1, .. Psi_d)
+    rigid, fields = rigid_motions(np.zeros(d)), np.zeros((d, len(moments), n_rigid + floating.n))
+    fields[:, 0, :n_rigid], fields[:, 1 : 1 + d, :n_rigid] = rigid[:d], rigid[d:].reshape(d, d, n_rigid)
+    fields[:, 1 + d :, n_rigid:] = np.eye(d * floating.n).reshape(d, floating.n, -1).swapaxes(1, 2)
+    return np.sum(fields.swapaxes(1, 2) @ moments @ fields, axis=0)
 
 
 OF_SMALLEST = 0.1  # error of any setting: what the last halving may move

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import numpy as np
 
@@ -28,13 +27,11 @@ from pgmp_petsc.bench.history import Errors, Trial
 from pgmp_petsc.bench.ledger import STEP, ZERO, Ledger, refuse
 from pgmp_petsc.bench.prices import Price
 from pgmp_petsc.bench.reference import Reference, period_of
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import Model
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import steps_of_samplings
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.parameters import spanning_values
-
-AnyModel = TypeVar("AnyModel", FullModel, ReducedModel)
 
 AHEAD = 8
 SEEN = 16  # 64 steps a period of the first flexible mode: ten times its frequency is not damped within some periods
@@ -156,7 +153,7 @@ class StepChoice:
     """The step of a scene: given, or as the tolerance wants it. Collective on the bench's ranks.
 
     The ledger takes what was tried; the period is that of the first flexible mode, s, and `model` says whose runs these
-    are.
+    are. The `search` knows how many steps the full-order model needs, and those of its finest run that is at hand.
     """
 
     def __init__(self, bench: Bench, ledger: Ledger, period: float, model: str = "full") -> None:
@@ -171,9 +168,9 @@ class StepChoice:
         self._periods = self._first / FIRST_PER_PERIOD
         self.loads = tuple(load.name for load in bench.training.loads if load.for_step)
         of_step = STEP * (np.inf if self.tolerance is None else self.tolerance)
-        self._search = StepSearch(self._compare, self._first, of_step, self._coarsest, self._multiple)
+        self.search = StepSearch(self._compare, self._first, of_step, self._coarsest, self._multiple)
         if self.kept:
-            self._search.chosen = self._search.finest = self.n_given
+            self.search.chosen = self.search.finest = self.n_given
         self._last: Errors | None = None
         self._n_reduced = 0
 
@@ -184,7 +181,7 @@ class StepChoice:
 
     @property
     def n_steps(self) -> int:
-        return self._n_reduced or self._search.chosen
+        return self._n_reduced or self.search.chosen
 
     @property
     def n_basis(self) -> int:
@@ -192,21 +189,11 @@ class StepChoice:
         if self.kept:
             return self.n_given
         most = UNKNOWN_PER_PERIOD // FIRST_PER_PERIOD * self._first
-        if self._search.chosen is None:
+        if self.search.chosen is None:
             return most
         # whatever longer step is chosen: with it both models damp the vibrations that tell bases apart
-        resolving = max(self._search.chosen, self._first)
-        return min(FINER_THAN_CHOSEN * resolving, max(most, self._search.chosen))
-
-    @property
-    def n_full(self) -> int:
-        """Number of steps that the full-order model needs."""
-        return self._search.chosen
-
-    @property
-    def n_finest(self) -> int:
-        """Steps of the finest full-order run that is at hand."""
-        return self._search.finest
+        resolving = max(self.search.chosen, self._first)
+        return min(FINER_THAN_CHOSEN * resolving, max(most, self.search.chosen))
 
     @property
     def step(self) -> float:
@@ -218,7 +205,7 @@ class StepChoice:
         if self.tolerance is None:
             return
         if not self.kept:
-            self._search.advance(min(round(EARLY_PER_PERIOD * self._periods), self._most))
+            self.search.advance(min(round(EARLY_PER_PERIOD * self._periods), self._most))
             return
         n = self.n_given
         ahead = AHEAD if AHEAD * n <= self._most else 2
@@ -235,7 +222,7 @@ class StepChoice:
         enough, with what the other parts of the error may be."""
         if self.kept:
             return
-        search = self._search
+        search = self.search
         search.advance(self._most)
         search.settle_for_finest()
         if search.chosen is None:
@@ -291,7 +278,7 @@ class StepChoice:
         if good or n_steps >= self._first:
             self._ledger.reasons["simulation.step"] = (
                 f"{n_steps} steps leave {errors.largest:.2g}, allowed {STEP * self.tolerance:.2g}, of the reduced "
-                f"model itself; the full-order one needs {self._search.chosen}"
+                f"model itself; the full-order one needs {self.search.chosen}"
             )
         return good
 
@@ -324,7 +311,7 @@ class StepChoice:
         self._ledger.add("step", {"step": step, "model": model or self._model}, n_steps, errors)
 
 
-def settle_step(model: AnyModel, comm: Comm, ensemble: bool) -> tuple[AnyModel, str]:
+def settle_step(model: Model, comm: Comm, ensemble: bool) -> tuple[Model, str]:
     """Return a model with the step that its scene's tolerance allows, and what was chosen. Collective on `comm`.
 
     The step follows from runs of the model itself, those to come: the scene's own loads; for an ensemble with the

@@ -11,7 +11,7 @@ operations, never from times: the settings are the same in every run, on any num
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from time import process_time
@@ -32,11 +32,12 @@ from pgmp_petsc.bench.reference import (
     Demand,
     Reference,
     ReferenceSequence,
+    Said,
     Subject,
     choose_reference,
     distance_from_mesh,
 )
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import why_no_grid
@@ -107,20 +108,12 @@ QUICK = Sweep(
 
 
 def measure_tradeoff(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    sweep: Sweep,
-    n_samples: int,
-    quick: bool,
-    comm: Comm,
-    finished: Finished | None = None,
-    say: Callable[[str], None] = lambda text: None,
+    scene: Scene, meshes: Shapes, sweep: Sweep, n_samples: int, comm: Comm, say: Said, finished: Finished | None = None
 ) -> Tradeoff | None:
     """Measure errors and times of the settings of a sweep, on the first rank; None elsewhere. Collective on `comm`.
 
-    The advice is for so many samples; `quick`, whether the sweep is the short one, is for the record. What errors are
-    measured against, and what that is predicted to take, goes to `say` before it is run; what an earlier run finished
-    is in `finished`, where further tasks are kept.
+    The advice is for so many samples. What errors are measured against, and what that is predicted to take, goes to
+    `say` before it is run; what an earlier run finished is in `finished`, where further tasks are kept.
 
     Raises `InputError` if the scene has no outputs, its mechanism cannot be closed, or there is no reference within the
     budget; `RunError` if the reference fails at a test value, so that there is nothing to compare with.
@@ -131,7 +124,7 @@ def measure_tradeoff(
             '[outputs.angle] type = "angle", joint = "<a revolute joint>"'
         )
     scene = _of_one_mechanism(scene)
-    timings, sweep = Timings(), sweep.over(len(scene.coordinates))
+    timings, quick, sweep = Timings(), sweep != FULL, sweep.over(len(scene.coordinates))
     training = Training.of_own_loads(scene, *held_out(scene))
     with RankGroup.split(alone(), 1) as own:
         with timings.phase("preparation"), without_progress():
@@ -177,12 +170,7 @@ def _of_one_mechanism(scene: Scene) -> Scene:
 
 
 def _prepared(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    training: Training,
-    sweep: Sweep,
-    comm: Comm,
-    say: Callable[[str], None],
+    scene: Scene, meshes: Shapes, training: Training, sweep: Sweep, comm: Comm, say: Said
 ) -> tuple[Subject, Reference, dict[str, float]]:
     """Condense bodies and choose the reference; return the processor times of both by what they are for."""
     modes, n = scene.reduction.modes, scene.simulation.n_steps
@@ -269,17 +257,15 @@ class _Study:
     _measured: dict[Setting, Measured] = field(default_factory=dict)
     _finest: Measured | None = None  # on the finest mesh
     _sequences: dict[int, ReferenceSequence] = field(init=False)
-    _floors: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         n, halvings = self.scene.simulation.n_steps, self.sweep.reference_halvings
-        self._floors = self.bench.floors
         # where errors fall by 4 with each halving, a step of an eighth of the finest one is the first that can settle;
         # on refined meshes no setting has a finer step than the scene's
         refinements = self.sweep.refinements if self.limits.refinable else ()
         finest = {1: n * 2**self.sweep.finer} | dict.fromkeys(refinements, n)
         self._sequences = {
-            refinement: ReferenceSequence(4 * steps, self._most(n * 2 ** halvings[refinement > 1]), self._floors)
+            refinement: ReferenceSequence(4 * steps, self._most(n * 2 ** halvings[refinement > 1]), self.bench.floors)
             for refinement, steps in finest.items()
         }
 
@@ -368,7 +354,7 @@ class _Study:
         history, sequence = self._measured[setting].history, self._sequences[setting.refinement]
         if history is None or not sequence.usable:
             return np.full(len(self.scene.outputs), np.nan)
-        return largest_errors(history, sequence.history, self._floors)
+        return largest_errors(history, sequence.history, self.bench.floors)
 
     def _smallest(self, refinement: int) -> np.ndarray:
         """Return the smallest error of every output on a mesh; infinite where there is none."""
@@ -404,7 +390,7 @@ class _Study:
         for refinement in refinements:
             run = self._measured.get(Setting("full", n, refinement), self._finest)
             known = exact is not None and run.history is not None
-            errors = largest_errors(run.history, exact, self._floors) if known else np.full(n_outputs, np.nan)
+            errors = largest_errors(run.history, exact, self.bench.floors) if known else np.full(n_outputs, np.nan)
             rows.append(errors)
         cells = [self.bench.n_cells(refinement) for refinement in refinements]
         return MeshErrors(np.array(refinements), np.array(cells), np.array(rows))
@@ -415,11 +401,11 @@ class _Study:
         apart, runs = None, (self._measured.get(Setting("full", self.scene.simulation.n_steps, 1)), self._finest)
         if all(run is not None and run.history is not None for run in runs):
             own, exact = (run.history for run in runs)
-            shares = errors_of_samples(own, exact, self._floors)
+            shares = errors_of_samples(own, exact, self.bench.floors)
             worst = np.argmax(np.nan_to_num(shares, nan=-1.0, posinf=-1.0), axis=1)
-            apart = shares * np.maximum(sizes_of(exact), self._floors[:, None])
+            apart = shares * np.maximum(sizes_of(exact), self.bench.floors[:, None])
             apart = tuple((int(at), float(row[at])) for at, row in zip(worst, apart))
-        return Sizes(np.where(found > self._floors[:, None], found, 0.0), apart)
+        return Sizes(np.where(found > self.bench.floors[:, None], found, 0.0), apart)
 
 
 def _flags(setting: Setting, scene: Scene) -> str:

@@ -22,6 +22,7 @@ from pgmp_petsc.scene.messages import problem
 #: What is condensed.
 ContinuumShape = SolidMesh | Assembled
 BodyShape = LineMesh | ContinuumShape | Component | FloatingBody
+Shapes = Mapping[str, BodyShape]  # of bodies, by name
 NO_LENGTH = 1e-9  # share of its hinge's place that an element is longer than, so that seven digits of it are left
 
 

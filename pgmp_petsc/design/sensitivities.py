@@ -13,9 +13,9 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures, polynomials_of_lengths
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.contacts import Contact
-from pgmp_petsc.gradients.differences import NEAR, AnyModel, Off, announce_runs, why_differences
+from pgmp_petsc.gradients.differences import NEAR, Off, announce_runs, why_differences
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
-from pgmp_petsc.models import LengthLanes, ReducedModel, of_samples
+from pgmp_petsc.models import LengthLanes, Model, Observing, ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants, is_sharp, vertex
 from pgmp_petsc.results.numbers import nothing, share_text
@@ -99,9 +99,7 @@ def _change(scene: Scene, name: str) -> tuple[float, str]:
     return SHARE * abs(scene.values[name]), PERCENT
 
 
-def _of_own_error(
-    model: ReducedModel | LengthLanes, run: DifferentiatedRun, names: Sequence[str]
-) -> tuple[Remark, ...]:
+def _of_own_error(model: Observing, run: DifferentiatedRun, names: Sequence[str]) -> tuple[Remark, ...]:
     """Return what errors of the model do to the effects at the end: they change from here to the next value of each
     parameter."""
     scene, what, units = model.scene, "derivatives", model.outputs.units
@@ -138,7 +136,7 @@ def _moved(scene: Scene, name: str) -> float:
     return on if on == value + change or on - value > value - back else back
 
 
-def step_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> list[Remark]:
+def step_remarks(model: Observing, run: DifferentiatedRun) -> list[Remark]:
     """Return that a run took smaller steps than the scene's, where it did."""
     if run.steps_divided == 1:
         return []
@@ -147,7 +145,7 @@ def step_remarks(model: ReducedModel | LengthLanes, run: DifferentiatedRun) -> l
 
 
 @gathered
-def difference_remarks(model: AnyModel, off: Off) -> Iterator[Remark]:
+def difference_remarks(model: Model, off: Off) -> Iterator[Remark]:
     """Return that derivatives are differences of runs, where they are, and how far these may be off."""
     why = why_differences(model)
     if why:
@@ -169,7 +167,7 @@ def difference_remarks(model: AnyModel, off: Off) -> Iterator[Remark]:
 
 
 @gathered
-def run_remarks(model: AnyModel, run: DifferentiatedRun) -> Iterator[Remark]:
+def run_remarks(model: Model, run: DifferentiatedRun) -> Iterator[Remark]:
     """Return what is to be said of the derivatives of a run."""
     yield note(
         f"derivatives are those of the {model.title} model with its time step; errors of the run are estimated by pgmp "

@@ -19,14 +19,13 @@ multiplied by the first of these equations. Where the path turns at the edge (gr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.gradients.linearisation import Linearisation
-from pgmp_petsc.models import LengthLanes, ReducedModel
+from pgmp_petsc.models import Observing
 from pgmp_petsc.stepping.alpha_step import AlphaStep
 from pgmp_petsc.stepping.edge_search import EventLocation, Part
 from pgmp_petsc.stepping.edge_search import Place as Moment
@@ -60,25 +59,19 @@ class Contacts:
     """
 
     def __init__(
-        self,
-        model: ReducedModel | LengthLanes,
-        values: Mapping[str, float],
-        linearisation: Linearisation,
-        times: np.ndarray,
-        states: State,
-        auxiliary: np.ndarray,
+        self, model: Observing, linearisation: Linearisation, times: np.ndarray, states: State, auxiliary: np.ndarray
     ) -> None:
         self._model, self._linearisation, self._times, self._states = model, linearisation, times, states
         self._radius, self._step = model.scene.simulation.spectral_radius, times[-1] / (len(times) - 1)
-        self._free = ~model.terms.tables.prescribed(model.motions)
-        self._beyond = linearisation.depths(times, states) > 0.0
+        self._free = ~linearisation.prescribed
+        self._beyond = linearisation.local.depths(times, states) > 0.0
         self._in_parts = self._taken_in_parts()
         self._location: EventLocation | None = None
         self._known = 0, auxiliary  # an instant, and the auxiliary accelerations there
         self.found: list[Contact] = []
         if self._in_parts.any() or (self._beyond[1:] != self._beyond[:-1]).any():
-            system = model.batch({name: np.array([value]) for name, value in values.items()}, 1)
-            self._location = EventLocation(system, AlphaStep(system, self._radius), _at(states, 0))
+            system = model.batch({name: np.array([value]) for name, value in linearisation.values.items()}, 1)
+            self._location = EventLocation(system, AlphaStep(system, self._radius), states.at(slice(1)).copy())
 
     def following(self, first: int) -> int:
         """Return the number of the first instant, from one on, whose step crosses an edge; n_t where there is none."""
@@ -133,7 +126,8 @@ class Contacts:
         n, c = len(weighted), scheme.alpha_m / (1.0 - scheme.alpha_m)
         added = (-c) ** np.arange(n - 1, -1, -1.0) @ weighted / (1.0 - scheme.alpha_m)
         auxiliary = (-c) ** n * auxiliary + added
-        before, end = (_at(self._states, number - 1), auxiliary[None]), float(self._times[number])
+        before = self._states.at(slice(number - 1, number)).copy(), auxiliary[None]
+        end = float(self._times[number])
         parts = self._location.parts(before, end, self._step, np.ones(1, dtype=bool))
         off = np.inf
         if parts is not None:
@@ -148,7 +142,7 @@ class Contacts:
 
     def _up_to_edge(self, part: Part, along: np.ndarray, with_length: np.ndarray) -> np.ndarray:
         """Return the derivatives of the length of a part with the parameters, and note the contact."""
-        edge = self._linearisation.edge(part.edge, part.end, part.state)
+        edge = self._linearisation.local.edge(part.edge, part.end, part.state)
         rate = float(edge.gradient @ with_length)
         entry = next(effect.entry for effect in self._model.effects if effect.name == edge.effect)
         turning = min(abs(rate), abs(edge.rate)) / max(abs(edge.acceleration), TINY)
@@ -171,7 +165,7 @@ class Contacts:
         length, (4, n_eta)."""
         h, scheme = part.duration, Scheme.of(self._radius, part.duration)
         weight, (start, behind) = 1.0 / (1.0 - scheme.alpha_m), before
-        there = self._linearisation.at(np.array([part.end]), part.state, scheme, with_time=True)
+        there = self._linearisation.at(np.array([part.end]), part.state, scheme, by_time=True)
         late = np.append(moved, 1.0)[:, None]  # how the end moves
         of_q, of_v, now, auxiliary = np.concatenate([moment, np.zeros((4, 1, moment.shape[2]))], axis=1)
         ahead = (now - scheme.alpha_m * auxiliary) * weight
@@ -195,9 +189,3 @@ class Contacts:
         end = ((1.0 - scheme.alpha_f) * then + scheme.alpha_f * now - scheme.alpha_m * auxiliary) * weight
         found = np.array([q + x, v + scheme.gain_v * x, then, end])
         return found[:, :-1], found[:, -1]
-
-
-def _at(states: State, number: int) -> State:
-    """Return one of the states of a run, arrays of shape (1, n_eta)."""
-    one = slice(number, number + 1)
-    return State(states.q[one].copy(), states.v[one].copy(), states.a[one].copy(), states.multipliers)

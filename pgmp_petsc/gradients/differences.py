@@ -27,9 +27,8 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.progress import announce
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel, SeparateLengths
+from pgmp_petsc.models import ComponentModel, Model, ReducedModel
 
-AnyModel = ReducedModel | LengthLanes | ComponentModel | SeparateLengths
 NEAR, FAR, CLOSE = 3e-5, 2e-4, 3e-7  # of a parameter's size, that runs beside are away
 ENOUGH = 1e-5  # of the largest effect on an output: derivatives that may be no more off are good
 CORNER = 1e-3  # of that: what noise at `NEAR` leaves is mostly less, a corner or a jump between runs makes more
@@ -81,13 +80,13 @@ class Slopes:
                 self.effects[name], self.away[name] = other.effects[name], away
 
 
-def why_differences(model: AnyModel) -> str:
+def why_differences(model: Model) -> str:
     """Return why derivatives of a model's runs are differences; empty where they are exact."""
     named = [f"the {model.title} model"] if model.name == ComponentModel.name else []
     return ", ".join([*named, *model.scene.beside])
 
 
-def announce_runs(model: AnyModel, names: Sequence[str], what: str, comm: Comm) -> None:
+def announce_runs(model: Model, names: Sequence[str], what: str, comm: Comm) -> None:
     """Say before the work begins how many runs derivatives take, where they are not samples of one batch."""
     why = why_differences(model)
     n = Differences.of(model, model.scene.values, names, NEAR).n_runs if why else 0
@@ -110,7 +109,7 @@ class Differences:
     sizes: np.ndarray
 
     @classmethod
-    def of(cls, model: AnyModel, values: Mapping[str, float], names: Sequence[str], share: float) -> Differences:
+    def of(cls, model: Model, values: Mapping[str, float], names: Sequence[str], share: float) -> Differences:
         """Return the runs for derivatives with some parameters, by a share of their sizes; raises `InputError` if one
         has no size."""
         columns, sizes = [np.array(list(values.values()))], [_size(model, values, name) for name in names]
@@ -138,7 +137,7 @@ class Differences:
         return self.weights.shape[-1]
 
 
-def _size(model: AnyModel, values: Mapping[str, float], name: str) -> float:
+def _size(model: Model, values: Mapping[str, float], name: str) -> float:
     """Return what a parameter is of the size of: its value, or a share of its bounds, or its deviation."""
     parameter, sizes = model.scene.parameters[name], [abs(values[name])]
     if parameter.bounds is not None:

@@ -51,11 +51,11 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.gradients.contacts import Contact, Contacts
-from pgmp_petsc.gradients.differences import FURTHER, NEAR, AnyModel, Differences, Off, why_differences
+from pgmp_petsc.gradients.differences import FURTHER, NEAR, Differences, Off, why_differences
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import eliminate
-from pgmp_petsc.models import LengthLanes, OutputRecord, ReducedModel
+from pgmp_petsc.models import Model, Observing, OutputRecord, ReducedModel
 from pgmp_petsc.models.lengths import blended
 from pgmp_petsc.models.reduced_statics import JointAngles
 from pgmp_petsc.outputs.of_outputs import FormulaOfOutputs
@@ -67,6 +67,7 @@ from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, StateRecord, int
 from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 
+Outputs = dict[str, np.ndarray]  # over a run or their derivatives, by their names, (n_t,) each
 MOST_NUMBERS = 4_000_000  # of matrices along a run that are kept at once, 32 MB
 
 
@@ -75,24 +76,21 @@ class DifferentiatedRun:
     """A run and its derivatives."""
 
     time: np.ndarray  # shape (n_t,), s
-    outputs: dict[str, np.ndarray]  # each of shape (n_t,)
+    outputs: Outputs
     #: of every output with every parameter, by the names of both: ``derivatives[output][parameter]``, (n_t,)
     derivatives: dict[str, dict[str, np.ndarray]]
     steps_divided: int = 1  # by what the scene's step was divided
     off: Off = Off()  # how far derivatives that are differences may be off; see `differences`
     contacts: tuple[Contact, ...] = ()  # instants at which end stops are met and left, with their own derivatives
 
-    def at_steps_of_scene(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def at_steps_of_scene(self) -> tuple[np.ndarray, Outputs]:
         """Return the instants after the scene's own steps and the outputs there, as many whatever the run's steps."""
         every = slice(None, None, self.steps_divided)
         return self.time[every], {name: values[every] for name, values in self.outputs.items()}
 
 
 def differentiate(
-    model: AnyModel,
-    values: Mapping[str, float],
-    names: Sequence[str],
-    pulse: Callable[[int], object] = lambda n_steps: None,
+    model: Model, values: Mapping[str, float], names: Sequence[str], pulse: Callable[[int], object] = lambda n: None
 ) -> DifferentiatedRun:
     """Run one sample, and differentiate its outputs with some parameters; with forces beside (`Scene.beside`), and of
     component models, by `differences`.
@@ -120,7 +118,7 @@ def differentiate(
     step, radius = times[-1] / (len(times) - 1), model.scene.simulation.spectral_radius
     first = first_accelerations(system, system.start(), step, np.ones(1, dtype=bool), radius)
     begun = replace(states, a=np.concatenate([first.a, states.a[1:]]))
-    contacts = Contacts(model, values, linearisation, times, begun, first.auxiliary[0])
+    contacts = Contacts(model, linearisation, times, begun, first.auxiliary[0])
     changes = _propagated(model, first, linearisation, contacts, times, states)
     with np.errstate(all="ignore"):
         observed = ObservedChanges(model, values, times, states)
@@ -129,7 +127,7 @@ def differentiate(
     return DifferentiatedRun(times, outputs, derivatives, attempt.divisor, contacts=tuple(contacts.found))
 
 
-def _fine(model: AnyModel, once: Callable[[Attempt], tuple[Run, Any]]) -> tuple[Attempt, Any]:
+def _fine(model: Model, once: Callable[[Attempt], tuple[Run, Any]]) -> tuple[Attempt, Any]:
     """Integrate `once`, or again with smaller steps; return the attempt that came to the end and what it kept. Raises
     `RunError` if none did."""
     kept: list[tuple[Attempt, Run, Any]] = []
@@ -149,7 +147,7 @@ def _fine(model: AnyModel, once: Callable[[Attempt], tuple[Run, Any]]) -> tuple[
 
 
 def _by_differences(
-    model: AnyModel, values: Mapping[str, float], names: Sequence[str], pulse: Callable[[int], object]
+    model: Model, values: Mapping[str, float], names: Sequence[str], pulse: Callable[[int], object]
 ) -> DifferentiatedRun:
     """Return a run with differences of the runs beside it as derivatives; see `differentiate`."""
     near = Differences.of(model, values, names, NEAR)
@@ -176,12 +174,12 @@ def _by_differences(
 
 
 def _runs_beside(
-    model: AnyModel, beside: Differences, pulse: Callable[[int], object] = lambda n_steps: None
-) -> tuple[Attempt, np.ndarray, dict[str, np.ndarray]]:
+    model: Model, beside: Differences, pulse: Callable[[int], object] = lambda n_steps: None
+) -> tuple[Attempt, np.ndarray, Outputs]:
     """Run a sample and those beside it; return the attempt, times (n_t,), and outputs, each (n_runs, n_t)."""
 
-    def once(attempt: Attempt) -> tuple[Run, tuple[np.ndarray, list[dict[str, np.ndarray]]]]:
-        times, runs = np.zeros(0), list[dict[str, np.ndarray]]()
+    def once(attempt: Attempt) -> tuple[Run, tuple[np.ndarray, list[Outputs]]]:
+        times, runs = np.zeros(0), list[Outputs]()
         while len(runs) < beside.n_runs:
             n = min(model.largest_batch, beside.n_runs - len(runs))
             own = {name: column[len(runs) : len(runs) + n] for name, column in beside.values.items()}
@@ -204,12 +202,8 @@ def _runs_beside(
 
 
 def _counted(
-    model: AnyModel,
-    values: Mapping[str, float],
-    times: np.ndarray,
-    outputs: dict[str, np.ndarray],
-    by_name: Mapping[str, dict[str, np.ndarray]],
-) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
+    model: Model, values: Mapping[str, float], times: np.ndarray, outputs: Outputs, by_name: Mapping[str, Outputs]
+) -> tuple[Outputs, dict[str, dict[str, np.ndarray]]]:
     """Return outputs, with what is counted of them, and their derivatives by the names of outputs and parameters."""
     counts = model.outputs.counts
     by_name = {name: counted_changes(counts, times, outputs, found, values, name) for name, found in by_name.items()}
@@ -225,12 +219,7 @@ def _counted(
 
 
 def _propagated(
-    model: ReducedModel | LengthLanes,
-    begun: First,
-    linearisation: Linearisation,
-    contacts: Contacts,
-    times: np.ndarray,
-    states: State,
+    model: Observing, begun: First, linearisation: Linearisation, contacts: Contacts, times: np.ndarray, states: State
 ) -> np.ndarray:
     """Return the derivatives of the reduced coordinates, their rates and their accelerations over the run, shape (3,
     n_t, n_parameters, n_eta)."""
@@ -238,8 +227,8 @@ def _propagated(
     step = times[-1] / (n_t - 1)
     radius = model.scene.simulation.spectral_radius
     scheme = Scheme.of(radius, step)
-    prescribed = model.terms.tables.prescribed(model.motions)
-    moment = start_of_sensitivities(model, linearisation, _part(states, slice(0, 1)))
+    prescribed = linearisation.prescribed
+    moment = start_of_sensitivities(model, linearisation, states.at(slice(1)))
     result = np.empty((3, n_t, len(linearisation.names), n))
     result[:, 0] = moment[:3]
     if not begun.lost.any():
@@ -251,7 +240,7 @@ def _propagated(
         crossing = contacts.following(first)
         for begin in range(first, crossing, at_once):
             part = slice(begin, min(begin + at_once, crossing))
-            here = linearisation.at(times[part], _part(states, part), scheme)
+            here = linearisation.at(times[part], states.at(part), scheme)
             found = np.empty((3, *here.by_parameters.shape))
             propagate(
                 here.by_q, here.by_v, here.by_a, here.by_parameters, astuple(scheme), step, prescribed, moment, found
@@ -262,10 +251,6 @@ def _propagated(
             result[:, crossing] = moment[:3]
         first = crossing + 1
     return result
-
-
-def _part(states: State, part: slice) -> State:
-    return State(states.q[part], states.v[part], states.a[part], states.multipliers)
 
 
 @njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
@@ -340,13 +325,12 @@ def _of_first(
 DIFFERENCE = 1e-3  # of second differences of fourth order: rounding and truncation leave 1e-9 of them
 
 
-def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Linearisation, start: State) -> np.ndarray:
+def start_of_sensitivities(model: Observing, linearisation: Linearisation, start: State) -> np.ndarray:
     """Return S_q, S_v, S_a and S_A of a sample at time zero, shape (4, n_parameters, n_eta), from its state there,
     arrays of shape (1, n_eta)."""
     n_parameters, n = len(linearisation.names), start.q.shape[1]
     moment = np.zeros((4, n_parameters, n))
-    prescribed = model.terms.tables.prescribed(model.motions)
-    free, given = ~prescribed, offset_directions(model.scene)
+    free, given = ~linearisation.prescribed, offset_directions(model.scene)
     for row, name in zip(moment[0], linearisation.names):
         row[n - len(given) :] = [own == name for own in given]
     time, initial, bent = np.zeros(1), model.scene.initial, free.copy()
@@ -380,7 +364,7 @@ def start_of_sensitivities(model: ReducedModel | LengthLanes, linearisation: Lin
     return moment
 
 
-def _require_rest(model: ReducedModel | LengthLanes) -> None:
+def _require_rest(model: Observing) -> None:
     """Refuse a start that moves, where springs of elastic joints are in balance with joints that are off."""
     named = velocity_names(model.scene)
     for name, rate in zip(model.scene.coordinates, model.start[1]):
@@ -398,11 +382,7 @@ def _solved(matrix: np.ndarray, rows: np.ndarray, free: np.ndarray) -> np.ndarra
 
 
 def _held(
-    model: ReducedModel | LengthLanes,
-    eta: np.ndarray,
-    at_rest: Linearised,
-    linearisation: Linearisation,
-    given: np.ndarray,
+    model: Observing, eta: np.ndarray, at_rest: Linearised, linearisation: Linearisation, given: np.ndarray
 ) -> np.ndarray:
     """Return S_q of coordinates (n_parameters, n_eta) whose joints' angles are held, at eta (1, n_eta); `given` has
     that of coordinates that say how far joints are off."""
@@ -428,7 +408,7 @@ def _held(
 
 
 def _angle_derivatives(
-    model: ReducedModel | LengthLanes, angles: Sequence[JointAngles], shares: np.ndarray, eta: np.ndarray
+    model: Observing, angles: Sequence[JointAngles], shares: np.ndarray, eta: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return first and second derivatives of the coordinates' angles, (n_theta, n_eta) and (n_theta, n_eta, n_eta)."""
     offsets, factors = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
@@ -460,9 +440,7 @@ class ObservedChanges:
     n_eta).
     """
 
-    def __init__(
-        self, model: ReducedModel | LengthLanes, values: Mapping[str, float], times: np.ndarray, states: State
-    ) -> None:
+    def __init__(self, model: Observing, values: Mapping[str, float], times: np.ndarray, states: State) -> None:
         self._model, self._values, self._times, self._states = model, dict(values), times, states
         self._members = [_Member(member, self._values, times, states) for member in model.members]
         shares = model.shares(self._values)
@@ -475,27 +453,26 @@ class ObservedChanges:
             for one, entry in entries.items() if isinstance(entry, FormulaOfOutputs)
         }  # fmt: skip
 
-    def of(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
+    def of(self, name: str, changes: np.ndarray) -> Outputs:
         """Return the derivatives of all outputs with a parameter, each (n_t,), for those of eta, its rates and
         accelerations, shape (3, n_t, n_eta)."""
         shares, slopes = self._model.shares(self._values), self._model.shares(self._values, name)
         parts = [member.changes(name, changes) for member in self._members]
         parts += [member.outputs for member in self._members]
         found = blended([*shares, *slopes], parts)
-        far = OF_STRESSES / _largest(self._model, changes, self._values[name])
-        ahead, behind = (
-            self._model.stressed(_moved(self._states, step, changes), self._values | {name: self._values[name] + step})
-            for step in (far, -far)
+        value = self._values[name]
+        found |= _central(
+            lambda far: self._model.stressed(_moved(self._states, far, changes), self._values | {name: value + far}),
+            OF_STRESSES / _largest(self._model, changes, value),
         )
-        stresses = {output: (ahead[output] - behind[output]) / (2.0 * far) for output in ahead}
-        found = self._through_formulas(name, found | stresses)
+        found = self._through_formulas(name, found)
         for output, formula in self._combined.items():
             exact = formula.change(name, self.outputs, found, self._times, self._values)
             # the slope of a root at zero is infinite
             found[output] = np.where(np.isfinite(exact), exact, found[output])
         return found
 
-    def _through_formulas(self, name: str, found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def _through_formulas(self, name: str, found: Outputs) -> Outputs:
         """Return derivatives with those of formulas by differences along what they are made of."""
         model, value = self._model, self._values[name]
         if not model.formulas:
@@ -504,15 +481,13 @@ class ObservedChanges:
         shares = [np.full((1, self._times.size), 1.0 / abs(value) if value else 0.0)]
         shares += [np.abs(np.atleast_2d(found[one])) / size for one, size in sizes.items() if size]
         largest = np.max(np.concatenate(shares), axis=0)
-        far = OBSERVED_DIFFERENCE / np.where(largest > 0.0, largest, 1.0)
-        ahead, behind = (
-            model.composed(
-                {one: values + step * found[one] for one, values in self._made_of.items()}, self._times,
-                self._values | {name: value + step}, far.size,
-            )
-            for step in (far, -far)
-        )  # fmt: skip
-        return found | {formula: (ahead[formula] - behind[formula]) / (2.0 * far) for formula in model.formulas}
+
+        def composed(far: np.ndarray) -> Outputs:
+            made_of = {one: values + far * found[one] for one, values in self._made_of.items()}
+            return model.composed(made_of, self._times, self._values | {name: value + far}, far.size)
+
+        changes = _central(composed, OBSERVED_DIFFERENCE / np.where(largest > 0.0, largest, 1.0))
+        return found | {formula: changes[formula] for formula in model.formulas}
 
 
 class _Member:
@@ -529,37 +504,37 @@ class _Member:
         self._evaluate = model.outputs.near(observed)
         self.outputs = self._evaluate(observed)
         #: outputs by what is differenced: frames alone, or the whole line, stresses with smaller steps
-        self._kinds: dict[str, set[str]] = {"frames": set(), "line": set(), "stresses": set()}
+        self._kinds: dict[str, str] = {}
         for name, reading in model.outputs.functions.items():
             on_line = reading.depth(0) or reading.needs.parameters or reading.needs.base
             of_model = reading.needs.stresses or reading.needs.multipliers
-            self._kinds["stresses" if of_model else "line" if on_line else "frames"].add(name)
+            self._kinds[name] = "stresses" if of_model else "line" if on_line else "frames"
 
-    def changes(self, name: str, changes: np.ndarray) -> dict[str, np.ndarray]:
+    def changes(self, name: str, changes: np.ndarray) -> Outputs:
         """Return the derivatives of the outputs with a parameter."""
-        of_line = _largest(self._model, changes, self._values[name])
-        steps = {
-            "frames": OBSERVED_DIFFERENCE / _largest(self._model, changes, 0.0),
-            "line": OBSERVED_DIFFERENCE / of_line,
-            "stresses": OF_STRESSES / of_line,
+        model, value, frames_at = self._model, self._values[name], self._along(changes[0])
+
+        def observed(far: np.ndarray, cells: np.ndarray | None = None) -> np.ndarray:
+            values = self._values | {name: value + far}
+            return model.observed_of(self._times, _moved(self._states, far, changes), values, cells)
+
+        of_line = _largest(model, changes, value)
+        ways = {
+            "frames": (
+                lambda far: self._evaluate(np.concatenate([frames_at(far).reshape(-1, far.size), self._behind])),
+                OBSERVED_DIFFERENCE / _largest(model, changes, 0.0),
+            ),
+            "line": (lambda far: model.outputs.evaluate(observed(far, self._states.q)), OBSERVED_DIFFERENCE / of_line),
+            "stresses": (lambda far: self._evaluate(observed(far)), OF_STRESSES / of_line),
         }
-        total: dict[str, np.ndarray] = {}
-        frames_at = self._along(changes[0])
-        for share in (-1.0, 1.0):
-            for kind, names in self._kinds.items():
-                if not names:
-                    continue
-                far = share * steps[kind]
-                if kind == "frames":
-                    found = self._evaluate(np.concatenate([frames_at(far).reshape(-1, far.size), self._behind]))
-                else:
-                    values, cells = self._values | {name: self._values[name] + far}, self._states.q
-                    stresses, at = kind == "stresses", _moved(self._states, far, changes)
-                    observed = self._model.observed_of(self._times, at, values, None if stresses else cells)
-                    found = self._evaluate(observed) if stresses else self._model.outputs.evaluate(observed)
-                for output in names:
-                    total[output] = total.get(output, 0.0) + found[output] / (2.0 * far)
-        return {output: total[output] for output in self.outputs}
+        each = {kind: _central(*ways[kind]) for kind in {*self._kinds.values()}}
+        return {output: each[self._kinds[output]][output] for output in self.outputs}
+
+
+def _central(outputs: Callable[[np.ndarray], Outputs], far: np.ndarray) -> Outputs:
+    """Return central differences of outputs along a line, over steps (n_t,)."""
+    ahead, behind = outputs(far), outputs(-far)
+    return {name: (ahead[name] - behind[name]) / (2.0 * far) for name in ahead}
 
 
 def _moved(states: State, far: np.ndarray, changes: np.ndarray) -> State:
@@ -568,7 +543,7 @@ def _moved(states: State, far: np.ndarray, changes: np.ndarray) -> State:
     return State(*moved, states.multipliers)
 
 
-def _largest(model: ReducedModel | LengthLanes, changes: np.ndarray, value: float) -> np.ndarray:
+def _largest(model: Observing, changes: np.ndarray, value: float) -> np.ndarray:
     """Return by how many of what is large reduced coordinates change with a parameter, or the parameter with itself,
     where it is not zero, shape (n_t,): what it is a factor of must not be taken far from its value."""
     size = np.max(np.abs(changes[0]) * model.terms.scale, axis=1)

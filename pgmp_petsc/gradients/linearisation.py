@@ -28,7 +28,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.gradients.local_effects import Edge, LocalDerivatives
+from pgmp_petsc.gradients.local_effects import LocalDerivatives
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import WIDE, aligned, eliminate, items
 from pgmp_petsc.lanes.tiles import store_rows
@@ -46,7 +46,7 @@ from pgmp_petsc.lanes.vectors import (
     spread_number,
     vector,
 )
-from pgmp_petsc.models import LengthLanes, ReducedModel
+from pgmp_petsc.models import Observing
 from pgmp_petsc.reduced.arrays import Layout
 from pgmp_petsc.reduced.cells import Grid, place_of
 from pgmp_petsc.reduced.lagrangian import fill_residual, fill_tangents
@@ -121,29 +121,24 @@ _rigid_jet_of = _jet(N_POWERS_OF_RIGID, 2, "Return the jet of an entry of degree
 _rigid_slopes_of = _jet(N_POWERS_OF_RIGID, 1, "Return value and slopes of an entry of degree 7.")
 
 
-@njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def fill_jets(coefficients, places, rigid, first, n_entries, whole, jets):
-    """Fill the jets of entries from one on, at places (n_theta, LANES): value and slopes, and if `whole` the rest.
+def _filling(jet: Callable, slopes: Callable) -> Callable:
+    @njit(error_model="numpy", fastmath={"contract"}, counted=False)
+    def fill(coefficients, places, rigid, first, n_entries, whole, jets):
+        """Fill the jets of entries from one on, at places (n_theta, LANES): value and slopes, and if `whole` the rest.
 
-    `rigid` is a tuple as long as there are coordinates.
-    """
-    place, n = load_rows(places, 0, 1, rigid), jets.shape[1]
-    for e in range(first, n_entries):
-        if whole:
-            store_rows(jets, e * n, _jet_of(coefficients, e, place))
-        else:
-            store_rows(jets, e * n, _slopes_of(coefficients, e, place))
+        `rigid` is a tuple as long as there are coordinates.
+        """
+        place, n = load_rows(places, 0, 1, rigid), jets.shape[1]
+        for e in range(first, n_entries):
+            if whole:
+                store_rows(jets, e * n, jet(coefficients, e, place))
+            else:
+                store_rows(jets, e * n, slopes(coefficients, e, place))
+
+    return fill
 
 
-@njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def fill_rigid_jets(coefficients, places, rigid, n_entries, whole, jets):
-    """Fill the jets of the first entries with those of the rigid inertia; see `fill_jets`."""
-    place, n = load_rows(places, 0, 1, rigid), jets.shape[1]
-    for e in range(n_entries):
-        if whole:
-            store_rows(jets, e * n, _rigid_jet_of(coefficients, e, place))
-        else:
-            store_rows(jets, e * n, _rigid_slopes_of(coefficients, e, place))
+fill_jets, fill_rigid_jets = _filling(_jet_of, _slopes_of), _filling(_rigid_jet_of, _rigid_slopes_of)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,26 +153,22 @@ class Linearised:
 
 
 class Linearisation:
-    """Derivatives of the equations of motion of one sample of a reduced model with the parameters of these names."""
+    """Derivatives of the equations of motion of one sample of a reduced model with the parameters of these names;
+    `prescribed` says whether a coordinate is given, shape (n_eta,)."""
 
-    def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
+    def __init__(self, model: Observing, values: Mapping[str, float], names: Sequence[str]) -> None:
         self._terms, self.names, self.values = model.terms, tuple(names), dict(values)
         terms, tables = model.terms, model.terms.tables
         self._weights = _weights(terms.weights, values, names)
         self._load_weights = _weights(tables.load_weights, values, names)
         by_name = {effect.name: effect for effect in model.effects}
         self._load_effects = [by_name[name] for name in tables.load_effects]
-        self._local = LocalDerivatives(model, values, names)
-        self._prescribed = tables.prescribed(model.motions)
+        self.local = LocalDerivatives(model, values, names)
+        self.prescribed = tables.prescribed(model.motions)
         self._room = _room(terms.layout, len(tables.load_weights))
 
     def at(
-        self,
-        times: np.ndarray,
-        states: State,
-        scheme: Scheme | None = None,
-        with_time: bool = False,
-        loaded: bool = True,
+        self, times: np.ndarray, states: State, scheme: Scheme | None = None, by_time: bool = False, loaded: bool = True
     ) -> Linearised:
         """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta).
 
@@ -189,7 +180,7 @@ class Linearisation:
         n_t, n = states.q.shape
         strengths = np.array([effect.strength.with_rates(times) for effect in self._load_effects]).reshape(-1, 3, n_t)
         weights, loads = self._weights, np.einsum("sl,lt->tsl", self._load_weights, strengths[:, 0])
-        if with_time:
+        if by_time:
             weights = np.concatenate([weights, np.zeros_like(weights[:1])])
             loads = np.concatenate([loads, (self._load_weights[0] * strengths[:, 1].T)[:, None]], axis=1)
         loads = loads if loaded else np.zeros_like(loads)
@@ -198,24 +189,15 @@ class Linearisation:
         result = Linearised(
             *(np.zeros((n_t, n, n)) for _ in range(3)), np.zeros((n_t, len(weights) - 1, n)), np.zeros((n_t, n))
         )
-        if self._local.present:
-            self._local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
+        self.local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
         damping, gains = self._terms.damping, (0.0, 0.0) if scheme is None else (scheme.gain_v, scheme.gain_a)
         _linearise(
             self._terms.layout, self._terms.cells, weights, np.ascontiguousarray(loads),
-            0.0 if damping is None else damping.mass, self._prescribed, gains,
-            (np.argsort(cells, kind="stable"), cells, places), own, self._local.present, self._room,
+            0.0 if damping is None else damping.mass, self.prescribed, gains,
+            (np.argsort(cells, kind="stable"), cells, places), own, self.local.present, self._room,
             (result.by_q, result.by_v, result.by_a, result.by_parameters, result.residual),
         )  # fmt: skip
         return result
-
-    def depths(self, times: np.ndarray, states: State) -> np.ndarray:
-        """Return how far every edge of a law is crossed (negative: not), shape (n_t, n_events)."""
-        return self._local.depths(times, states)
-
-    def edge(self, event: int, time: float, state: State) -> Edge:
-        """Return the derivatives of how far an edge is crossed, in a state whose arrays have the shape (1, n_eta)."""
-        return self._local.edge(event, time, state)
 
 
 def _weights(monomials: Sequence[Monomial], values: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
@@ -372,7 +354,7 @@ def _fill_all_jets(layout, of_terms, of_rigid, of_loads, loads, s, at, whole, ro
     """Fill the jets of all tables with the weights of the set s, at instants `at` (LANES,); see `fill_jets`."""
     n_rigid, amplitudes = len(layout.rigid) * (len(layout.rigid) + 1) // 2, items(room.amplitudes, WIDE)
     fill_jets(of_terms, room.place, layout.rigid, n_rigid, layout.end, whole, room.jets)
-    fill_rigid_jets(of_rigid, room.place, layout.rigid, n_rigid, whole, room.jets)
+    fill_rigid_jets(of_rigid, room.place, layout.rigid, 0, n_rigid, whole, room.jets)
     if loads.shape[2] > 0:
         for lane in range(LANES):
             for j in range(loads.shape[2]):

@@ -28,7 +28,7 @@ from pgmp_petsc.gradients.differences import CENTRAL
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import LANES, add, load, same_in_all_lanes, spread, store
-from pgmp_petsc.models import LengthLanes, ReducedModel
+from pgmp_petsc.models import Observing
 from pgmp_petsc.reduced.action_frames import KeptPlaces, place_nodes
 from pgmp_petsc.reduced.action_kernel import LEADING, MEASURE, RATE, LocalEffects, LocalWork, measure
 from pgmp_petsc.stepping.second_order_system import State
@@ -61,8 +61,9 @@ class LocalDerivatives:
         As of `Linearisation`.
     """
 
-    def __init__(self, model: ReducedModel | LengthLanes, values: Mapping[str, float], names: Sequence[str]) -> None:
+    def __init__(self, model: Observing, values: Mapping[str, float], names: Sequence[str]) -> None:
         self._actions, self._terms = model.actions.actions, model.terms
+        self.present = bool(self._actions)  # whether there are local effects
         of_sample = {name: np.array([value]) for name, value in values.items()}
         self._local = model.actions.of_samples(of_sample, 1)
         weights = model.actions.weights
@@ -87,11 +88,6 @@ class LocalDerivatives:
                 for k, quantity in enumerate(action.parameters):
                     table[k] = quantity.derivative(name, values)
 
-    @property
-    def present(self) -> bool:
-        """Whether there are local effects."""
-        return bool(self._actions)
-
     def add(
         self, times: np.ndarray, states: State, by_q: np.ndarray, by_v: np.ndarray, by_parameters: np.ndarray,
         residual: np.ndarray,
@@ -100,7 +96,7 @@ class LocalDerivatives:
 
         A row of `by_parameters` behind those of the parameters is that with time.
         """
-        if not self._actions:
+        if not self.present:
             return
         gradient, measured, slopes, _ = self._measured(times, states.q, states.v, self._weights)
         force, stiffness, damping = (measured[:, :, row] for row in (FORCE, STIFFNESS, DAMPING))

@@ -239,7 +239,7 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
                 _check_bodies(scene, entry, feature)
 
 
-def why_refused(scene: Scene, purpose: Purpose, meshes: Mapping[str, BodyShape]) -> str:
+def why_refused(scene: Scene, purpose: Purpose, meshes: Mapping[str, BodyShape] | None = None) -> str:
     """Return why a command refuses a scene, as `check_capabilities`; empty where it takes it."""
     try:
         check_capabilities(scene, purpose, meshes)

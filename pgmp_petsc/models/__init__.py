@@ -4,7 +4,7 @@ no other."""
 from pgmp_petsc.models.full import ComponentModel, FullModel
 from pgmp_petsc.models.lengths import LengthLanes, SeparateLengths, of_samples
 from pgmp_petsc.models.model import Model, OutputRecord
-from pgmp_petsc.models.reduced import ReducedModel
+from pgmp_petsc.models.reduced import Observing, ReducedModel
 
 #: Models over interpolated tables: terms, outputs and displacements follow from reduced coordinates and parameters.
 REDUCED = (ReducedModel, LengthLanes)
@@ -15,6 +15,7 @@ __all__ = [
     "FullModel",
     "LengthLanes",
     "Model",
+    "Observing",
     "OutputRecord",
     "ReducedModel",
     "SeparateLengths",

@@ -1,1 +1,1 @@
-"""Orchestration of whole computations: one run, a table of modes, the paper's figures."""
+"""Orchestration of whole computations: checks, builds, single runs, tables of modes, beginnings of scenes."""

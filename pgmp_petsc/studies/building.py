@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, Self
@@ -12,8 +11,8 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.choice import choose_over_lengths, leaves_open
 from pgmp_petsc.bench.prices import prospects, quicker
-from pgmp_petsc.bench.reference import condensed_bodies
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bench.reference import Said, condensed_bodies
+from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.effects import start_of
 from pgmp_petsc.estimates.own_error import condensed_alone
@@ -34,8 +33,6 @@ from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.uses import count_builds, extremes, length_names
 from pgmp_petsc.stepping.static_equilibrium import require_balance
 from pgmp_petsc.studies.effect_sizes import choose_effects, remarks_on_sizes
-
-Said = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -80,12 +77,7 @@ class Built:
 
 
 def build(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    group: RankGroup,
-    say: Said = lambda text: None,
-    output: Path | None = None,
-    resume: bool = False,
+    scene: Scene, meshes: Shapes, group: RankGroup, say: Said, output: Path | None = None, resume: bool = False
 ) -> Built:
     """Build the reduced model of a scene with the mesh of every body; groups share an eigenproblem. Collective on
     ``group.world``.
@@ -125,7 +117,7 @@ def build(
     return Built(rom, None if choice is None else choice.selection, sizes, checkpoint)
 
 
-def build_components(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) -> ComponentsFile | None:
+def build_components(scene: Scene, meshes: Shapes, comm: Comm) -> ComponentsFile | None:
     """Condense the bodies of a scene to its component model: on the first rank, None elsewhere. Collective on `comm`.
     Raises `InputError`, `RunError`; on all ranks, whichever rank met it."""
     timings = Timings()
@@ -140,7 +132,7 @@ def build_components(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) 
     return ComponentsFile(bodies=bodies, record=record) if comm.rank == 0 else None
 
 
-def _check_ahead(scene: Scene, meshes: Mapping[str, BodyShape]) -> None:
+def _check_ahead(scene: Scene, meshes: Shapes) -> None:
     """Refuse outputs and starts that no run of the model could have, before anything long is done for it."""
     check_capabilities(scene, Purpose.BUILD, meshes)
     kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
@@ -163,7 +155,7 @@ def _price(scene: Scene, resume: bool) -> str:
     return f"{what} are {n_builds * n} eigenproblems{first}{anew}"
 
 
-def _with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Mapping[str, BodyShape]) -> ReducedOrderModel:
+def _with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Shapes) -> ReducedOrderModel:
     """Add to a reduced model's remarks which effects its scene leaves out although they matter, and which model is much
     quicker; on one rank."""
     timings = Timings()

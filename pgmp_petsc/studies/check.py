@@ -5,7 +5,7 @@ Contents of a scene as plain data, for `pgmp check --json`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from pgmp_petsc.bench.prices import Prospect, choice, prospects
 from pgmp_petsc.bodies.assembled import MassProperties
 from pgmp_petsc.bodies.component import directors
 from pgmp_petsc.bodies.matrices import AffineMatrices
-from pgmp_petsc.bodies.shape import BodyShape, at_lengths, given_properties
+from pgmp_petsc.bodies.shape import Shapes, at_lengths, given_properties
 from pgmp_petsc.effects import Effect, Load, Patterns, actions_of, effects_of, loads_of, patterns_of, start_of
 from pgmp_petsc.effects.clearance import impacts
 from pgmp_petsc.effects.springs import spring_force
@@ -45,7 +45,7 @@ QUANTILES = np.array([0.2, 0.8])  # of what is drawn, at which a mechanism is pu
 AWAY = 1e-3  # rad, or of the mechanism's size, from which on a start is elsewhere than bodies are placed
 
 
-def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
+def describe_scene(scene: Scene, meshes: Shapes) -> str:
     """Return the report of ``pgmp check``; raises `InputError` if the mechanism cannot be closed or controlled, or
     points are missing."""
     check_capabilities(scene, Purpose.CHECK, meshes)
@@ -121,7 +121,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
 
 
 @gathered
-def _drawn(scene: Scene, meshes: Mapping[str, BodyShape]) -> Iterator[Remark]:
+def _drawn(scene: Scene, meshes: Shapes) -> Iterator[Remark]:
     """Return a warning where a mechanism of drawn lengths, places or ratios cannot be put together."""
     given = ((name, scene.parameters[name]) for name in length_names(scene))
     drawn = {name: parameter.quantiles(QUANTILES) for name, parameter in given if parameter.distribution is not None}
@@ -135,7 +135,7 @@ def _drawn(scene: Scene, meshes: Mapping[str, BodyShape]) -> Iterator[Remark]:
             return
 
 
-def _models(scene: Scene, meshes: Mapping[str, BodyShape], mechanism: Mechanism, patterns: Patterns) -> list[Prospect]:
+def _models(scene: Scene, meshes: Shapes, mechanism: Mechanism, patterns: Patterns) -> list[Prospect]:
     flexible = _flexible(scene, mechanism, patterns.wanted(scene.reduction).n)
     return prospects(scene, meshes, mechanism, sum(flexible.values()), patterns.n)
 
@@ -156,7 +156,7 @@ def _bodies(mechanism: Mechanism) -> list[str]:
     return lines
 
 
-def _matrices(scene: Scene, meshes: Mapping[str, BodyShape]) -> list[str]:
+def _matrices(scene: Scene, meshes: Shapes) -> list[str]:
     """Return the mass properties of bodies from matrices at factors of 1, and what their stiffness looks like."""
     lines = []
     for name, body in meshes.items():
@@ -355,7 +355,7 @@ def _size(n_bytes: float) -> str:
     return f"{n_bytes:.3g} GB"
 
 
-def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, Any]:
+def summary_of_scene(scene: Scene, meshes: Shapes) -> dict[str, Any]:
     """Return bodies, joints, coordinates, parameters, effects, outputs and remarks by their names, counts, and which
     model to take."""
     mechanism = Mechanism.from_scene(scene, meshes)
@@ -406,7 +406,7 @@ def _body(scene: Scene, body) -> dict[str, Any]:
             "flexible": body.flexible, "nodes": n_nodes, "cells": n_cells}  # fmt: skip
 
 
-def _mass_of(scene: Scene, name: str, meshes: Mapping[str, BodyShape]) -> dict[str, Any]:
+def _mass_of(scene: Scene, name: str, meshes: Shapes) -> dict[str, Any]:
     """Return mass (kg), centre of mass (m) and inertia about it (kg m2) of a body that is given by them, or from
     matrices, at factors of 1."""
     found = _given(scene, name) or given_properties(meshes.get(name))

@@ -32,7 +32,7 @@ from pgmp_petsc.base.errors import PgmpError, Remark, RunError, note, warning
 from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import AffineMatrices
-from pgmp_petsc.bodies.shape import BodyShape, has_long_axis
+from pgmp_petsc.bodies.shape import Shapes, has_long_axis
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.declare.ideas import EFFECTS
 from pgmp_petsc.effects import actions_of, effects_of, loads_of, springs_of_joints
@@ -90,7 +90,7 @@ class RigidRun:
     mass: float  # all masses together, kg
 
 
-def run_rigid(scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKinematics) -> RigidRun:
+def run_rigid(scene: Scene, meshes: Shapes, kinematics: RigidKinematics) -> RigidRun:
     """Integrate the scene's mechanism with all bodies rigid, on one rank, from meshes that are not condensed.
 
     With few steps first, and once more with as many as the motion needs. Kinematics are of the mechanism, whichever of
@@ -203,10 +203,7 @@ TERMS = ("gyroscopic", "geometric_stiffening", "mode_inertia")
 
 
 def estimate_effects(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    branch: PoseBranch | None = None,
-    shapes: Mapping[str, BodyShape] | None = None,
+    scene: Scene, meshes: Shapes, branch: PoseBranch | None = None, shapes: Shapes | None = None
 ) -> EffectSizes:
     """Estimate the size of every available effect, on one rank, from meshes that are not condensed.
 
@@ -235,9 +232,7 @@ def estimate_effects(
     return EffectSizes(tolerance, tuple(sizes), speeds, moved, told, units, system.unit("J"))
 
 
-def remarks_on_sizes(
-    scene: Scene, meshes: Mapping[str, BodyShape], branch: PoseBranch | None = None
-) -> tuple[Remark, ...]:
+def remarks_on_sizes(scene: Scene, meshes: Shapes, branch: PoseBranch | None = None) -> tuple[Remark, ...]:
     """Return which effects a scene leaves out although they matter, or why their sizes are not known; on one rank."""
     continuum = ", ".join(f"bodies.{name}" for name, body in scene.bodies.items() if body.continuum)
     if continuum:
@@ -286,7 +281,7 @@ def _named(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) -> l
 
 
 def _terms(
-    scene: Scene, shapes: Mapping[str, BodyShape], kinematics: RigidKinematics, run: RigidRun, tolerance: float
+    scene: Scene, shapes: Shapes, kinematics: RigidKinematics, run: RigidRun, tolerance: float
 ) -> list[EffectSize]:
     if not any(body.flexible for body in scene.bodies.values()):
         return []
@@ -309,7 +304,7 @@ def _terms(
 
 
 def _shares_of_terms(
-    scene: Scene, shapes: Mapping[str, BodyShape], kinematics: RigidKinematics, run: RigidRun
+    scene: Scene, shapes: Shapes, kinematics: RigidKinematics, run: RigidRun
 ) -> tuple[dict[str, float], float]:
     """Return the shares of the reduced model's terms, and the largest rotation by what elastic joints give way, rad."""
     mechanism = kinematics.mechanism
@@ -420,12 +415,10 @@ def _is_missing(scene: Scene, size: EffectSize) -> bool:
     return bool(left_out and size.keeps and not np.isnan(size.share))
 
 
-def choose_effects(
-    scene: Scene, meshes: Mapping[str, BodyShape], shapes: Mapping[str, BodyShape]
-) -> tuple[Scene, EffectSizes]:
+def choose_effects(scene: Scene, meshes: Shapes, shapes: Shapes) -> tuple[Scene, EffectSizes]:
     """Return the scene with the effects that matter, and the estimate that chose them; raises as `estimate_effects`."""
     sizes = estimate_effects(scene, meshes, shapes=shapes)
-    keeps = {kind: False for kind in TERMS} | {size.kind: size.keeps for size in sizes.sizes if size.kind in TERMS}
+    keeps = dict.fromkeys(TERMS, False) | {size.kind: size.keeps for size in sizes.sizes if size.kind in TERMS}
     kept = {size.name for size in sizes.sizes if size.name and size.keeps and size.kind not in TERMS}
     of_plugins = {name for name, one in scene.effects.items() if one.acts == "reduction" and one.type not in TERMS}
     effects = {name: effect for name, effect in scene.effects.items() if name in kept | of_plugins}

@@ -29,13 +29,12 @@ from scipy.linalg import LinAlgError, eigh
 
 from pgmp_petsc.base.errors import InputError, Remark, note
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.effects import start_of
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.body_fields import FieldPoints, Fields, FieldSet, ReducedFields, joined, placed, undeformed
 from pgmp_petsc.outputs.readings import RigidReference
@@ -55,7 +54,14 @@ def field_frames(
     if not values:
         return {}
     poses = RigidReference(kinematics).poses(dict(enumerate(np.moveaxis(nodal, 0, -1))))
-    return {name: _field(field, kinematics, poses, values) for name, field in seen.points.items()}
+    n, fields = poses.shape[2], {}
+    for name, field in seen.points.items():
+        own = values[name]
+        rigid = placed(kinematics.mechanism.space, poses[field.number], undeformed(field))
+        places = own.positions[..., :n]
+        tables = ({quantity: table[:, :n] for quantity, table in part.items()} for part in (own.at_nodes, own.at_cells))
+        fields[name] = body_field(field, places, places - rigid, *tables)
+    return fields
 
 
 def fields_over(fields: ReducedFields, eta: np.ndarray, values: Mapping[str, float]) -> Fields:
@@ -83,15 +89,6 @@ def fields_at(model: ReducedModel, run: Trajectory, times: Sequence[float]) -> d
         raise InputError(f"no body can be seen: {'; '.join(map(' '.join, fields.seen.left_out.items())) or 'no mesh'}")
     nodal = np.moveaxis(model.frames_of(eta), 2, 0)
     return field_frames(fields.seen, model.kinematics, nodal, fields_over(fields, eta, model.scene.values))
-
-
-def _field(field: FieldPoints, kinematics: RigidKinematics, poses: np.ndarray, values: Fields) -> BodyField:
-    name = kinematics.mechanism.bodies[field.number].name
-    own, n = values[name], poses.shape[2]
-    rigid = placed(kinematics.mechanism.space, poses[field.number], undeformed(field))
-    places = own.positions[..., :n]
-    tables = ({quantity: table[:, :n] for quantity, table in part.items()} for part in (own.at_nodes, own.at_cells))
-    return body_field(field, places, places - rigid, *tables)
 
 
 def body_field(
@@ -162,7 +159,7 @@ def _rotation_vectors(shape: np.ndarray) -> np.ndarray:
     return turns.reshape(*shape.shape[:2], 3)
 
 
-def assembly_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> Assembly:
+def assembly_of(scene: Scene, meshes: Shapes) -> Assembly:
     """Return where bodies, joints and named points are at the start; raises `InputError` if the mechanism cannot be
     assembled."""
     mechanism = Mechanism.from_scene(scene, meshes)

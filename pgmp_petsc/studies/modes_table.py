@@ -22,7 +22,7 @@ from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import actions_of, effects_of
 from pgmp_petsc.effects.springs import linear_springs, spring_remarks
@@ -30,7 +30,6 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, words_of
-from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import SpringStiffness, VibrationProblem, frequencies_of
 from pgmp_petsc.ranks.agreement import agreed
@@ -88,7 +87,7 @@ STRUCTURE = ("ground", "materials", "bodies", "joints", "coordinates")
 
 
 def tabulate_modes(
-    scene: Scene, meshes: Mapping[str, LineMesh], rom: ReducedOrderModel | None, n_angles: int, group: RankGroup
+    scene: Scene, meshes: Shapes, rom: ReducedOrderModel | None, n_angles: int, group: RankGroup
 ) -> ModesTable | None:
     """Compute the table at the scene's parameter values, on the first rank; None elsewhere. Collective on
     ``group.world``.
@@ -96,56 +95,50 @@ def tabulate_modes(
     `rom` is a reduced model of the same mechanism, or None for the full-order frequencies alone; there are `n_angles`
     configurations over the range of each coordinate.
     """
-    timings = Timings()
+    timings, own = Timings(), None
     with timings.phase("components"):
-        meshes = condensed(scene, meshes, group)
-    with angle_group(meshes, group) as angles:
-        return _tabulated(scene, meshes, rom, n_angles, angles, timings)
-
-
-def _tabulated(
-    scene: Scene,
-    meshes: Mapping[str, BodyShape],
-    rom: ReducedOrderModel | None,
-    n_angles: int,
-    group: RankGroup,
-    timings: Timings,
-) -> ModesTable | None:
-    own = None
-    with (
-        timings.phase("eigenproblems"),
-        agreed(group.world, "eigenproblems"),
-        progress(n_angles ** len(scene.coordinates), "eigenproblems", group.world) as bar,
-    ):
-        _check_same_mechanism(scene, rom)
-        mechanism = Mechanism.from_scene(scene, meshes).straight
-        kinematics = RigidKinematics(mechanism)
-        springs, said = springs_of(scene, kinematics)
-        stressed = False
-        if offset_directions(scene):
-            known = all(body.third_derivative_known for body in mechanism.bodies)
-            stressed = springs is None and scene.second_order and known
-            said += (note(STRESSED if stressed else UNSTRESSED),)
-        coordinates = kinematics.coordinates
-        samples = SampleGrid(tuple(Samples.uniform(c.lower, c.upper, n_angles, c.periodic) for c in coordinates))
-        theta = samples.theta
-        arc = group.arc(samples.n)
-        if arc:
-            with _problem(scene, kinematics, springs, group.comm) as problem:
-                problem.keep(scene.reduction)
-                rows, stress = [], BuiltInStress(problem, scene, meshes) if stressed else None
-                for index in arc:
-                    rows.append(_frequencies(problem, theta[index], stress))
-                    bar.update(group.count)
-                own = np.array(rows)
-    timings = timings.maximum(group.world)
-    if group.roots is None:
-        return None
-    arcs = group.roots.gather(own)
+        shapes = condensed(scene, meshes, group)
+    with angle_group(shapes, group) as angles:
+        with (
+            timings.phase("eigenproblems"),
+            agreed(group.world, "eigenproblems"),
+            progress(n_angles ** len(scene.coordinates), "eigenproblems", group.world) as bar,
+        ):
+            _check_same_mechanism(scene, rom)
+            mechanism = Mechanism.from_scene(scene, shapes).straight
+            kinematics = RigidKinematics(mechanism)
+            springs, said = springs_of(scene, kinematics)
+            stressed = False
+            if offset_directions(scene):
+                known = all(body.third_derivative_known for body in mechanism.bodies)
+                stressed = springs is None and scene.second_order and known
+                said += (note(STRESSED if stressed else UNSTRESSED),)
+            coordinates = kinematics.coordinates
+            along = tuple(Samples.uniform(c.lower, c.upper, n_angles, c.periodic) for c in coordinates)
+            theta = SampleGrid(along).theta
+            arc = angles.arc(len(theta))
+            if arc:
+                with _problem(scene, kinematics, springs, angles.comm) as problem:
+                    problem.keep(scene.reduction)
+                    rows, stress = [], BuiltInStress(problem, scene, shapes) if stressed else None
+                    for index in arc:
+                        rows.append(_frequencies(problem, theta[index], stress))
+                        bar.update(angles.count)
+                    own = np.array(rows)
+        timings = timings.maximum(group.world)
+        arcs = None if angles.roots is None else angles.roots.gather(own)
     if group.world.rank > 0:
         return None
+    reduced = None
     with timings.phase("reduced"):
-        reduced = None if rom is None else _reduced(scene, rom, springs, stressed, theta, mechanism.free)
+        if rom is not None:
+            rom = rom.at_lengths(scene)
+            scheme = scene_from_toml(rom.record.scene_toml, scene.directory).interpolation
+            if springs is not None:
+                reduced = reduced_vibrations(rom, springs, scheme, scene.values, theta)
+            else:
+                tables = rom.tables.moving(offset_values(scene, scene.values) if stressed else None)
+                reduced = tables.frequencies_hz(scene.values, mechanism.free, tables.over(scheme, theta))
     full = np.concatenate([rows for rows in arcs if rows is not None])
     remarks = (*scene.remarks, *said, *_unstable(full, theta, coordinates), note(MESH_ERROR))
     return ModesTable(
@@ -155,23 +148,6 @@ def _tabulated(
         reduced_hz=reduced,
         coordinate_units={c.name: c.unit for c in coordinates},
     )
-
-
-def _reduced(
-    scene: Scene,
-    rom: ReducedOrderModel,
-    springs: SpringStiffness | None,
-    stressed: bool,
-    theta: np.ndarray,
-    free: np.ndarray,
-) -> np.ndarray:
-    """Return the frequencies of the reduced model at the scene's values, as of the full-order one."""
-    rom = rom.at_lengths(scene)
-    scheme = scene_from_toml(rom.record.scene_toml, scene.directory).interpolation
-    if springs is not None:
-        return reduced_vibrations(rom, springs, scheme, scene.values, theta)
-    tables = rom.tables.moving(offset_values(scene, scene.values) if stressed else None)
-    return tables.frequencies_hz(scene.values, free, tables.over(scheme, theta))
 
 
 def springs_of(scene: Scene, kinematics: RigidKinematics) -> tuple[SpringStiffness | None, tuple[Remark, ...]]:

@@ -199,13 +199,13 @@ def scene_of_robot(source: Path, file: Path) -> tuple[str, list[str]]:
         raise InputError(f"{received}: {found}")
     links = {link["name"]: link for link in json.loads(str(found["links"]))}
     joints = json.loads(str(found["joints"]))
-    root = _root(links, joints, received)
-    _check_meshes(links.values(), source, received)
-    bodies, kept = _placed(links, joints, root, received)
-    text = _robot_text(file, source, root, bodies, kept)
     try:
-        scene_from_toml(text, file.parent)
-    except InputError as error:  # inertia that no body has, say
+        root = _root(links, joints)
+        _check_meshes(links.values(), source)
+        bodies, kept = _placed(links, joints, root)
+        text = _robot_text(file, source, root, bodies, kept)
+        scene_from_toml(text, file.parent)  # which refuses inertia that no body has, say
+    except InputError as error:
         raise InputError(f"{received}: {error}") from error
     moving = [joint for joint in kept if joint["type"] in MOVING]
     lines = [
@@ -217,33 +217,28 @@ def scene_of_robot(source: Path, file: Path) -> tuple[str, list[str]]:
     return text, lines
 
 
-def _root(links: Mapping[str, Any], joints: Sequence[Mapping[str, Any]], received: str) -> str:
+def _root(links: Mapping[str, Any], joints: Sequence[Mapping[str, Any]]) -> str:
     """Return the link that no joint moves; refuse what is no tree."""
     parents: dict[str, str] = {}
     for joint in joints:
         for key in ("parent", "child"):
             if joint[key] not in links:
-                raise InputError(
-                    f"{received}: the joint {joint['name']} names the link {joint[key]}, which is not there"
-                )
+                raise InputError(f"the joint {joint['name']} names the link {joint[key]}, which is not there")
         if joint["child"] in parents:
             raise InputError(
-                f"{received}: the link {joint['child']} hangs on {parents[joint['child']]} and, by the joint "
-                f"{joint['name']}, on {joint['parent']}: a loop, which a URDF cannot have; leave one joint out and add "
-                "it to the scene"
+                f"the link {joint['child']} hangs on {parents[joint['child']]} and, by the joint {joint['name']}, on "
+                f"{joint['parent']}: a loop, which a URDF cannot have; leave one joint out and add it to the scene"
             )
         parents[joint["child"]] = joint["parent"]
     roots = [name for name in links if name not in parents]
     if not roots:
-        raise InputError(f"{received}: every link hangs on another one, in a loop; one has to be the base")
+        raise InputError("every link hangs on another one, in a loop; one has to be the base")
     if len(roots) > 1:
-        raise InputError(
-            f"{received}: the links {', '.join(roots)} hang on no other; one base is needed, joined to all"
-        )
+        raise InputError(f"the links {', '.join(roots)} hang on no other; one base is needed, joined to all")
     return roots[0]
 
 
-def _check_meshes(links: Sequence[Mapping[str, Any]], source: Path, received: str) -> None:
+def _check_meshes(links: Sequence[Mapping[str, Any]], source: Path) -> None:
     """Refuse meshes that are not there: a package's are looked for in the folders above the file."""
     for link in links:
         for mesh in link["meshes"]:
@@ -251,12 +246,12 @@ def _check_meshes(links: Sequence[Mapping[str, Any]], source: Path, received: st
             folders = [source.resolve().parent, *(source.resolve().parents if PACKAGE.match(mesh) else ())]
             if not any((folder / name).is_file() for folder in folders):
                 raise InputError(
-                    f"{received}: the mesh {mesh} of the link {link['name']} is not there; put it beside the file, or "
+                    f"the mesh {mesh} of the link {link['name']} is not there; put it beside the file, or "
                     "leave the geometry out: bodies have their masses from the inertial entries"
                 )
 
 
-def _placed(links: Mapping, joints: Sequence, root: str, received: str) -> tuple[dict[str, _Body], list[dict]]:
+def _placed(links: Mapping, joints: Sequence, root: str) -> tuple[dict[str, _Body], list[dict]]:
     """Return the bodies by link, and the joints between bodies with their places in these, from the root on."""
     of_parent: dict[str, list] = {}
     for joint in joints:
@@ -271,13 +266,12 @@ def _placed(links: Mapping, joints: Sequence, root: str, received: str) -> tuple
             kind, child = joint["type"], joint["child"]
             if kind not in MOVING and kind != "fixed":
                 raise InputError(
-                    f"{received}: the joint {joint['name']} is {kind}; revolute, continuous, prismatic and fixed ones "
-                    "are taken"
+                    f"the joint {joint['name']} is {kind}; revolute, continuous, prismatic and fixed ones are taken"
                 )
             if joint["mimic"]:
                 raise InputError(
-                    f"{received}: the joint {joint['name']} mimics another one; leave that out, and couple both in the "
-                    'scene by type = "coupling"'
+                    f"the joint {joint['name']} mimics another one; leave that out, and couple both in the scene by "
+                    'type = "coupling"'
                 )
             link, place = links[child], frames[parent] @ np.array(joint["place"])
             frames[child] = place
@@ -289,13 +283,13 @@ def _placed(links: Mapping, joints: Sequence, root: str, received: str) -> tuple
                 continue
             if not link["mass"]:
                 raise InputError(
-                    f"{received}: the link {child} moves in the joint {joint['name']} and has no mass; give it an "
-                    "inertial entry, or make the joint fixed"
+                    f"the link {child} moves in the joint {joint['name']} and has no mass; give it an inertial entry, "
+                    "or make the joint fixed"
                 )
             low, high = joint["limit"] or (None, None)
             if kind in ("revolute", "prismatic") and (None in (low, high) or not low < high):
                 raise InputError(
-                    f"{received}: the joint {joint['name']} has no limits that are a range ({joint['limit']}); give "
+                    f"the joint {joint['name']} has no limits that are a range ({joint['limit']}); give "
                     "lower and upper, or make it continuous"
                 )
             point = _free_name(joint["name"], owner.points)

@@ -27,7 +27,7 @@ from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.mechanism.body_frames import rigid_positions, to_body
 from pgmp_petsc.mechanism.mechanism import words_of
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.models.body_fields import Fields, FullFields
 from pgmp_petsc.models.body_fields import joined as joined_fields
 from pgmp_petsc.outputs.rainflow import at_the_end, counted_after
@@ -57,7 +57,7 @@ from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.field_frames import field_frames, fields_over, left_out_of_fields, shape_frames
 
 
-def simulate(model: FullModel | ReducedModel, comm: Comm) -> Trajectory | None:
+def simulate(model: Model, comm: Comm) -> Trajectory | None:
     """Run a model; the first rank gets the result, others None. Collective on `comm`.
 
     The full-order and the component model are distributed over ranks, which take `UNKNOWNS_PER_RANK` unknowns each at
@@ -88,13 +88,7 @@ class _Part:
 
     @classmethod
     def of(
-        cls,
-        model: FullModel | ReducedModel,
-        done: Run,
-        attempt: Attempt,
-        times: Sequence[float] | np.ndarray,
-        observed: np.ndarray,
-        **recorded: Any,
+        cls, model: Model, done: Run, attempt: Attempt, times: Sequence[float], observed: np.ndarray, **recorded: Any
     ) -> _Part:
         """Take in a run with its records: arrays and lists of one entry an instant, or fewer; what the outputs are made
         of has the shape (n_observed, n_t)."""
@@ -119,7 +113,7 @@ class _Part:
         return cls(done, attempt, time[:kept], outputs, recorded)
 
     @staticmethod
-    def _outputs(model: FullModel | ReducedModel, time: np.ndarray, observed: np.ndarray) -> dict[str, np.ndarray]:
+    def _outputs(model: Model, time: np.ndarray, observed: np.ndarray) -> dict[str, np.ndarray]:
         found = model.outputs.evaluate(observed)
         return counted_after(model.outputs.counts, time, found, model.scene.values)
 
@@ -153,23 +147,19 @@ class _Part:
 
 def _furthest(once: Callable[[Attempt], _Part], simulation: Simulation) -> tuple[_Part, list[Remark]]:
     """Integrate, again with smaller steps where that fails; return what was fine, or went furthest, and what to say."""
-    best: list[_Part] = []
-    first: list[Run] = []
+    parts: list[_Part] = []
 
     def run(attempt: Attempt) -> Run:
-        part = once(attempt)
-        first[:] = first or [part.run]
-        if not best or part.reach > best[0].reach:
-            best[:] = [part]
-        return part.run
+        parts.append(once(attempt))
+        return parts[-1].run
 
     tried = int(integrate_with_smaller_steps(run, simulation, np.ones(1, dtype=bool)).divisors[0])
-    part, step = best[0], f"simulation.step = {simulation.step:g} s"
-    status, divisor = Status(first[0].status[0]), part.attempt.divisor
+    part, step = max(parts, key=lambda one: one.reach), f"simulation.step = {simulation.step:g} s"
+    first, divisor = parts[0].run, part.attempt.divisor
     if tried == 1:
         return part, []
     if part.run.status[0] == Status.FINE:
-        what = f"with {step} the run stopped at {first[0].failure_time[0]:.6g} s ({status.meaning})"
+        what = f"with {step} the run stopped at {first.failure_time[0]:.6g} s ({Status(first.status[0]).meaning})"
         again = f"it was integrated again with 1/{divisor} of it (steps_divided), which is fine"
         return part, [note(f"{what}; {again}; the step is large for it")]
     kept = f"what was computed with {'it' if divisor == 1 else f'1/{divisor} of it'} went furthest and is kept"
@@ -276,12 +266,9 @@ def _up_to(part: _Part, what: str) -> Iterator[Remark]:
 
 
 def _reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
-    timings = Timings()
-    values = {name: np.array([value]) for name, value in model.scene.values.items()}
-    indicator = ErrorIndicator(model) if own_error.is_estimated(model.scene) else None
-
+    timings, indicator = Timings(), ErrorIndicator(model) if own_error.is_estimated(model.scene) else None
     part, steps = _furthest(
-        lambda attempt: _reduced_part(model, values, attempt, indicator, timings, comm), model.scene.simulation
+        lambda attempt: _reduced_part(model, attempt, indicator, timings, comm), model.scene.simulation
     )
     eta, n_theta = part.recorded["eta"], model.kinematics.n_coordinates
     validity, status = part.recorded["validity"], part.run.status
@@ -291,10 +278,10 @@ def _reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
         seen = fields_over(fields, eta[part.shown], model.scene.values)
     known, reason = part, ""
     if status[0] != Status.FINE:
-        reason = lost_definiteness(model, values, part.time, eta) if np.isfinite(eta).all() else ""
+        reason = lost_definiteness(model, _of_sample(model), part.time, eta) if np.isfinite(eta).all() else ""
         known = part.relied_on
         if indicator is not None and known.run.n_steps:
-            known = _reduced_part(model, values, known.attempt, indicator, timings, comm)
+            known = _reduced_part(model, known.attempt, indicator, timings, comm)
     errors, estimated = _errors(model, part, known, timings)
     remarks = [*why_stopped(model, part.run, reason), *steps, *estimated]
     if status[0] == Status.FINE and model.scene.loose:
@@ -343,15 +330,10 @@ def _errors(
 
 
 def _reduced_part(
-    model: ReducedModel,
-    values: Mapping[str, np.ndarray],
-    attempt: Attempt,
-    indicator: ErrorIndicator | None,
-    timings: Timings,
-    comm: Comm,
+    model: ReducedModel, attempt: Attempt, indicator: ErrorIndicator | None, timings: Timings, comm: Comm
 ) -> _Part:
     """Run a reduced model with the steps of an attempt; an indicator watches for errors."""
-    simulation = attempt.simulation
+    simulation, values = attempt.simulation, _of_sample(model)
     system = model.batch(values, 1)
     system.require_settled()
     watched = None if indicator is None else indicator.stepped(simulation).watch(system, np.array([0]))
@@ -371,6 +353,10 @@ def _reduced_part(
     return replace(part, recorded={**part.recorded, **looked, "start": start})
 
 
+def _of_sample(model: ReducedModel) -> dict[str, np.ndarray]:
+    return {name: np.array([value]) for name, value in model.scene.values.items()}
+
+
 def _progress(name: str, attempt: Attempt, comm: Comm) -> Progress:
     again = "" if attempt.divisor == 1 else " again with smaller steps"
     return progress(attempt.simulation.n_steps, name + again, comm)
@@ -383,12 +369,7 @@ def frame_steps(simulation) -> set[int]:
 
 
 def _described(
-    model: FullModel | ReducedModel,
-    part: _Part,
-    frames: np.ndarray,
-    n_ranks: int,
-    timings: Timings,
-    remarks: Sequence[Remark],
+    model: Model, part: _Part, frames: np.ndarray, n_ranks: int, timings: Timings, remarks: Sequence[Remark]
 ) -> dict[str, Any]:
     """Return what trajectories of both models have in common, by the names of `Trajectory`."""
     scene, instants = model.scene, part.time[part.shown]
@@ -406,12 +387,12 @@ def _described(
     }
 
 
-def _largest(model: FullModel | ReducedModel, outputs: Mapping[str, np.ndarray]) -> dict[str, float]:
+def _largest(model: Model, outputs: Mapping[str, np.ndarray]) -> dict[str, float]:
     sizes = {name: np.max(np.abs(values)) for name, values in at_the_end(model.scene, outputs).items()}
     return {name: float(size) for name, size in felt(sizes, model.outputs.units, _length(model)).items()}
 
 
-def _length(model: FullModel | ReducedModel) -> float:
+def _length(model: Model) -> float:
     """Return beside which a displacement vanishes that is round-off of places, m."""
     return SAME / VANISHING * model.kinematics.size
 
@@ -419,7 +400,7 @@ def _length(model: FullModel | ReducedModel) -> float:
 LOOK_BACK = 400  # steps before a failure in which its cause is looked for
 
 
-def why_stopped(model: FullModel | ReducedModel, run: Run, reason: str) -> list[Remark]:
+def why_stopped(model: Model, run: Run, reason: str) -> list[Remark]:
     """Return why a run of one sample stopped, and what to do; nothing where it did not. A `reason` is what is known
     beyond the status, with its cure."""
     status = Status(run.status[0])
@@ -545,9 +526,7 @@ def balance_of(time: np.ndarray, energies: Energies) -> Balance:
 
 
 @gathered
-def _rests(
-    model: FullModel | ReducedModel, part: _Part, coordinates: np.ndarray, frames: np.ndarray
-) -> Iterator[Remark]:
+def _rests(model: Model, part: _Part, coordinates: np.ndarray, frames: np.ndarray) -> Iterator[Remark]:
     """Return that the mechanism rests, where all that changes over a run that reached its end is round-off of places:
     of coordinates (n_t, n_theta), and of frames (n_frames, n_nodes, n_pose) of two instants or more."""
     if part.run.status[0] != Status.FINE or len(frames) < 2:
@@ -591,7 +570,7 @@ def with_weights(balance: Balance, model: ReducedModel, start: np.ndarray) -> Ba
     if not effects:
         return balance
     mechanism = model.kinematics.mechanism
-    r, values = model.kinematics.n_coordinates, {k: np.array([v]) for k, v in model.scene.values.items()}
+    r, values = model.kinematics.n_coordinates, _of_sample(model)
     poses = model.kinematics.poses(start[:r])[..., 0]
     # from the undeformed bodies to the start, halfway: the work is of second degree in the deformation
     deformed = np.where(np.arange(start.size) < r, 0.0, start)

@@ -29,7 +29,7 @@ from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.stepping.second_order_system import Scheme
 from scenes import kinematics_of, pendulum, slider_crank
 
-PAPER = Limits(n_modes=30, n_static=1, n_terms=3)
+PAPER = Limits(n_modes=30, n_static=1, n_terms=3, n_unknowns=36)
 UNCERTAIN = Limits(n_modes=30, n_static=1, n_terms=3, uncertain=True)
 PLAIN = {"inertia_modes": False, "parameter_modes": 0}
 
@@ -132,7 +132,7 @@ def test_few_vectors_extend_a_basis_where_a_parameter_is_uncertain() -> None:
 
 
 def prices(n_steps: int = 1000, angles: int = 96, n_unknowns: int = 36) -> CandidatePrices:
-    return CandidatePrices(n_unknowns, 3, 1, 0, n_steps, angles)
+    return CandidatePrices(replace(PAPER, n_unknowns=n_unknowns), n_steps, angles)
 
 
 @pytest.mark.parametrize("budget", [1.0, 5.0, 10.0])
@@ -156,7 +156,7 @@ def test_tables_beyond_the_memory_are_left_out_whatever_the_budget() -> None:
 def test_the_size_of_tables_is_that_of_a_built_model() -> None:
     """Of 12 angles with 40 coordinates of beams in space 63 MB were measured."""
     (family,) = families_of({"modes": 28, "second_order": True, "stretching": "dynamic"}, Limits(40, 12, 3))
-    of_space = CandidatePrices(120, 3, 1, 20, 1000, 12)
+    of_space = CandidatePrices(Limits(40, 12, 3, n_unknowns=120, n_local=20), 1000, 12)
     assert family[0].n_flexible == 40
     assert of_space.bytes(family[0]) == pytest.approx(63e6, rel=0.5)
 

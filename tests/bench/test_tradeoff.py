@@ -127,7 +127,7 @@ def test_a_length_is_held_and_its_study_is_that_of_the_number() -> None:
     named = long_crank(*BRIEF, "ensemble.batch=16", settings=("rod_length=0.68",))
     number = numbered(0.68, *BRIEF, "ensemble.batch=16", "parameters.rod_length={nominal=0.7}")
     one, other = (
-        measure_tradeoff(scene, meshes_of(scene), LEAST, 1000, True, MPI.COMM_SELF) for scene in (named, number)
+        measure_tradeoff(scene, meshes_of(scene), LEAST, 1000, MPI.COMM_SELF, print) for scene in (named, number)
     )
     assert one.varied == ("r1",)
     # the eigensolver starts from a random vector
@@ -226,7 +226,7 @@ def written(path: Path, scene: Scene, resume: bool) -> dict[str, object]:
     """Measure and write the study; return what its file holds, but times and what follows from them."""
     meshes = meshes_for(scene)
     kept = Finished(path, {"command": "test"}, scene, meshes, MPI.COMM_SELF, resume)
-    measure_tradeoff(scene, meshes, SWEEP, 1000, True, MPI.COMM_SELF, kept).write(path)
+    measure_tradeoff(scene, meshes, SWEEP, 1000, MPI.COMM_SELF, print, kept).write(path)
     kept.remove()
     found: dict[str, object] = {}
 

@@ -19,7 +19,6 @@ from runs import PGMP
 from pgmp_petsc.results import Ensemble
 
 SCRIPTS = ("build.slurm", "montecarlo.slurm", "build.pbs", "montecarlo.pbs")
-CROSSED = "build.slurm", "montecarlo.pbs"  # each scheduler and each command once
 SLURM, PBS = SCRIPTS[:2], SCRIPTS[2:]
 STUBS = {
     # as with MpiDefault=none where DEFAULT says so: the ranks do not find each other
@@ -203,8 +202,9 @@ def test_where_slurm_queues_nothing_again_a_new_job_has_the_same_options(checkou
     )
 
 
-def test_a_job_stopped_by_its_own_clock_is_followed_by_one_with_its_options(checkout: Path) -> None:
-    script, given = "montecarlo.pbs", worker(checkout) | {"SUBMIT": "-m e", "LEAD": 57, "WALLTIME": "1:00"}
+@pytest.mark.parametrize("script", PBS)
+def test_a_job_stopped_by_its_own_clock_is_followed_by_one_with_its_options(checkout: Path, script: str) -> None:
+    given = worker(checkout) | {"SUBMIT": "-m e", "LEAD": 57, "WALLTIME": "1:00"}
     out, _ = run(checkout, script, STOPPED, WORK="slow", **given)
     assert "60 s left; the command is stopped after 3 s" in out and "stopped before the end of the wall time" in out
     assert calls(checkout)[1:] == [f"{PBS_AGAIN}-W depend=afterany:17 -m e scripts/hpc/{script}"]
@@ -221,7 +221,7 @@ def test_one_job_of_a_pbs_array_is_followed_by_one_that_knows_its_index(checkout
     assert calls(checkout)[2] == "pgmp build scene.toml -o r3.h5 --resume"
 
 
-@pytest.mark.parametrize("script", CROSSED)
+@pytest.mark.parametrize("script", SCRIPTS)
 def test_what_cannot_be_queued_is_said(checkout: Path, script: str) -> None:
     given = worker(checkout) | {"REQUEUE": "no", "QUEUE": "closed"}
     _, err = stopped(checkout, script, status=1, **given)
@@ -251,7 +251,7 @@ def test_a_job_that_finished_nothing_is_not_repeated(checkout: Path) -> None:
         assert len(calls(checkout)) == 1
 
 
-@pytest.mark.parametrize("script", CROSSED)
+@pytest.mark.parametrize("script", SCRIPTS)
 def test_a_failure_ends_the_job(checkout: Path, script: str) -> None:
     _, err = run(checkout, script, 3, WORK="failing", THEN="touch then", **worker(checkout))
     assert f"{script}: the command ended with status 3; its own message begins with 'pgmp:'" in err

@@ -17,20 +17,20 @@ from conftest import MPI_ENVIRONMENT, ROOT, SCRIPTS, TIMEOUT_SECONDS
 from pgmp_petsc.ranks.ending import ENDING, ending_on_signals, keep, keep_no_longer, search_at, what_is_kept
 
 KEPT = "what was finished is kept in '{}'; the same command with --resume goes on from there"
-PATIENCE = "OMPI_MCA_odls_base_sigkill_timeout"  # s from mpirun's SIGTERM to its SIGKILL
+# s from mpirun's SIGTERM to its SIGKILL, usually one: too little for a message where the machine is busy
+UNHURRIED = {"OMPI_MCA_odls_base_sigkill_timeout": "5"}
 NOTHING = "this run kept no part of its result; repeat the command"
 
 
 @contextmanager
-def waiting(n: int, *arguments: object, patience: int = 5) -> Iterator[subprocess.Popen[str]]:
+def waiting(n: int, *arguments: object) -> Iterator[subprocess.Popen[str]]:
     """Start the command that waits on n ranks, and give it when it does. Of several each is forked by a server, whose
-    process is told what mpirun tells; one alone has signals of its own from the start on. mpirun's usual second is too
-    little for a message where the machine is busy."""
+    process is told what mpirun tells; one alone has signals of its own from the start on."""
     launch = ("mpirun", "-n", str(n), *warm_start.python()) if n > 1 else (sys.executable,)
     paths = os.pathsep.join(filter(None, [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH")]))
     job = subprocess.Popen(
         [*launch, SCRIPTS / "commands.py", "waiting", *map(str, arguments)],
-        env=os.environ | MPI_ENVIRONMENT | {PATIENCE: str(patience), "PYTHONPATH": paths},
+        env=os.environ | MPI_ENVIRONMENT | UNHURRIED | {"PYTHONPATH": paths},
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         # a suite that runs in the background ignores SIGINT, and what it starts would
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
@@ -78,7 +78,7 @@ def test_a_rank_that_waits_in_mpi_says_what_is_kept(tmp_path: Path, number: sign
 
 
 def test_one_rank_that_is_ended_ends_all(tmp_path: Path) -> None:
-    with waiting(3, tmp_path / "many.h5", patience=1) as job:
+    with waiting(3, tmp_path / "many.h5") as job:
         ranks = Path(f"/proc/{job.pid}/task/{job.pid}/children").read_text().split()
         os.kill(int(ranks[-1]), signal.SIGTERM)
         _, err = job.communicate(timeout=TIMEOUT_SECONDS)

@@ -139,7 +139,7 @@ def test_the_derivative_with_time_is_that_of_the_engine_s_residual() -> None:
     push = 'type="force",point="rod:tip",direction=[1.0,0.0],harmonic={amplitude=9.0,frequency_hz=2.0}'
     model = reduced_model(slider_crank(*MODES, f"effects.jet={{{jet}}}", f"effects.push={{{push}}}"))
     times, states = somewhere(model)
-    found = Linearisation(model, model.scene.values, ["r1"]).at(times, states, with_time=True)
+    found = Linearisation(model, model.scene.values, ["r1"]).at(times, states, by_time=True)
     expected = slopes(lambda h: engine_residual(model, times + h, states), 1e-4)
     near(found.by_parameters[:, -1], expected, engine_residual(model, times, states), 1e-4)
     alone = Linearisation(model, model.scene.values, ["r1"]).at(times, states)

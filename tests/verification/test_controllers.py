@@ -27,9 +27,8 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.choice import choose
 from pgmp_petsc.c_export.constants import constants_of, tunable
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
-from pgmp_petsc.design.design_figures import Question
 from pgmp_petsc.design.goals import read_constraint, read_goal
-from pgmp_petsc.design.optimization import optimize
+from pgmp_petsc.design.optimization import Question, optimize
 from pgmp_petsc.design.sensitivities import difference_remarks
 from pgmp_petsc.estimates.error_indicator import TOO_OFTEN
 from pgmp_petsc.gradients import differentiated

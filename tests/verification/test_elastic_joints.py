@@ -230,7 +230,7 @@ def test_an_offset_without_a_balance_is_refused():
     with pytest.raises(InputError, match=loose):
         describe_scene(scene, meshes_of(scene))
     with pytest.raises(InputError, match=loose), RankGroup.split(MPI.COMM_SELF, 1) as group:
-        build(scene, meshes_of(scene), group)
+        build(scene, meshes_of(scene), group, print)
     describe_scene(held, meshes_of(held))
     found = {name: run(held, name)[1]["left"][0] for name in MODELS}
     assert found == pytest.approx(dict.fromkeys(found, 0.0), abs=1e-12), "1 mm up, with no spring in that direction"

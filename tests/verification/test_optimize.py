@@ -9,10 +9,9 @@ from mpi4py import MPI
 from runs import reduced_model
 
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
-from pgmp_petsc.design import design_figures
-from pgmp_petsc.design.design_figures import DesignFigures, Question
+from pgmp_petsc.design import optimization
 from pgmp_petsc.design.goals import Dual, read_constraint, read_goal
-from pgmp_petsc.design.optimization import _searched, designed_parameters, optimize
+from pgmp_petsc.design.optimization import DesignFigures, Question, _searched, designed_parameters, optimize
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.gradients.differences import Off
@@ -180,7 +179,7 @@ def test_a_run_that_stops_on_the_way_names_the_design_and_the_cure(
     def stopping(*_: object) -> None:
         raise kind("no run")
 
-    monkeypatch.setattr(design_figures, "differentiate", stopping)
+    monkeypatch.setattr(optimization, "differentiate", stopping)
     with pytest.raises(kind, match=r"at r = 0\.005: no run") as error:
         design_of(cantilever, "minimise r")
     assert ("--override parameters.r.bounds=" in str(error.value)) == (kind is RunError)
@@ -194,7 +193,7 @@ def test_a_design_that_takes_smaller_steps_is_kept_at_those_of_the_scene(cantile
             return differentiate(model, values, names)
         return replace(differentiate(halved, values, names), steps_divided=2)
 
-    monkeypatch.setattr(design_figures, "differentiate", with_half_the_step)
+    monkeypatch.setattr(optimization, "differentiate", with_half_the_step)
     found = design_of(cantilever, "maximise r")
     np.testing.assert_allclose(found.time, [0.0, 1e-3, 2e-3], rtol=1e-12)
     assert found.begun["sag"].shape == found.designed["sag"].shape == (3,)
@@ -210,7 +209,7 @@ def failing_at(number: int, monkeypatch: pytest.MonkeyPatch, reason: str = "the 
             raise RunError(reason)
         return differentiate(*given)
 
-    monkeypatch.setattr(design_figures, "differentiate", once)
+    monkeypatch.setattr(optimization, "differentiate", once)
 
 
 def test_a_search_turns_back_from_where_a_run_stops(wound: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from differences import OneByOne
 from runs import reduced_model, samples
 
 from pgmp_petsc.effects.joint_effects import STOP as STOPS
@@ -13,6 +12,7 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.stepping import generalised_alpha
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
+from pgmp_petsc.stepping.second_order_system import SecondOrderSystem
 from pgmp_petsc.stepping.status import Outcome, Status
 from scenes import slider_crank
 
@@ -54,6 +54,18 @@ def values_of(model: ReducedModel, chosen: np.ndarray) -> dict[str, np.ndarray]:
     """Return the values of some of N samples, by their numbers."""
     stiffness = model.scene.values["k"] * FACTORS[chosen]
     return samples(model.scene, chosen.size, r1=RADII[chosen], k=stiffness)
+
+
+class OneByOne:
+    """A system that does not step by itself: `EventLocation` finds its edges, one sample after the other."""
+
+    def __init__(self, system: ReducedSystem) -> None:
+        self._system = system
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._system, name)
+
+    steps_at_once, advance, take_steps = 1, SecondOrderSystem.advance, SecondOrderSystem.take_steps
 
 
 def motion_of(

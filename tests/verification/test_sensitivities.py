@@ -14,15 +14,15 @@ from solid_scenes import solid_meshes, solid_slider_crank
 from two_coordinates import double_pendulum, five_bar
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.design.design_figures import Question
 from pgmp_petsc.design.fitting import fit
 from pgmp_petsc.design.goals import read_constraint, read_goal
 from pgmp_petsc.design.measured_history import MeasuredHistory
-from pgmp_petsc.design.optimization import optimize
+from pgmp_petsc.design.optimization import Question, optimize
 from pgmp_petsc.design.sensitivities import _moved, sensitivities
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, ObservedChanges, differentiate
 from pgmp_petsc.gradients.linearisation import Linearisation
+from pgmp_petsc.gradients.local_effects import LocalDerivatives
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.ranks.groups import RankGroup
@@ -276,7 +276,8 @@ def test_edges_are_differentiated(model: ReducedModel) -> None:
     v, a = (q - before) / step, 30.0 * np.ones(q.shape)
 
     def depths(at: np.ndarray) -> np.ndarray:
-        return linearisation.depths(np.zeros(len(at)), State(at, np.zeros_like(at), np.zeros_like(at), np.zeros(0)))
+        still = np.zeros_like(at)
+        return linearisation.local.depths(np.zeros(len(at)), State(at, still, still, np.zeros(0)))
 
     h = np.diag(1e-4 / model.terms.scale)
     slopes = (depths(q + h) - depths(q - h)) / (2.0 * np.diag(h)[:, None])
@@ -284,7 +285,7 @@ def test_edges_are_differentiated(model: ReducedModel) -> None:
     path = np.concatenate([q + s * v + 0.5 * s * s * a for s in (-t, 0.0, t)])
     behind, here, ahead = depths(path)
     for event in range(depths(q).shape[1]):
-        edge = linearisation.edge(event, 0.0, State(q, v, a, np.zeros(0)))
+        edge = linearisation.local.edge(event, 0.0, State(q, v, a, np.zeros(0)))
         assert edge.effect == "stop" and not edge.by_parameters.any()
         # truncation of the differences leaves 1e-8 of an angle's arc, rounding 1e-12 of them
         np.testing.assert_allclose(edge.gradient, slopes[:, event], rtol=0, atol=1e-7 * np.abs(slopes).max())
@@ -442,8 +443,8 @@ def test_contacts_that_no_end_of_a_step_shows_are_found(
     bouncing: ReducedModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Such as one that vibrations take back within a step: the scheme's equations do not hold over it."""
-    expected, depths = differentiate(bouncing, bouncing.scene.values, ["k"]), Linearisation.depths
-    monkeypatch.setattr(Linearisation, "depths", lambda *arguments: -np.abs(depths(*arguments)))
+    expected, depths = differentiate(bouncing, bouncing.scene.values, ["k"]), LocalDerivatives.depths
+    monkeypatch.setattr(LocalDerivatives, "depths", lambda *arguments: -np.abs(depths(*arguments)))
     found = differentiate(bouncing, bouncing.scene.values, ["k"])
     assert [contact.time for contact in found.contacts] == pytest.approx([one.time for one in expected.contacts])
     slope = expected.derivatives["angle"]["k"]

@@ -16,9 +16,8 @@ from solid_scenes import solid_meshes, solid_slider_crank
 from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.design.design_figures import Question
 from pgmp_petsc.design.goals import read_goal
-from pgmp_petsc.design.optimization import optimize
+from pgmp_petsc.design.optimization import Question, optimize
 from pgmp_petsc.design.sensitivities import sensitivities
 from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan

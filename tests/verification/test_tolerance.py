@@ -12,7 +12,6 @@ from runs import full_model, paper_scene
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench import choice as length_choice
-from pgmp_petsc.bench.cases import Table
 from pgmp_petsc.bench.choice import Choice, choose
 from pgmp_petsc.bench.history import History, errors_between, floors_of, run_history
 from pgmp_petsc.bench.step_choice import settle_step
@@ -20,6 +19,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.scene.fields import LoadTable
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.uses import length_names
@@ -47,13 +47,13 @@ class Chosen:
 
     scene: Scene
     choice: Choice
-    exact: dict[tuple[Table, int], History] = field(default_factory=dict)
+    exact: dict[tuple[LoadTable, int], History] = field(default_factory=dict)
 
-    def under(self, table: Table) -> Scene:
+    def under(self, table: LoadTable) -> Scene:
         motor = self.choice.scene.effects["motor"].model_copy(update={"table": table})
         return self.choice.scene.model_copy(update={"effects": {"motor": motor}})
 
-    def errors(self, table: Table, finer: int, smaller: int) -> np.ndarray:
+    def errors(self, table: LoadTable, finer: int, smaller: int) -> np.ndarray:
         """Return the largest error of every output under a torque, for the held-out radii.
 
         Parameters

@@ -13,7 +13,7 @@ from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.base.units import DENSITIES, DENSITY, STRESS, WAVE_SPEEDS, UnitSystem, exists
 from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.bodies.sections.section import BeamSection
-from pgmp_petsc.bodies.shape import BodyShape, given_properties, shape_in_scene
+from pgmp_petsc.bodies.shape import BodyShape, Shapes, given_properties, shape_in_scene
 from pgmp_petsc.effects import start_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -46,7 +46,7 @@ class Size:
     frequency_hz: float
 
 
-def sizes_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, Size]:
+def sizes_of(scene: Scene, meshes: Shapes) -> dict[str, Size]:
     """Return the proportions of bodies whose mesh is given, or in the scene."""
     of = {LineMesh: _beam, SolidMesh: _solid, Assembled: _solid}
     return {
@@ -55,13 +55,13 @@ def sizes_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, Size]:
     }
 
 
-def _with_lines(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, BodyShape]:
+def _with_lines(scene: Scene, meshes: Shapes) -> dict[str, BodyShape]:
     """Return meshes that are given, with those that the scene has."""
     written = {name: shape_in_scene(scene, name) for name in scene.bodies if name not in meshes}
     return dict(meshes) | {name: shape for name, shape in written.items() if shape is not None}
 
 
-def first_frequency(scene: Scene, meshes: Mapping[str, BodyShape]) -> float | None:
+def first_frequency(scene: Scene, meshes: Shapes) -> float | None:
     """Return the first frequency of the mechanism of beams where it starts, its coordinates free as they are, Hz.
 
     None where it takes more than a moment (bodies of cells, meshes that are not at hand), or cannot be had.
@@ -196,10 +196,8 @@ def _slenderness(scene: Scene, name: str, size: Size) -> Iterator[Finding]:
     entry, received = _thickness_entry(scene, body, f"bodies.{name}.section")
     if size.thickness > size.length:
         words = f"{name} is {system.text(size.thickness, 'm')} thick and {system.text(size.length, 'm')} long"
-        if body.flexible:
-            yield refusal(entry, f"{words}; a beam is longer than thick (sizes are in {metre})", *received)
-        else:
-            yield doubt(entry, f"{words} (sizes are in {metre})", *received)
+        words += "; a beam is longer than thick" if body.flexible else ""
+        yield (refusal if body.flexible else doubt)(entry, f"{words} (sizes are in {metre})", *received)
     elif size.length < SLENDERNESS * size.thickness and body.flexible:
         words = f"{name} is only {size.length / size.thickness:.2g} times as long as thick; below {SLENDERNESS:g}"
         cure = "take continuum elements (solid2d, solid3d), or make it rigid"
@@ -256,7 +254,7 @@ def _speed(scene: Scene, body: Body, mesh: Assembled) -> float:
     return mesh.wave_speed * math.sqrt(scene.number(given.stiffness_scale) / scene.number(given.mass_scale))
 
 
-def matrix_findings(scene: Scene, meshes: Mapping[str, BodyShape], system: UnitSystem) -> Iterator[Finding]:
+def matrix_findings(scene: Scene, meshes: Shapes, system: UnitSystem) -> Iterator[Finding]:
     """Yield matrices of materials that do not exist: as a rule of other units than the scene says."""
     shown = scene.system
     speeds = " to ".join(plain(shown.shown(limit / system.speed, "m/s")) for limit in WAVE_SPEEDS)

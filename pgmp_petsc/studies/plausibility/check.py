@@ -12,14 +12,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 
 import numpy as np
-from pydantic import BaseModel
 
 from pgmp_petsc.base.errors import Remark, warning
 from pgmp_petsc.base.units import MM, SI, STANDARD_GRAVITY
+from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.mechanism.capabilities import BYTES
-from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_values, shown_in
 from pgmp_petsc.scene.fields import GROUND
@@ -41,18 +40,14 @@ SEVERAL, SHOWN = 3, 6  # findings that are reported as one, and entries of them 
 NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.,]*(e[-+]?\d+)?")
 
 
-def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None = None) -> tuple[Remark, ...]:
+def plausibility(scene: Scene, meshes: Shapes | None = None) -> tuple[Remark, ...]:
     """Return a warning for each entry that probably is not meant.
 
-    Raises `InputError` if entries cannot be meant, one line for each.
-
-    Parameters
-    ----------
-    scene : Scene
-    meshes : mapping, optional
-        Mesh of every body. Without it only straight beams are looked at, and stops of coordinates.
+    Without the mesh of every body only straight beams are looked at, and stops of coordinates. Raises `InputError` if
+    entries cannot be meant, one line for each.
     """
     first = cache(lambda: bodies.first_frequency(scene, meshes or {}))
+    assembled = None if meshes is None else cache(lambda: RigidKinematics(Mechanism.from_scene(scene, meshes)))
     sizes, system = bodies.sizes_of(scene, meshes or {}), scene.number_units
     findings = [
         *parameter_findings(scene),
@@ -67,9 +62,9 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
         *unused_findings(scene),
     ]
     if not any(finding.refused for finding in findings):  # the mechanism of a scene with sense can be put together
-        findings += stop_findings(scene, meshes, max((size.length for size in sizes.values()), default=1.0))
-        findings += coupling_findings(scene, meshes)
-        findings += formula_findings(scene, meshes)
+        findings += stop_findings(scene, assembled, max((size.length for size in sizes.values()), default=1.0))
+        if assembled is not None:
+            findings += [*coupling_findings(scene, assembled), *formula_findings(scene, assembled)]
     shown = shown_in(scene)
     refused = [finding.text(shown) for finding in findings if finding.refused]
     if refused:
@@ -221,35 +216,27 @@ def _breaks(scene: Scene) -> Iterator[Finding]:
 
 def _without_effect(scene: Scene) -> Iterator[Finding]:
     """Yield settings other than the defaults that work with another one, which the scene does not have."""
-    reduction = scene.reduction
+    reduction, ensemble = scene.reduction, scene.ensemble
     chosen = reduction.tolerance is not None or reduction.effects == "auto"  # then second_order may be
-    if _is_set(reduction, "stretching") and not reduction.second_order and not chosen:
-        yield doubt("reduction.stretching", "without effect, as reduction.second_order is false", reduction.stretching)
     adds_angles = reduction.sampling_tolerance is not None or reduction.parameter_modes or stressed_bodies(scene)
+    without_angles = "there is no reduction.sampling_tolerance, no parameter_modes and no stress output"
+    sampler = f'ensemble.sampler = "{ensemble.sampler}"; it is for "sobol" and "saltelli" (--sampler)'
+    copula = f'ensemble.copula = "{ensemble.copula}"; it is for "student"'
+    for table, name, works, why in (
+        ("reduction", "stretching", reduction.second_order or chosen, "reduction.second_order is false"),
+        ("reduction", "max_angles", adds_angles, without_angles),
+        ("reduction", "length_points", length_names(scene), "no parameter is a length, a place or a ratio"),
+        ("ensemble", "replicates", ensemble.sampler in ("sobol", "saltelli"), sampler),
+        ("ensemble", "copula_freedom", ensemble.copula == "student", copula),
+        ("ensemble", "band_samples", ensemble.bands, "ensemble.bands = 0"),
+    ):
+        settings = getattr(scene, table)
+        if not works and (given := getattr(settings, name)) != type(settings).model_fields[name].default:
+            yield doubt(f"{table}.{name}", f"without effect, as {why}", given)
     if "interpolation" in reduction.model_fields_set and scene.interpolation != reduction.interpolation:
         joint = next(name for name, one in scene.joints.items() if one.elastic is not None)
         why = f"splines take its place, as joints.{joint} is elastic: rigid motion and what it carries share inertia"
         yield doubt("reduction.interpolation", f'{why}; take "spline"', reduction.interpolation)
-    if _is_set(reduction, "max_angles") and not adds_angles:
-        why = "without effect, as there is no reduction.sampling_tolerance, no parameter_modes and no stress output"
-        yield doubt("reduction.max_angles", why, reduction.max_angles)
-    if _is_set(reduction, "length_points") and not length_names(scene):
-        why = "without effect, as no parameter is a length, a place or a ratio"
-        yield doubt("reduction.length_points", why, reduction.length_points)
-    ensemble = scene.ensemble
-    if _is_set(ensemble, "replicates") and ensemble.sampler not in ("sobol", "saltelli"):
-        own = f'without effect, as ensemble.sampler = "{ensemble.sampler}"'
-        why = f'{own}; it is for "sobol" and "saltelli" (--sampler)'
-        yield doubt("ensemble.replicates", why, ensemble.replicates)
-    if _is_set(ensemble, "copula_freedom") and ensemble.copula != "student":
-        why = f'without effect, as ensemble.copula = "{ensemble.copula}"; it is for "student"'
-        yield doubt("ensemble.copula_freedom", why, ensemble.copula_freedom)
-    if _is_set(ensemble, "band_samples") and not ensemble.bands:
-        yield doubt("ensemble.band_samples", "without effect, as ensemble.bands = 0", ensemble.band_samples)
-
-
-def _is_set(settings: BaseModel, name: str) -> bool:
-    return getattr(settings, name) != type(settings).model_fields[name].default
 
 
 def riding_findings(scene: Scene) -> Iterator[Finding]:
@@ -267,17 +254,15 @@ def riding_findings(scene: Scene) -> Iterator[Finding]:
 def unused_findings(scene: Scene) -> Iterator[Finding]:
     """Yield parameters, materials and ground points that nothing uses."""
     parameters = {use.parameter for use in uses_of(scene)}
-    for name in scene.parameters:
-        if name not in parameters:
-            yield doubt(f"parameters.{name}", "nothing uses it: no entry holds its name; leave it out")
     materials = {material for body in scene.bodies.values() for material in (body.material, *body.regions.values())}
-    for name in scene.materials:
-        if name not in materials:
-            yield doubt(f"materials.{name}", "no body is made of it; leave it out")
-    attached = {ORIGIN, *points_used(scene, GROUND)}
-    for name in scene.ground.points:
-        if name not in attached:
-            yield doubt(f"ground.points.{name}", "nothing is attached to it; leave it out")
+    for entry, given, used, why in (
+        ("parameters", scene.parameters, parameters, "nothing uses it: no entry holds its name"),
+        ("materials", scene.materials, materials, "no body is made of it"),
+        ("ground.points", scene.ground.points, {ORIGIN, *points_used(scene, GROUND)}, "nothing is attached to it"),
+    ):
+        for name in given:
+            if name not in used:
+                yield doubt(f"{entry}.{name}", f"{why}; leave it out")
 
 
 CUT_OFF = 0.01  # share of a distribution beyond its bounds

@@ -15,10 +15,8 @@ from pgmp_petsc.effects.formula import FormulaEffect, not_finite
 from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
+from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.mechanism.statements import Statement
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass, Driving, EffectEntry, OverTime
@@ -171,32 +169,33 @@ def _twice(scene: Scene) -> Iterator[Finding]:
 DEEPEST = 1.0  # rad, or the size of the mechanism: a stop beyond is no stop
 
 
-def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None, size: float) -> Iterator[Finding]:
+def stop_findings(scene: Scene, assembled: Callable[[], RigidKinematics] | None, size: float) -> Iterator[Finding]:
     """Yield stops that are violated at the start.
 
-    Where a stop is on another joint than that of a coordinate, the mechanism is assembled, which takes its meshes.
+    Where a stop is on another joint than that of a coordinate, the mechanism is assembled, where its meshes are known.
     Raises `InputError` if it cannot be. The `size` is the length of the longest body, m.
     """
     coordinates = {(c.joint, slides(scene, c)): name for name, c in scene.coordinates.items() if c.joint is not None}
-    kinematics, system = None, scene.system
+    system = scene.system
     for name, effect in scene.effects.items():
         if not effect.sets_in or effect.joint is None:
             continue
         slid = slides(scene, effect)
+        unit, length = ("m", size) if slid else ("rad", 1.0)
         if (effect.joint, slid) in coordinates:
-            start, unit = scene.initial_state(coordinates[effect.joint, slid]).position, "m" if slid else "rad"
-            deepest = DEEPEST * (size if slid else 1.0)
-        elif meshes is None or scene.driven:
+            start = scene.initial_state(coordinates[effect.joint, slid]).position
+        elif assembled is None or scene.driven:
             continue
         else:
-            kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, meshes))
-            start, unit = _measured(kinematics, scene, effect)
-            deepest = DEEPEST * (1.0 if unit == "rad" else kinematics.size)
+            kinematics = assembled()
+            length, place = kinematics.size if slid else 1.0, joint_measure(kinematics.mechanism, effect)
+            theta = [scene.initial_state(coordinate.name).position for coordinate in kinematics.coordinates]
+            start = _value(kinematics, place["statement"], (place["a"], place["b"]), _placed(kinematics, theta))
         for key, side in effect.sets_in.items():
             if getattr(effect, key) is None:
                 continue
             where, end = named(scene, f"effects.{name}.{key}", getattr(effect, key))
-            depth = side * (start - end)
+            depth, deepest = side * (start - end), DEEPEST * length
             if depth > 1e-9 * deepest:
                 place = system.text(start, unit, ".4g")
                 words = f"{effect.joint} starts at {place}, {system.text(depth, unit)} beyond this stop"
@@ -204,23 +203,19 @@ def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | Non
                 yield (refusal if depth > deepest else doubt)(where, f"{words}, {cure}", end)
 
 
-def coupling_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None) -> Iterator[Finding]:
+def coupling_findings(scene: Scene, assembled: Callable[[], RigidKinematics]) -> Iterator[Finding]:
     """Yield couplings whose sum counts from placements at which the mechanism does not close."""
     counting = [name for name, one in scene.joints.items() if isinstance(one, CouplingEntry) and one.from_placements]
-    if meshes is None or not counting:
+    if not counting:
         return
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
-    mechanism = kinematics.mechanism
-
-    def measured(statement: Statement, sides: Sequence[Attachment], poses: np.ndarray) -> float:
-        return float(mechanism.space.measure(statement, *(side.frame_of_pose(poses) for side in sides)))
-
-    placed = [measured(one.statement, one.sides, mechanism.first_guess) for one in kinematics.coordinates]
+    kinematics = assembled()
+    guess = kinematics.mechanism.first_guess
+    placed = [_value(kinematics, one.statement, one.sides, guess) for one in kinematics.coordinates]
     bounds = zip(*((-np.inf, np.inf) if one.periodic else (one.lower, one.upper) for one in kinematics.coordinates))
-    closed = kinematics.poses(np.clip(placed, *bounds)[None])[..., 0]
-    for coupling in (one for one in mechanism.couplings if one.name in counting):
+    closed = _placed(kinematics, np.clip(placed, *bounds))
+    for coupling in (one for one in kinematics.mechanism.couplings if one.name in counting):
         for (statement, _), *sides in zip(coupling.combination.terms, coupling.sides[::2], coupling.sides[1::2]):
-            away = measured(statement, sides, closed) - measured(statement, sides, mechanism.first_guess)
+            away = _value(kinematics, statement, sides, closed) - _value(kinematics, statement, sides, guess)
             if not statement.is_length:
                 away -= 2.0 * np.pi * np.rint(away / (2.0 * np.pi))
             if abs(away) > FAR * (kinematics.size if statement.is_length else 1.0):
@@ -232,32 +227,25 @@ def coupling_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] |
                 break
 
 
-def _measured(kinematics: RigidKinematics, scene: Scene, effect: EffectEntry) -> tuple[float, str]:
-    """Return the angle or displacement of a joint at the start, and its unit."""
-    start = [scene.initial_state(coordinate.name).position for coordinate in kinematics.coordinates]
-    place = joint_measure(kinematics.mechanism, effect)
-    value = _value(kinematics, place["statement"], (place["a"], place["b"]), np.array(start))
-    return value, "m" if slides(scene, effect) else "rad"
+def _placed(kinematics: RigidKinematics, theta: Sequence[float]) -> np.ndarray:
+    """Return the poses of all bodies at a configuration (n_theta,)."""
+    return kinematics.poses(np.array(theta)[None])[..., 0]
 
 
-def _value(
-    kinematics: RigidKinematics, statement: Statement, sides: tuple[Attachment, Attachment], theta: np.ndarray
-) -> float:
-    """Return a statement at a configuration (n_theta,)."""
-    poses = kinematics.poses(theta[None])[..., 0]
+def _value(kinematics: RigidKinematics, statement: Statement, sides: Sequence[Attachment], poses: np.ndarray) -> float:
     return float(kinematics.mechanism.space.measure(statement, *(side.frame_of_pose(poses) for side in sides)))
 
 
 MOMENT = 1e-6  # s, or less where coordinates are fast: over it the rate of a measure is a difference
 
 
-def formula_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None) -> Iterator[Finding]:
+def formula_findings(scene: Scene, assembled: Callable[[], RigidKinematics]) -> Iterator[Finding]:
     """Yield formulas that have no value at the start. Raises `InputError` if the mechanism cannot be assembled."""
     named = {name: effect for name, effect in scene.effects.items() if isinstance(effect, FormulaEffect)}
     of_outputs = [name for name, entry in scene.outputs.items() if "outputs" in entry.reads]
-    if not (named or of_outputs) or meshes is None:
+    if not (named or of_outputs):
         return
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
+    kinematics = assembled()
     theta, rates = start_of(scene, kinematics.mechanism)
     moment = MOMENT / max(1.0, np.max(np.abs(rates)))
     for name, effect in named.items():
@@ -265,7 +253,7 @@ def formula_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | 
         measured, acting = actions[0], actions[-1]
 
         def at(time: float, measured: Action = measured) -> float:
-            return _value(kinematics, measured.statement, measured.sides, theta + time * rates)
+            return _value(kinematics, measured.statement, measured.sides, _placed(kinematics, theta + time * rates))
 
         # of a coordinate with its turns
         own = next((k for k, c in enumerate(kinematics.coordinates) if c.statement is measured.statement), None)
@@ -282,12 +270,7 @@ def formula_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | 
 
 
 def _outputs_at_start(
-    scene: Scene,
-    kinematics: RigidKinematics,
-    names: Sequence[str],
-    theta: np.ndarray,
-    moving: np.ndarray,
-    moment: float,
+    scene: Scene, kinematics: RigidKinematics, names: Sequence[str], theta: np.ndarray, speed: np.ndarray, moment: float
 ) -> Iterator[Finding]:
     """Yield outputs of other outputs that have no finite value where the rigid mechanism starts; of accelerations,
     stresses and forces it does not know, nor of deformations of a settled start."""
@@ -299,11 +282,9 @@ def _outputs_at_start(
     here = frames(theta)
     rows = np.broadcast_to(theta[None, :, None], (len(here), theta.size, 1))
     whole = np.concatenate([here, rows[:, : outputs.n_frame - outputs.n_pose]], axis=1)
-    rates = (
-        (frames(theta + moment * moving) - frames(theta - moment * moving)) / (2.0 * moment)
-        if np.any(moving)
-        else np.zeros_like(here)
-    )
+    rates = np.zeros_like(here)
+    if np.any(speed):
+        rates = (frames(theta + moment * speed) - frames(theta - moment * speed)) / (2.0 * moment)
     n = len(outputs.stresses) + outputs.n_forces
     observed = outputs.observed([whole, rates, np.zeros_like(here)], np.zeros((n, 1)), 0.0, scene.values)
     with np.errstate(all="ignore"):
