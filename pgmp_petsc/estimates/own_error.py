@@ -190,7 +190,7 @@ def not_estimated(errors: EstimatedErrors, scene: Scene) -> list[Remark]:
 def polynomials_of_lengths(model: LengthLanes, estimated: bool) -> Remark:
     """Return what is between a model of any lengths and those that were built, and whether estimates hold it."""
     check = model.check
-    at = values_text(model.scene, check.values)
+    at = values_text(model.scene, model.checked)
     contained = "estimated errors of samples contain what they are off by; " if estimated else ""
     return note(
         f"{', '.join(model.lengths)}: tables and outputs are polynomials through those of {len(model.members)} "

@@ -155,8 +155,8 @@ class LengthLanes(Observing):
         self.formulas = {one.name: functions[one.name] for one in model.outputs.forces}
         self.formulas |= {name: _of_others(self.scene, name) for name in of_others}
         self.lengths = length_names(model.scene)
-        family, scheme = model.rom.family, model.scene.interpolation
-        self.grid, self.check = family.grid, family.check
+        family = model.rom.family
+        self.grid, self.check, self.checked = family.grid, family.check, family.checked
         self.members = tuple(self._member(number) for number in range(len(family.members)))
         self.stresses = None
         if model.stresses is not None:
@@ -170,10 +170,7 @@ class LengthLanes(Observing):
         if damping is not None:
             tables = self.grid.coefficients([one.table for one in dampings])
             damping = replace(damping, weights=self.grid.weights(damping.weights), table=tables)
-        self.terms = ReducedTerms.of(
-            merged.tables, merged.rigid_inertia, model.kinematics, merged.projection, scheme, damping,
-            model.scene.gyroscopic,
-        )  # fmt: skip
+        self.terms = ReducedTerms.of(merged, model.kinematics, model.scene, damping)
         self.stiffness_changes = merged.stiffness_changes
         for each in zip(*(member.actions.actions for member in self.members)):
             self._require_alike(each)

@@ -103,9 +103,7 @@ class ReducedModel(Observing):
         self.outputs = OutputSet.of(scene, self.kinematics, self.start[0])
         self.measures = Measures(scene, self.kinematics, self.start[0]) if scene.beside else None
         damping = ReducedDamping.of(self.effects, self.kinematics, rom)
-        self.terms = ReducedTerms.of(
-            rom.tables, rom.rigid_inertia, self.kinematics, rom.projection, scheme, damping, scene.gyroscopic
-        )
+        self.terms = ReducedTerms.of(rom, self.kinematics, scene, damping)
         actions = actions_of(self.effects)
         self.places = places or grid_of_places(rom.tables.samples, self.kinematics, actions)[0]
         self.actions = ReducedActions.of(

@@ -192,19 +192,6 @@ def rigid_places(
     return interpolant(fine, np.concatenate([*frames, angles.T], axis=1)[:, None], "spline"), winding
 
 
-def functions_of_time(
-    effects: Sequence[Effect], actions: Sequence[Action], motions: Mapping[int, Motion], n_theta: int
-) -> Strengths:
-    """Return what gives loads of effects, sources among actions and motions of coordinates at any time: `TimeFunctions`
-    in place of their values."""
-    nothing = TimeFunction.constant(0.0)
-    return Strengths(
-        joined([effect.strength for effect in effects]),
-        joined([nothing if action.amplitude is None else action.amplitude for action in actions]),
-        joined([motions[k].angle if k in motions else nothing for k in range(n_theta)]),
-    )
-
-
 def _same_turns(rigid: Cells, other: Cells, winding: np.ndarray) -> np.ndarray:
     """Return the rows of `Places.rigid` with the turns of their angles, the last entries, counted as of others."""
     found, angles = rigid.rows.copy(), slice(rigid.rows.shape[2] - len(winding), None)
@@ -246,19 +233,24 @@ def _counted(
     return angles, winding
 
 
+@dataclass(frozen=True)
 class ReducedStrengths:
-    """Strengths that are the same for all samples of a batch: of effects with loads, in the order of the tables, of
-    local effects, and of the motions of prescribed coordinates, by their numbers."""
+    """Strengths that are the same for all samples of a batch."""
 
-    def __init__(
-        self,
-        load_effects: Sequence[Effect],
-        actions: Sequence[Action],
-        motions: Mapping[int, Motion],
-        n_coordinates: int,
-    ) -> None:
-        self._load_effects, self._actions, self._motions = load_effects, actions, motions
-        self._n_motions = 3 * n_coordinates if motions else 0
+    load_effects: Sequence[Effect]  # effects with loads, in the order of the tables
+    actions: Sequence[Action]  # local effects
+    motions: Mapping[int, Motion]  # of prescribed coordinates, by their numbers
+    n_coordinates: int
+
+    @property
+    def functions(self) -> Strengths:
+        """What gives them at any time: `TimeFunctions` in place of their values."""
+        nothing, moved = TimeFunction.constant(0.0), self.motions
+        return Strengths(
+            joined([effect.strength for effect in self.load_effects]),
+            joined([nothing if action.amplitude is None else action.amplitude for action in self.actions]),
+            joined([moved[k].angle if k in moved else nothing for k in range(self.n_coordinates)]),
+        )
 
     def at(self, time: float) -> Strengths:
         """Return what acts on every lane at an instant (s)."""
@@ -266,15 +258,15 @@ class ReducedStrengths:
 
     def over(self, times: np.ndarray) -> Strengths:
         """Return what acts at several instants (n_t,), s, one a row."""
-        loads = np.empty((times.size, len(self._load_effects)))
-        for column, effect in zip(loads.T, self._load_effects):
+        loads = np.empty((times.size, len(self.load_effects)))
+        for column, effect in zip(loads.T, self.load_effects):
             column[:] = effect.amplitude(times)
-        motions = np.zeros((times.size, self._n_motions))
-        for k, motion in self._motions.items():
+        motions = np.zeros((times.size, 3 * self.n_coordinates if self.motions else 0))
+        for k, motion in self.motions.items():
             motions[:, 3 * k : 3 * k + 3] = np.transpose(motion.at(times))
-        return Strengths(loads, amplitudes_over(self._actions, times), motions)
+        return Strengths(loads, amplitudes_over(self.actions, times), motions)
 
     def prescribe(self, time: float, state: State, samples: np.ndarray) -> None:
         """Put the prescribed coordinates of some samples (a mask) where they are at a time (s)."""
-        for k, motion in self._motions.items():
+        for k, motion in self.motions.items():
             state.q[samples, k], state.v[samples, k], state.a[samples, k] = motion.at(time)

@@ -19,7 +19,7 @@ from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.lanes.lane_items import aligned
 from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED, Acting
-from pgmp_petsc.reduced.actions import ReducedActions, ReducedStrengths, functions_of_time
+from pgmp_petsc.reduced.actions import ReducedActions, ReducedStrengths
 from pgmp_petsc.reduced.arrays import Room, Strengths
 from pgmp_petsc.reduced.control import Control
 from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices, find_all_carried, load_on
@@ -92,16 +92,14 @@ class ReducedSystem(SecondOrderSystem):
         self._clocks: dict[int, Reference] = {}  # by how many numbers are beside
         bounds = [(-np.inf, np.inf) if axis.periodic else (axis.lower, axis.upper) for axis in tables.samples]
         self._bounds = np.array(bounds, dtype=float)
-        self._strengths = ReducedStrengths(
-            self._load_effects, self._actions.actions, motions, self.tables.n_coordinates
-        )
+        self._strengths = ReducedStrengths(self._load_effects, self._actions.actions, motions, tables.n_coordinates)
         self.controlled = given_to(self._actions.actions)
         self._led = []  # of these, the first of each force
         self._control = Control.of(None, [], np.zeros((0, n_samples)), self._actions, n_samples)
         self._found: tuple[np.ndarray, np.ndarray] | None = None
         self.n_events = self._memory.depths.shape[1]
-        searched = (self._load_effects, self._actions.actions, motions) if self.n_events else ((), (), {})
-        self._functions = functions_of_time(*searched, self.tables.n_coordinates)
+        nothing = ReducedStrengths((), (), {}, tables.n_coordinates)
+        self._functions = (self._strengths if self.n_events else nothing).functions
 
     def control(self, controls: Controls, origins: np.ndarray | None) -> None:
         """Let controllers act; `origins` are what counts as zero of each motion that they measure, a row for each part

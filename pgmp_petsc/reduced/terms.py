@@ -35,6 +35,7 @@ from pgmp_petsc.reduced.cells import Cells, Grid
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.tables import ReducedTables, fine_grid
+from pgmp_petsc.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -121,19 +122,11 @@ class ReducedTerms:
 
     @classmethod
     def of(
-        cls,
-        tables: ReducedTables,
-        rigid: np.ndarray,
-        kinematics: RigidKinematics,
-        projection: np.ndarray,
-        scheme: str,
-        damping: ReducedDamping | None = None,
-        quadratic: bool = True,
+        cls, rom: ReducedOrderModel, kinematics: RigidKinematics, scene: Scene, damping: ReducedDamping | None = None
     ) -> ReducedTerms:
-        """Prepare the terms by a scheme of interpolation over the samples: rigid inertia as from `rigid_inertia`, and
-        flexible vectors, shape (n, n_dofs, n_delta), which give the scale of the flexible coordinates as the kinematics
-        give the size. Inertia forces quadratic in the velocities are evaluated if `quadratic`."""
-        samples = tables.samples
+        """Prepare the terms of a model by a scene's scheme of interpolation over the samples. Its flexible vectors give
+        the scale of the flexible coordinates, as the kinematics give the size."""
+        tables, samples, scheme = rom.tables, rom.tables.samples, scene.interpolation
         damping_weights = () if damping is None else damping.weights
         weights = tuple(sorted({*tables.mass_weights, *tables.stiffness_weights, *damping_weights}))
         parts = [
@@ -159,13 +152,13 @@ class ReducedTerms:
         r, n_eta = tables.n_coordinates, tables.n_coordinates + tables.n_modes
         space = kinematics.mechanism.space
         scales = np.array([coordinate.scale(kinematics.size) for coordinate in kinematics.coordinates])
-        nodal = projection[:, : space.n_dofs * kinematics.mechanism.n_nodes]
+        nodal = rom.projection[:, : space.n_dofs * kinematics.mechanism.n_nodes]
         return cls(
             tables=tables,
             weights=weights,
-            rigid=interpolant(fine_grid(samples), _spread(rigid, tables.mass_weights, weights), "spline"),
+            rigid=interpolant(fine_grid(samples), _spread(rom.rigid_inertia, tables.mass_weights, weights), "spline"),
             terms=interpolant(samples, np.concatenate(parts, axis=2), scheme),
-            layout=Layout(tuple(range(r)), n_eta, *ends[:7], ends[-1], load.shape[2], quadratic),
+            layout=Layout(tuple(range(r)), n_eta, *ends[:7], ends[-1], load.shape[2], scene.gyroscopic),
             load=interpolant(samples, load, scheme),
             scale=np.concatenate([1.0 / scales, displacement_scale(nodal, kinematics.size, space.dimension)]),
             damping=damping,

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -54,7 +55,6 @@ from pgmp_petsc.reduction.tables import (
     SecondOrderTables,
     StiffnessChanges,
     acted_bodies,
-    flipping_signs,
     grid_of_places,
     indefinite_between,
     mode_changes,
@@ -169,12 +169,12 @@ class _Build:
         self._loads = loads_of(self._effects, self._matrices)
         carried = carried_forces(scene, self._kinematics, start_of(scene, mechanism)[0])
         self._opened_rows = rows_of((*OutputSet.of(scene, self._kinematics).forces, *carried), mechanism.n_held)
+        self._actions = actions_of(self._effects)
 
     def found(self, timings: Timings) -> _Found:
         """Solve the eigenproblems and join them; what hangs on the basis follows. Collective on ``group.world``."""
         scene, group, loads, way = self._scene, self._group, self._loads, self._way
         store = SampleStore(group, way.samples or _samples(scene, self._kinematics))
-        actions = actions_of(self._effects)
         with ExitStack() as opened:
             with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
                 n_modes, matrices = scene.reduction.modes, self._matrices
@@ -187,23 +187,149 @@ class _Build:
                 snapshots = opened.enter_context(ParameterSnapshots(problem, static_loads, points.points))
                 built_in = BuiltIn(problem, scene, self._meshes)
                 known = all(body.third_derivative_known for body in problem.mechanism.bodies)
-                probe = InfluenceProbe(problem, actions) if known else None
+                probe = InfluenceProbe(problem, self._actions) if known else None
                 sampler = Sampler(problem, loads, static_loads, snapshots, probe, built_in)
-            sampling = _Sampling(scene, sampler, group, way)
-            joined, basis, rounds = sampling.joined(store, loads, bool(actions), timings)
+            joined, basis, rounds = self._joined(store, sampler, timings)
             manifold = missed = gaps = None
-            rows, curves = self._opened_rows, scene.second_order
-            if what := ", ".join([*["second order"] * curves, *["joint forces"] * bool(rows.size)]):
+            curves = scene.second_order
+            if what := ", ".join([*["second order"] * curves, *["joint forces"] * bool(self._opened_rows.size)]):
                 with timings.phase(what):
                     if curves or known and not built_in.n:
                         stretching = scene.static_stretching or not curves
                         manifold = Manifold(problem, loads, static_loads, stretching, built_in)
-                    basis, gaps = sampling.beyond(store, basis, loads, rows, manifold, what)
+                    basis, gaps = self._beyond(store, basis, problem, manifold, what)
             weights = (*self._mechanism.mass_weights, *self._mechanism.stiffness_weights)
             if stressed_bodies(scene) and any(weight.powers for weight in weights):
                 with timings.phase("section forces"):
-                    missed = sampling.missed(store, basis, static_loads)
+                    missed = self._missed(store, basis, problem, static_loads)
         return _Found(store.samples, joined, basis, rounds, points, problem.n_redundant, missed, gaps)
+
+    def _joined(
+        self, store: SampleStore, sampler: Sampler, timings: Timings
+    ) -> tuple[JoinedSamples | None, ContinuousBasis | None, AngleRounds]:
+        """Compute samples, round by round, and join them; on the first rank, None elsewhere. Collective."""
+        scene, world, mechanism = self._scene, self._group.world, self._mechanism
+        joined, basis, rounds = None, None, AngleRounds(scene, mechanism, store.samples, self._way.samples is None)
+        first_static = sampler.problem.n_modes + sampler.problem.n_released
+        compression: Compression | None = None
+        while True:
+            with timings.phase("eigenproblems"), agreed(world, "eigenproblems"):
+                self._compute(store, sampler)
+            with timings.phase("continuity"):
+                previous = basis
+                with agreed(world, "continuity"):
+                    joined = store.join()
+                with agreed(world, "compression"):
+                    if joined is not None:
+                        found = compression_of(
+                            mechanism, scene.nominal, joined, scene.reduction.parameter_modes, compression
+                        )
+                        if found is not compression:  # other vectors have other tables: nothing to compare
+                            previous, compression = None, found
+                        basis = ContinuousBasis.of(
+                            mechanism, store.samples, self._loads, joined, compression,
+                            scene.nominal if scene.second_order else None,
+                        )  # fmt: skip
+                        if self._actions:  # static modes answer their forces
+                            rounds.static = range(first_static, joined.n_kept)
+                wanted = on_root(world, lambda: rounds.wanted(store.samples, previous, basis))
+            if wanted.size == 0:
+                return joined, basis, rounds
+            store.request(wanted)
+
+    def _compute(self, store: SampleStore, sampler: Sampler) -> None:
+        """Compute this group's missing samples, but for those of the checkpoint."""
+        missing, checkpoint = store.missing(), self._way.checkpoint
+        if not missing:
+            return
+        sampler.problem.kinematics.follow(np.array(list(missing.values())))
+        with progress(len(missing), "eigenproblems", self._group.world) as bar:
+            try:
+                for number, theta in missing.items():
+                    sample = None if checkpoint is None else checkpoint.sample(theta, sampler.problem)
+                    if sample is None:
+                        sample = sampler.sample(theta, self._way.scramble)
+                        if checkpoint is not None:
+                            checkpoint.add_sample(theta, sample, sampler.problem)
+                    store.put(number, sample)
+                    bar.update()
+            finally:
+                if checkpoint is not None:
+                    checkpoint.flush()
+
+    def _missed(
+        self, store: SampleStore, basis: ContinuousBasis | None, problem: ModalProblem, static_loads: StaticLoads
+    ) -> MissedAnswers | None:
+        """Return what the finished basis misses of the answers to its loads; None but on the first rank. Collective."""
+        stressed = stressed_bodies(self._scene)
+        dofs = np.sort(np.concatenate([body.dofs for body in problem.mechanism.bodies if body.name in stressed]))
+
+        def at(modes: ModeSet, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, ...]:
+            weights, forces, answers = missed_answers_at(problem, static_loads, modes, sample, combination)
+            return answers.T, weights, forces
+
+        gathered = self._at_samples(store, basis, problem, "section forces", at)
+        if gathered is None or basis is None:
+            return None
+        answers = np.array([columns[dofs].T for columns, _, _ in gathered])
+        found = MissedAnswers(gathered[0][1], dofs, np.array([forces for _, _, forces in gathered]), answers)
+        return _over_turns(found, store.samples, basis)
+
+    def _beyond(
+        self, store: SampleStore, basis: ContinuousBasis | None, problem: ModalProblem, manifold: Manifold | None,
+        what: str,
+    ) -> tuple[ContinuousBasis | None, JointGaps | None]:  # fmt: skip
+        """Return the finished basis with what is of second order, where the scene has it, and products with it of
+        static answers to unit gaps in some constraints, of second order too where there is a manifold (first rank; None
+        elsewhere, and without constraints). Collective."""
+        rows, g = self._opened_rows, self._opened_rows.size
+        turned, closing = TurnedLoads(problem, self._loads), Closing(problem)
+
+        def at(modes: ModeSet, sample: Sample, combination: np.ndarray) -> tuple:
+            answers, products = sample.shape[:, :0], ()
+            if g:
+                shape = np.hstack([sample.shape, sample.built_in]) @ combination
+                answers, *products = gap_answers_at(problem, turned, closing, rows, modes, shape)
+            if manifold is None:
+                return answers, None, products
+            opened = answers[:, : 0 if sample.built_in.shape[1] else g]
+            chi, tables, curved = manifold.at(modes, sample, combination, opened)
+            return np.hstack([chi, answers]), tables, (*products, *(curved if opened.shape[1] else ()))
+
+        gathered = self._at_samples(store, basis, problem, what, at)
+        if gathered is None or basis is None:
+            return None, None
+        (columns, seconds, products), gaps, m = zip(*gathered), None, basis.tables.n_modes
+        n_own = 0 if manifold is None else m * (m + 1) // 2
+        chi, crossed, answers = np.split(np.array(columns), [n_own, columns[0].shape[1] - g], axis=-1)
+        if g:
+            tables = [np.array(parts) for parts in zip(*products)]
+            curvature = [crossed.reshape(*crossed.shape[:2], -1, m)] * (len(tables) > 4)
+            gaps = JointGaps(rows, *tables[:4], answers, *tables[4:], *curvature)
+            gaps = _over_turns(gaps, store.samples, basis)
+        if self._scene.second_order:
+            first, *others = seconds
+            joined = first.each(EACH, lambda *parts: np.concatenate(parts), *others)
+            basis = basis.curved(store.samples, chi, SecondOrderTables(**joined))
+        return basis, gaps
+
+    def _at_samples(
+        self, store: SampleStore, basis: ContinuousBasis | None, problem: ModalProblem, what: str,
+        at: Callable[[ModeSet, Sample, np.ndarray], tuple],
+    ) -> list[tuple] | None:  # fmt: skip
+        """Return what is found at all samples of a finished basis, the rows of the first part of all ranks (first rank;
+        None elsewhere). Collective."""
+        world, own, found = self._group.world, store.own(), {}
+        combinations = world.bcast(None if basis is None else basis.combinations)
+        with agreed(world, what), progress(len(own), what, world) as bar:
+            for place, sample in own.items():
+                modes = problem.resume(
+                    store.samples.theta[place], sample.eigenvalues, sample.shape[:, : sample.n_modes]
+                )
+                rows, *others = at(modes, sample, combinations[place])
+                found[place] = problem.all_rows(rows), *others
+                bar.update()
+        return in_order(self._group, found)
 
     def model(self, found: _Found, timings: Timings) -> ReducedOrderModel:
         """Return the model that was found; on the first rank."""
@@ -215,9 +341,8 @@ class _Build:
         if scene.second_order:
             changes = mode_changes(kinematics, mass, tables.samples, basis.projection, scheme, tables.n_given)
             tables = replace(tables, changes=changes)
-        if gaps is not None and gaps.cubic is not None:
-            wider = np.concatenate([basis.projection, gaps.shapes], axis=2)
-            gaps = gaps.changing(mode_changes(kinematics, mass, tables.samples, wider, scheme), tables.samples, scheme)
+        if gaps is not None:
+            gaps = gaps.changing(kinematics, mass, tables.samples, basis.projection, scheme)
         n_parameter = tables.n_modes - tables.n_given - joined.n_kept
         indefinite = indefinite_between(tables, scene, *spanning_values(scene))
         remarks = (
@@ -299,159 +424,9 @@ def _few_vectors(found: int, asked: int) -> Iterator[Remark]:
         )
 
 
-@dataclass(frozen=True)
-class _Sampling:
-    """How the samples of one build are computed."""
-
-    scene: Scene
-    sampler: Sampler
-    group: RankGroup
-    way: _Way
-
-    def joined(
-        self, store: SampleStore, loads: Sequence[Load], acted: bool, timings: Timings
-    ) -> tuple[JoinedSamples | None, ContinuousBasis | None, AngleRounds]:
-        """Compute samples, round by round, and join them; on the first rank, None elsewhere. Collective.
-
-        `acted` says whether there are actions, whose forces static modes answer.
-        """
-        scene, world, mechanism = self.scene, self.group.world, self.sampler.problem.mechanism
-        joined, basis, rounds = None, None, AngleRounds(scene, mechanism, store.samples, self.way.samples is None)
-        first_static = self.sampler.problem.n_modes + self.sampler.problem.n_released
-        compression: Compression | None = None
-        while True:
-            with timings.phase("eigenproblems"), agreed(world, "eigenproblems"):
-                self._compute(store)
-            with timings.phase("continuity"):
-                previous = basis
-                with agreed(world, "continuity"):
-                    joined = store.join()
-                with agreed(world, "compression"):
-                    if joined is not None:
-                        found = compression_of(
-                            mechanism, scene.nominal, joined, scene.reduction.parameter_modes, compression
-                        )
-                        if found is not compression:  # other vectors have other tables: nothing to compare
-                            previous, compression = None, found
-                        basis = ContinuousBasis.of(
-                            mechanism, store.samples, loads, joined, compression,
-                            scene.nominal if scene.second_order else None,
-                        )  # fmt: skip
-                        if acted:
-                            rounds.static = range(first_static, joined.n_kept)
-                wanted = on_root(world, lambda: rounds.wanted(store.samples, previous, basis))
-            if wanted.size == 0:
-                return joined, basis, rounds
-            store.request(wanted)
-
-    def _compute(self, store: SampleStore) -> None:
-        """Compute this group's missing samples."""
-        missing = store.missing()
-        if not missing:
-            return
-        self.sampler.problem.kinematics.follow(np.array(list(missing.values())))
-        with progress(len(missing), "eigenproblems", self.group.world) as bar:
-            try:
-                for number, theta in missing.items():
-                    store.put(number, self._sample(theta))
-                    bar.update()
-            finally:
-                if self.way.checkpoint is not None:
-                    self.way.checkpoint.flush()
-
-    def _sample(self, theta: np.ndarray) -> Sample:
-        way = self.way
-        if way.checkpoint is None:
-            return self.sampler.sample(theta, way.scramble)
-        sample = way.checkpoint.sample(theta, self.sampler.problem)
-        if sample is None:
-            sample = self.sampler.sample(theta, way.scramble)
-            way.checkpoint.add_sample(theta, sample, self.sampler.problem)
-        return sample
-
-    def missed(
-        self, store: SampleStore, basis: ContinuousBasis | None, static_loads: StaticLoads
-    ) -> MissedAnswers | None:
-        """Return what the finished basis misses of the answers to its loads; None but on the first rank. Collective."""
-        problem, stressed = self.sampler.problem, stressed_bodies(self.scene)
-        dofs = np.sort(np.concatenate([body.dofs for body in problem.mechanism.bodies if body.name in stressed]))
-
-        def at(modes: ModeSet, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, ...]:
-            weights, forces, answers = missed_answers_at(problem, static_loads, modes, sample, combination)
-            return answers.T, weights, forces
-
-        gathered = self._at_samples(store, basis, "section forces", at)
-        if gathered is None or basis is None:
-            return None
-        answers = np.array([columns[dofs].T for columns, _, _ in gathered])
-        found = MissedAnswers(gathered[0][1], dofs, np.array([forces for _, _, forces in gathered]), answers)
-        return _over_turns(found, store.samples, basis)
-
-    def beyond(
-        self, store: SampleStore, basis: ContinuousBasis | None, loads: Sequence[Load], rows: np.ndarray,
-        manifold: Manifold | None, what: str,
-    ) -> tuple[ContinuousBasis | None, JointGaps | None]:  # fmt: skip
-        """Return the finished basis with what is of second order, where the scene has it, and products with it of
-        static answers to unit gaps in some constraints, of second order too where there is a manifold (first rank; None
-        elsewhere, and without constraints). Collective."""
-        problem, g = self.sampler.problem, rows.size
-        turned, closing = TurnedLoads(problem, loads), Closing(problem)
-
-        def at(modes: ModeSet, sample: Sample, combination: np.ndarray) -> tuple:
-            answers, products = sample.shape[:, :0], ()
-            if g:
-                shape = np.hstack([sample.shape, sample.built_in]) @ combination
-                answers, *products = gap_answers_at(problem, turned, closing, rows, modes, shape)
-            if manifold is None:
-                return answers, None, products
-            opened = answers[:, : 0 if sample.built_in.shape[1] else g]
-            chi, tables, curved = manifold.at(modes, sample, combination, opened)
-            return np.hstack([chi, answers]), tables, (*products, *(curved if opened.shape[1] else ()))
-
-        gathered = self._at_samples(store, basis, what, at)
-        if gathered is None or basis is None:
-            return None, None
-        (columns, seconds, products), gaps, m = zip(*gathered), None, basis.tables.n_modes
-        n_own = 0 if manifold is None else m * (m + 1) // 2
-        chi, crossed, answers = np.split(np.array(columns), [n_own, columns[0].shape[1] - g], axis=-1)
-        if g:
-            tables = [np.array(parts) for parts in zip(*products)]
-            curvature = [crossed.reshape(*crossed.shape[:2], -1, m)] * (len(tables) > 4)
-            gaps = JointGaps(rows, *tables[:4], answers, *tables[4:], *curvature)
-            gaps = _over_turns(gaps, store.samples, basis)
-        if self.scene.second_order:
-            first, *others = seconds
-            joined = first.each(EACH, lambda *parts: np.concatenate(parts), *others)
-            basis = basis.curved(store.samples, chi, SecondOrderTables(**joined))
-        return basis, gaps
-
-    def _at_samples(
-        self,
-        store: SampleStore,
-        basis: ContinuousBasis | None,
-        what: str,
-        at: Callable[[ModeSet, Sample, np.ndarray], tuple],
-    ) -> list[tuple] | None:
-        """Return what is found at all samples of a finished basis, the rows of the first part of all ranks (first rank;
-        None elsewhere). Collective."""
-        world, own, found, problem = self.group.world, store.own(), {}, self.sampler.problem
-        combinations = world.bcast(None if basis is None else basis.combinations)
-        with agreed(world, what), progress(len(own), what, world) as bar:
-            for place, sample in own.items():
-                modes = problem.resume(
-                    store.samples.theta[place], sample.eigenvalues, sample.shape[:, : sample.n_modes]
-                )
-                rows, *others = at(modes, sample, combinations[place])
-                found[place] = problem.all_rows(rows), *others
-                bar.update()
-        return in_order(self.group, found)
-
-
 def _over_turns(found: OverSamples, samples: SampleGrid, basis: ContinuousBasis) -> OverSamples:
-    for axis in np.flatnonzero(basis.flipped.any(axis=1)):
-        signs = flipping_signs(basis.tables.n_modes, basis.flipped[axis])
-        found = samples.doubled(axis, found, signs)
-        samples = samples.over_two_turns(axis)
+    for grid, axis, signs in samples.turns(basis.flipped):
+        found = grid.doubled(axis, found, signs)
     return found
 
 
@@ -459,10 +434,11 @@ def _stiffness_changes(samples: SampleGrid, joined: JoinedSamples, basis: Contin
     influence = joined.tables["influence"]
     if not influence.size:
         return None
-    n_modes = influence.shape[1]
-    stiffness = np.diagonal(joined.tables["stiffness"], axis1=2, axis2=3)[..., :n_modes]
-    axes = np.flatnonzero(basis.flipped.any(axis=1))
-    return StiffnessChanges(influence, np.array(stiffness)).over_two_turns(samples, axes)
+    stiffness = np.diagonal(joined.tables["stiffness"], axis1=2, axis2=3)[..., : influence.shape[1]]
+    found = StiffnessChanges(influence, np.array(stiffness))
+    for grid, axis, _ in samples.turns(basis.flipped):  # on the second revolution they are the same
+        found = replace(found, **found.each(EACH, partial(grid.twice, axis), found))
+    return found
 
 
 def _samples(scene: Scene, kinematics: RigidKinematics) -> SampleGrid:

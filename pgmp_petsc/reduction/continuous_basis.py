@@ -27,7 +27,7 @@ from pgmp_petsc.reduction.cell_products import pair_rotations
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.sampler import TABLES, Sample
 from pgmp_petsc.reduction.snapshots import Compression
-from pgmp_petsc.reduction.tables import ReducedTables, SecondOrderTables, flipping_signs
+from pgmp_petsc.reduction.tables import ReducedTables, SecondOrderTables
 
 Item = TypeVar("Item")
 
@@ -241,20 +241,17 @@ class ContinuousBasis:
         projection = joined.shapes @ combinations
         flipped = _with_given(np.hstack([joined.flipped[:, :n_kept], compression.flips]), joined.n_given)
         groups = [*joined.groups, *np.arange(n_kept, n_kept + n_parameter)[:, None]]
-        for axis in np.flatnonzero(flipped.any(axis=1)):
-            signs = flipping_signs(tables.n_modes, flipped[axis])
-            projection = tables.samples.twice(axis, projection, projection * signs)
-            tables = tables.over_two_turns(flipped[axis], axis)
+        for grid, axis, signs in samples.turns(flipped):
+            projection = grid.twice(axis, projection, projection * signs)
+            tables = grid.doubled(axis, tables, signs, samples=grid.over_two_turns(axis))
         return cls(tables, projection, groups, combinations, flipped, uneven=uneven)
 
     def curved(self, samples: SampleGrid, curvature: np.ndarray, tables: SecondOrderTables) -> ContinuousBasis:
         """Add what is of second order at the samples of one turn of the rigid coordinates: chi, pairs packed, shape
         (n_sampled, n_dofs, n_pairs), and tables."""
-        for axis in np.flatnonzero(self.flipped.any(axis=1)):
-            signs = flipping_signs(self.tables.n_modes, self.flipped[axis])
-            tables = samples.doubled(axis, tables, signs)
-            curvature = samples.twice(axis, curvature, curvature @ pair_rotations(np.diag(signs)[None]))
-            samples = samples.over_two_turns(axis)
+        for grid, axis, signs in samples.turns(self.flipped):
+            tables = grid.doubled(axis, tables, signs)
+            curvature = grid.twice(axis, curvature, curvature @ pair_rotations(np.diag(signs)[None]))
         return replace(self, curvature=curvature, tables=replace(self.tables, second_order=tables))
 
 

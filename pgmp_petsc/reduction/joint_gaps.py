@@ -14,7 +14,7 @@ smallest that do the same.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -23,15 +23,13 @@ import numpy as np
 from pgmp_petsc.declare.records import Record, array, declared
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.tables import (
-    CURVATURE_UNITS,
-    NODE_UNITS,
-    WEIGHT_FREE,
-    ModeChanges,
-    beside_rigid,
-)
+from pgmp_petsc.reduction.tables import CURVATURE_UNITS, NODE_UNITS, WEIGHT_FREE, beside_rigid, mode_changes
 
 if TYPE_CHECKING:
+    import scipy.sparse as sp
+
+    from pgmp_petsc.bodies.affine import Monomial
+    from pgmp_petsc.mechanism.kinematics import RigidKinematics
     from pgmp_petsc.modes.built_in import Closing
     from pgmp_petsc.modes.problem import ModalProblem, ModeSet
     from pgmp_petsc.outputs.joint_forces import ForceOutput
@@ -105,14 +103,21 @@ class JointGaps(Record):
             turned["cubic"] = np.einsum("ntgij,nia,njb->ntgab", self.cubic, rotations, rotations, optimize=True)
         return replace(self, **turned, gyroscopic=None, spread=None)
 
-    def changing(self, both: ModeChanges, samples: SampleGrid, scheme: str) -> JointGaps:
-        """Add what changes as the vectors do, of a basis of m and g vectors.
+    def changing(
+        self, kinematics: RigidKinematics, masses: Mapping[Monomial, sp.csr_matrix], samples: SampleGrid,
+        projection: np.ndarray, scheme: str,
+    ) -> JointGaps:  # fmt: skip
+        """Add what changes as the vectors do, of the basis and Y together, where there are tables of second order; see
+        `mode_changes`.
 
         Terms ``A[k,ij] v_k w_i d_j`` of the reduced Lagrangian are skew, as inertia ``m_ij`` of a basis does not
         change; that of Y and Psi does, and leaves ``1/2 m_ij'' d_j`` over, of which what is quadratic in velocities is
         added here.
         """
-        m, r = both.spread.shape[-1] - self.rows.size, both.gyroscopic.shape[2]
+        if self.cubic is None:
+            return self
+        m, r = projection.shape[2], kinematics.n_coordinates
+        both = mode_changes(kinematics, masses, samples, np.concatenate([projection, self.shapes], axis=2), scheme)
         inertia, spread = interpolant(samples, self.mass[..., -m:], scheme), both.spread[..., m:, :m].copy()
         for pair, (k, j) in enumerate(zip(*np.tril_indices(r))):
             slope = interpolant(samples, inertia(samples.theta, k), scheme)

@@ -29,7 +29,8 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.continuity import POOR_COSINE
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.cell_products import pair_rotations
-from pgmp_petsc.reduction.rom import LengthCheck, LengthFamily, ReducedOrderModel, ranges_of_lengths
+from pgmp_petsc.reduction.rom import LengthFamily, ReducedOrderModel, ranges_of_lengths
+from pgmp_petsc.reduction.rom_file import LengthCheck
 from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints, SampleGrid, Samples
 from pgmp_petsc.reduction.tables import indefinite_between, mode_changes
 from pgmp_petsc.scene import Scene, scene_to_toml
@@ -191,10 +192,8 @@ class _Gauge:
             curvature = curvature @ pair_rotations(rotations)
             changes = mode_changes(kinematics, masses, tables.samples, projection, scheme, n_given)
             tables = replace(tables, changes=changes)
-        if gaps is not None and gaps.cubic is not None:
-            wider = np.concatenate([projection, gaps.shapes], axis=2)
-            both = mode_changes(kinematics, masses, tables.samples, wider, scheme)
-            gaps = gaps.changing(both, tables.samples, scheme)
+        if gaps is not None:
+            gaps = gaps.changing(kinematics, masses, tables.samples, projection, scheme)
         missed = None if member.missed is None else member.missed.turned(rotations)
         arrays = {"tables": tables, "projection": projection, "curvature": curvature, "missed": missed, "gaps": gaps}
         return replace(member, **arrays, meshes={}), _least_cosine(gram, crossed, square)
@@ -217,8 +216,9 @@ def _joined(
 ) -> ReducedOrderModel:
     """Return the nominal model, the first that was built, with its family and what is to be said of it."""
     nominal, cosine = built[0], min(cosine for _, cosine in turned)
-    family = LengthFamily(grid, tuple(member for member, _ in turned), LengthCheck(between[0], 0.0, 0.0))
     values, exact = between  # the family is compared with a model that was built between its points
+    at = np.array([values[name] for name in grid.names])
+    family = LengthFamily(grid, tuple(member for member, _ in turned), LengthCheck(at, 0.0, 0.0))
     own, n_modes = family.at(scene.with_values(values), nominal), nominal.frequencies_hz.shape[1]
     ours, theirs = (model.tables.frequencies_hz(scene.nominal)[:, :n_modes] for model in (own, exact))
     blended = sum(share * member.rigid_inertia for share, member in zip(grid.shares(values), family.members))
@@ -228,7 +228,7 @@ def _joined(
     own_inertia = np.sqrt(largest[:, rows == columns])
     most = own_inertia[:, rows] * own_inertia[:, columns]
     inertia = np.divide(off, most, out=np.zeros(off.shape), where=most > 0.0)
-    check = LengthCheck(dict(values), float(np.max(np.abs(ours / theirs - 1.0))), float(np.max(inertia)))
+    check = LengthCheck(at, float(np.max(np.abs(ours / theirs - 1.0))), float(np.max(inertia)))
     family = replace(family, check=check)
     indefinite = indefinite_between(family.merged(nominal).tables, scene, *spanning_values(scene))
     timings = dict(seconds)
@@ -250,8 +250,8 @@ def _remarks(scene: Scene, family: LengthFamily, n_builds: int, cosine: float, i
     )
     said = (
         f"lengths: {ranges} are served by polynomials through models at {len(grid.points)} points ({n_builds} "
-        f"builds); at {values_text(scene, check.values)}, between them, frequencies are within {check.frequencies:.2g} "
-        f"and the rigid inertia of ensembles within {check.inertia:.2g} of a model built there"
+        f"builds); at {values_text(scene, family.checked)}, between them, frequencies are within "
+        f"{check.frequencies:.2g} and the rigid inertia of ensembles within {check.inertia:.2g} of a model built there"
     )
     poor = max(check.frequencies, check.inertia) > LARGE
     yield warning(f"{said}; {MORE}") if poor else note(said)

@@ -141,8 +141,7 @@ def answered_terms(
     """
     kept, given = modes.eigenvectors, static_loads.terms_at(problem, modes)
     flexible, everywhere = problem.all_rows(modes.flexible), problem.all_rows(kept)
-    nominal = {weight: float(weight.evaluate(problem.values)) for weight in given}
-    loads, m_kept = sum(nominal[weight] * part for weight, part in given.items()), problem.times_mass(kept)
+    loads, m_kept = static_loads.at(problem, modes), problem.times_mass(kept)
     coupling = np.linalg.solve(problem.inner(kept, m_kept), problem.inner(kept, loads))
     # S = K^-1 B R with an unknown R, so that S^T K S = S^T B R
     stiffness = problem.inner(static, problem.times_stiffness(static))

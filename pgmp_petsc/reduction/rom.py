@@ -29,7 +29,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
-from pgmp_petsc.reduction.rom_file import BodyFile, LengthsFile, ModelFile, RomFile, Tabulated
+from pgmp_petsc.reduction.rom_file import BodyFile, LengthCheck, LengthsFile, ModelFile, RomFile, Tabulated
 from pgmp_petsc.reduction.sample_grid import EACH, LengthGrid
 from pgmp_petsc.reduction.tables import ReducedTables, StiffnessChanges, rigid_inertia
 from pgmp_petsc.scene import Scene
@@ -90,7 +90,10 @@ class ReducedOrderModel(Tabulated):
 
     def write(self, path: str | Path, *parts: Callable[[h5py.File], None]) -> None:
         """Write the file ROM.h5 (one process), declared in `rom_file`; `parts` add what others want to keep there."""
-        lengths = None if self.family is None else _lengths_file(self.family)
+        lengths = None
+        if self.family is not None:
+            members = {str(number): member._stored(ModelFile) for number, member in enumerate(self.family.members)}
+            lengths = LengthsFile(self.family.grid, self.family.check, members)
         self._stored(RomFile, lengths=lengths, record=self.record).write(path, *parts)
 
     def _stored(self, kind: type[ModelFile], **more: Any) -> ModelFile:
@@ -110,43 +113,30 @@ class ReducedOrderModel(Tabulated):
             check_finite(found)
             found.record.check_bodies(found.mesh, "mesh")
             rom, lengths = cls._of(found, found.record), found.lengths
-            return rom if lengths is None else replace(rom, family=cls._family(lengths, found.record))
+            if lengths is None:
+                return rom
+            members = tuple(cls._of(member, found.record) for member in lengths.members.values())
+            return replace(rom, family=LengthFamily(lengths.grid, members, lengths.check))
 
     @classmethod
     def _of(cls, found: ModelFile, record: RunRecord) -> ReducedOrderModel:
         meshes = {name: body.shape for name, body in found.mesh.items()}
         return cls(**_alike(found), meshes=meshes, record=record)
 
-    @classmethod
-    def _family(cls, found: LengthsFile, record: RunRecord) -> LengthFamily:
-        ranges = tuple((float(low), float(high)) for low, high in zip(found.lower, found.upper))
-        values = dict(zip(found.names, (float(value) for value in found.checked)))
-        return LengthFamily(
-            LengthGrid(found.names, ranges, found.n_points),
-            tuple(cls._of(member, record) for member in found.members.values()),
-            LengthCheck(values, found.frequencies, found.inertia),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class LengthCheck:
-    """How far the family is from a model that was built between its points."""
-
-    values: dict[str, float]  # lengths of that model, m
-    #: frequencies, inertia: largest difference of the reduced frequencies of the modes at any angle, and of the rigid
-    #: inertia, as shares
-    frequencies: float
-    inertia: float
-
 
 @dataclass(frozen=True, eq=False)
 class LengthFamily:
     """Models at the points of a grid of lengths."""
 
-    grid: LengthGrid  # the grid
+    grid: LengthGrid
     #: a model of each point, without meshes (`bodies.shape` makes them), all in continuous bases
     members: tuple[ReducedOrderModel, ...]
     check: LengthCheck  # of the family against a model of none of these points
+
+    @property
+    def checked(self) -> dict[str, float]:
+        """Lengths of that model."""
+        return dict(zip(self.grid.names, self.check.values.tolist()))
 
     def at(self, scene: Scene, nominal: ReducedOrderModel) -> ReducedOrderModel:
         """Return the model with the lengths of a scene's run (``scene.values``), of the one at nominal lengths.
@@ -216,22 +206,6 @@ def _alike(model: Tabulated) -> dict[str, Any]:
     return {one.name: getattr(model, one.name) for one in declared(Tabulated)}
 
 
-def _lengths_file(family: LengthFamily) -> LengthsFile:
-    grid, check = family.grid, family.check
-    lower, upper = np.array(grid.ranges).T
-    return LengthsFile(
-        grid.names,
-        lower,
-        upper,
-        grid.n_points,
-        np.array([[point[name] for name in grid.names] for point in grid.points]),
-        np.array([check.values[name] for name in grid.names]),
-        check.frequencies,
-        check.inertia,
-        {str(number): member._stored(ModelFile) for number, member in enumerate(family.members)},
-    )
-
-
 WIDER, FARTHEST = 1.5, 3.0  # times the span that a build tries
 UNSAID = 0.3  # of the nominal value
 NOTICED = 1e-4  # share of a distribution beyond what is served
@@ -295,7 +269,7 @@ def ranges_of_lengths(built: Scene, grid: LengthGrid) -> dict[str, Served]:
     """Return by name the ranges of lengths over a grid, of the scene that a model was built from."""
     return {
         name: Served(low, high, low, high, to_own(built, name), built.system.unit(built.parameters[name].unit))
-        for name, (low, high) in zip(grid.names, grid.ranges)
+        for name, low, high in zip(grid.names, grid.lower.tolist(), grid.upper.tolist())
     }
 
 

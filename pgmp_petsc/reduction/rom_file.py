@@ -23,7 +23,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.reduction.joint_gaps import JointGaps
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
-from pgmp_petsc.reduction.sample_grid import EACH, ParameterPoints
+from pgmp_petsc.reduction.sample_grid import EACH, LengthGrid, ParameterPoints
 from pgmp_petsc.reduction.tables import (
     CURVATURE_UNITS,
     NODE_UNITS,
@@ -421,24 +421,23 @@ class ModelFile(Tabulated):
                 raise ValueError(f"{name} has shape {found}; needed: {wanted}")
 
 
+@dataclass(frozen=True, eq=False)
+class LengthCheck(Record):
+    """How far a family is from a model that was built between its points, at any angle."""
+
+    values: np.ndarray = array("parameter", unit="m or 1", about="lengths of the model compared with")
+    frequencies: float = attribute("@frequencies", about="largest difference of its frequencies, a share")
+    inertia: float = attribute("@inertia", about="largest difference of its rigid inertia, a share")
+
+
 @dataclass(frozen=True)
 class LengthsFile(Record):
     """Models at the points of a grid of lengths."""
 
-    names: tuple[str, ...] = attribute(
-        "@parameters", "parameter", about="parameters that are lengths, places or ratios"
-    )
-    lower: np.ndarray = attribute("@lower", "parameter", about="smallest value of each, in its unit")
-    upper: np.ndarray = attribute("@upper", "parameter", about="largest value of each, in its unit")
-    n_points: int = attribute("@n_points", about="points along each")
-    values: np.ndarray = array("model", "parameter", unit="m or 1", about="lengths of every model")
-    checked: np.ndarray = array(
-        "parameter", at="check/values", unit="m or 1", about="lengths of the model compared with"
-    )
-    frequencies: float = attribute("check@frequencies", about="largest difference of its frequencies, a share")
-    inertia: float = attribute("check@inertia", about="largest difference of its rigid inertia, a share")
+    grid: LengthGrid = array(at="")
+    check: LengthCheck = array()
     members: dict[str, ModelFile] = array(
-        at="", names=lambda _, taken: (str(k) for k in range(taken["n_points"] ** len(taken["names"]))),
+        at="", names=lambda _, taken: (str(k) for k in range(len(taken["grid"].points))),
         unit="", about="the model of each point, as the file's own",
     )  # fmt: skip
 

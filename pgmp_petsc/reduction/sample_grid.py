@@ -21,7 +21,7 @@ import h5py
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Place
-from pgmp_petsc.declare.records import Record, array, attribute
+from pgmp_petsc.declare.records import Record, array, attribute, derived
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names, length_range
 
@@ -183,6 +183,14 @@ class SampleGrid(Record):
         """Return the grid with two revolutions along an axis."""
         return replace(self, axes=(*self.axes[:axis], self.axes[axis].over_two_turns(), *self.axes[axis + 1 :]))
 
+    def turns(self, flipped: np.ndarray) -> Iterator[tuple[SampleGrid, int, np.ndarray]]:
+        """Yield each axis over whose revolution some flexible coordinates are `flipped`, bool (n_theta, m), the grid
+        with two revolutions of those before, and the signs (m,) of the coordinates on the second one."""
+        grid = self
+        for axis in np.flatnonzero(flipped.any(axis=1)):
+            yield grid, int(axis), np.where(flipped[axis], -1.0, 1.0)
+            grid = grid.over_two_turns(axis)
+
     def twice(self, axis: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """Join tables (n, ...) of the first and the second revolution along an axis, shape (2 n, ...)."""
         parts = [table.reshape(*self.shape, *table.shape[1:]) for table in (first, second)]
@@ -232,19 +240,30 @@ class ParameterPoints(Record):
         return cls(0, np.ones(1), {})
 
 
-@dataclass(frozen=True)
-class LengthGrid:
-    """A tensor grid of Chebyshev points (of the first kind)."""
+@dataclass(frozen=True, eq=False)
+class LengthGrid(Record):
+    """A tensor grid of Chebyshev points (of the first kind); names are sorted."""
 
-    names: tuple[str, ...]  # parameters that are lengths, places or ratios, sorted
-    ranges: tuple[tuple[float, float], ...]  # smallest and largest value of each, m
-    n_points: int  # along each
+    names: tuple[str, ...] = attribute(
+        "@parameters", "parameter", about="parameters that are lengths, places or ratios"
+    )
+    lower: np.ndarray = attribute("@lower", "parameter", about="smallest value of each, in its unit")
+    upper: np.ndarray = attribute("@upper", "parameter", about="largest value of each, in its unit")
+    n_points: int = attribute("@n_points", about="points along each")
+
+    FURTHER = (
+        derived(
+            np.ndarray, lambda own, _: np.array([list(point.values()) for point in own.points]), "values",
+            "model", "parameter", unit="m or 1", about="lengths of every model",
+        ),
+    )  # fmt: skip
 
     @classmethod
     def of(cls, scene: Scene) -> LengthGrid:
         """Return the grid of a scene's lengths."""
         names = length_names(scene)
-        return cls(names, tuple(length_range(scene, name) for name in names), scene.reduction.length_points)
+        lower, upper = zip(*(length_range(scene, name) for name in names))
+        return cls(names, np.array(lower), np.array(upper), scene.reduction.length_points)
 
     @property
     def nodes(self) -> np.ndarray:
@@ -254,8 +273,8 @@ class LengthGrid:
     @property
     def places(self) -> tuple[Place, ...]:
         """Where each length is in its range."""
-        ends = zip(self.names, self.ranges)
-        return tuple(Place(name, 0.5 * (low + high), 0.5 * (high - low)) for name, (low, high) in ends)
+        ends = zip(self.names, self.lower.tolist(), self.upper.tolist())
+        return tuple(Place(name, 0.5 * (low + high), 0.5 * (high - low)) for name, low, high in ends)
 
     @property
     def points(self) -> list[dict[str, float]]:

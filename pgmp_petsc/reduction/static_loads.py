@@ -81,14 +81,8 @@ class StaticLoads:
 
     def at(self, problem: ModalProblem, modes: ModeSet) -> np.ndarray:
         """Return the loads at a configuration and the parameter values of a problem, shape (n_local, n_loads)."""
-        parts = [self.patterns, _forces(problem, self.turning, modes.theta)]
-        if self.accelerations.size:
-            moving = _accelerations(problem, modes.rigid, modes.rigid_curvature)
-            inertia = problem.times_mass(moving[:, self.accelerations])
-            for weight, lost in self._lost(problem, modes).items():
-                inertia += float(weight.evaluate(problem.values)) * lost
-            parts.append(inertia)
-        return np.hstack(parts)
+        terms = self.terms_at(problem, modes).items()
+        return sum(float(weight.evaluate(problem.values)) * term for weight, term in terms)
 
     def terms_at(self, problem: ModalProblem, modes: ModeSet) -> dict[Monomial, np.ndarray]:
         """Return the affine terms of the loads at a configuration by their weights, each of shape (n_local, n_loads);
@@ -98,22 +92,14 @@ class StaticLoads:
         everywhere, found = problem.all_rows(moving), {Monomial(): np.zeros((len(acting), self.accelerations.size))}
         for weight, term in problem.matrices.mass.items():
             found[weight] = term @ everywhere
-        for weight, lost in self._lost(problem, modes).items():
-            found[weight] += lost
+        k, j = np.tril_indices(modes.rigid.shape[1])
+        curved = self.accelerations < k.size  # the others are velocities of prescribed coordinates
+        for weight, forces in problem.lost_inertia(modes.theta).items():
+            found[weight][:, curved] += forces[:, k, j][:, self.accelerations[curved]]
         return {
             weight: np.hstack([acting if weight == Monomial() else np.zeros_like(acting), inertia])
             for weight, inertia in found.items()
         }
-
-    def _lost(self, problem: ModalProblem, modes: ModeSet) -> dict[Monomial, np.ndarray]:
-        """Return `ModalProblem.lost_inertia` of the accelerations, by weight, each of shape (n_local, n_inertia)."""
-        found = {}
-        for weight, forces in problem.lost_inertia(modes.theta).items():
-            k, j = np.tril_indices(modes.rigid.shape[1])
-            found[weight] = np.zeros((len(forces), self.accelerations.size))
-            curved = self.accelerations < k.size  # the others are velocities of prescribed coordinates
-            found[weight][:, curved] = forces[:, k, j][:, self.accelerations[curved]]
-        return found
 
 
 def _accelerations(problem: ModalProblem, rigid: np.ndarray, curvature: np.ndarray) -> np.ndarray:

@@ -37,7 +37,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -195,14 +194,6 @@ class StiffnessChanges(Record):
         about="psi_k.K_i psi_k of the modes",
     )  # fmt: skip
 
-    def over_two_turns(self, samples: SampleGrid, axes: Sequence[int]) -> StiffnessChanges:
-        """Append a second revolution of some coordinates, on which the influences are the same."""
-        found = self
-        for axis in axes:
-            found = replace(found, **found.each(EACH, partial(samples.twice, axis), found))
-            samples = samples.over_two_turns(axis)
-        return found
-
 
 @dataclass(frozen=True)
 class ReducedTables(Record):
@@ -277,11 +268,6 @@ class ReducedTables(Record):
             changes=None,
         )
 
-    def over_two_turns(self, flipped: np.ndarray, axis: int = 0) -> ReducedTables:
-        """Append a second revolution along an axis, in which some flexible coordinates have the opposite sign."""
-        signs, samples = flipping_signs(self.n_modes, flipped), self.samples.over_two_turns(axis)
-        return self.samples.doubled(axis, replace(self, changes=None), signs, samples=samples)
-
     @property
     def unstrained(self) -> np.ndarray:
         """Numbers of the flexible coordinates without stiffness at any parameters: what elastic joints allow."""
@@ -351,13 +337,6 @@ def beside_rigid(rotations: np.ndarray, n_rigid: int) -> np.ndarray:
     whole[:, :n_rigid, :n_rigid] = np.eye(n_rigid)
     whole[:, n_rigid:, n_rigid:] = rotations
     return whole
-
-
-def flipping_signs(n: int, flipped: np.ndarray) -> np.ndarray:
-    """Return the signs of n coordinates on the second of two turns: -1 for the flipped ones, given by their numbers."""
-    signs = np.ones(n)
-    signs[flipped] = -1.0
-    return signs
 
 
 N_FINE = 1024  # cubic spline: an error of (2 pi / 1024)^4 / 384 = 4e-12 of the fourth derivative

@@ -402,7 +402,7 @@ def rom() -> ReducedOrderModel:
 
 
 def terms_of_scene(rom: ReducedOrderModel, scene: Scene, scheme: str) -> ReducedTerms:
-    return ReducedTerms.of(rom.tables, rom.rigid_inertia, kinematics_of(scene), rom.projection, scheme)
+    return ReducedTerms.of(rom, kinematics_of(scene), scene.with_entries(reduction={"interpolation": scheme}))
 
 
 def rigid_of(rom: ReducedOrderModel) -> Interpolant:

@@ -26,7 +26,8 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import LengthLanes, ReducedModel, SeparateLengths, of_samples
 from pgmp_petsc.reduction import length_family
-from pgmp_petsc.reduction.rom import LengthCheck, ReducedOrderModel, check_samples, check_served, served_ranges
+from pgmp_petsc.reduction.rom import ReducedOrderModel, check_samples, check_served, served_ranges
+from pgmp_petsc.reduction.rom_file import LengthCheck
 from pgmp_petsc.reduction.sample_grid import LengthGrid
 from pgmp_petsc.scene.uses import length_names, length_range
 from pgmp_petsc.stepping.status import Status
@@ -34,7 +35,7 @@ from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.inputs import with_meshes
 from scenes import mechanism_of, meshes_of
 
-TWO = LengthGrid(("a", "b"), ((0.6, 0.8), (-1.0, 2.0)), 4)
+TWO = LengthGrid(("a", "b"), np.array([0.6, -1.0]), np.array([0.8, 2.0]), 4)
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +164,7 @@ def test_the_kinematics_of_a_length_are_exact_and_the_file_keeps_the_family(
 ) -> None:
     rom.write(tmp_path / "rom.h5")
     again = ReducedOrderModel.read(tmp_path / "rom.h5")
-    assert again.identity == rom.identity and again.family.grid == rom.family.grid
+    assert again.identity == rom.identity and again.family.grid.points == rom.family.grid.points
     assert vars(again.family.check) == vars(rom.family.check)
     scene = long_crank(*SMALL, settings=("rod_length=0.6732",))
     for found in (rom, again):
@@ -235,7 +236,7 @@ def test_spaces_and_matrices_that_are_poor_between_lengths_are_warned_of(rom: Re
     ratio = long_crank(*SMALL, 'parameters.rod_length.unit=""')
     assert "rod_length from 0.665 to 0.735 are" in length_family._remarks(ratio, rom.family, 4, 0.9, "")[0].text
     (poor,) = length_family._remarks(
-        scene, replace(rom.family, check=LengthCheck({"rod_length": 0.68}, 2e-3, 1e-9)), 4, 0.9, ""
+        scene, replace(rom.family, check=LengthCheck(np.array([0.68]), 2e-3, 1e-9)), 4, 0.9, ""
     )
     assert poor.kind == "warning" and "frequencies are within 0.002" in poor.text
     assert poor.text.endswith("take more reduction.length_points, or a narrower range")

@@ -321,8 +321,8 @@ def test_what_the_forms_say_does_not_depend_on_the_basis(tables: ReducedTables, 
 
 
 def test_the_second_turn_has_the_signs_of_its_coordinates(tables: ReducedTables) -> None:
-    twice = tables.over_two_turns(np.array([2])).second_order
     signs = np.array([1, 1, -1, 1])
+    twice = tables.samples.doubled(0, tables.second_order, signs)
     for found, expected in zip(arrays(twice), arrays(tables.second_order)):
         factor = signs[:, None] * signs
         if found is twice.cubic:

@@ -316,8 +316,9 @@ def test_rounds_are_compared_where_vectors_no_longer_change_their_sign_after_a_t
         ContinuousBasis(tables, projection, groups, own, flipped)
         for tables, projection in ((rom.tables, rom.projection), (rom.tables.at(few), rom.projection[few]))
     )
-    twice = before.tables.samples.twice(0, before.projection, before.projection)
-    turned = replace(before, tables=before.tables.over_two_turns(np.zeros(0, dtype=int), 0), projection=twice)
+    grid, plain = before.tables.samples, replace(before.tables, changes=None)
+    tables = grid.doubled(0, plain, np.ones(m), samples=grid.over_two_turns(0))
+    turned = replace(before, tables=tables, projection=grid.twice(0, before.projection, before.projection))
     wanted = _beyond_tolerance(scene, samples, before, now)
     assert wanted[1].size and not wanted[0].size
     for found, expected in zip(_beyond_tolerance(scene, samples, turned, now), wanted):
