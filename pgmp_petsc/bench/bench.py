@@ -311,7 +311,7 @@ class Bench:
         start, given = perf_counter(), "parameter_modes" in self.scene.reduction.model_fields_set
         try:
             rom = self._shelf.take(reduction)
-            few = rom.n_parameter < reduction.parameter_modes and not given
+            few = rom.points.n_vectors < reduction.parameter_modes and not given
             reason = rom.indefinite or (FEW_VECTORS if few else "")
         except PgmpError as error:
             # what the scene gives itself is wrong whatever is chosen beside it; a candidate of ours is just no use

@@ -145,7 +145,7 @@ def growth_of(
     start = system.start()
     q = start.q.copy()
     q[:, : system.n_moving] += OFF * np.ptp(eta, axis=0)[: system.n_moving]
-    system.begin_at(q, start.v)
+    system.begun = q, start.v
     record = OutputRecord(model, system)
     if integrate(system, simulation, observer=record).status[0] != Status.FINE:
         return None

@@ -74,11 +74,6 @@ class FieldPoints:
     radius: float | None  # of beams: that of the circle with the section's radius of gyration, m; None of cells
 
     @property
-    def kind(self) -> str:
-        """meshio's name of the cells."""
-        return self.mesh.kind
-
-    @property
     def units(self) -> dict[str, str]:
         """Quantities with their units; none of a rigid body."""
         return {} if self.stresses is None else self.stresses.units

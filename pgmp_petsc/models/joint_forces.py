@@ -15,6 +15,7 @@ from typing import Self
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.bodies.stresses import Values
 from pgmp_petsc.controllers.running import BEFORE
 from pgmp_petsc.controllers.running import rows_of as rows_of_beside
 from pgmp_petsc.effects import Effect, Motion, actions_of
@@ -88,7 +89,7 @@ class ReducedMultipliers:
         other._actions = replace(self._actions, actions=actions_of(effects))
         return other
 
-    def of(self, times: np.ndarray | float, states: State, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+    def of(self, times: np.ndarray | float, states: State, values: Values) -> np.ndarray:
         """Return the multipliers, shape (n_held + n_driven, n), NaN where they are not known, in states (n, n_eta);
         times (s) and parameter values are numbers or of shape (n,). Under control they take ``states.forces``, as of
         `ReducedModel.observed_of`."""

@@ -15,6 +15,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import at_lengths
+from pgmp_petsc.bodies.stresses import Values
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.mechanism.statements import ANGLE
 from pgmp_petsc.models.full import ComponentModel, FullModel
@@ -184,8 +185,7 @@ class LengthLanes(Observing):
         family, scene = self._model.rom.family, self.scene.with_values(self.grid.points[number])
         rom = replace(family.members[number], meshes=at_lengths(scene, self._model.rom.meshes))
         try:
-            kinematics = family.kinematics(self.scene, self._model.rom, number)
-            return ReducedModel(scene, rom, kinematics, self._model.places)
+            return ReducedModel(scene, rom, places=self._model.places)
         except InputError as error:
             at = values_text(scene, self.grid.points[number])
             raise InputError(f"at {at}, where the models of all lengths begin: {error}") from error
@@ -220,13 +220,11 @@ class LengthLanes(Observing):
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
         return begun(self, _JointAngles(self, values), values, n_samples)
 
-    def shares(self, values: Mapping[str, np.ndarray | float], by: str = "") -> np.ndarray:
+    def shares(self, values: Values, by: str = "") -> np.ndarray:
         """Return the share of every member at values of shape (n,), (n_members, n); their derivatives by a length."""
         return self.grid.shares(values, by)
 
-    def observed_of(
-        self, time: np.ndarray | float, states: State, values: Mapping[str, np.ndarray | float]
-    ) -> np.ndarray:
+    def observed_of(self, time: np.ndarray | float, states: State, values: Values) -> np.ndarray:
         """Return the outputs in states of reduced coordinates (n, n_eta), at parameters (n,), shape (n_outputs, n); see
         `ReducedModel`."""
         n = len(states.q)
@@ -235,31 +233,29 @@ class LengthLanes(Observing):
         found = self.composed(found, time, values, n)
         return _stacked({name: found[name] for name in self.outputs.units}, n)
 
-    def stressed(self, states: State, values: Mapping[str, np.ndarray | float]) -> dict[str, np.ndarray]:
+    def stressed(self, states: State, values: Values) -> dict[str, np.ndarray]:
         """Return stress outputs, which need no other, each (n,); see `Observing`."""
         if self.stresses is None:
             return {}
         return dict(zip((one.name for one in self.stresses.stresses), self.stresses.of(states.q, values)))
 
-    def local_displacements(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+    def local_displacements(self, eta: np.ndarray, values: Values) -> np.ndarray:
         """Return displacements and rotations of all nodes in body frames; see `ReducedModel.local_displacements`."""
         found = self._sum(lambda member: np.moveaxis(member.local_displacements(eta, values), 0, -1), len(eta), values)
         return np.moveaxis(found, -1, 0)
 
-    def _sum(
-        self, of: Callable[[ReducedModel], np.ndarray], n: int, values: Mapping[str, np.ndarray | float]
-    ) -> np.ndarray:
+    def _sum(self, of: Callable[[ReducedModel], np.ndarray], n: int, values: Values) -> np.ndarray:
         """Return the polynomial through what members have at n states, arrays (..., n)."""
         return sum(share * of(member) for share, member in zip(self._shares_of(values, n), self.members))
 
-    def _shares_of(self, values: Mapping[str, np.ndarray | float], n: int) -> np.ndarray:
+    def _shares_of(self, values: Values, n: int) -> np.ndarray:
         return self.shares({name: np.broadcast_to(values[name], n) for name in self.lengths})
 
 
 class _JointAngles:
     """Angles of joints of samples with lengths of their own; see `JointAngles`."""
 
-    def __init__(self, lanes: LengthLanes, values: Mapping[str, np.ndarray | float]) -> None:
+    def __init__(self, lanes: LengthLanes, values: Values) -> None:
         self._lanes, self._values = lanes, values
         first = lanes.members[0].joint_angles
         self.scales, self.unit = first.scales, first.unit

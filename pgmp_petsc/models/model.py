@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from pgmp_petsc.bodies.stresses import Values
 from pgmp_petsc.controllers.acting import are_stated, measured_by
 from pgmp_petsc.controllers.running import rows_of
 from pgmp_petsc.declare.ideas import refuse
@@ -105,7 +106,7 @@ def floors_of(model: Model) -> np.ndarray:
     )
 
 
-def require_lengths(scene: Scene, values: Mapping[str, np.ndarray | float]) -> None:
+def require_lengths(scene: Scene, values: Values) -> None:
     """Raise `ValueError` where lengths are not those of the scene's run, which a model's mechanism is made with."""
     for name in length_names(scene):
         if name in values and np.any(values[name] != scene.values[name]):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.bodies.stresses import Values
 from pgmp_petsc.controllers.running import AFTER, Controls
 from pgmp_petsc.effects import actions_of, effects_of, motions_of, start_of
 from pgmp_petsc.effects.effect import Effect
@@ -45,15 +46,14 @@ class Observing(Model):
 
     formulas: Mapping[str, AnyReading] = MappingProxyType({})
 
-    def stressed(self, states: State, values: Mapping[str, np.ndarray | float]) -> dict[str, np.ndarray]:
+    def stressed(self, states: State, values: Values) -> dict[str, np.ndarray]:
         """Return stress outputs that are no part of what is observed, each (n,), in states of reduced coordinates (n,
         n_eta)."""
         return {}
 
     def composed(
-        self, outputs: Mapping[str, np.ndarray], time: np.ndarray | float,
-        values: Mapping[str, np.ndarray | float], n: int,
-    ) -> dict[str, np.ndarray]:  # fmt: skip
+        self, outputs: Mapping[str, np.ndarray], time: np.ndarray | float, values: Values, n: int
+    ) -> dict[str, np.ndarray]:
         """Return outputs, each (n,), with the formulas evaluated of the others and of parts of forces (n_parts, n)."""
         found = dict(outputs)
         seen = Seen(({},), of_model=found, time=np.broadcast_to(time, n), values=values, n=n)
@@ -172,14 +172,13 @@ class ReducedModel(Observing):
         """The models whose outputs, each with its share, make the model's own: itself."""
         return (self,)
 
-    def shares(self, values: Mapping[str, np.ndarray | float], by: str = "") -> np.ndarray:
+    def shares(self, values: Values, by: str = "") -> np.ndarray:
         """Return the share of every member, shape (n_members,), or its derivative by a parameter."""
         return np.zeros(1) if by else np.ones(1)
 
     def observed_of(
-        self, time: np.ndarray | float, states: State, values: Mapping[str, np.ndarray | float],
-        cells_of: np.ndarray | None = None,
-    ) -> np.ndarray:  # fmt: skip
+        self, time: np.ndarray | float, states: State, values: Values, cells_of: np.ndarray | None = None
+    ) -> np.ndarray:
         """Return what the outputs are made of, shape (n_observed, n), in states of reduced coordinates (n, n_eta).
 
         Outputs of controllers, and multipliers under control, take ``states.forces`` of all that is beside, (n, 2,
@@ -190,9 +189,8 @@ class ReducedModel(Observing):
         return self.observed_at(frames, time, states, values)
 
     def observed_at(
-        self, frames: Sequence[np.ndarray], time: np.ndarray | float, states: State,
-        values: Mapping[str, np.ndarray | float],
-    ) -> np.ndarray:  # fmt: skip
+        self, frames: Sequence[np.ndarray], time: np.ndarray | float, states: State, values: Values
+    ) -> np.ndarray:
         """Return what `observed_of` does, for frames of the outputs' nodes that are at hand, with their derivatives."""
         stresses = np.empty((0, len(states.q))) if self.stresses is None else self.stresses.of(states.q, values)
         if self.outputs.forces:
@@ -215,7 +213,7 @@ class ReducedModel(Observing):
         """Return the frames of all nodes, shape (n_nodes, 3, n), for reduced coordinates (n, n_eta)."""
         return self._of_all.frames(eta)
 
-    def local_displacements(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+    def local_displacements(self, eta: np.ndarray, values: Values) -> np.ndarray:
         """Return displacements and rotations of all nodes in body frames, (n, n_nodes, 3), in space (n, n_nodes, 6).
 
         For reduced coordinates (n, n_eta), whatever the parameter values.
@@ -264,14 +262,14 @@ def begun(model: ReducedModel, angles: JointAngles, values: Mapping[str, np.ndar
         require_balance(model.scene, model.kinematics, positions, own)
         unloaded = [Unloaded(effect.name) for effect in model.effects]
         alone = ReducedSystem(model.terms, unloaded, values, start, n_samples, actions=springs, given=given)
-        system.begin_at(*_in_balance(ReducedStatics(alone, angles), angles.scales, start, n_samples))
+        system.begun = _in_balance(ReducedStatics(alone, angles), angles.scales, start, n_samples)
     if model.scene.initial.equilibrium:
         free = model.scene.initial.coordinates == "free"
         statics = ReducedStatics(system, None if free else angles)
         theta = np.tile(model.start[0], (n_samples, 1))
         found = settle(statics, theta, search_of(model.scene, model.kinematics.mechanism))
         # a start is said as joints measure it, which modes turn too
-        system.settle(replace(found, theta=angles.of(found.unknowns.T)) if free else found)
+        system.settled = replace(found, theta=angles.of(found.unknowns.T)) if free else found
     if model.measures is not None:
         system.control(*_controls(model, system, own))
     return system

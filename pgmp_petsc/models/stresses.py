@@ -263,6 +263,6 @@ def _blocks(stress: StressOutput, n: int) -> Iterator[slice]:
         yield slice(first, min(first + step, n))
 
 
-def values_of(values: Mapping[str, np.ndarray | float], part: slice) -> dict[str, np.ndarray | float]:
+def values_of(values: Values, part: slice) -> dict[str, np.ndarray | float]:
     """Return the parameter values of some samples; numbers are those of all."""
     return {name: value[part] if np.ndim(value) and np.size(value) > 1 else value for name, value in values.items()}

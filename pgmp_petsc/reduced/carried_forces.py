@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import Self
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.effects.action import Action, first_terms
 from pgmp_petsc.lanes.vectors import LANES, aligned_zeros
 from pgmp_petsc.outputs.joint_forces import OfConnection
@@ -93,10 +93,6 @@ class CarriedForces:
             together=np.zeros(len(weights), dtype=np.int64),
         )
         return replace(members[0], carried=joined, weights=weights)
-
-    def weighed(self, values: Mapping[str, np.ndarray], n_samples: int) -> np.ndarray:
-        """Return the weights of the terms, (n_terms, n_samples)."""
-        return np.broadcast_to(evaluate_weights(self.weights, values).T, (n_samples, len(self.weights))).T
 
     def kept(self, weights: np.ndarray, n_samples: int, n_effects: int, n_actions: int) -> KeptGaps:
         """Return what is kept of blocks with weights (n_blocks, n_terms, LANES), empty."""

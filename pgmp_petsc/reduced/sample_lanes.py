@@ -36,12 +36,11 @@ class ReducedLanes:
         n_samples: int,
     ) -> None:
         self._blocks = SampleBlocks(n_samples, LANES, -(-n_samples // LANES))
-        self._term_weights, self.load_weights, self.place_weights = (
-            np.broadcast_to(evaluate_weights(w, values).T, (n_samples, len(w))).T
-            for w in (terms.weights, terms.tables.load_weights, actions.weights)
-        )
         self._carried = actions.carried or CarriedForces.none(len(terms.layout.rigid))
-        self._gap_weights = self._carried.weighed(values, n_samples)
+        self._term_weights, self.load_weights, self.place_weights, self._gap_weights = (
+            np.broadcast_to(evaluate_weights(w, values).T, (n_samples, len(w))).T
+            for w in (terms.weights, terms.tables.load_weights, actions.weights, self._carried.weights)
+        )
         self.equations = Equations(
             terms.layout,
             terms.grid,

@@ -27,7 +27,7 @@ from pgmp_petsc.reduced.lagrangian import damping_power, load_powers, reduced_en
 from pgmp_petsc.reduced.sample_lanes import ReducedLanes
 from pgmp_petsc.reduced.steps import Clocks, Progress, advance
 from pgmp_petsc.reduced.terms import ReducedTerms
-from pgmp_petsc.stepping.second_order_system import Energies, Scheme, SecondOrderSystem, Settled, State, Stretch
+from pgmp_petsc.stepping.second_order_system import Energies, Scheme, SecondOrderSystem, State, Stretch
 from pgmp_petsc.stepping.status import Status
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
@@ -83,7 +83,8 @@ class ReducedSystem(SecondOrderSystem):
         names = [effect.name for effect in self._load_effects]
         self._actions = actions or ReducedActions.none(len(layout.rigid))
         self.built_in = given if tables.n_given else None
-        self._begun: tuple[np.ndarray, np.ndarray] | None = None
+        #: coordinates and velocities (n_samples, n_eta) that samples start from where they are known
+        self.begun: tuple[np.ndarray, np.ndarray] | None = None
         self._prescribed = tables.prescribed(motions)
         self._is_rigid = np.arange(self.n_eta) < tables.n_coordinates
         self._lanes = ReducedLanes(terms, self._actions, names, values, self._prescribed, n_samples)
@@ -164,8 +165,8 @@ class ReducedSystem(SecondOrderSystem):
         r = self.tables.n_coordinates
         q = self.undeformed(self._initial[0])
         v = np.zeros_like(q)
-        if self._begun is not None:
-            q, v = (part.copy() for part in self._begun)
+        if self.begun is not None:
+            q, v = (part.copy() for part in self.begun)
         elif self.settled is None:
             if self.built_in is not None:
                 # what they add to the static answer to offsets: nothing at the nominal parameters in first order
@@ -217,14 +218,6 @@ class ReducedSystem(SecondOrderSystem):
         lanes = self._lanes.sets(active)
         correct(equations, memory, room, strengths, _parts(state), gains, lanes, np.bool_(fresh), size)
         return self._lanes.unpacked(size).copy()
-
-    def begin_at(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Let the samples start from coordinates and velocities (n_samples, n_eta)."""
-        self._begun = q, v
-
-    def settle(self, settled: Settled) -> None:
-        """Let the samples start at rest in static equilibria."""
-        self.settled = settled
 
     @cached_property
     def _at_rest(self) -> tuple[Reference, Reference, Acting]:

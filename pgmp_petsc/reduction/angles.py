@@ -34,7 +34,7 @@ from pgmp_petsc.outputs.stress import StressOutput
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
-from pgmp_petsc.reduction.tables import ReducedTables, indefinite_between, with_units
+from pgmp_petsc.reduction.tables import ReducedTables, indefinite_between, weighted, with_units
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import stressed_bodies
@@ -220,13 +220,11 @@ def stress_errors(
     answers, found = np.linalg.solve(stiffness, loads), {output.name: 0.0 for output in outputs}
     if not loads.size:
         return found
-    halves = [_Halves.of(axis, scene.interpolation) for axis in tables.samples]
+    if min(tables.samples.shape) < FEWEST:
+        return dict.fromkeys(found, np.inf)
+    halves = [_Halves.of(tables.samples, axis, scene.interpolation) for axis in range(tables.n_coordinates)]
+    predicted = [np.linalg.solve(half.predicted(stiffness), half.predicted(loads)) for half in halves]
     random = np.random.default_rng(0)
-    predicted = []
-    for number, half in enumerate(halves):
-        if half is None:
-            return dict.fromkeys(found, np.inf)
-        predicted.append(np.linalg.solve(*(half.predicted(tables, number, part) for part in (stiffness, loads))))
     few = slice(None, None, max(1, len(projection) // REFERENCES))
     far = np.abs(projection[few, :, : tables.n_modes] @ answers[few]).max(axis=(0, 1))  # in all bodies
     for output in outputs:
@@ -238,8 +236,8 @@ def stress_errors(
             largest[kin == k] = largest[kin == k].max(initial=0.0)
         disorder = random.normal(size=(1, body.dofs.size, 1))
         felt = largest > ROUND_OFF * _largest(output, body, disorder, scene) * far
-        for number, (half, own) in enumerate(zip(halves, predicted)):
-            off = half.predicted(tables, number, shapes) @ own - half.known(tables, number, moves)
+        for half, own in zip(halves, predicted):
+            off = half.predicted(shapes) @ own - half.known(moves)
             errors = np.divide(_largest(output, body, off, scene), largest, out=np.zeros(largest.size), where=felt)
             found[output.name] = max(found[output.name], float(errors.max(initial=0.0)) / GAIN)
     return found
@@ -247,8 +245,10 @@ def stress_errors(
 
 @dataclass(frozen=True, eq=False)
 class _Halves:
-    """Samples of one axis, and those in their middles."""
+    """Samples of one axis of a grid, and those in their middles."""
 
+    grid: SampleGrid
+    axis: int
     samples: Samples  # the former
     scheme: str  # interpolation over them
     kept: np.ndarray  # their numbers
@@ -257,11 +257,10 @@ class _Halves:
     theta: np.ndarray
 
     @classmethod
-    def of(cls, samples: Samples, scheme: str) -> _Halves | None:
-        """Part the samples; None where there are too few."""
+    def of(cls, grid: SampleGrid, axis: int, scheme: str) -> _Halves:
+        """Part the samples along an axis."""
+        samples = grid.axes[axis]
         numbers = np.arange(samples.n)
-        if samples.n < FEWEST:
-            return None
         if samples.periodic and samples.n % 2:
             samples, numbers = samples.over_two_turns(), np.tile(numbers, 2)  # every other one of two turns
         elif not samples.periodic and samples.n % 2 == 0:
@@ -271,21 +270,20 @@ class _Halves:
         theta = samples.theta[: numbers.size]
         upper = samples.upper if samples.periodic else float(theta[-1])
         half = Samples(theta[::2], samples.lower, upper, samples.periodic)
-        return cls(half, scheme, numbers[::2], numbers[1::2], theta[1::2])
+        return cls(grid, axis, half, scheme, numbers[::2], numbers[1::2], theta[1::2])
 
-    def predicted(self, tables: ReducedTables, axis: int, table: np.ndarray) -> np.ndarray:
-        """Return a table (n, ...) at the others, shape (n_left, ...), from those that are kept along an axis."""
-        kept = np.ascontiguousarray(_along(tables, axis, table)[self.kept])
+    def predicted(self, table: np.ndarray) -> np.ndarray:
+        """Return a table (n, ...) at the others, shape (n_left, ...), from those that are kept."""
+        kept = np.ascontiguousarray(self._along(table)[self.kept])
         return interpolant(self.samples, kept, self.scheme)(self.theta).reshape(-1, *table.shape[1:])
 
-    def known(self, tables: ReducedTables, axis: int, table: np.ndarray) -> np.ndarray:
+    def known(self, table: np.ndarray) -> np.ndarray:
         """Return the table itself there."""
-        return _along(tables, axis, table)[self.left].reshape(-1, *table.shape[1:])
+        return self._along(table)[self.left].reshape(-1, *table.shape[1:])
 
-
-def _along(tables: ReducedTables, axis: int, table: np.ndarray) -> np.ndarray:
-    """Return a table (n, ...) with an axis per coordinate, the one of a number first."""
-    return np.moveaxis(table.reshape(*tables.samples.shape, *table.shape[1:]), axis, 0)
+    def _along(self, table: np.ndarray) -> np.ndarray:
+        """Return a table (n, ...) with an axis per coordinate, that of the halves first."""
+        return np.moveaxis(table.reshape(*self.grid.shape, *table.shape[1:]), self.axis, 0)
 
 
 def _stiffness_and_loads(
@@ -294,10 +292,8 @@ def _stiffness_and_loads(
     """Return the stiffness (n, m, m) and the loads (n, m, n_loads) of the flexible coordinates, and the coordinate that
     each load is an inertia force of alone, shape (n_loads,); -1 of others."""
     r, values = tables.n_coordinates, scene.nominal
-    mass_weights = evaluate_weights(tables.mass_weights, values)
-    stiffness = np.einsum("t,ntij->nij", evaluate_weights(tables.stiffness_weights, values), tables.stiffness)
-    mass = np.einsum("t,ntij->nij", mass_weights, tables.mass)
-    inertia = np.einsum("t,ntklj->nklj", mass_weights, tables.inertia)
+    stiffness = weighted(tables.stiffness, tables.stiffness_weights, values)
+    mass, inertia = (weighted(table, tables.mass_weights, values) for table in (tables.mass, tables.inertia))
     terms = evaluate_weights(tables.load_weights, values)[:, None] * tables.load
     columns = []
     for effect in dict.fromkeys(tables.load_effects):
@@ -371,27 +367,21 @@ def interpolation_errors(
     """
     old = before.tables.moving()
     rows = now.tables.samples.nearest(theta)
-    guessed = interpolant(old.samples, before.projection, "spline")(theta)
-    overlaps = np.swapaxes(now.projection[rows], 1, 2) @ guessed
+    at = old.over("spline", theta)
+    overlaps = np.swapaxes(now.projection[rows], 1, 2) @ at(before.projection)
     fresh = now.tables.at(rows).turned(by_groups(overlaps, before.groups)[0]).moving()
     errors, r = np.zeros(len(theta)), old.n_coordinates
     for name, weights in (("mass", old.mass_weights), ("inertia", old.mass_weights), ("load", old.load_weights)):
-        known = 1.0 if name == "mass" else _weighted(getattr(old, name), weights, values)
+        known = 1.0 if name == "mass" else weighted(getattr(old, name), weights, values)
         scale = max(float(np.max(np.abs(known), initial=0.0)), 1e-300)
-        missed = interpolant(old.samples, getattr(old, name), "spline")(theta) - getattr(fresh, name)
+        missed = at(getattr(old, name)) - getattr(fresh, name)
         if name == "mass":
             missed[:, :, :r, :r] = 0.0  # the rigid inertia comes from the kinematics and is not interpolated
-        difference = np.abs(_weighted(missed, weights, values)).reshape(len(theta), -1)
+        difference = np.abs(weighted(missed, weights, values)).reshape(len(theta), -1)
         errors = np.maximum(errors, difference.max(axis=1, initial=0.0) / scale)
-    stiffness = with_units(_weighted(fresh.stiffness, old.stiffness_weights, values))
-    diagonal = np.sqrt(np.einsum("nii->ni", np.abs(stiffness)))
-    guess = with_units(
-        _weighted(interpolant(old.samples, old.stiffness, "spline")(theta), old.stiffness_weights, values)
+    stiffness, guess = (
+        with_units(weighted(table, old.stiffness_weights, values)) for table in (fresh.stiffness, at(old.stiffness))
     )
+    diagonal = np.sqrt(np.einsum("nii->ni", np.abs(stiffness)))
     relative = np.abs(stiffness - guess) / (diagonal[:, :, None] * diagonal[:, None, :])
     return np.maximum(errors, relative.max(axis=(1, 2), initial=0.0))
-
-
-def _weighted(table: np.ndarray, weights: tuple, values: Mapping[str, float]) -> np.ndarray:
-    """Sum the terms (axis 1) at given parameter values."""
-    return np.einsum("t,nt...->n...", evaluate_weights(weights, values), table)

@@ -93,7 +93,15 @@ def build_rom(
     check_capabilities(scene, Purpose.BUILD, meshes)
 
     def built(own: Scene, shapes: Mapping[str, BodyShape], *of_lengths: Any) -> ReducedOrderModel | None:
-        return _condensed_and_built(own, shapes, group, _Way(scramble, checkpoint, *of_lengths))
+        timings, way = Timings(), _Way(scramble, checkpoint, *of_lengths)
+        with timings.phase("components"):
+            shapes = condensed(own, shapes, group, checkpoint)
+        with angle_group(shapes, group) as angles:
+            with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
+                build = _Build(own, shapes, angles, way)
+            found = build.found(timings)
+            timings = timings.maximum(group.world)
+            return None if found.joined is None else build.model(found, timings)
 
     over_lengths, tried = bool(length_names(scene)), scene
     if over_lengths:
@@ -126,21 +134,6 @@ class _Way:
     checkpoint: BuildCheckpoint | None
     samples: SampleGrid | None = None  # its configurations, or the first of them; None leaves them to the scene
     points: ParameterPoints | None = None  # parameter values whose vectors extend the basis; None searches them
-
-
-def _condensed_and_built(
-    scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, way: _Way
-) -> ReducedOrderModel | None:
-    """As `build_rom`, with the lengths of the scene's run."""
-    timings = Timings()
-    with timings.phase("components"):
-        meshes = condensed(scene, meshes, group, way.checkpoint)
-    with angle_group(meshes, group) as angles:
-        with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
-            build = _Build(scene, meshes, angles, way)
-        found = build.found(timings)
-        timings = timings.maximum(group.world)
-        return None if found.joined is None else build.model(found, timings)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.effects import Load
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.continuity import GridBasis, GridNeighbours
@@ -27,7 +26,7 @@ from pgmp_petsc.reduction.cell_products import pair_rotations
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.sampler import TABLES, Sample
 from pgmp_petsc.reduction.snapshots import Compression
-from pgmp_petsc.reduction.tables import ReducedTables, SecondOrderTables
+from pgmp_petsc.reduction.tables import ReducedTables, SecondOrderTables, weighted
 
 Item = TypeVar("Item")
 
@@ -55,43 +54,6 @@ class JoinedSamples:
         return slice(self.n_kept, self.shapes.shape[2] - self.n_given)
 
 
-def join_samples(
-    group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample], samples: SampleGrid
-) -> JoinedSamples | None:
-    """Join the samples of all groups, on the first rank, None elsewhere. Collective on ``group.world``.
-
-    Owners are the numbers of the groups that hold each sample, shape (n,), and `own` this group's samples by their
-    number. Raises `RunError` if the modes cannot be made continuous (first rank).
-    """
-    overlaps = _overlaps(group, owners, own, samples)
-    shapes = {k: _all_rows(group, np.hstack([own[k].shape, own[k].built_in])) for k in sorted(own)}
-    found = {k: ({name: getattr(sample, name) for name in TABLES}, shapes[k], overlaps[k]) for k, sample in own.items()}
-    ordered = in_order(group, found)
-    if ordered is None:
-        return None
-    tables = {name: np.array([table[name] for table, _, _ in ordered]) for name in TABLES}
-    overlaps = np.array([overlap for _, _, overlap in ordered]).swapaxes(0, 1)
-    shapes = np.array([shape for _, shape, _ in ordered])
-    strained = tables["stiffness"][..., : overlaps.shape[-1]].any(axis=(0, 1, 2))
-    neighbours = GridNeighbours(samples.shape, samples.periodic, tables["eigenvalues"], overlaps, strained)
-    basis = GridBasis.of(neighbours, tables["canonical"][0])
-    # the snapshots of every parameter point turn as the kept vectors do
-    n_given = next(iter(own.values())).built_in.shape[1]
-    (n, m, _), times = basis.rotations.shape, (shapes.shape[2] - n_given) // overlaps.shape[-1]
-    rotations = np.tile(np.eye(m * times + n_given), (n, 1, 1))
-    for first in range(0, m * times, m):
-        rotations[:, first : first + m, first : first + m] = basis.rotations
-    return JoinedSamples(
-        tables=tables,
-        shapes=shapes,
-        rotations=rotations,
-        cosines=basis.cosines,
-        flipped=_with_given(np.tile(basis.flipped, times), n_given),
-        groups=basis.groups,
-        n_given=n_given,
-    )
-
-
 def in_order(group: RankGroup, own: Mapping[int, Item]) -> list[Item] | None:
     """Return what all groups have by numbers, in the order of these; on the first rank, None elsewhere. Collective."""
     everything = None if group.roots is None else group.roots.gather(own)
@@ -103,37 +65,6 @@ def in_order(group: RankGroup, own: Mapping[int, Item]) -> list[Item] | None:
 def _with_given(flipped: np.ndarray, n_given: int) -> np.ndarray:
     """Return which vectors change their sign after a turn, (n_theta, m), with given ones, which do not, behind them."""
     return np.hstack([flipped, np.zeros((len(flipped), n_given), dtype=bool)])
-
-
-def _overlaps(
-    group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample], samples: SampleGrid
-) -> dict[int, np.ndarray]:
-    """Return ``V_k^T M V_before`` of the kept vectors of this group's samples k, shape (n_theta, n_kept, n_kept).
-
-    The sample before is that along each axis; without one the product is zero. Neighbours are passed on in one order on
-    all groups, so that nobody waits in a circle.
-    """
-    overlaps = {k: np.zeros((samples.n_coordinates, sample.n_kept, sample.n_kept)) for k, sample in own.items()}
-    for axis in range(samples.n_coordinates):
-        for here, before in enumerate(samples.before(axis)):
-            giver, taker = owners[before], owners[here]
-            if before < 0 or group.index not in (giver, taker):
-                continue
-            if giver == taker:
-                rows = own[before].kept
-            elif group.index == giver:
-                whole = _all_rows(group, own[before].kept)
-                if group.roots is not None:
-                    group.roots.send(whole, dest=int(taker), tag=here)
-                continue
-            else:
-                whole = None if group.roots is None else group.roots.recv(source=int(giver), tag=here)
-                counts = group.comm.allgather(len(own[here].shape))
-                first = sum(counts[: group.comm.rank])
-                rows = group.comm.bcast(whole)[first : first + len(own[here].shape)]
-            product = own[here].mass_kept.T @ rows
-            overlaps[here][axis] = product if group.comm.size == 1 else group.comm.allreduce(product)
-    return overlaps
 
 
 def _all_rows(group: RankGroup, rows: np.ndarray) -> np.ndarray | None:
@@ -179,8 +110,70 @@ class SampleStore:
         self._own[number] = sample
 
     def join(self) -> JoinedSamples | None:
-        """Join all samples in their order; on the first rank, None elsewhere. Collective on all ranks."""
-        return join_samples(self._group, self._owners[self._order()], self.own(), self.samples)
+        """Join all samples in their order; on the first rank, None elsewhere. Collective on all ranks.
+
+        Raises `RunError` if the modes cannot be made continuous (first rank).
+        """
+        group, own, samples = self._group, self.own(), self.samples
+        overlaps = self._overlaps(own)
+        shapes = {k: _all_rows(group, np.hstack([own[k].shape, own[k].built_in])) for k in sorted(own)}
+        found = {
+            k: ({name: getattr(sample, name) for name in TABLES}, shapes[k], overlaps[k]) for k, sample in own.items()
+        }
+        ordered = in_order(group, found)
+        if ordered is None:
+            return None
+        tables = {name: np.array([table[name] for table, _, _ in ordered]) for name in TABLES}
+        overlaps = np.array([overlap for _, _, overlap in ordered]).swapaxes(0, 1)
+        shapes = np.array([shape for _, shape, _ in ordered])
+        strained = tables["stiffness"][..., : overlaps.shape[-1]].any(axis=(0, 1, 2))
+        neighbours = GridNeighbours(samples.shape, samples.periodic, tables["eigenvalues"], overlaps, strained)
+        basis = GridBasis.of(neighbours, tables["canonical"][0])
+        # the snapshots of every parameter point turn as the kept vectors do
+        n_given = next(iter(own.values())).built_in.shape[1]
+        (n, m, _), times = basis.rotations.shape, (shapes.shape[2] - n_given) // overlaps.shape[-1]
+        rotations = np.tile(np.eye(m * times + n_given), (n, 1, 1))
+        for first in range(0, m * times, m):
+            rotations[:, first : first + m, first : first + m] = basis.rotations
+        return JoinedSamples(
+            tables=tables,
+            shapes=shapes,
+            rotations=rotations,
+            cosines=basis.cosines,
+            flipped=_with_given(np.tile(basis.flipped, times), n_given),
+            groups=basis.groups,
+            n_given=n_given,
+        )
+
+    def _overlaps(self, own: Mapping[int, Sample]) -> dict[int, np.ndarray]:
+        """Return ``V_k^T M V_before`` of the kept vectors of this group's samples k by their place in the order of all,
+        shape (n_theta, n_kept, n_kept).
+
+        The sample before is that along each axis; without one the product is zero. Neighbours are passed on in one
+        order on all groups, so that nobody waits in a circle.
+        """
+        group, owners, samples = self._group, self._owners[self._order()], self.samples
+        overlaps = {k: np.zeros((samples.n_coordinates, sample.n_kept, sample.n_kept)) for k, sample in own.items()}
+        for axis in range(samples.n_coordinates):
+            for here, before in enumerate(samples.before(axis)):
+                giver, taker = owners[before], owners[here]
+                if before < 0 or group.index not in (giver, taker):
+                    continue
+                if giver == taker:
+                    rows = own[before].kept
+                elif group.index == giver:
+                    whole = _all_rows(group, own[before].kept)
+                    if group.roots is not None:
+                        group.roots.send(whole, dest=int(taker), tag=here)
+                    continue
+                else:
+                    whole = None if group.roots is None else group.roots.recv(source=int(giver), tag=here)
+                    counts = group.comm.allgather(len(own[here].shape))
+                    first = sum(counts[: group.comm.rank])
+                    rows = group.comm.bcast(whole)[first : first + len(own[here].shape)]
+                product = own[here].mass_kept.T @ rows
+                overlaps[here][axis] = product if group.comm.size == 1 else group.comm.allreduce(product)
+        return overlaps
 
     def own(self) -> dict[int, Sample]:
         """Return this group's samples by their place in the order of all."""
@@ -293,5 +286,4 @@ def _grams(mechanism: Mechanism, nominal: Mapping[str, float], joined: JoinedSam
     n_rigid = joined.tables["mass"].shape[-1] - joined.shapes.shape[2]
     own = slice(joined.n_kept + n_rigid, joined.snapshots.stop + n_rigid)
     own = joined.tables["mass"][..., own, own]
-    mass = np.einsum("t,ntij->nij", evaluate_weights(mechanism.mass_weights, nominal), own)
-    return np.swapaxes(turned, 1, 2) @ mass @ turned
+    return np.swapaxes(turned, 1, 2) @ weighted(own, mechanism.mass_weights, nominal) @ turned

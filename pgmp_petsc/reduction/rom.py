@@ -61,11 +61,6 @@ class ReducedOrderModel(Tabulated):
         more = (part for part in (self.missed, self.gaps) if part is not None)
         return identity(self.tables, self.projection, self.meshes, self.curvature, *more)
 
-    @property
-    def n_parameter(self) -> int:
-        """Number of vectors from other parameter values."""
-        return self.points.n_vectors
-
     def displacements(self, scheme: str, dofs: np.ndarray) -> Interpolant:
         """Return displacements and rotations of some unknowns in body frames, values of shape (n_factors, dofs.size).
 
@@ -144,8 +139,9 @@ class LengthFamily:
         Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths. Raises `InputError` if the
         mechanism cannot be closed with these lengths.
         """
-        kinematics, shares = self.kinematics(scene, nominal, None), self.grid.shares(scene.values)
-        mechanism = kinematics.mechanism
+        meshes, shares = at_lengths(scene, nominal.meshes), self.grid.shares(scene.values)
+        mechanism = Mechanism.from_scene(scene, meshes)
+        kinematics = RigidKinematics(mechanism)
         masses = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)).mass
 
         def blended(*arrays: np.ndarray) -> np.ndarray:
@@ -159,15 +155,8 @@ class LengthFamily:
             rigid_inertia=rigid_inertia(first.tables.samples, masses, kinematics),
             frequencies_hz=blended(*(member.frequencies_hz for member in self.members)),
             between=tuple(zip(shares.tolist(), self.members)),
-            meshes=at_lengths(scene, nominal.meshes),
+            meshes=meshes,
         )
-
-    def kinematics(self, scene: Scene, nominal: ReducedOrderModel, number: int | None) -> RigidKinematics:
-        """Return the rigid kinematics of a scene's run, or those of a member, given by its number."""
-        branch = None
-        if number is not None:
-            scene, branch = scene.with_values(self.grid.points[number]), self.members[number].branch
-        return RigidKinematics(Mechanism.from_scene(scene, at_lengths(scene, nominal.meshes)), branch)
 
     def merged(self, nominal: ReducedOrderModel) -> ReducedOrderModel:
         """Return the model whose terms are affine in monomials of the lengths besides all other parameters.

@@ -297,7 +297,7 @@ class ReducedTables(Record):
     def _matrices(self, values: Mapping[str, float], at: At) -> Iterator[np.ndarray]:
         """Yield mass and stiffness at parameter values, where `at` takes tables to."""
         for weights, table in ((self.mass_weights, self.mass), (self.stiffness_weights, self.stiffness)):
-            yield np.einsum("t,ntij->nij", evaluate_weights(weights, values), at(table))
+            yield weighted(at(table), weights, values)
 
     def vibrating(self, values: Mapping[str, float], free: np.ndarray, at: At) -> tuple[np.ndarray, np.ndarray]:
         """Return mass and stiffness of the `free` coordinates and the flexible ones, (n, n_free + n_delta, n_free +
@@ -328,6 +328,11 @@ class ReducedTables(Record):
         stiffness = stiffness[:, bent[:, None], bent]
         values = np.linalg.eigvalsh(lower @ stiffness @ np.swapaxes(lower, 1, 2))
         return np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
+
+
+def weighted(table: np.ndarray, weights: Weights, values: Mapping[str, float]) -> np.ndarray:
+    """Return the sum of the terms (axis 1) of a table at parameter values."""
+    return np.einsum("t,nt...->n...", evaluate_weights(weights, values), table)
 
 
 def beside_rigid(rotations: np.ndarray, n_rigid: int) -> np.ndarray:

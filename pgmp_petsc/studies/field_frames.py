@@ -101,7 +101,7 @@ def body_field(
     """Return the record of a body at n instants, from positions and deformation (n_nodes, d, n), m, and quantities at
     nodes and cells, each of shape (n_nodes or n_cells, n)."""
     return BodyField(
-        kind=field.kind,
+        kind=field.mesh.kind,
         nodes=field.mesh.nodes,
         cells=field.mesh.cells,
         positions=np.moveaxis(positions, 2, 0),

@@ -89,8 +89,8 @@ def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> s
     places = f"{n} {'angles' if tables.n_coordinates == 1 else 'configurations'}"
     n_mass, n_stiffness, n_load = (table.shape[1] for table in (tables.mass, tables.stiffness, tables.load))
     n_released, n_given = tables.unstrained.size, tables.n_given
-    n_static = tables.n_modes - n_modes - n_released - rom.n_parameter - n_given
-    counts = {"of elastic joints": n_released, "static": n_static, "of other parameters": rom.n_parameter}
+    n_static = tables.n_modes - n_modes - n_released - rom.points.n_vectors - n_given
+    counts = {"of elastic joints": n_released, "static": n_static, "of other parameters": rom.points.n_vectors}
     beside = "".join(f", {n} {what}" for what, n in (counts | {"of joints that are off": n_given}).items() if n)
     lines = [
         f"{path}: {places}, {n_modes} modes from {low:.4g} to {high:.4g} Hz{beside}",
@@ -105,7 +105,7 @@ def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> s
 
 def points_report(rom: ReducedOrderModel) -> list[str]:
     """Say where in the parameter space the basis has further modes."""
-    if not rom.n_parameter:
+    if not rom.points.n_vectors:
         return []
     points = (", ".join(f"{name} = {value:.4g}" for name, value in point.items()) for point in rom.points.points)
     first, last = rom.points.missed[[0, -1]]

@@ -326,7 +326,7 @@ def test_vectors_of_other_parameters_are_of_the_same_values_at_all_lengths() -> 
     wide = "parameters.rod_length={nominal=0.7, bounds=[0.6327, 0.7673]}"
     rom = rom_of(long_crank(wide, "reduction.parameter_modes=2", "reduction.length_points=2"))
     low, high = rom.family.members
-    assert low.points.n_vectors == high.points.n_vectors == rom.n_parameter == 2
+    assert low.points.n_vectors == high.points.n_vectors == rom.points.n_vectors == 2
     for member in (low, high):
         np.testing.assert_array_equal(member.points.values["r1"], rom.points.values["r1"])
         np.testing.assert_array_equal(member.tables.samples.theta, rom.tables.samples.theta)

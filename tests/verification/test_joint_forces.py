@@ -394,7 +394,7 @@ def test_the_multipliers_of_simeons_flexible_slider_crank() -> None:
     local = model.local_displacements(np.eye(3)[1:], {})[:, before : before + rod.n_nodes, 1]
     rates = 0.444896105 * np.sin(np.pi * place) + 0.463434311e-2 * np.sin(2.0 * np.pi * place)
     system, kept = model.batch({}, 1), []
-    system.begin_at(np.zeros((1, 3)), np.array([[150.0, *np.linalg.lstsq(local.T, rates, rcond=None)[0]]]))
+    system.begun = np.zeros((1, 3)), np.array([[150.0, *np.linalg.lstsq(local.T, rates, rcond=None)[0]]])
     integrate(system, model.scene.simulation, observer=lambda _, time, state: kept.append((time, state)))
     found = model.outputs.evaluate(model.observed_of(*kept[-1], {}))
     for name, value in printed.items():

@@ -479,8 +479,8 @@ def test_more_vectors_than_there_are_are_refused(entries: tuple[str, ...], said:
 
 def test_fewer_vectors_than_asked_for_are_said() -> None:
     found = rom_of(slider_crank(UNCERTAIN, *SMALL, "reduction.parameter_modes=25"))
-    assert 0 < found.n_parameter < 25
-    said = f"every configuration: {found.n_parameter} in place of 25; outputs"
+    assert 0 < found.points.n_vectors < 25
+    said = f"every configuration: {found.points.n_vectors} in place of 25; outputs"
     assert any(remark.kind == "warning" and said in remark.text for remark in found.record.remarks)
 
 
