@@ -220,9 +220,9 @@ def stress_errors(
     answers, found = np.linalg.solve(stiffness, loads), {output.name: 0.0 for output in outputs}
     if not loads.size:
         return found
-    if min(tables.samples.shape) < FEWEST:
-        return dict.fromkeys(found, np.inf)
     halves = [_Halves.of(tables.samples, axis, scene.interpolation) for axis in range(tables.n_coordinates)]
+    if None in halves:
+        return dict.fromkeys(found, np.inf)
     predicted = [np.linalg.solve(half.predicted(stiffness), half.predicted(loads)) for half in halves]
     random = np.random.default_rng(0)
     few = slice(None, None, max(1, len(projection) // REFERENCES))
@@ -257,10 +257,12 @@ class _Halves:
     theta: np.ndarray
 
     @classmethod
-    def of(cls, grid: SampleGrid, axis: int, scheme: str) -> _Halves:
-        """Part the samples along an axis."""
+    def of(cls, grid: SampleGrid, axis: int, scheme: str) -> _Halves | None:
+        """Part the samples along an axis; None where there are too few."""
         samples = grid.axes[axis]
         numbers = np.arange(samples.n)
+        if samples.n < FEWEST:
+            return None
         if samples.periodic and samples.n % 2:
             samples, numbers = samples.over_two_turns(), np.tile(numbers, 2)  # every other one of two turns
         elif not samples.periodic and samples.n % 2 == 0:

@@ -29,13 +29,6 @@ def asked(name: str, quantity: str, place: str, body: str) -> str:
     return f'outputs.{name}={{type="stress", body="{body}", quantity="{quantity}", {place}}}'
 
 
-class Tables:
-    """Samples alone."""
-
-    def __init__(self, *axes) -> None:
-        self.samples = SampleGrid(axes)
-
-
 def wave(theta: np.ndarray) -> np.ndarray:
     return np.stack([np.sin(3.0 * theta), np.exp(np.cos(theta))], axis=-1)
 
@@ -44,9 +37,8 @@ def wave(theta: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(("periodic", "n"), [(True, 16), (True, 17), (False, 17), (False, 16)])
 def test_samples_are_predicted_by_the_others_as_the_model_interpolates(scheme: str, periodic: bool, n: int) -> None:
     samples = samples_for(scheme, 0.0, 2.0 * np.pi, n, periodic)
-    halves, tables = _Halves.of(samples, scheme), Tables(samples)
-    found = halves.predicted(tables, 0, wave(samples.theta))
-    known = halves.known(tables, 0, wave(samples.theta))
+    halves = _Halves.of(SampleGrid((samples,)), 0, scheme)
+    found, known = halves.predicted(wave(samples.theta)), halves.known(wave(samples.theta))
     np.testing.assert_allclose(known, wave(halves.theta), rtol=0.0, atol=1e-12)  # of the second turn of 17, too
     off = np.abs(found - known).max()
     if n % 2 == (not periodic):
@@ -61,7 +53,7 @@ def test_samples_are_predicted_by_the_others_as_the_model_interpolates(scheme: s
 
 @pytest.mark.parametrize(("periodic", "n"), [(True, 7), (False, 6)])
 def test_too_few_samples_tell_nothing(periodic: bool, n: int) -> None:
-    assert _Halves.of(samples_for("spline", 0.0, 1.0, n, periodic), "spline") is None
+    assert _Halves.of(SampleGrid((samples_for("spline", 0.0, 1.0, n, periodic),)), 0, "spline") is None
 
 
 @pytest.mark.parametrize(("scheme", "periodic"), [("spectral", False), ("spline", False), ("overhauser", True)])
