@@ -228,7 +228,7 @@ class FullModel(Model):
         theta = self._start[0]
         held = self.kinematics.held()
         equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm)
-        with FullStatics(equations, theta.size, comm) as statics:
+        with FullStatics(equations, comm) as statics:
             settled = settle(statics, theta[None], search_of(self.scene, self.kinematics.mechanism))
         if self.is_off and not settled.reasons:
             self._require_held(settled.unknowns, theta)
@@ -250,7 +250,7 @@ class FullModel(Model):
         held = self.kinematics.held()
         springs = springs_of_joints(self.scene, held.mechanism)
         equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm, springs)
-        with FullStatics(equations, theta.size, comm) as statics:
+        with FullStatics(equations, comm) as statics:
 
             def deformed(at: np.ndarray) -> np.ndarray:
                 _, lost = statics.hold(at[None], np.ones(1, dtype=bool))
