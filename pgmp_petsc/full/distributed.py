@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
+from functools import cached_property
 
 import numpy as np
 
@@ -34,7 +35,7 @@ from pgmp_petsc.full.parts import mass_on_diagonal
 from pgmp_petsc.full.problem import FullEquations, Sources
 from pgmp_petsc.full.rank_solver import RankSolver
 from pgmp_petsc.full.systems import FullSystem, Gains
-from pgmp_petsc.stepping.second_order_system import Energies, Settled, State, joined
+from pgmp_petsc.stepping.second_order_system import Energies, State, joined
 from pgmp_petsc.stepping.static_equilibrium import LONGEST, cause_of, iterate_at_rest, put_on
 from pgmp_petsc.stepping.status import Status
 
@@ -43,19 +44,12 @@ class FullDistributed(FullSystem):
     """One full-order sample on all ranks of a communicator, each with the equations for its share of the unknowns.
 
     Local state arrays hold this rank's unknowns and multipliers. `motions` are prescribed ones by the number of their
-    coordinate; for `settled` and `built_in` see `FullSystem`. Collective on `comm`.
+    coordinate. Collective on `comm`.
     """
 
-    def __init__(
-        self,
-        equations: FullEquations,
-        comm: Comm,
-        motions: Mapping[int, Motion],
-        settled: Settled | None = None,
-        built_in: tuple[np.ndarray, np.ndarray] | None = None,
-    ) -> None:
+    def __init__(self, equations: FullEquations, comm: Comm, motions: Mapping[int, Motion]) -> None:
         sources = Sources(equations.loads, equations.actions, tuple(motions.values()))
-        super().__init__(equations, comm, 1, sources, settled, built_in)
+        super().__init__(equations, comm, 1, sources)
         self.rows, layout, self._problem = equations.rows, equations.layout, equations.problem
         n, n_all = layout.n_unknowns, layout.needed.size
         self._n, self._own = n, np.searchsorted(layout.needed, np.arange(self.rows.start, self.rows.stop))
@@ -70,7 +64,6 @@ class FullDistributed(FullSystem):
         rows[np.argsort(ranks, kind="stable")] = np.arange(ranks.size)
         self._solver = RankSolver(layout, np.concatenate([self._own, self._multipliers]), rows, comm)
         self._typical_mass = comm.allreduce(float(mass_on_diagonal(self._problem, equations.size)[0, 0])) / self.n_dofs
-        self._typical_stiffness = 0.0
         self._itself = np.empty((0, 1))  # no residual but c
         self._solver_failed = False
         self.bends = any(comm.allgather(bool(self._problem.actions.laws.bend.any())))
@@ -103,8 +96,6 @@ class FullDistributed(FullSystem):
         A correction longer than `LONGEST`, in units of the mechanism's size or of 1 rad, is shortened to it. Returned
         is the size before, (1,), the same on all ranks. Collective on `comm`.
         """
-        if not self._typical_stiffness:
-            self._typical_stiffness = self._find_typical_stiffness()
         static = (0.0, 0.0, 1.0)
         step, multipliers = self._solve(0.0, state, static, self._typical_stiffness, self._itself, True, share)
         size = self._size_of(step)
@@ -224,8 +215,9 @@ class FullDistributed(FullSystem):
         moved = float(np.max(np.abs(step) * units, initial=0.0)) if np.all(np.isfinite(step)) else np.inf
         return max(self.comm.allgather(moved))
 
-    def _find_typical_stiffness(self) -> float:
-        """Return the mean size on the diagonal of the stiffness at rest. Collective on `comm`."""
+    @cached_property
+    def _typical_stiffness(self) -> float:
+        """The mean size on the diagonal of the stiffness at rest. Collective on `comm`."""
         q = self._equations.start[0][self._equations.layout.needed[: self._n], None]
         rest, bound = np.zeros_like(q), np.zeros((self._x.size - self._n, 1))
         state = (q, rest, rest, bound, np.zeros((self._equations.n_turns, 1)))

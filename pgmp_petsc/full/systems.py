@@ -34,15 +34,7 @@ from pgmp_petsc.lanes.lane_items import SampleBlocks, aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.outputs.joint_forces import OfConnection
-from pgmp_petsc.stepping.second_order_system import (
-    Energies,
-    Scheme,
-    SecondOrderSystem,
-    Settled,
-    State,
-    StepsAsked,
-    StepsTaken,
-)
+from pgmp_petsc.stepping.second_order_system import Energies, Scheme, SecondOrderSystem, State, StepsAsked, StepsTaken
 from pgmp_petsc.stepping.status import Status
 
 # A call from Python costs what some tens of steps of a small mechanism do. What lies behind an edge that is crossed is
@@ -56,21 +48,13 @@ Gains = tuple[float, float, float]  # of velocities, accelerations and stiffness
 class FullSystem(SecondOrderSystem, AbstractContextManager):
     """Full-order samples, whose states a subclass lays out in arrays.
 
-    They start from `settled`, the static equilibrium of every sample, or, where joints that are off deform the
-    mechanism, from `built_in`, unknowns and velocities, each (n_dofs, 1 or n_samples); without these the mechanism is
-    undeformed. `sources` change with time, and `comm` shares the model.
+    Whoever makes them may let them start from `settled`, the static equilibrium of every sample, or, where joints that
+    are off deform the mechanism, from `built_in`, unknowns and velocities, each (n_dofs, 1 or n_samples); without these
+    the mechanism is undeformed. `sources` change with time, and `comm` shares the model.
     """
 
-    def __init__(
-        self,
-        equations: FullEquations,
-        comm: Comm,
-        n_samples: int,
-        sources: Sources,
-        settled: Settled | None,
-        built_in: tuple[np.ndarray, np.ndarray] | None,
-    ) -> None:
-        self.comm, self.n_samples, self.settled, self.built_in = comm, n_samples, settled, built_in
+    def __init__(self, equations: FullEquations, comm: Comm, n_samples: int, sources: Sources) -> None:
+        self.comm, self.n_samples = comm, n_samples
         self.values = equations.values  # of the parameters, each of shape (n_samples,)
         self._equations, self._sources = equations, sources
         self._reference = self._of_unknowns = Reference(equations.problem)
@@ -266,8 +250,8 @@ class FullBatch(FullSystem):
 
     Arrays have shape (n_blocks, n, n_lanes); see `SampleBlocks`. Parameter values of the samples have shape
     (n_samples,), `initial` positions (rad) and velocities (rad/s) of the rigid coordinates shape (n_theta,) each, and
-    `motions` are prescribed ones by the number of their coordinate; for `settled` and `built_in` see `FullSystem`. What
-    is to be stepped `in_joints`, by a `JointBatch`, has no matrix of its own.
+    `motions` are prescribed ones by the number of their coordinate. What is to be stepped `in_joints`, by a
+    `JointBatch`, has no matrix of its own.
     """
 
     _joints: Reference | None = None  # in joint coordinates what these are
@@ -282,14 +266,12 @@ class FullBatch(FullSystem):
         initial: tuple[np.ndarray, np.ndarray],
         n_samples: int,
         motions: Mapping[int, Motion],
-        settled: Settled | None = None,
-        built_in: tuple[np.ndarray, np.ndarray] | None = None,
         in_joints: bool = False,
     ) -> None:
         blocks = self._blocks = SampleBlocks.of(n_samples)
         equations = FullEquations(kinematics, effects, values, blocks, initial, in_joints=in_joints)
         sources = equations.sources(effects, tuple(motions.values()))
-        super().__init__(equations, alone(), n_samples, sources, settled, built_in)
+        super().__init__(equations, alone(), n_samples, sources)
         self.n_events = len(equations.edges)
         self._bound_calls()
         n = self.n_dofs + self.n_constraints

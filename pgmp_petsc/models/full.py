@@ -124,10 +124,8 @@ class FullModel(Model):
         settled = sized.settled(values, n_samples) if self.scene.initial.equilibrium else None
         start = sized.start_of_samples(values, n_samples)
         built_in = sized.built_in(values, start, n_samples) if settled is None else None
-        system = FullBatch(
-            sized.kinematics, sized._effects, values, start, n_samples, sized._motions, settled, built_in,
-            self.in_joints,
-        )  # fmt: skip
+        system = FullBatch(sized.kinematics, sized._effects, values, start, n_samples, sized._motions, self.in_joints)
+        system.settled, system.built_in = settled, built_in
         return sized.controlled(JointBatch(system) if self.in_joints else system, values)
 
     def controlled(
@@ -206,7 +204,8 @@ class FullModel(Model):
         start = (positions, rates.reshape(-1)) if settled is None else (settled.theta[0], np.zeros(len(positions)))
         built_in = sized._built_in(values, start[1], comm) if settled is None and sized.is_off else None
         equations = sized._equations(sized.kinematics, values, start, comm)
-        system = FullDistributed(equations, comm, sized._motions, settled, built_in)
+        system = FullDistributed(equations, comm, sized._motions)
+        system.settled, system.built_in = settled, built_in
         return sized.controlled(system, {name: np.array([value]) for name, value in values.items()})
 
     def _equations(

@@ -65,10 +65,8 @@ class EdgeSearch(NamedTuple):
     @classmethod
     def of(cls, n_events: int) -> EdgeSearch:
         """Return arrays for the search in a block."""
-        whole, lengths = (np.empty((n, LANES), dtype=kind) for n, kind in ((5, np.int64), (3, float)))
-        of_edges, bracket = (np.empty((n_events, LANES), dtype=kind) for kind in (float, bool)), np.empty((8, LANES))
-        depths, beyond = of_edges
-        return cls(*whole, *lengths, depths, bracket, beyond)
+        whole, lengths, bracket = np.empty((5, LANES), dtype=np.int64), np.empty((3, LANES)), np.empty((8, LANES))
+        return cls(*whole, *lengths, np.empty((n_events, LANES)), bracket, np.empty((n_events, LANES), dtype=bool))
 
 
 @njit(inline="always")

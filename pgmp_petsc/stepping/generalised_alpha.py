@@ -40,19 +40,6 @@ MOST_AT_ONCE = 4000  # steps in one of the TS
 DIVISORS = (1, 2, 4, 8)  # of the scene's step; the last is as far as a first try may be from a good step
 RETRIED = (Status.NOT_CONVERGED, Status.NOT_FINITE, Status.SOLVER_FAILED, Status.BROKE_DOWN)
 
-EachStep = Callable[[int, float, State], object]
-
-
-class Called(Observer):
-    """A function that sees each state."""
-
-    def __init__(self, function: EachStep) -> None:
-        self._function = function
-
-    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        for k, (number, time) in enumerate(zip(numbers.tolist(), times.tolist())):
-            self._function(number, time, states.at(k))
-
 
 @dataclass(frozen=True)
 class Together(Observer):
@@ -288,11 +275,6 @@ class Run:
     n_steps: int  # number of steps
     counted: np.ndarray  # see `AlphaStep`
 
-    @property
-    def n_iterations(self) -> int:
-        """Newton corrections of all samples together."""
-        return int(self.counted[0])
-
 
 def instants(duration: float, n_steps: int) -> np.ndarray:
     """Return the times of equal steps, without the round-off of their sum, shape (n_steps + 1,); the last is the
@@ -313,16 +295,16 @@ def integrate(
     system: SecondOrderSystem,
     simulation: Simulation,
     alive: np.ndarray | None = None,
-    observer: Observer | EachStep | None = None,
+    observer: Observer | None = None,
     prefix: str = PREFIX,
     pulse: Callable[[float], object] | None = None,
 ) -> Run:
     """Integrate a system over a scene's duration, all its samples or those `alive`, (n_samples,). Collective on
     ``system.comm``.
 
-    The observer sees the start and the states after steps; a function is called with number, time and state of each.
-    The prefix is that of the options that reach this integration. The pulse is called at every step of the driver,
-    which may be many of the integrator's, with the share of all steps that are behind it.
+    The observer sees the start and the states after steps. The prefix is that of the options that reach this
+    integration. The pulse is called at every step of the driver, which may be many of the integrator's, with the share
+    of all steps that are behind it.
 
     Raises `InputError` if an option of PETSc would change what the scene asks for; `RunError` if the run ends early,
     with PETSc's reason. A sample that fails ends nothing: it is a status.
@@ -331,8 +313,6 @@ def integrate(
     if alive is None:
         alive = np.ones(system.n_samples, dtype=bool)
     n_steps = simulation.n_steps
-    if observer is not None and not isinstance(observer, Observer):
-        observer = Called(observer)
     at_once = system.steps_between_looks(None if observer is None else observer.every)
     stops = stops_of(n_steps, min(at_once, MOST_AT_ONCE), prefix)
     radius, duration = simulation.spectral_radius, simulation.duration

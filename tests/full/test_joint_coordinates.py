@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from called import Called
 from conftest import ROOT
 from runs import components_model, run_model, samples
 from spatial_beams import slider_crank_of_beams
@@ -137,7 +138,7 @@ def test_the_limit_is_that_of_all_unknowns_with_multipliers(make, monkeypatch: p
             def observe(step: int, time: float, state: State, system=system, frames=frames) -> None:
                 frames.append(system.frames(state)[..., 0])
 
-            integrate(system, scene.simulation, observer=observe)
+            integrate(system, scene.simulation, observer=Called(observe))
             found.append(np.array(frames)[:: 1 if step > 1.5e-4 else 2])
         apart.append(np.abs(found[0] - found[1]).max())
     assert np.log2(apart[0] / apart[1]) == pytest.approx(2.0, abs=0.35)
