@@ -215,22 +215,6 @@ def variation_of(rounds: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(sum(one.size * one.var(ddof=1) for one in rounds)) / total) if total > 0.0 else np.nan
 
 
-def with_failed(
-    ends: np.ndarray, rounds: Sequence[np.ndarray], n_failed: int, n_plain: int, confidence: float, n_in: int = 0
-) -> np.ndarray:
-    """Return the interval of a rare event in which failed samples are outside it at the lower end, in it at the upper.
-
-    `ends`, (2,), are those without failed samples, `rounds` the weights of the samples of each round that are in the
-    event or failed, 0 of others. Of `n_plain` samples, from which the search begins, `n_failed` failed and `n_in` are
-    in the event. They bound it together with all that fails; so do the weighted samples, but for what fails where they
-    do not come, as some of the plain ones did.
-    """
-    open_end = of_probability(n_in, n_plain - n_failed, confidence, n_failed)[1]
-    if not n_failed and len(rounds):
-        open_end = np.fmin(open_end, of_weighted(rounds, confidence)[1])
-    return np.array([np.fmax(ends[0], 0.0), np.fmax(ends[1], open_end)])
-
-
 def freedom_of(values: np.ndarray, most: float) -> float:
     """Return the degrees of freedom of the sample variance of independent values (n,), `most` of normal ones.
 

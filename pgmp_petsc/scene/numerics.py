@@ -282,6 +282,16 @@ class Event(Table):
         """The level that is exceeded, or fallen below."""
         return self.below if self.above is None else self.above
 
+    @property
+    def sign(self) -> float:
+        """1 of an output above the level, -1 below: ``sign (output - level)`` is positive in the event."""
+        return -1.0 if self.above is None else 1.0
+
+    @property
+    def extreme(self) -> str:
+        """Which extreme over time is the nearest to the event, or the farthest in it: ``max`` or ``min``."""
+        return "min" if self.above is None else "max"
+
 
 class Ensemble(Table):
     """Many runs with parameters drawn from their distributions."""
