@@ -25,21 +25,10 @@ from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
 from pgmp_petsc.ensemble.description import Origin, describe_ensemble, shard_of
 from pgmp_petsc.ensemble.failures import FURTHER, Earlier, fine_pieces
-from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, block_of, checked, missing, pieces, share_of, within
+from pgmp_petsc.ensemble.plan import Batch, Plan, checked, missing, pieces, within
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped, timed
-from pgmp_petsc.ensemble.watchers import (
-    Begun,
-    Found,
-    RangeWatch,
-    Watcher,
-    watch_balance,
-    watch_coarser,
-    watch_errors,
-    watch_over_time,
-    watch_validity,
-)
-from pgmp_petsc.estimates.error_indicator import indicator_of
+from pgmp_petsc.ensemble.watchers import Begun, Found, RangeWatch, Watcher, Watching, watch_over_time
 from pgmp_petsc.models import Model, Reduced, SeparateLengths, of_samples
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import Pulse, RankGroup, deal_to_groups
@@ -228,30 +217,6 @@ def _with_outputs(
     for name, values in found.items():
         outputs[name][attempt.samples[fine]] = np.where(status[fine] == Status.FINE, values, np.nan)
     return replace(done, status=status, failure_time=failure_time)
-
-
-class Watching:
-    """Follows runs of a model's samples; `share` and `block` are of those whose errors are estimated (`block_of`)."""
-
-    def __init__(self, model: Model) -> None:
-        self.share, self.block = share_of(model), block_of(model.scene, model.name)
-        self._errors: list[Watcher] = []
-        if self.share > 0.0:
-            reduced = isinstance(model, Reduced)
-            self._errors = [watch_errors(indicator_of(model)) if reduced else watch_coarser(model)]
-        self._others: list[Watcher] = [watch_balance()] if model.scene.ensemble.balance else []
-        if isinstance(model, Reduced):
-            self._others.append(watch_validity(model))
-        self._n_bands = model.scene.ensemble.band_samples
-        self._over_time = {with_bands: watch_over_time(model, with_bands) for with_bands in (True, False)}
-
-    def of(self, piece: Piece) -> list[Watcher]:
-        """Return what looks at a piece; at outputs over time of the first samples more than of the others."""
-        over_time = self._over_time[piece.first < self._n_bands]
-        others = self._others if over_time is None else [*self._others, over_time]
-        if piece.is_checked:
-            return [*self._errors, *others] if piece.is_both else self._errors
-        return others
 
 
 def run_ensemble(

@@ -82,10 +82,10 @@ def _words(seed: int, numbers: np.ndarray) -> list[np.ndarray]:
     entropy += [np.uint32(0)] * (POOL - len(entropy))
     constant = INIT_A
 
-    def hashed(value: np.ndarray) -> np.ndarray:
+    def hashed(value: np.ndarray, multiplier: int = MULT_A) -> np.ndarray:
         nonlocal constant
         value = value ^ np.uint32(constant)
-        constant = constant * MULT_A & WORD
+        constant = constant * multiplier & WORD
         value = value * np.uint32(constant)
         return value ^ (value >> np.uint32(16))
 
@@ -101,13 +101,8 @@ def _words(seed: int, numbers: np.ndarray) -> list[np.ndarray]:
                     pool[target] = mixed(pool[target], hashed(pool[source]))
         for word in (*entropy[POOL:], numbers):
             pool = [mixed(own, hashed(word)) for own in pool]
-        constant, found = INIT_B, []
-        for k in range(2 * POOL):
-            value = pool[k % POOL] ^ np.uint32(constant)
-            constant = constant * MULT_B & WORD
-            value = value * np.uint32(constant)
-            found.append(value ^ (value >> np.uint32(16)))
-    return found
+        constant = INIT_B
+        return [hashed(pool[k % POOL], MULT_B) for k in range(2 * POOL)]
 
 
 def _stepped(state: tuple[np.ndarray, np.ndarray], increment: tuple[np.ndarray, np.ndarray]) -> tuple:

@@ -17,9 +17,9 @@ import numpy as np
 
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.base.progress import doing
-from pgmp_petsc.ensemble.plan import IN_CHECKED
+from pgmp_petsc.ensemble.plan import IN_CHECKED, Piece, block_of, share_of
 from pgmp_petsc.estimates.coarser_run import run_coarser, step_errors
-from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator
+from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator, indicator_of
 from pgmp_petsc.estimates.validity import Validity
 from pgmp_petsc.models import FullModel, Model, OutputRecord, Reduced, SeparateLengths
 from pgmp_petsc.outputs.rainflow import Counting
@@ -209,6 +209,30 @@ def watch_over_time(model: Model, with_bands: bool, asked: Ensemble | None = Non
     extremes = [f"{name}/{which}" for name in of_extremes for which in EXTREMES]
     names = {"extremes": extremes, "first_passages": events, "bands": outputs if steps.size else ()}
     return Watcher(names, watch, steps.size)
+
+
+class Watching:
+    """Follows runs of a model's samples; `share` and `block` are of those whose errors are estimated (`block_of`)."""
+
+    def __init__(self, model: Model) -> None:
+        self.share, self.block = share_of(model), block_of(model.scene, model.name)
+        self._errors: list[Watcher] = []
+        if self.share > 0.0:
+            reduced = isinstance(model, Reduced)
+            self._errors = [watch_errors(indicator_of(model)) if reduced else watch_coarser(model)]
+        self._others: list[Watcher] = [watch_balance()] if model.scene.ensemble.balance else []
+        if isinstance(model, Reduced):
+            self._others.append(watch_validity(model))
+        self._n_bands = model.scene.ensemble.band_samples
+        self._over_time = {with_bands: watch_over_time(model, with_bands) for with_bands in (True, False)}
+
+    def of(self, piece: Piece) -> list[Watcher]:
+        """Return what looks at a piece; at outputs over time of the first samples more than of the others."""
+        over_time = self._over_time[piece.first < self._n_bands]
+        others = self._others if over_time is None else [*self._others, over_time]
+        if piece.is_checked:
+            return [*self._errors, *others] if piece.is_both else self._errors
+        return others
 
 
 class _OverTimeWatch(PooledObserver):

@@ -171,7 +171,7 @@ class WatchedRun(Observer):
         found, apart = Estimate.nothing(names, n), {name: np.full(n, np.nan) for name in names}
         largest, at_end, histories = found.largest, found.at_end, found.histories
         settled = np.zeros(n, dtype=bool)
-        for number, schedule in enumerate(indicator.schedules):
+        for schedule in indicator.schedules:
             chosen = np.flatnonzero(~settled)
             if not chosen.size:
                 break
@@ -188,11 +188,8 @@ class WatchedRun(Observer):
             for column, sample in enumerate(chosen):
                 histories[sample] = time, {name: error[:, column] for name, error in errors.items()}
         factors = np.array([np.nan_to_num(apart[name], nan=np.inf) for name in names])
-        allowed = np.where(
-            (factors > reference_motion.UNSURE).any(axis=0),
-            reference_motion.UNSURE_WITH_OTHERS,
-            reference_motion.UNSURE,
-        )
+        is_any = (factors > reference_motion.UNSURE).any(axis=0)
+        allowed = np.where(is_any, reference_motion.UNSURE_WITH_OTHERS, reference_motion.UNSURE)
         for name in names:
             reasons = np.full(n, "", dtype=object)
             reasons[fine & ~np.isfinite(largest[name])] = UNSOLVED
