@@ -17,12 +17,13 @@ import numpy as np
 import scipy
 
 from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
+from pgmp_petsc.base.units import Units
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, checked
 from pgmp_petsc.ensemble.sample_file import SampleFile, read_samples
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.ensemble import UNSTABLE, Ensemble
-from pgmp_petsc.results.numbers import Arrays, Units, behind
+from pgmp_petsc.results.numbers import Arrays, behind
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.stepping.generalised_alpha import DIVISORS, RETRIED

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, gathered, note, warning
-from pgmp_petsc.base.units import SI, UnitSystem
+from pgmp_petsc.base.units import SI, Units, UnitSystem
 from pgmp_petsc.bodies.shape import lacks_foreshortening
 from pgmp_petsc.estimates.coarser_run import CoarserRun, StepErrors, fewest_steps, most_of, times_of
 from pgmp_petsc.estimates.error_indicator import Estimate, indicator_of
@@ -22,17 +22,7 @@ from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, Model, Reduced, SeparateLengths
 from pgmp_petsc.results.estimates import ANSWERS, LARGE, EstimatedErrors
-from pgmp_petsc.results.numbers import (
-    Arrays,
-    Units,
-    behind,
-    felt,
-    nothing,
-    number_text,
-    share_text,
-    sizes_of,
-    with_unit,
-)
+from pgmp_petsc.results.numbers import Arrays, behind, felt, nothing, number_text, share_text, sizes_of, with_unit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, integrate, integrate_with_smaller_steps
