@@ -29,7 +29,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import Measures, Model, require_lengths, search_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.ranks.petsc import has_options
+from pgmp_petsc.ranks.petsc import options_of
 from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import uncertain_names
@@ -187,7 +187,7 @@ class FullModel(Model):
     @property
     def _in_lanes(self) -> bool:
         """Whether samples may lie side by side: not where options of PETSc's linear solver are given."""
-        return self.kinematics.mechanism.n_dofs <= MOST_IN_LANES and not has_options(PREFIX)
+        return self.kinematics.mechanism.n_dofs <= MOST_IN_LANES and not options_of(PREFIX)
 
     def single(self, values: Mapping[str, float], comm: Comm) -> FullBatch | FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`.

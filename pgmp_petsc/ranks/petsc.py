@@ -149,11 +149,6 @@ def _printed_reason(text: str) -> str:
     return ""
 
 
-def has_options(prefix: str) -> bool:
-    """Return whether a user gave any option with a prefix."""
-    return bool(options_of(prefix))
-
-
 def options_of(prefix: str) -> dict[str, str | None]:
     """Return the options that a user gave with a prefix, by their names without it; none where there is no PETSc."""
     if not has_petsc():

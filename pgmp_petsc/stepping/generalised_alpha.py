@@ -28,7 +28,7 @@ from math import gcd
 
 import numpy as np
 
-from pgmp_petsc.ranks.petsc import has_options
+from pgmp_petsc.ranks.petsc import options_of
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.alpha_step import AlphaStep, first_accelerations, put, resolved_jump, standing
 from pgmp_petsc.stepping.drivers import PREFIX, check_ts_options, driver_here
@@ -310,7 +310,7 @@ def instants(duration: float, n_steps: int) -> np.ndarray:
 
 def stops_of(n_steps: int, at_once: int, prefix: str) -> np.ndarray:
     """Return the numbers of the steps at which PETSc's TS sees the state, 0 and the last one included."""
-    if has_options(prefix):
+    if options_of(prefix):
         return np.arange(n_steps + 1)
     return np.append(np.arange(0, n_steps, at_once), n_steps)
 
