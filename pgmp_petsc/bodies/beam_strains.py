@@ -10,11 +10,12 @@ motion does not change them.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.beam2d import strains
 from pgmp_petsc.bodies.floating import Beams, products
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -109,7 +110,7 @@ class BeamStrains:
         """Return the values at the points, shape (n_points,), of what is constant in every element."""
         return values[self.elements]
 
-    def stiffnesses(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+    def stiffnesses(self, values: Values) -> np.ndarray:
         """Return what makes forces and moments of strains at the points, shape (n_points, n_strains, 1 or n)."""
         terms = self.body.sections("stiffness").items()
         return sum(np.multiply.outer(c[self.elements], np.atleast_1d(weight.evaluate(values))) for weight, c in terms)

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 DOFS_PER_NODE = 3  # x, y, phi
 DOFS_IN_SPACE = 6  # displacement and rotation
+Pairs = tuple[np.ndarray, np.ndarray]  # numbers of one vector and of the other, each (n_pairs,)
 Entries = tuple[np.ndarray, np.ndarray, dict[Monomial, np.ndarray]]  # rows, columns, and values by weight, each (n,)
 
 
@@ -345,9 +346,7 @@ class ThirdPart(ABC):
     terms: list[np.ndarray]
 
     @abstractmethod
-    def forces(
-        self, terms: Iterable[np.ndarray], vectors: np.ndarray, pairs: tuple[np.ndarray, np.ndarray]
-    ) -> Iterable[np.ndarray]:
+    def forces(self, terms: Iterable[np.ndarray], vectors: np.ndarray, pairs: Pairs) -> Iterable[np.ndarray]:
         """Yield terms times pairs of vectors (n_dofs, m): forces on strains or unknowns, each of shape (n, n_pairs)."""
 
     @abstractmethod

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.affine import Monomial, Quantity, total_at
 from pgmp_petsc.bodies.beam3d import N_FRAME, at_rest
 from pgmp_petsc.bodies.floating import Recovery, bar_length
 from pgmp_petsc.bodies.framed_solid import FramedSolid
@@ -219,7 +219,7 @@ def rigid_of_properties(shape: LineMesh, given: Rigid, nominal: Mapping[str, flo
         quantity = Quantity.of(value)
         if quantity.coefficient:
             mass[quantity.monomial] = mass.get(quantity.monomial, 0.0) + quantity.coefficient * unit
-    matrix = sum(float(weight.evaluate(nominal)) * own for weight, own in mass.items())
+    matrix = total_at(mass, nominal)
     centre = shape.nodes[0]
 
     def momenta(term: np.ndarray) -> np.ndarray:

@@ -34,8 +34,8 @@ from itertools import chain
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body
+from pgmp_petsc.bodies.affine import Monomial, total_at
+from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body, Pairs
 from pgmp_petsc.bodies.component import of_directors
 
 
@@ -93,9 +93,6 @@ def owned_rows(n_dofs: int, rank: int, size: int) -> range:
     return range(DOFS_PER_NODE * first, DOFS_PER_NODE * last if rank < size - 1 else n_dofs)
 
 
-Pairs = tuple[np.ndarray, np.ndarray]
-
-
 class ThirdDerivative:
     """The rows ``[rows.start, rows.stop)`` of ``K3_i[v_j, v_k]`` for every affine term i of the bodies' strain energy,
     zero of rigid ones.
@@ -128,7 +125,7 @@ class ThirdDerivative:
         """Return ``K3[v_j, v_k]`` at parameter values, shape (n_rows, n_pairs); see `times`."""
         total = np.zeros((len(self._rows), pairs[0].size))
         for part in self._parts:
-            weighted = sum(float(weight.evaluate(values)) * term for weight, term in zip(part.weights, part.terms))
+            weighted = total_at(dict(zip(part.weights, part.terms)), values)
             for forces in part.forces([weighted], vectors, pairs):
                 part.add(forces, total)
         return total

@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.floating import FloatingBody
@@ -104,7 +105,7 @@ def _line(scene: Scene, name: str, n_cells: int | None = None) -> LineMesh:
     return straight_beam(length, n_cells, line.start, scene.bodies[name].dimension)
 
 
-def length_share(scene: Scene, name: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+def length_share(scene: Scene, name: str, values: Values) -> np.ndarray | float:
     """Return how often its length in the scene's run a body has with parameter values, numbers or of shape (n,)."""
     line = scene.bodies[name].line
     if line is None or not isinstance(line.length, str):

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.bodies.affine import Quantity, Values, total_at
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.elasticity import Lame
 from pgmp_petsc.bodies.floating import Beams, Recovery
@@ -33,7 +33,6 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES
 from pgmp_petsc.scene.references import points_used
 
-Values = Mapping[str, "np.ndarray | float"]
 Strains = SolidStrains | BeamStrains
 
 
@@ -140,8 +139,7 @@ class BeamLaw:
         body = points.body
         if quantity in OF_FIBRES:
             return float(self.modulus.at(nominal))
-        terms = body.sections("stiffness").items()
-        resists = sum(float(weight.evaluate(nominal)) * c[:, _number_of(quantity, body)] for weight, c in terms)
+        resists = total_at(body.sections("stiffness"), nominal)[:, _number_of(quantity, body)]
         return float(resists.max() / (body.extent if "moment" in quantity else 1.0))
 
 

@@ -48,7 +48,7 @@ from scipy.linalg import eigh, null_space
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.affine import ByWeight, Monomial, Quantity, total_at
 from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import Component, incommensurate, linear_fields, rigid_motions
 from pgmp_petsc.bodies.floating import FloatingBody, Recovery, second_moments, without_noise
@@ -200,7 +200,7 @@ def _condensed(
     mass, stiffness = ({w: _projected(a, vectors, comm) for w, a in terms.items()} for terms in matrices)
     moments = {w: _moments(a, vectors, d, comm) for w, a in matrices[0].items()}
     frame_of = subspace.inner(loads, vectors)  # P V
-    total_mass, total = weighted_sum_dense(mass, values), weighted_sum_dense(stiffness, values)
+    total_mass, total = total_at(mass, values), total_at(stiffness, values)
     shapes = _frame_shapes(total, frame_of)
     rest = null_space(frame_of)
     _, modes = eigh(rest.T @ total @ rest, rest.T @ total_mass @ rest)
@@ -212,11 +212,11 @@ def _condensed(
     recovery, section = vectors @ turn, None
     if solid.section_scale is not None:
         across = np.linalg.solve(turn, _across_axis(solid, nodes, subspace, matrices[0], points[-1]) @ turn)
-        own = weighted_sum_dense(mass, values)
+        own = total_at(mass, values)
         section = SectionCoordinates.of(solid.section_scale.factor, len(frames), across, own, constant)
         mass, stiffness, moments = (section.apply(terms) for terms in (mass, stiffness, moments))
         turn = turn @ section.at(values)
-    keep = _without_rigid(d, constant, weighted_sum_dense(mass, values))
+    keep = _without_rigid(d, constant, total_at(mass, values))
     rows = d * nodes.start + np.arange(d * len(nodes))
     waves = incommensurate(rows, solid.n_dofs, np.arange(1, N_PROBES + 1))
     component = Component(
@@ -247,15 +247,10 @@ def _across_axis(
     fields = np.einsum("nk,ij->nikj", along, np.eye(d)).reshape(n * d, -1)
     squares = {weight: _projected(matrix, fields, subspace.comm) for weight, matrix in mass.items()}
     momenta = subspace.inner(subspace.mass_vectors, fields)
-    squared, directions = eigh(weighted_sum_dense(squares, values))
+    squared, directions = eigh(total_at(squares, values))
     chosen = squared > DEPENDENT * squared[-1]
     unit = momenta @ (directions[:, chosen] / np.sqrt(squared[chosen]))
     return np.eye(subspace.n) - unit @ unit.T
-
-
-def weighted_sum_dense(terms: Mapping[Monomial, np.ndarray], values: Mapping[str, float]) -> np.ndarray:
-    """Return ``sum_i w_i A_i``."""
-    return sum(float(weight.evaluate(values)) * matrix for weight, matrix in terms.items())
 
 
 def _projected(matrix: PETSc.Mat, vectors: np.ndarray, comm: Comm) -> np.ndarray:
@@ -330,7 +325,7 @@ class SectionCoordinates:
         linear += missing @ np.linalg.solve(weighted @ unit, weighted)
         return cls(factor, np.eye(len(mass)) - linear, linear)
 
-    def apply(self, terms: Mapping[Monomial, np.ndarray]) -> dict[Monomial, np.ndarray]:
+    def apply(self, terms: ByWeight) -> dict[Monomial, np.ndarray]:
         """Return ``T^T A T`` by weight, for terms A by weight: symmetric, or (d, d, n, n) that are as a whole."""
         found: dict[Monomial, np.ndarray] = {}
         for weight, matrix in terms.items():
@@ -377,18 +372,15 @@ def in_floating_frame(
 def elastic_modes(component: Component, nominal: Mapping[str, float], basis: np.ndarray | None = None) -> np.ndarray:
     """Return the elastic free modes of a condensed body at the nominal parameters, of a mean square displacement of 1
     m2, shape (n, n - n_rigid); of a basis (n, k) with the rigid motions (n, k - n_rigid)."""
-    mass, stiffness = (weighted_sum_dense(terms, nominal) for terms in (component.mass, component.stiffness))
+    mass, stiffness = (total_at(terms, nominal) for terms in (component.mass, component.stiffness))
     along, basis = component.fields[:, 0], np.eye(len(mass)) if basis is None else basis  # unit displacement along x
     own = free_modes(basis.T @ mass @ basis, basis.T @ stiffness @ basis, component.centres.shape[1])
     return np.sqrt(along @ mass @ along) * (basis @ own)
 
 
 def foreshortened(
-    curvature: np.ndarray,
-    shapes: np.ndarray,
-    moments: Mapping[Monomial, np.ndarray],
-    sections: Mapping[Monomial, np.ndarray] | None = None,
-) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:
+    curvature: np.ndarray, shapes: np.ndarray, moments: ByWeight, sections: ByWeight | None = None
+) -> tuple[np.ndarray, ByWeight]:
     """Return what amplitudes of second order (n, n, n) displace frames by, and their moments; see `FloatingBody`.
 
     `sections` are moments of what turns to second order without being displaced, by weight.

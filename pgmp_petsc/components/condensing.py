@@ -30,7 +30,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings, free_share
 from pgmp_petsc.base.surroundings import Comm, alone
-from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.affine import Monomial, total_at
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.component import Component, linear_fields, rigid_component
 from pgmp_petsc.bodies.floating import FloatingBody, Recovery, without_noise
@@ -45,7 +45,6 @@ from pgmp_petsc.components.component_modes import (
     free_modes,
     in_floating_frame,
     own_nodes,
-    weighted_sum_dense,
 )
 from pgmp_petsc.components.large_deformation import foreshortening, with_second_order
 from pgmp_petsc.ranks.agreement import agreed
@@ -275,10 +274,10 @@ def _fewest(component: Component, points: Sequence[Mapping[str, float]], n_modes
     """Return the fewest fields that serve a mechanism's n_modes modes: the rigid motions, as many of the body's lowest
     at each of the parameter values, and what these miss of static answers there, shape (n, k)."""
     d, nominal = component.centres.shape[1], points[0]
-    inertia = weighted_sum_dense(component.mass, nominal)
+    inertia = total_at(component.mass, nominal)
     basis = np.empty((len(inertia), 0))
     for values in points:
-        mass, stiffness = (weighted_sum_dense(terms, values) for terms in (component.mass, component.stiffness))
+        mass, stiffness = (total_at(terms, values) for terms in (component.mass, component.stiffness))
         loads = np.eye(len(mass))[:, : component.n_frame_dofs]
         if stressed:  # inertia forces of rigid motion
             loads = np.hstack([loads, mass @ component.fields])
@@ -307,7 +306,7 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
         nodes, held = held, np.concatenate([run, np.setdiff1d(held, run)])
         frames = {point: int(np.flatnonzero(held == node)[0]) for point, node in zip(points, nodes)}
         frames = {str(node): number for number, node in enumerate(held)} | frames
-    total_mass, total = (weighted_sum_dense(terms, scene.nominal) for terms in (mass, stiffness))
+    total_mass, total = (total_at(terms, scene.nominal) for terms in (mass, stiffness))
     stressed = body.name in stressed_bodies(scene)
     (values, vectors), n_rigid = eigh(total, total_mass), d * (d + 1) // 2
     if stressed:  # inertia forces of rigid motion

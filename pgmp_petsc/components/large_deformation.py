@@ -25,12 +25,12 @@ from functools import partial
 import numpy as np
 
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.affine import ByWeight, Monomial, total_at
 from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LargeDeformation, LongAxis, cyclic
 from pgmp_petsc.bodies.solid import Solid
-from pgmp_petsc.components.component_modes import elastic_modes, own_nodes, weighted_sum_dense
+from pgmp_petsc.components.component_modes import elastic_modes, own_nodes
 
 Contraction = Callable[[np.ndarray], np.ndarray]
 
@@ -80,15 +80,13 @@ def with_second_order(
         of_pairs = fields.of_pairs()
         whole = {weight: cyclic(part, recovery.shape[1]) for weight, part in of_pairs.items()}
         large = LargeDeformation(whole, stretching, slenderness)
-        third = contraction_of(weighted_sum_dense(whole, nominal))
+        third = contraction_of(total_at(whole, nominal))
         kept = component.recovery and replace(component.recovery, curved=curved_strains(component, of_pairs, nominal))
         component = replace(component, large=large, recovery=kept)
     if not fields.axis.is_long:
         return component
     modes = elastic_modes(component, nominal)
-    stiffness, resisting = (
-        modes.T @ weighted_sum_dense(terms, nominal) @ modes for terms in (component.stiffness, stretching)
-    )
+    stiffness, resisting = (modes.T @ total_at(terms, nominal) @ modes for terms in (component.stiffness, stretching))
     n, m = len(stiffness), len(stiffness) if n_followed is None else min(n_followed, len(stiffness))
     curvature = np.zeros((n, n, n))
     curvature[:, :m, :m] = foreshortening(
@@ -97,14 +95,12 @@ def with_second_order(
     return replace(component, foreshortening=curvature)
 
 
-def curved_strains(
-    component: Component, of_pairs: Mapping[Monomial, np.ndarray], nominal: Mapping[str, float]
-) -> np.ndarray:
+def curved_strains(component: Component, of_pairs: ByWeight, nominal: Mapping[str, float]) -> np.ndarray:
     """Return the unknowns whose linear strains stand for those of second order of pairs of fields
     (`FieldsOnCells.of_pairs`); see `Recovery`."""
     modes = elastic_modes(component, nominal)
-    stiffness = modes.T @ weighted_sum_dense(component.stiffness, nominal) @ modes
-    forces = weighted_sum_dense(of_pairs, nominal) @ modes
+    stiffness = modes.T @ total_at(component.stiffness, nominal) @ modes
+    forces = total_at(of_pairs, nominal) @ modes
     return np.linalg.solve(stiffness, forces.T).T @ modes.T
 
 

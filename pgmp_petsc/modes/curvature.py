@@ -36,6 +36,7 @@ from scipy.linalg import eigh
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.beam3d import cross
+from pgmp_petsc.bodies.body import Pairs
 from pgmp_petsc.bodies.matrices import ThirdDerivative, director_inertia, weighted_sum
 from pgmp_petsc.mechanism.body_frames import ConstraintHessian, ConstraintHessians, linear_motion
 from pgmp_petsc.mechanism.constraint_set import RANK_TOLERANCE
@@ -47,8 +48,6 @@ from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 # squares of frequencies over that of the softest vectors: five times as fast, a vector is at rest for vibrations of
 # twice the softest frequency
 STIFF = 25.0
-
-Pairs = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +176,7 @@ class CurvatureProblem:
         kept: np.ndarray,
         shape: np.ndarray,
         answered: np.ndarray,
-        pairs: tuple[np.ndarray, np.ndarray],
+        pairs: Pairs,
         forces: np.ndarray,
         what: str,
         gaps: GapDerivatives | None = None,
@@ -274,7 +273,7 @@ class _TurningJoints:
         jacobian: sp.csr_matrix,
         hessians: list[ConstraintHessian],
         shape: np.ndarray,
-        pairs: tuple[np.ndarray, np.ndarray],
+        pairs: Pairs,
         gaps: GapDerivatives | None,
     ) -> None:
         self._touched = np.unique(jacobian.indices)

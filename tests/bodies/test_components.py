@@ -16,12 +16,12 @@ petsc4py.init([])
 from mpi4py import MPI  # noqa: E402
 
 from pgmp_petsc.base.errors import RunError  # noqa: E402
-from pgmp_petsc.bodies.affine import Monomial  # noqa: E402
+from pgmp_petsc.bodies.affine import Monomial, total_at  # noqa: E402
 from pgmp_petsc.bodies.component import Component, linear_fields  # noqa: E402
 from pgmp_petsc.bodies.matrices import weighted_sum  # noqa: E402
 from pgmp_petsc.bodies.solid import FaceFrame  # noqa: E402
 from pgmp_petsc.components import component_modes  # noqa: E402
-from pgmp_petsc.components.component_modes import condense, weighted_sum_dense  # noqa: E402
+from pgmp_petsc.components.component_modes import condense  # noqa: E402
 from pgmp_petsc.mesh.solid_mesh import reference_element  # noqa: E402
 
 KINDS, LENGTHS, DENSITY, N_MODES = ("quad8", "hexahedron20"), (0.6, 0.06, 0.04), 7800.0, 6
@@ -46,8 +46,8 @@ class Both:
         self.stiffness = weighted_sum(solid.stiffness(range(n_nodes)), values)
         self.mass = weighted_sum(solid.mass(range(n_nodes)), values)
         self.means = np.vstack([frame.functionals(n_nodes).toarray() for frame in frames.values()])
-        self.small_stiffness = weighted_sum_dense(self.component.stiffness, values)
-        self.small_mass = weighted_sum_dense(self.component.mass, values)
+        self.small_stiffness = total_at(self.component.stiffness, values)
+        self.small_mass = total_at(self.component.mass, values)
 
     def eigenvalues(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the eigenvalues of the modes asked for, rigid ones first: of the mesh and condensed."""

@@ -17,13 +17,13 @@ petsc4py.init([])
 from mpi4py import MPI  # noqa: E402
 
 from pgmp_petsc.base.errors import InputError  # noqa: E402
-from pgmp_petsc.bodies.affine import Monomial, Quantity  # noqa: E402
+from pgmp_petsc.bodies.affine import Monomial, Quantity, total_at  # noqa: E402
 from pgmp_petsc.bodies.component import Component, linear_fields  # noqa: E402
 from pgmp_petsc.bodies.framed_solid import FramedSolid, _check_section  # noqa: E402
 from pgmp_petsc.bodies.matrices import weighted_sum  # noqa: E402
 from pgmp_petsc.bodies.profile import SectionScale  # noqa: E402
 from pgmp_petsc.bodies.solid import FaceFrame  # noqa: E402
-from pgmp_petsc.components.component_modes import condense, weighted_sum_dense  # noqa: E402
+from pgmp_petsc.components.component_modes import condense  # noqa: E402
 from pgmp_petsc.mesh.solid_mesh import reference_element  # noqa: E402
 
 KINDS, N_MODES = ("quad8", "hexahedron20"), 6
@@ -50,7 +50,7 @@ def condensed(kind: str) -> Component:
 
 
 def small(component: Component, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    return weighted_sum_dense(component.stiffness, values), weighted_sum_dense(component.mass, values)
+    return total_at(component.stiffness, values), total_at(component.mass, values)
 
 
 @pytest.mark.parametrize("kind", KINDS)
