@@ -245,10 +245,10 @@ class Body(ABC):
         """Return the weights of ``"mass"`` or ``"stiffness"`` without those of masses at nodes."""
         return set()
 
-    @property
-    def mass_weights(self) -> set[Monomial]:
-        """Weights of its affine mass terms."""
-        return self._lumped_weights | self.own_weights("mass")
+    def weights(self, kind: str) -> set[Monomial]:
+        """Return the weights of the affine terms of ``"mass"`` or ``"stiffness"``; none of the stiffness of a rigid
+        body."""
+        return self.own_weights(kind) | (self._lumped_weights if kind == "mass" else set())
 
     @property
     def translational_weights(self) -> set[Monomial]:
@@ -260,20 +260,14 @@ class Body(ABC):
         return self.own_weights("mass")
 
     @property
-    def stiffness_weights(self) -> set[Monomial]:
-        """Weights of its affine stiffness terms; none for a rigid body."""
-        return self.own_weights("stiffness")
-
-    @property
     def stiffness_ways(self) -> set[Monomial]:
         """Weights by which parameters change the stiffness otherwise than as a whole; none where it has but one."""
-        every = self.stiffness_weights
+        every = self.own_weights("stiffness")
         return {weight for weight in every if weight.powers} if len(every) > 1 else set()
 
     def condensed_weights(self, kind: str) -> set[Monomial]:
-        """Return the weights of ``"mass"`` or ``"stiffness"`` in a reduced model: those of the condensed body, if it is
-        one."""
-        return self.mass_weights if kind == "mass" else self.stiffness_weights
+        """Return the `weights` in a reduced model: those of the condensed body, if it is one."""
+        return self.weights(kind)
 
     @property
     def _lumped_weights(self) -> set[Monomial]:

@@ -79,8 +79,8 @@ class RigidKinematics:
 
     The mechanism is assembled near its first guess: at the lower end of one coordinate, of two at the configuration
     nearest to the first guess, or else at their lower ends or the middle of their range; of more where the bodies meet
-    next to the first guess. `coordinate` is the first of them, for what takes only one; `size` a typical length, m;
-    `n_redundant` counts constraints that follow from the others; `branch` is None where none was followed.
+    next to the first guess. `size` is a typical length, m; `n_redundant` counts constraints that follow from the
+    others; `branch` is None where none was followed.
 
     Raises `InputError` if the mechanism cannot be closed somewhere in the range, if the number of coordinates is not
     its number of degrees of freedom, or if the coordinates lose control of it (singular J).
@@ -89,7 +89,6 @@ class RigidKinematics:
     def __init__(self, mechanism: Mechanism, branch: PoseBranch | None = None, over_range: bool = False) -> None:
         self.mechanism = mechanism
         self.coordinates = mechanism.coordinates
-        self.coordinate = mechanism.coordinates[0]
         self.size = size_of(mechanism)
         self.branch, self._walk = branch, None
         if branch is None and (over_range or self.n_coordinates <= MOST_FOLLOWED):
@@ -124,7 +123,6 @@ class RigidKinematics:
             return RigidKinematics(mechanism)  # masses on rigid bodies are bodies of their own: nothing can be shared
         other = copy(self)
         other.mechanism, other.coordinates = mechanism, mechanism.coordinates
-        other.coordinate = mechanism.coordinates[0]
         for made in ("_closure", "_released", "constraints"):
             other.__dict__.pop(made, None)
         return other
@@ -314,7 +312,7 @@ class RigidKinematics:
         """
         theta = np.asarray(theta)
         if self.n_coordinates == 1:
-            return self._reaches(self.coordinate, theta)
+            return self._reaches(self.coordinates[0], theta)
         parts = [self._reaches(coordinate, theta[..., k]) for k, coordinate in enumerate(self.coordinates)]
         return np.logical_and.reduce(parts)
 
@@ -479,7 +477,7 @@ class RigidKinematics:
     def _rank(self, poses: np.ndarray) -> int:
         """Return the number of independent constraints by joints at poses (n_bodies, n_pose, 1)."""
         rows = slice(self._closure.n_constraints)
-        values = np.linalg.svd(self._closure.scaled(self._closure.jacobian(poses)[:, rows])[0], compute_uv=False)
+        values = self._closure.singular_values(self._closure.jacobian(poses)[:, rows])[0]
         return int(np.sum(values > SINGULAR_TOLERANCE * values[0])) if values.size else 0
 
     def _elsewhere(self, poses: np.ndarray) -> np.ndarray:

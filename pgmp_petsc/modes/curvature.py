@@ -276,11 +276,8 @@ class _TurningJoints:
         pairs: Pairs,
         gaps: GapDerivatives | None,
     ) -> None:
-        self._touched = np.unique(jacobian.indices)
+        self._touched, self._hessians, self._shape, self._pairs = np.unique(jacobian.indices), hessians, shape, pairs
         self._jacobian = jacobian[:, self._touched].toarray()
-        self._hessians = hessians
-        self._shape = shape
-        self._pairs = pairs
         self._bends = np.zeros((0, 0, 0)) if gaps is None else gaps.bends
         slopes = () if gaps is None else gaps.slopes
         self._slopes = dict(enumerate((own[:, self._touched] for own in slopes), shape.shape[1] - len(slopes)))
