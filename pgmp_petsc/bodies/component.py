@@ -33,7 +33,6 @@ from pgmp_petsc.scene.bodies import MOMENTS, Rigid
 
 if TYPE_CHECKING:
     from pgmp_petsc.bodies.floating import FloatingBody
-    from pgmp_petsc.bodies.large_deformation import LargeDeformation
 
 
 # the axes (from, to) that each rotation turns into each other, in the order of the rotations
@@ -79,7 +78,23 @@ def incommensurate(rows: np.ndarray, n: int, waves: np.ndarray) -> np.ndarray:
     return np.cos(np.outer(1.0 + rows * (np.sqrt(5.0) / n), 1.0 + np.sqrt(2.0) * waves))
 
 
+SLENDER = 3.0  # longest over second extent of a body that has a long axis
 MASSLESS = 1e-9  # over the largest translational mass of a term: round-off of none
+
+
+@dataclass(frozen=True, eq=False)
+class LargeDeformation:
+    """Terms of n displacement fields of a body, by weight; what remains when the weight is taken out."""
+
+    third: dict[Monomial, np.ndarray]  # W3, symmetric, shape (n, n, n)
+    stretching: dict[Monomial, np.ndarray]  # stiffness against the mean strains of pieces, shape (n, n)
+    #: longest over second extent of the body along its principal axes: below `SLENDER` stretching means nothing
+    slenderness: float
+
+    @property
+    def slender(self) -> bool:
+        """Whether the body has a long axis."""
+        return self.slenderness >= SLENDER
 
 
 @dataclass(frozen=True, eq=False)

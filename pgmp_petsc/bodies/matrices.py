@@ -6,7 +6,7 @@ matrices never change it.
 
 Third derivative of the strain energy at rest, ``K3 = sum_i w_i K3_i``, times pairs of vectors, in body frames.
 
-It is never stored for beams (`kinds.beam`); of a condensed body it is (`large_deformation`). A rank has the elements
+It is never stored for beams (`kinds.beam`); of a condensed body it is (`components`). A rank has the elements
 that touch its rows.
 
 Moments of inertia of a body's fields: what its mass matrix does to fields that are turned.
@@ -60,7 +60,7 @@ class AffineMatrices:
     @cached_property
     def stretching(self) -> dict[Monomial, sp.csr_matrix]:
         """The part of the stiffness that resists extension; of condensed bodies that against the mean strains of pieces
-        (`large_deformation`)."""
+        (`components.large_deformation`)."""
         return self._terms("stretching")
 
     def _terms(self, kind: str) -> dict[Monomial, sp.csr_matrix]:

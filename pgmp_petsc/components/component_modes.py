@@ -77,7 +77,7 @@ def condense(
     memory: float | None = None,
     stressed: bool = False,
     large: bool = False,
-) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
+) -> tuple[Component, np.ndarray]:
     """Condense a body where `frames` hold it, and for `points`, parameter values of which the nominal ones are first.
     Collective on `comm`, the ranks that share it.
 
@@ -89,9 +89,9 @@ def condense(
     of second order in the deformation will be (`large`, see `large_deformation.with_second_order`), it answers the
     inertia forces of the rigid motion as well.
 
-    Returns the body, on all ranks; the displacements on the mesh of unit coordinates, local rows, (n_local, n), with a
-    scaled cross-section of unit ``T(s) y``; and T(s), None without one. Raises `RunError` if an eigenproblem fails, or
-    the interface's answers do not settle.
+    Returns the body, on all ranks, and the displacements on the mesh of unit coordinates, local rows, (n_local, n),
+    with a scaled cross-section of unit ``T(s) y``. Raises `RunError` if an eigenproblem fails, or the interface's
+    answers do not settle.
     """
     timings = timings or Timings()
     d, n_nodes = solid.mesh.dimension, solid.mesh.n_nodes
@@ -127,17 +127,17 @@ def condense(
             finally:
                 problem.close()
         with timings.phase("projection"):
-            component, recovery, section = _condensed(
+            component, recovery = _condensed(
                 solid, frames, points, subspace, loads, fields, (mass, stiffness), nodes, error
             )
-            small = section is None and recovery.shape[1] * solid.n_dofs * 8 <= MOST_KEPT
+            small = solid.section_scale is None and recovery.shape[1] * solid.n_dofs * 8 <= MOST_KEPT
             if isinstance(solid, Solid) and (stressed or small):  # matrices have no cells to show anything on
                 shapes = np.concatenate(comm.allgather(recovery))
                 component = replace(component, recovery=Recovery(solid.mesh, shapes, stressed))
     finally:
         for matrix in (*mass.values(), *stiffness.values()):
             matrix.destroy()
-    return component, recovery, section
+    return component, recovery
 
 
 def own_nodes(n_nodes: int, comm: Comm) -> range:
@@ -193,7 +193,7 @@ def _condensed(
     matrices: tuple[Terms, Terms],
     nodes: range,
     error: float,
-) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
+) -> tuple[Component, np.ndarray]:
     """Turn a subspace's coordinates into those of the frames and internal ones."""
     d, comm, values = solid.mesh.dimension, subspace.comm, points[0]
     vectors = subspace.vectors
@@ -209,7 +209,7 @@ def _condensed(
     mass, stiffness, moments = (
         {w: turn.T @ a @ turn for w, a in terms.items()} for terms in (mass, stiffness, moments)
     )
-    recovery, section = vectors @ turn, None
+    recovery = vectors @ turn
     if solid.section_scale is not None:
         across = np.linalg.solve(turn, _across_axis(solid, nodes, subspace, matrices[0], points[-1]) @ turn)
         own = total_at(mass, values)
@@ -230,7 +230,7 @@ def _condensed(
         solid.n_dofs,
         error,
     )
-    return component, recovery, section
+    return component, recovery
 
 
 def _across_axis(

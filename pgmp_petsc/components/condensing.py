@@ -32,10 +32,9 @@ from pgmp_petsc.base.resources import Timings, free_share
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.affine import Monomial, total_at
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.component import Component, linear_fields, rigid_component
+from pgmp_petsc.bodies.component import SLENDER, Component, linear_fields, rigid_component
 from pgmp_petsc.bodies.floating import FloatingBody, Recovery, without_noise
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
-from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
 from pgmp_petsc.bodies.matrices import AffineMatrices, ThirdDerivative, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape, is_condensed, to_condense
 from pgmp_petsc.components.body_problem import BodyProblem, petsc_terms
@@ -46,7 +45,7 @@ from pgmp_petsc.components.component_modes import (
     in_floating_frame,
     own_nodes,
 )
-from pgmp_petsc.components.large_deformation import foreshortening, with_second_order
+from pgmp_petsc.components.large_deformation import LongAxis, foreshortening, with_second_order
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
@@ -101,7 +100,7 @@ def condensed(
                 points, n_modes = serving_points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
                 # where errors are estimated, a body in its floating frame follows its foreshortening
                 known = wanted or scene.simulation.error_indicator
-                body, recovery, _ = condense(
+                body, recovery = condense(
                     meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory, name in stressed, known
                 )
                 if known:
@@ -261,7 +260,7 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
         check_slender(scene, meshed, NOT_SLENDER)
     n_modes, stressed = scene.reduction.modes + scene.n_overconstrained, meshed.solid.name in stressed_bodies(scene)
     points = serving_points(scene, meshed)
-    component, recovery, _ = condense(
+    component, recovery = condense(
         meshed.solid, meshed.frames, points, n_modes, alone(), stressed=stressed, large=scene.static_stiffening
     )
     if scene.static_stiffening:
