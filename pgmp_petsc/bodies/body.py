@@ -99,8 +99,6 @@ class Body(ABC):
     strains_follow_frames: ClassVar[bool] = False
     #: See `Recovery.curved`; None where nothing of the kind is known, or needed.
     curved_strains: ClassVar[np.ndarray | None] = None
-    #: Whether static stretching is distinguished from bending.
-    has_long_axis: ClassVar[bool] = True
     #: The mesh or the matrices that a build condenses.
     to_condense: ClassVar[Sequence[FramedSolid]] = ()
     #: Whether its unknowns hold all that stresses need.

@@ -91,11 +91,6 @@ class LargeDeformation:
     #: longest over second extent of the body along its principal axes: below `SLENDER` stretching means nothing
     slenderness: float
 
-    @property
-    def slender(self) -> bool:
-        """Whether the body has a long axis."""
-        return self.slenderness >= SLENDER
-
 
 @dataclass(frozen=True, eq=False)
 class Component:

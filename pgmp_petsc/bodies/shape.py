@@ -13,7 +13,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
-from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.component import SLENDER, Component
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
@@ -68,7 +68,7 @@ def lacks_foreshortening(shape: BodyShape) -> bool:
 
 def has_long_axis(shape: BodyShape) -> bool:
     """Return whether static stretching of a body is distinguished from its bending."""
-    return not isinstance(shape, Component) or shape.large is None or shape.large.slender
+    return not isinstance(shape, Component) or shape.large is None or shape.large.slenderness >= SLENDER
 
 
 def given_properties(shape: BodyShape | None) -> MassProperties | None:

@@ -316,10 +316,6 @@ class RigidKinematics:
         parts = [self._reaches(coordinate, theta[..., k]) for k, coordinate in enumerate(self.coordinates)]
         return np.logical_and.reduce(parts)
 
-    def residual(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Return closure and driving residuals, shape (n_constraints + n_theta, n)."""
-        return self._closure.residual(poses, self.configurations(theta))
-
     def _axis(self, coordinate: Coordinate) -> np.ndarray:
         step = STEPS[self.n_coordinates - 1] * coordinate.scale(self.size)
         n = max(LEAST_STEPS, int(np.ceil((coordinate.upper - coordinate.lower) / step)))

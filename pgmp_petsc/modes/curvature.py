@@ -190,7 +190,7 @@ class CurvatureProblem:
         hessians = self._joints.at(poses)
         if hessians or gaps is not None:
             reactions = problem.all_rows(answered - problem.times_stiffness(shape))
-            joints = _TurningJoints(problem.constraints_at(poses), hessians, problem.all_rows(shape), pairs, gaps)
+            joints = _TurningJoints(problem.constraints.at(poses), hessians, problem.all_rows(shape), pairs, gaps)
             own = slice(problem.rows.start, problem.rows.stop)
             chi = joints.displacements()[own]
             forces = forces + np.where(taken, joints.forces(reactions)[own], 0.0) + problem.times_stiffness(chi)

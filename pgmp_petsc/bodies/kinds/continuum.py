@@ -126,10 +126,6 @@ class CondensedBody(Recovered, Body):
     n_internal = property(attrgetter("component.n_internal"))
     extent = property(attrgetter("component.extent"))
 
-    @property
-    def has_long_axis(self) -> bool:
-        return self.component.large is None or self.component.large.slender
-
     probes = property(attrgetter("component.probes"))
 
     @property
