@@ -306,15 +306,12 @@ class RigidKinematics:
         return self._closure.curvatures(poses, rates)
 
     def within_reach(self, theta: np.ndarray) -> np.ndarray:
-        """Return where the rigid mechanism can be placed: in the range, or a little (`REACH`) outside it.
-
-        Theta is of shape (..., n_theta); for one coordinate of any shape, and so is what is returned.
-        """
-        theta = np.asarray(theta)
-        if self.n_coordinates == 1:
-            return self._reaches(self.coordinates[0], theta)
-        parts = [self._reaches(coordinate, theta[..., k]) for k, coordinate in enumerate(self.coordinates)]
-        return np.logical_and.reduce(parts)
+        """Return where the rigid mechanism can be placed, shape (...): at theta (..., n_theta) in the range, or a
+        little (`REACH`) outside it, of periodic coordinates up to `FURTHEST`."""
+        reach = [FURTHEST if c.periodic else REACH * c.scale(self.size) for c in self.coordinates]
+        ends = [(0.0, 0.0) if c.periodic else (c.lower, c.upper) for c in self.coordinates]
+        lower, upper = np.array(ends).T + [np.negative(reach), reach]
+        return np.all((theta >= lower) & (theta <= upper), axis=-1)
 
     def _axis(self, coordinate: Coordinate) -> np.ndarray:
         step = STEPS[self.n_coordinates - 1] * coordinate.scale(self.size)
@@ -481,13 +478,6 @@ class RigidKinematics:
         moved, d = np.random.default_rng(0).normal(scale=0.1, size=poses.shape), self.mechanism.space.dimension
         moved[:, :d] *= self.size
         return self._closure.closed_freely(poses + moved)
-
-    def _reaches(self, coordinate: Coordinate, theta: np.ndarray) -> np.ndarray:
-        """Return where values of one coordinate can be placed."""
-        if coordinate.periodic:
-            return np.abs(theta) <= FURTHEST
-        reach = REACH * coordinate.scale(self.size)
-        return (theta >= coordinate.lower - reach) & (theta <= coordinate.upper + reach)
 
 
 def measured(

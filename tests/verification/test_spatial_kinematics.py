@@ -387,7 +387,7 @@ def test_a_range_that_does_not_begin_at_zero() -> None:
     theta = np.linspace(4.0, 7.0, 13)
     tip = place(kinematics, "crank:tip", theta)
     np.testing.assert_allclose(tip[:2], 0.3 * np.array([np.cos(theta), np.sin(theta)]), rtol=0, atol=CLOSED)
-    assert kinematics.within_reach(np.array([3.9, 3.96, 7.04, 7.1])).tolist() == [False, True, True, False]
+    assert kinematics.within_reach(np.array([[3.9], [3.96], [7.04], [7.1]])).tolist() == [False, True, True, False]
 
 
 # a rod with its ends on the x and the y axis, of two halves, and a crank from the origin to its middle
