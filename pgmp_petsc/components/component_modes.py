@@ -216,7 +216,9 @@ def _condensed(
         section = SectionCoordinates.of(solid.section_scale.factor, len(frames), across, own, constant)
         mass, stiffness, moments = (section.apply(terms) for terms in (mass, stiffness, moments))
         turn = turn @ section.at(values)
-    keep = _without_rigid(d, constant, total_at(mass, values))
+    # without rigid motion: its exact stiffness of zero is not left to round-off
+    total_mass, rigid = total_at(mass, values), np.linalg.qr(constant @ rigid_motions(np.zeros(d)))[0]
+    keep = np.eye(len(total_mass)) - rigid @ np.linalg.solve(rigid.T @ total_mass @ rigid, rigid.T @ total_mass)
     rows = d * nodes.start + np.arange(d * len(nodes))
     waves = incommensurate(rows, solid.n_dofs, np.arange(1, N_PROBES + 1))
     component = Component(
@@ -270,13 +272,6 @@ def _moments(mass: PETSc.Mat, vectors: np.ndarray, d: int, comm: Comm) -> np.nda
     pushed = [times(mass, fields) for fields in along]
     found = np.array([[fields.T @ force for force in pushed] for fields in along])
     return comm.allreduce(found)
-
-
-def _without_rigid(d: int, fields: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Return what takes rigid motion out of coordinates, shape (n, n): its exact stiffness of zero is not left to
-    round-off."""
-    rigid = np.linalg.qr(fields @ rigid_motions(np.zeros(d)))[0]
-    return np.eye(len(mass)) - rigid @ np.linalg.solve(rigid.T @ mass @ rigid, rigid.T @ mass)
 
 
 def _frame_shapes(stiffness: np.ndarray, frame_of: np.ndarray) -> np.ndarray:

@@ -36,7 +36,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bodies.affine import ByWeight, Monomial, total_at
+from pgmp_petsc.bodies.affine import Monomial, total_at
 from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import SLENDER, Component, LargeDeformation
 from pgmp_petsc.bodies.elasticity import Geometry, Lame, volumes_of
@@ -90,33 +90,25 @@ def with_second_order(
         return component
     fields = FieldsOnRanks(solid, recovery, comm)
     stretching, slenderness = fields.stretching(), fields.axis.slenderness
-    third = partial(fields.third_with, values=nominal)
+    third, modes = partial(fields.third_with, values=nominal), elastic_modes(component, nominal)
+    stiffness, resisting = (modes.T @ total_at(terms, nominal) @ modes for terms in (component.stiffness, stretching))
     if all_fields:
         of_pairs = fields.of_pairs()
         whole = {weight: cyclic(part, recovery.shape[1]) for weight, part in of_pairs.items()}
         large = LargeDeformation(whole, stretching, slenderness)
         third = contraction_of(total_at(whole, nominal))
-        kept = component.recovery and replace(component.recovery, curved=curved_strains(component, of_pairs, nominal))
+        forces = total_at(of_pairs, nominal) @ modes
+        curved = np.linalg.solve(stiffness, forces.T).T @ modes.T
+        kept = component.recovery and replace(component.recovery, curved=curved)
         component = replace(component, large=large, recovery=kept)
     if not fields.axis.is_long:
         return component
-    modes = elastic_modes(component, nominal)
-    stiffness, resisting = (modes.T @ total_at(terms, nominal) @ modes for terms in (component.stiffness, stretching))
     n, m = len(stiffness), len(stiffness) if n_followed is None else min(n_followed, len(stiffness))
     curvature = np.zeros((n, n, n))
     curvature[:, :m, :m] = foreshortening(
         lambda vectors: np.tensordot(modes.T, third(modes @ vectors), 1), stiffness, resisting, np.eye(n)[:, :m]
     )
     return replace(component, foreshortening=curvature)
-
-
-def curved_strains(component: Component, of_pairs: ByWeight, nominal: Mapping[str, float]) -> np.ndarray:
-    """Return the unknowns whose linear strains stand for those of second order of pairs of fields
-    (`FieldsOnCells.of_pairs`); see `Recovery`."""
-    modes = elastic_modes(component, nominal)
-    stiffness = modes.T @ total_at(component.stiffness, nominal) @ modes
-    forces = total_at(of_pairs, nominal) @ modes
-    return np.linalg.solve(stiffness, forces.T).T @ modes.T
 
 
 class LongAxis:
@@ -232,20 +224,16 @@ class FieldsOnRanks:
         geometry, ``du_k/dX_l`` of every field at all quadrature points, shape (n_points, d, d, n), and the points."""
         mesh, rule = self._solid.mesh, reference_element(self._solid.mesh.kind).stiffness
         d, n = self._fields.shape[1:]
-        for region, chosen in self._chosen(rule.weights.size * numbers):
-            places = mesh.nodes[mesh.cells[chosen]]
-            geometry, own = Geometry.of(places, rule), self._fields[self._places[self._row[chosen]]]
-            gradients = geometry.gradients @ own.reshape(chosen.size, 1, -1, d * n)
-            gradients = np.ascontiguousarray(gradients.reshape(-1, d, d, n).swapaxes(1, 2))
-            yield region, chosen, geometry, gradients, np.einsum("qa,eai->eqi", rule.values, places).reshape(-1, d)
-
-    def _chosen(self, numbers: int) -> Iterator[tuple[Region, np.ndarray]]:
-        """Yield regions and shares of their cells, so that `numbers` a cell stay in bounds."""
-        step = max(1, NUMBERS_AT_ONCE // numbers)
+        step = max(1, NUMBERS_AT_ONCE // (rule.weights.size * numbers))
         for region in self._solid.regions:
-            own = region.cells[self._row[region.cells] >= 0]
-            for first in range(0, own.size, step):
-                yield region, own[first : first + step]
+            mine = region.cells[self._row[region.cells] >= 0]
+            for chosen in (mine[first : first + step] for first in range(0, mine.size, step)):
+                places = mesh.nodes[mesh.cells[chosen]]
+                geometry, own = Geometry.of(places, rule), self._fields[self._places[self._row[chosen]]]
+                gradients = geometry.gradients @ own.reshape(chosen.size, 1, -1, d * n)
+                gradients = np.ascontiguousarray(gradients.reshape(-1, d, d, n).swapaxes(1, 2))
+                points = np.einsum("qa,eai->eqi", rule.values, places).reshape(-1, d)
+                yield region, chosen, geometry, gradients, points
 
 
 def _fetched(wanted: np.ndarray, nodes: range, own: np.ndarray, comm: Comm) -> np.ndarray:

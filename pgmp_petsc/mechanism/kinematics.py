@@ -278,11 +278,8 @@ class RigidKinematics:
 
     def _turns(self, theta: np.ndarray) -> np.ndarray:
         """Return how often periodic coordinates have turned at theta, both (n, n_theta)."""
-        turns = np.zeros_like(theta)
-        for k, coordinate in enumerate(self.coordinates):
-            if coordinate.periodic:
-                turns[:, k] = np.floor((theta[:, k] - coordinate.lower) / (2 * np.pi))
-        return turns
+        lower, periodic = np.array([(c.lower, c.periodic) for c in self.coordinates]).T
+        return np.where(periodic, np.floor((theta - lower) / (2 * np.pi)), 0.0)
 
     def _is_tabulated(self, inside: np.ndarray) -> bool:
         """Return whether the branch closes the loops at all configurations, taken to the first turn."""
