@@ -94,21 +94,16 @@ class LargeDeformation:
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """A condensed body.
-
-    Attributes
-    ----------
-    moments
-        ``int rho u_i v_j dV`` of unit unknowns by weight, shape (d, d, n, n), i and u first; their trace is the mass.
-        Empty of rigid bodies, and of those read back from a reduced model, whose tables hold it.
-    """
+    """A condensed body."""
 
     frames: dict[str, int]  # name and number (from 0) of every frame
     centres: np.ndarray  # of the frames in the body's frame, shape (n_frames, d), m
     #: mass, stiffness: ``T^T M_i T`` and ``T^T K_i T`` by weight, shape (n, n)
     mass: dict[Monomial, np.ndarray]
     stiffness: dict[Monomial, np.ndarray]
-    moments: dict[Monomial, np.ndarray] = field(compare=False)  # a model that is read back is the same without them
+    #: ``int rho u_i v_j dV`` of unit unknowns by weight, shape (d, d, n, n), i and u first; their trace is the mass.
+    #: Empty of rigid bodies, and of those read back from a reduced model, whose tables hold it: it is the same without
+    moments: dict[Monomial, np.ndarray] = field(compare=False)
     #: what of y makes the linear displacement fields of the body, shape (n, d (d + 1)): first the translations, then
     #: ``x_j`` in direction i as number ``d (1 + i) + j``. They hold rigid motion and the directions of inertia forces.
     fields: np.ndarray

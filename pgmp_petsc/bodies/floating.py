@@ -21,41 +21,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import ByWeight, Monomial, total_at
-from pgmp_petsc.bodies.profile import Profiles
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, load, spread, store
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.scene import Scene
 
-
-class Beams(Protocol):
-    """What strains and stresses ask a body of flexible beams for; see `kinds.beam`."""
-
-    name: str
-    mesh: LineMesh
-    axes: np.ndarray | None
-    profiles: Profiles
-    planar: bool
-    dimension: int
-    directions: np.ndarray
-    extent: float
-
-    def sections(self, kind: str) -> dict[Monomial, np.ndarray]: ...
-
-    def stresses(self, scene: Scene) -> Any: ...
+if TYPE_CHECKING:
+    from pgmp_petsc.bodies.kinds.beam import Beam
 
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
     """The displacements that a condensed body's coordinates describe."""
 
-    carrier: SolidMesh | Beams  # the mesh of continuum elements, or the body of beams, as it was before
+    carrier: SolidMesh | Beam  # the mesh of continuum elements, or the body of beams, as it was before
     #: displacements (of beams and rotations) of the nodes in the body's frame for a unit of each coordinate, node after
     #: node, shape (n_mesh_dofs, n)
     shapes: np.ndarray
@@ -117,13 +101,7 @@ HEAVY = 1e-3  # of the mass of the heaviest term: lighter ones say nothing of a 
 
 @dataclass(frozen=True, eq=False)
 class FloatingBody:
-    """A flexible body in its floating frame.
-
-    Attributes
-    ----------
-    recovery
-        The fields on the mesh, of condensed bodies as far as these have them.
-    """
+    """A flexible body in its floating frame."""
 
     frames: dict[str, int]  # name and number (from 0) of every frame that joints, effects and outputs hold
     centres: np.ndarray  # of the frames in the body's frame, shape (n_frames, d), m
@@ -138,7 +116,8 @@ class FloatingBody:
     #: body does not follow its foreshortening
     bent: np.ndarray
     curved: dict[Monomial, np.ndarray]  # ``int rho X_k chi_l dV`` by weight, shape (d, d, n, n); empty likewise
-    recovery: Recovery | None = field(default=None, compare=False)  # follows from the body's own and from `parts`
+    #: the fields on the mesh, of condensed bodies as far as these have them: from the body's own and from `parts`
+    recovery: Recovery | None = field(default=None, compare=False)
     #: small displacement and rotation of the frame, and amplitudes, that a unit of every unknown of the condensed body
     #: is, shape (n_rigid + n, n_rigid + n); None of a body of beams
     parts: np.ndarray | None = None
