@@ -44,7 +44,7 @@ from pgmp_petsc.mechanism.joints import (
     triad,
     weld,
 )
-from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
+from pgmp_petsc.mechanism.space import SPATIAL, space_of
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Line, Statement, along, angle, perpendicular
 from pgmp_petsc.scene.bodies import Placement
@@ -106,19 +106,19 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
     between the bodies' axes. Raises `InputError` if a joint names a point that its body's mesh does not have, or is
     elastic where it is free (`parted`).
     """
-    space = space_of(scene.dimension)
+    space, d = space_of(scene.dimension), scene.dimension
     connections, row = [], 0
     for name, holds, axes, sides in _held(scene, bodies):
-        in_a = triad(*(np.asarray(axis, dtype=float) for axis in axes)) if axes else np.eye(space.dimension)
-        turns = [_directors(space, space.identity if s.on_ground else poses[s.body]) for s in sides]
-        turn = turns[1].T @ turns[0]
+        in_a = triad(*(np.asarray(axis, dtype=float) for axis in axes)) if axes else np.eye(d)
+        one, other = (space.natural(s.frame_of_pose(poses))[d:].reshape(d, d) for s in sides)  # directors
+        turn = other @ one.T
         in_b = turn @ in_a
         statements = tuple(holds(in_a, in_b))
         rows = slice(row, row + len(statements))
         turning = in_a, in_b if space is SPATIAL else in_a
         entry = scene.joints.get(name)  # none of welds
         elastic, offset, loose = (None,) * 3 if entry is None else (entry.elastic, entry.offset, entry.clearance)
-        held, straight, released, moved, turned = statements, statements, (), sides[0], np.eye(space.dimension)
+        held, straight, released, moved, turned = statements, statements, (), sides[0], np.eye(d)
         riding = entry is not None and entry.rides and not sides[0].on_ground and bodies[sides[0].body].flexible
         if loose is not None:
             _refuse_room(scene, bodies, name, sides)
@@ -303,12 +303,6 @@ def _placed(placement: Placement, dimension: int) -> np.ndarray:
         return np.array([*origin, placement.angle])
     turn = _rotation(np.array(placement.rotation or (0.0, 0.0, 0.0)))
     return np.concatenate([origin, turn.T.ravel()])
-
-
-def _directors(space: Space, pose: np.ndarray) -> np.ndarray:
-    """Return the directors of a pose, shape (d, d), one a column."""
-    d = space.dimension
-    return space.natural(pose)[d:].reshape(d, d).T
 
 
 def _lumps(effect: AddedMass) -> dict[Monomial, LumpedMass]:

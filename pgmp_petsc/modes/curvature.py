@@ -34,7 +34,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import eigh
 
-from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.affine import Monomial, total_at
 from pgmp_petsc.bodies.beam3d import cross
 from pgmp_petsc.bodies.body import Pairs
 from pgmp_petsc.bodies.matrices import ThirdDerivative, director_inertia, weighted_sum
@@ -95,9 +95,7 @@ class CurvatureProblem:
         i, j = pairs = i[known], j[known]
         everywhere = problem.all_rows(shape)
         third = self._third.times(everywhere, pairs)
-        forces = np.zeros((len(problem.rows), pairs[0].size))
-        for weight, part in third.items():
-            forces += float(weight.evaluate(problem.values)) * part
+        forces = np.zeros((len(problem.rows), i.size)) + total_at(third, problem.values)
         if loose.any():
             elastic = problem.all_rows(problem.times_stiffness(shape))
             forces -= self._turned_forces(modes, everywhere, elastic, loose, pairs)
