@@ -12,17 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.beam2d import strains
-from pgmp_petsc.bodies.floating import products
+from pgmp_petsc.bodies.floating import Beams, products
 from pgmp_petsc.mesh.line_mesh import LineMesh
-
-if TYPE_CHECKING:
-    from pgmp_petsc.bodies.kinds.beam import Beam
 
 STRAIGHT = 1e-9  # 1 - cosine of the angle between elements in one direction: half of 4e-5 rad squared
 ON_LINE = 1e-6  # of the body's extent: how far from an element a place may be that counts as on it
@@ -32,7 +28,7 @@ ON_LINE = 1e-6  # of the body's extent: how far from an element a place may be t
 class BeamStrains:
     """Points of a body of beams, each in an element."""
 
-    body: Beam  # of flexible beams
+    body: Beams  # of flexible beams
     elements: np.ndarray  # their elements, shape (n_points,)
     along: np.ndarray  # places in these, 0 at the first node and 1 at the second, shape (n_points,)
     #: what continues extension and shear from the middle of a point's element to the point: its distance over that of
@@ -115,7 +111,7 @@ class BeamStrains:
         return sum(np.multiply.outer(c[self.elements], np.atleast_1d(weight.evaluate(values))) for weight, c in terms)
 
     @classmethod
-    def of(cls, body: Beam, elements: np.ndarray, along: np.ndarray, held: Collection[int] = ()) -> BeamStrains:
+    def of(cls, body: Beams, elements: np.ndarray, along: np.ndarray, held: Collection[int] = ()) -> BeamStrains:
         """Take points of elements; `held` are the nodes at which a load or a joint may be."""
         mesh = body.mesh
         before, after = (others[elements] for others in _neighbours(mesh, held))
@@ -128,20 +124,20 @@ class BeamStrains:
         return cls(body, elements, along, (share, low, high))
 
     @classmethod
-    def at_nodes(cls, body: Beam, held: Collection[int], nodes: np.ndarray) -> BeamStrains:
+    def at_nodes(cls, body: Beams, held: Collection[int], nodes: np.ndarray) -> BeamStrains:
         """Take the ends of elements that are at some nodes; `held` as for `of`."""
         elements, ends = np.nonzero(np.isin(body.mesh.cells, nodes))
         return cls.of(body, elements, ends.astype(float), held)
 
     @classmethod
-    def in_middles(cls, body: Beam, held: Collection[int]) -> BeamStrains:
+    def in_middles(cls, body: Beams, held: Collection[int]) -> BeamStrains:
         """Take the middles of all elements, whatever is held."""
         n = len(body.mesh.cells)
         elements = np.arange(n)
         return cls(body, elements, np.full(n, 0.5), (np.zeros(n), elements, elements))
 
     @classmethod
-    def at_place(cls, body: Beam, held: Collection[int], place: np.ndarray) -> BeamStrains | None:
+    def at_place(cls, body: Beams, held: Collection[int], place: np.ndarray) -> BeamStrains | None:
         """Take a place on a body, shape (d,), m, in every element that it is in; None where it is in none."""
         mesh = body.mesh
         starts, edges = mesh.nodes[mesh.cells[:, 0]], np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0]

@@ -21,25 +21,41 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import ByWeight, Monomial, total_at
+from pgmp_petsc.bodies.profile import Profiles
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, load, spread, store
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.scene import Scene
 
-if TYPE_CHECKING:
-    from pgmp_petsc.bodies.kinds.beam import Beam
+
+class Beams(Protocol):
+    """What strains and stresses ask a body of flexible beams for; see `kinds.beam`."""
+
+    name: str
+    mesh: LineMesh
+    axes: np.ndarray | None
+    profiles: Profiles
+    planar: bool
+    dimension: int
+    directions: np.ndarray
+    extent: float
+
+    def sections(self, kind: str) -> dict[Monomial, np.ndarray]: ...
+
+    def stresses(self, scene: Scene) -> Any: ...
 
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
     """The displacements that a condensed body's coordinates describe."""
 
-    carrier: SolidMesh | Beam  # the mesh of continuum elements, or the body of beams, as it was before
+    carrier: SolidMesh | Beams  # the mesh of continuum elements, or the body of beams, as it was before
     #: displacements (of beams and rotations) of the nodes in the body's frame for a unit of each coordinate, node after
     #: node, shape (n_mesh_dofs, n)
     shapes: np.ndarray

@@ -14,14 +14,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity, Values, total_at
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.elasticity import Lame
-from pgmp_petsc.bodies.floating import Recovery
+from pgmp_petsc.bodies.floating import Beams, Recovery
 from pgmp_petsc.bodies.framed_solid import cells_of_materials
 from pgmp_petsc.bodies.profile import Profile
 from pgmp_petsc.bodies.random_fields import profiles_of
@@ -32,9 +32,6 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES
 from pgmp_petsc.scene.references import points_used
-
-if TYPE_CHECKING:
-    from pgmp_petsc.bodies.kinds.beam import Beam
 
 Strains = SolidStrains | BeamStrains
 
@@ -146,7 +143,7 @@ class BeamLaw:
         return float(resists.max() / (body.extent if "moment" in quantity else 1.0))
 
 
-def _number_of(quantity: str, body: Beam) -> int:
+def _number_of(quantity: str, body: Beams) -> int:
     """Return which of the forces and moments in a body's sections a quantity is."""
     return list(STRESSES[f"beam{body.dimension}d"]).index(quantity)
 
@@ -229,7 +226,7 @@ class BeamStresses(BodyStresses):
 
     points = BeamStrains
 
-    def __init__(self, scene: Scene, body: Beam) -> None:
+    def __init__(self, scene: Scene, body: Beams) -> None:
         super().__init__(scene, body.name)
         self.mesh, self._body = body.mesh, body
 
@@ -241,7 +238,7 @@ class BeamStresses(BodyStresses):
         return BeamLaw(Quantity.of(self._scene.materials[self._entry.material].E), section.reach, section.round)
 
     @property
-    def _of(self) -> tuple[Beam, set[int]]:
+    def _of(self) -> tuple[Beams, set[int]]:
         used = points_used(self._scene, self._name)  # by joints, effects or outputs
         return self._body, {self.mesh.point(point, entry) for point, entry in used.items()}
 

@@ -100,7 +100,7 @@ def test_the_angle_of_a_coordinate_counts_turns_and_its_poses_do_not(crank_and_s
     for turns in (-3, 1):
         found = crank_and_slider.poses(theta + 2 * np.pi * turns)
         np.testing.assert_allclose(found, expected, rtol=0, atol=CLOSED)
-    residual = crank_and_slider.residual(expected, theta)
+    residual = LoopClosure(crank_and_slider.mechanism).residual(expected, theta[:, None])
     assert residual.shape == (17 + 1, 9)  # joints and the coordinate
     np.testing.assert_allclose(residual, 0.0, rtol=0, atol=1e-12)
 
