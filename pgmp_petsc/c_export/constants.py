@@ -23,7 +23,8 @@ from pgmp_petsc.controllers.acting import ACTING_LAW, measured_by
 from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.effects import motions_of
 from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.time_function import Piece, TimeFunction
+from pgmp_petsc.effects.effect import Effect
+from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
@@ -110,7 +111,8 @@ class Constants:
     system: UnitSystem  # its units
     settings: Mapping[str, int | float] = field(default_factory=dict)  # numbers of ``sizes.h`` by name
     tables: Mapping[str, tuple[str, np.ndarray]] = field(default_factory=dict)  # of ``tables.c``, and their sizes in C
-    lists: Mapping[str, Sequence[str]] = field(default_factory=dict)  # structures of the kind, by declaration, in C
+    #: structures of the kind in C, and whole numbers, by declaration
+    lists: Mapping[str, Sequence[str | int]] = field(default_factory=dict)
     axes: Mapping[str, Sequence[Along]] = field(default_factory=dict)  # of the tables' coordinates, by name
     #: weights, load_weights: monomials of the terms and of the load terms
     weights: tuple[Monomial, ...] = ()
@@ -127,7 +129,7 @@ class Constants:
     strengths: Mapping[str, Sequence[Piece]]
     motions: Sequence[Sequence[Piece]]
     #: load_of_term, strength_of_load: number of the load of each load term, and of the strength of each load
-    load_of_term: Sequence[int] = ()
+    load_of_term: Sequence[int]
     strength_of_load: Sequence[int]
     coordinate_units: Mapping[str, str]  # of the rigid coordinates, by their names
     #: coordinates, closure, closure_wanted: what measures the coordinates, what holds the bodies together, and the
@@ -144,7 +146,7 @@ class Constants:
     #: counts as zero of the motions that these measure
     controls: Sequence[statements.ControlInC]
     control_actions: Sequence[int]
-    control_origins: Sequence[float] = ()
+    control_origins: Sequence[float]
     outputs: statements.OutputsInC
     #: output_units, strength_units, parameter_units: by name; empty where nothing says which
     output_units: Mapping[str, str]
@@ -184,9 +186,9 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     gaps, of_gaps = _gaps_of(model)
     tables = _tables(model, nodes, places) | of_gaps
     check_size(tables, what)
-    winding, node_bodies = tables.pop("winding"), [str(bodies[node]) for node in nodes]
+    winding, node_bodies = tables.pop("winding"), bodies[list(nodes)].tolist()
     shared = shared_of(
-        model, nodes, actions, {name: effects[name].strength for name in dict.fromkeys(terms.tables.load_effects)},
+        model, nodes, actions, [effects[name] for name in terms.tables.load_effects],
         model.actions.places.winding, [] if gaps is None else model.multipliers.rows,
     )  # fmt: skip
     sizes = {**_sizes(model, tables), **_sizes_of_gaps(gaps, of_gaps)}
@@ -204,24 +206,23 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
         load_weights=terms.tables.load_weights,
         given=[Monomial(() if name is None else ((name, 1),)) for name in offset_directions(scene)],
         prescribed=terms.tables.prescribed(model.motions),
-        load_of_term=list(map(list(dict.fromkeys(terms.tables.load_effects)).index, terms.tables.load_effects)),
-        control_origins=[] if model.measures is None else model.measures.origins.tolist(),
     )
 
 
 def shared_of(
     model: ReducedModel | ComponentModel, nodes: Sequence[int], actions: Sequence[Action],
-    loads: Mapping[str, TimeFunction], windings: Iterable[np.ndarray], gaps: Sequence[int],
+    loads: Sequence[Effect], windings: Iterable[np.ndarray], gaps: Sequence[int],
 ) -> Constants:  # fmt: skip
     """Collect what models in C of all kinds have.
 
-    Nodes are those whose frames are known, in the order of their slots; actions are local effects, loads functions of
-    time of the effects that are loads, by name, and windings what the angle of each part of an effect grows by with the
-    coordinates; gaps are as of `ForceInC.of`.
+    Nodes are those whose frames are known, in the order of their slots; actions are local effects, loads the effects of
+    all load terms, and windings what the angle of each part of an effect grows by with the coordinates; gaps are as of
+    `ForceInC.of`.
     """
     scene, kinematics, held = model.scene, model.kinematics, nodes_of(actions)
     slots, parameters = {node: slot for slot, node in enumerate(nodes)}, tunable(scene)
-    over_time = dict(loads)
+    load_names = list(dict.fromkeys(effect.name for effect in loads))
+    over_time = {effect.name: effect.strength for effect in loads}
     over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
     windings, motions = iter(windings), motions_of(scene, kinematics.mechanism)
     closure, wanted = statements.closure_of(kinematics)
@@ -232,6 +233,7 @@ def shared_of(
     settings = _steps(model.scene)
     controls = statements.controls_in_c(scene, parameters, settings["STEP"])
     control_actions = [k for k, action in enumerate(actions) if action.law is ACTING_LAW]
+    strengths = {name: _unit_of_strength(name, scene) for name in over_time}
     carried_actions = [k for k, action in enumerate(actions) if action.law.loaded]
     found = Constants(
         name=scene.name,
@@ -242,7 +244,8 @@ def shared_of(
         served={name: _bounds(scene, name) for name in parameters} | model.served,
         strengths={name: function.pieces for name, function in over_time.items()},
         motions=[motions[k].angle.pieces if k in motions else () for k in range(kinematics.n_coordinates)],
-        strength_of_load=[list(over_time).index(name) for name in loads],
+        load_of_term=[load_names.index(effect.name) for effect in loads],
+        strength_of_load=[list(over_time).index(name) for name in load_names],
         coordinate_units={c.name: c.unit for c in kinematics.coordinates},
         coordinates=statements.coordinates_of(kinematics, slots),
         closure=closure,
@@ -253,12 +256,13 @@ def shared_of(
         ],
         controls=controls,
         control_actions=control_actions,
+        control_origins=[] if model.measures is None else model.measures.origins.tolist(),
         action_slots=[slots[node] for node in held],
         carried_actions=carried_actions,
         outputs=outputs,
         output_units={name: scene.system.unit(unit) for name, unit in model.outputs.units.items()},
-        strength_units={name: scene.system.unit(_unit_of_strength(name, scene)) for name in over_time},
-        strength_sizes=[scene.system.size_of(_unit_of_strength(name, scene)) for name in over_time],
+        strength_units={name: scene.system.unit(unit) for name, unit in strengths.items()},
+        strength_sizes=list(map(scene.system.size_of, strengths.values())),
         parameter_units={name: _unit_of(name, scene) for name in parameters},
     )
     return replace(found, settings=_counts(found, model, len(nodes), settings["N_STEPS"]) | settings)

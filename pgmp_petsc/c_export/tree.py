@@ -58,14 +58,12 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     _require_taken(model, system, what)
     own, equations = system.own, system.own.equations
     mechanism = model.kinematics.mechanism
-    kind_of_load = dict.fromkeys(effect.name for effect in equations.loads)
-    loads = {effect.name: effect.strength for effect in equations.loads}
     n_parts = sum(len(action.statement.terms) for action in equations.actions)
     windings = np.zeros((n_parts, len(mechanism.coordinates)))
     carried = () if model.measures is None else model.measures.carried
     of_joints = [one for one in (*carried, *model.outputs.forces) if not isinstance(one, OfMotion)]
     gaps = sorted({int(row) for one in of_joints for row in one.rows})
-    shared = shared_of(model, range(mechanism.n_nodes), equations.actions, loads, windings, gaps)
+    shared = shared_of(model, range(mechanism.n_nodes), equations.actions, equations.loads, windings, gaps)
     system.require_settled()
     turned = equations.turns(equations.initial[0][:, None])[:, 0]  # in the plane nodes count turns
     turned = turned if turned.size else np.zeros(len(mechanism.coordinates) + n_parts)
@@ -96,21 +94,19 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
             "const struct drive drives[]": drives,
             "const struct bond bonds[]": bonds,
             "const struct hold holds[]": holds,
-            "const int left_of_gap[]": list(map(str, left)),
-            "const int owners[]": list(map(str, owners)),
-            "const int behind[]": list(map(str, behind)),
+            "const int left_of_gap[]": left,
+            "const int owners[]": owners,
+            "const int behind[]": behind,
             "const int gravity_strengths[]": [
-                str(strengths.index(equations.loads[load].name)) for load in own.problem.floating.gravity_loads
+                strengths.index(equations.loads[load].name) for load in own.problem.floating.gravity_loads
             ],
-            "const int body_nodes[]": list(map(str, _base_nodes(equations))),
+            "const int body_nodes[]": _base_nodes(equations),
         },
         axes={"branch_axes": [Along(c.lower, c.upper - c.lower, 1, 2, c.periodic) for c in mechanism.coordinates]},
         weights=parts.weights,
         load_weights=equations.load_weights,
-        load_of_term=[list(kind_of_load).index(effect.name) for effect in equations.loads],
         prescribed=[k in given for k in range(own.n)],
         constraints=[*constraints, *held],
-        control_origins=[] if model.measures is None else model.measures.origins.tolist(),
     )  # fmt: skip
 
 
