@@ -30,6 +30,7 @@ from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.models import ComponentModel, ReducedModel
 from pgmp_petsc.outputs.joint_forces import OfConnection, OfMotion
+from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.reduced import action_kernel
 from pgmp_petsc.reduced import steps as reduced_steps
 from pgmp_petsc.reduced.actions import nodes_of
@@ -226,6 +227,7 @@ def shared_of(
     over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
     windings, motions = iter(windings), motions_of(scene, kinematics.mechanism)
     closure, wanted = statements.closure_of(kinematics)
+    measures = [Reading.of_coordinate(c, kinematics) for c in kinematics.coordinates]
     first_edges = [0, *accumulate(len(action.law.edges) for action in actions)]
     in_c = parameters_in_c(scene)
     carried = () if model.measures is None else model.measures.carried
@@ -247,7 +249,7 @@ def shared_of(
         load_of_term=[load_names.index(effect.name) for effect in loads],
         strength_of_load=[list(over_time).index(name) for name in load_names],
         coordinate_units={c.name: c.unit for c in kinematics.coordinates},
-        coordinates=statements.coordinates_of(kinematics, slots),
+        coordinates=[statements.StatementInC.of_reading(one, slots) for one in measures],
         closure=closure,
         closure_wanted=wanted,
         actions=[

@@ -13,7 +13,6 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.declare.ideas import CONTROLLERS, Found, refuse
 from pgmp_petsc.scene.fields import (
     AnyScene,
@@ -23,15 +22,15 @@ from pgmp_petsc.scene.fields import (
     Table,
     Time,
     Unit,
+    Use,
     jumps_within,
     refusal,
     with_values,
 )
 from pgmp_petsc.scene.joints import MEASURED, joints_with
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import problem, unknown
 from pgmp_petsc.scene.outputs import circle_of, models_alone
 from pgmp_petsc.scene.references import joint_problems, motion_problems
-from pgmp_petsc.scene.uses import Use
 
 OWN = "of_"  # before names of a scene, in a law
 WHOLE = 1e-6  # of a step, that a sample time may be off a whole number of them
@@ -172,8 +171,7 @@ def controller_problems(scene: AnyScene) -> Iterator[str]:
 
 def _measure(scene: AnyScene, entry: str, measured: str, needs_rate: bool) -> Iterator[str]:
     if measured not in scene.outputs:
-        hint = nearest_name(measured, scene.outputs)
-        yield problem(entry, f"there is no such output{hint}", measured)
+        yield unknown(entry, "output", measured, scene.outputs)
     elif circle_of(scene, measured):
         return  # said elsewhere
     elif models_alone(scene, measured):

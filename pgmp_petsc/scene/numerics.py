@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field
 
-from pgmp_petsc.base.errors import InputError, nearest_name
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene.fields import (
     AngleOrPlace,
     AnyScene,
@@ -25,7 +25,7 @@ from pgmp_petsc.scene.fields import (
     no_parameter,
     refusal,
 )
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import problem, unknown
 
 
 def count_steps(duration: float, step: float) -> int:
@@ -360,8 +360,7 @@ def ensemble_problems(scene: AnyScene) -> Iterator[str]:
     for label, event in scene.ensemble.probabilities.items():
         entry = f"ensemble.probabilities.{label}"
         if event.output not in scene.outputs:
-            what = f"there is no such output{nearest_name(event.output, scene.outputs)}"
-            yield problem(f"{entry}.output", what, event.output)
+            yield unknown(f"{entry}.output", "output", event.output, scene.outputs)
         for kind in ("outputs", "parameters"):
             if label in getattr(scene, kind):
                 yield problem(entry, f"{kind}.{label} has the same name; give the event another one")

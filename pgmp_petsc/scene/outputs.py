@@ -12,9 +12,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pgmp_petsc.base.units import UnknownUnit, take_unit
 from pgmp_petsc.declare.ideas import OUTPUTS, Found, refuse
-from pgmp_petsc.scene.fields import AnyScene, Table, named_numbers
+from pgmp_petsc.scene.fields import AnyScene, Table, Use, named_numbers
 from pgmp_petsc.scene.messages import Finding
-from pgmp_petsc.scene.uses import Use
 
 Axis = Literal["x", "y", "z"]
 #: Quantities of a stress output by the kind of element, with their units.
@@ -158,8 +157,7 @@ class OutputEntry(Table):
 
     def uses(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         """Yield the entries that may name a parameter; `entry` is the output's own."""
-        for key, *use in named_numbers(self):
-            yield Use(f"{entry}.{key}", *use)
+        yield from named_numbers(entry, self)
 
     def measured(self, entry: str) -> Iterator[Use]:
         """Yield the entries that no parameter can be, and whose unit is not that of their field."""

@@ -19,20 +19,18 @@ are looked at.
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pgmp_petsc.base.errors import nearest_name, shortened
-from pgmp_petsc.base.units import QUANTITY
 from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, AnyScene, split_point, with_values
 from pgmp_petsc.scene.joints import MEASURED, WHERE, CouplingEntry, JointEntry, joints_with
-from pgmp_petsc.scene.messages import COMPONENTS, MAX_RECEIVED, problem
+from pgmp_petsc.scene.messages import COMPONENTS, MAX_RECEIVED, problem, unknown
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry, circle_of
 from pgmp_petsc.scene.uses import motion_over, ordered_ends, slides, uses_of
 
@@ -90,7 +88,7 @@ def joint_problems(scene: AnyScene, entry: str, joint: str, allowed: tuple[type,
     *others, last = (kind.model_fields["type"].annotation.__args__[0] for kind in allowed)
     named = f"{', '.join(others)} or {last}" if others else last
     if joint not in scene.joints:
-        yield problem(entry, f"there is no such {named} joint{nearest_name(joint, fitting)}", joint)
+        yield unknown(entry, f"{named} joint", joint, fitting)
     elif joint not in fitting:
         allowed_ones = f"(allowed: {', '.join(fitting) or 'none is defined'})"
         found = f"a {named} joint is needed, this one is a {scene.joints[joint].type} {allowed_ones}"
@@ -149,13 +147,6 @@ def point_problems(scene: AnyScene, entry: str, point: str, ground_allowed: bool
         yield problem(entry, f"there is no body '{shortened(owner, MAX_RECEIVED)}'{nearest_name(owner, known)}", point)
     elif (rigid := scene.bodies[owner].rigid) is not None and name not in rigid.places:
         yield unknown(entry, "point", point, [f"{owner}:{known}" for known in rigid.places])
-
-
-def unknown(entry: str, kind: str, name: str, known: Iterable[str]) -> str:
-    """Return the line about a name that nothing has."""
-    if kind == "parameter" and re.match(QUANTITY, name):
-        return problem(entry, "a number of any quantity is in the units of the scene; give it without quotes", name)
-    return problem(entry, f"there is no such {kind}{nearest_name(name, known)}", name)
 
 
 def points_problems(scene: AnyScene, entry: str, points: tuple[str, str]) -> Iterator[str]:
