@@ -358,14 +358,8 @@ def outputs_in_c(
     ]
     in_joints = (one for one in (*carried, *outputs.forces) if not isinstance(one, OfMotion))
     forces = [ForceInC.of(one, gaps, slots, actions) for one in in_joints]
-    return OutputsInC(
-        readings,
-        forces,
-        [base.course.pieces for base in outputs.bases],
-        "\n    ".join([*combiner.lines, *made]),
-        outputs.order,
-        counts,
-    )
+    courses, combined = [base.course.pieces for base in outputs.bases], "\n    ".join([*combiner.lines, *made])
+    return OutputsInC(readings, forces, courses, combined, outputs.order, counts)
 
 
 def monomial_in_c(monomial: Monomial, values: Mapping[str, str | float]) -> str:

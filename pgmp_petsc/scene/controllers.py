@@ -174,23 +174,14 @@ def _measure(scene: AnyScene, entry: str, measured: str, needs_rate: bool) -> It
         yield unknown(entry, "output", measured, scene.outputs)
     elif circle_of(scene, measured):
         return  # said elsewhere
-    elif models_alone(scene, measured):
-        yield problem(
-            entry,
-            f"outputs.{measured} reads stresses or forces, which hang on the controller's own force at the same "
-            "instant; measure a place, an angle or a speed",
-            measured,
-        )
     else:
-        order = scene.outputs[measured].derivatives_in(scene)
-        if order + needs_rate > 1:
-            what = "accelerations" if order > 1 else "speeds, and its rate accelerations"
-            cure = "measure a place, an angle or a speed" if order > 1 else "give a gain d a filter, or leave it out"
-            yield problem(
-                entry,
-                f"outputs.{measured} reads {what}, which hang on the controller's force at the same instant; {cure}",
-                measured,
-            )
+        order, alone = scene.outputs[measured].derivatives_in(scene), models_alone(scene, measured)
+        what = "stresses or forces" if alone else "accelerations" if order > 1 else "speeds, and its rate accelerations"
+        cure = "measure a place, an angle or a speed"
+        cure = cure if alone or order > 1 else "give a gain d a filter, or leave it out"
+        if alone or order + needs_rate > 1:
+            why = f"reads {what}, which hang on the controller's own force at the same instant"
+            yield problem(entry, f"outputs.{measured} {why}; {cure}", measured)
 
 
 def _limits(scene: AnyScene, entry: str, one: ControllerEntry) -> Iterator[str]:

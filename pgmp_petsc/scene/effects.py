@@ -172,11 +172,7 @@ def _check(cls: type[EffectEntry]) -> None:
         raise refuse(cls, "what hangs on the force that its joint carries (by_load) has the entry joint")
     if issubclass(cls, OverTime) and not cls.strength_unit:
         raise refuse(cls, 'an effect over time says the unit of its values: strength_unit = "N m"')
-    try:
-        quantities = quantities_of(cls)
-    except ValueError as error:
-        raise refuse(cls, str(error)) from None
-    for key, (_, unit) in quantities.items():
+    for key, (_, unit) in quantities_of(cls).items():
         for one in filter(None, (unit.on_turning, unit.on_sliding)):
             try:
                 take_unit(one)

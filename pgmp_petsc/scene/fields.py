@@ -32,6 +32,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from pgmp_petsc.base.errors import visible
 from pgmp_petsc.base.units import QUANTITY, SI, UnknownUnit, number_of
+from pgmp_petsc.declare.ideas import refuse
 
 GROUND = "ground"
 #: Which numbers make sense in an entry. A spring may be negative: a magnet, or one past its dead point.
@@ -148,13 +149,13 @@ def notes_on(field: FieldInfo, kind: type[Note]) -> list[Note]:
 
 @cache
 def quantities_of(table: type[Table]) -> dict[str, tuple[Sign, Unit]]:
-    """Return the entries of a table that may name a parameter, with their signs and units; raises `ValueError` if one
+    """Return the entries of a table that may name a parameter, with their signs and units; raises `InputError` if one
     of them has no unit."""
     found = {}
     for name, field in table.model_fields.items():
         signs, units = notes_on(field, Quantified), notes_on(field, Unit)
         if signs and not units:
-            raise ValueError(f'{name} may name a parameter, and has no unit: write Annotated[..., Unit("N m")]')
+            raise refuse(table, f'{name} may name a parameter, and has no unit: write Annotated[..., Unit("N m")]')
         if signs:
             found[name] = signs[0].sign, units[0]
     return found

@@ -176,11 +176,9 @@ class Clearance(Table):
             elif given in scene.parameters:
                 parameter, where = scene.parameters[given], f"parameters.{given}"
                 values = {f"{where}.nominal": parameter.nominal, f"{where}.value": parameter.current}
-                least, most = parameter.bounds or (low, high)
-                if parameter.distribution is not None:
-                    ends = parameter.distribution.support
-                    least, most = (max(least, ends[0]), min(most, ends[1])) if parameter.bounds else ends
-                values[f"{where}.bounds"] = least if least < low else most
+                if parameter.bounds is not None or parameter.distribution is not None:
+                    least, most = parameter.range
+                    values[f"{where}.bounds"] = least if least < low else most
             else:
                 continue
             for where, value in values.items():

@@ -237,6 +237,13 @@ class Parameter(Table):
     def _limits(self) -> tuple[float, float]:
         return (-np.inf, np.inf) if self.bounds is None else self.bounds
 
+    @property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest value by its bounds and its distribution; infinite where neither says an end."""
+        (low, high), law = self._limits, self.distribution
+        least, most = (low, high) if law is None else law.support
+        return max(low, least), min(high, most)
+
     def check_entries(self) -> None:
         if self.bounds is None:
             return

@@ -134,9 +134,8 @@ class Scene(Table):
 
         One that says none is computed with its numbers as they are, and shown with the names of `number_units`.
         """
-        return (
-            SAID[self.scene.units] if self.scene.units else replace(self.number_units, length=1.0, mass=1.0, time=1.0)
-        )
+        said = self.scene.units
+        return SAID[said] if said else replace(self.number_units, length=1.0, mass=1.0, time=1.0)
 
     @property
     def number_units(self) -> UnitSystem:

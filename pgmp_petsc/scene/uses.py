@@ -164,20 +164,9 @@ def length_names(scene: AnyScene) -> tuple[str, ...]:
     return tuple(sorted({use.parameter for use in length_uses(scene) if use.parameter is not None}))
 
 
-def length_range(scene: AnyScene, name: str) -> tuple[float, float]:
-    """Return the smallest and largest value (m or 1) of a parameter; infinite where nothing says an end."""
-    parameter, (low, high) = scene.parameters[name], (-np.inf, np.inf)
-    if parameter.bounds is not None:
-        low, high = parameter.bounds
-    if parameter.distribution is not None:
-        least, most = parameter.distribution.support
-        low, high = max(low, least), min(high, most)
-    return float(low), float(high)
-
-
 def extremes(scene: AnyScene) -> Iterator[dict[str, float]]:
     """Yield the ends of every length with nominal others, and those of all together, where there are several."""
-    ranges = {name: length_range(scene, name) for name in length_names(scene)}
+    ranges = {name: scene.parameters[name].range for name in length_names(scene)}
     nominal = {name: scene.nominal[name] for name in ranges}
     for name, ends in ranges.items():
         for end in ends:
@@ -248,7 +237,7 @@ def _of_parameter(scene: AnyScene, name: str, use: Use, other: Use | None) -> It
     if other is not None:
         words = f"{use.entry} and {other.entry} use it; what is a length, a place or a ratio cannot be anything else"
         yield problem(entry, f"{words}, so take a parameter for each")
-    low, high = length_range(scene, name)
+    low, high = parameter.range
     if not (math.isfinite(low) and math.isfinite(high)):
         in_unit = f" ({scene.system.unit('m')})" if use.units == ("m",) else ""
         why = f"missing; {use.entry} uses it, and the reduced model is built between its ends"
