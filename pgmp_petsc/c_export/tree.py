@@ -14,7 +14,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.c_export.constants import Along, Constants, check_size, checked_scene, shared_of
+from pgmp_petsc.c_export.constants import Along, Constants, Tables, check_size, checked_scene, shared_of
 from pgmp_petsc.c_export.statements import Side, StatementInC, TermInC, braced, terms_of
 from pgmp_petsc.full.joint_systems import JointBatch, JointEquations
 from pgmp_petsc.full.parts import Share, floating_bodies, planar_masses, spatial_masses
@@ -79,7 +79,7 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
         "N_CONSTRAINT_TERMS": len(constraints), "N_PUSHES": len(pushes), "N_DRIVES": len(drives),
         "PROJECTS": int(_projects(scene, system)), "N_GAPS": len(gaps), "N_HOLDS": len(holds),
     }  # fmt: skip
-    check_size({name: table for name, (_, table) in tables.items()}, what)
+    check_size(tables, what)
     given = set(own.driven[:, 0].tolist())
     return replace(
         shared,
@@ -110,7 +110,7 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     )  # fmt: skip
 
 
-def _tables(model: ComponentModel, system: JointBatch, parts: Parts) -> dict[str, tuple[str, np.ndarray]]:
+def _tables(model: ComponentModel, system: JointBatch, parts: Parts) -> Tables:
     own, tree, state = system.own, system.own.joints.tree, system.start()
     equations, space = own.equations, model.kinematics.mechanism.space
     poses = model.kinematics.poses(equations.initial[0])[..., 0]

@@ -252,7 +252,6 @@ class Reference(Table):
     )
 
 
-Probability = Annotated[Number, Field(gt=0.0, lt=1.0)]
 Bins = Annotated[Integer, at_most(1_000_000, "every instant of every output has as many, of 8 bytes each")]
 Batch = Annotated[Integer, at_most(1_000_000, "a rank holds the states and tables of so many samples at once")]
 Instants = Annotated[Integer, at_most(100_000, "every sample of the bands has as many numbers of each output")]
@@ -304,11 +303,11 @@ class Ensemble(Table):
     replicates: Replicates = Field(
         8, description="scrambled Sobol sequences that take turns; intervals follow from their differences"
     )
-    confidence: Probability = Field(0.95, description="level of all confidence intervals")
+    confidence: Share = Field(0.95, description="level of all confidence intervals")
     bins: Bins | None = Field(
         None, ge=1, description="number of bins of the estimated densities; as many as the samples tell if not given"
     )
-    quantiles: tuple[Probability, ...] = Field(
+    quantiles: tuple[Share, ...] = Field(
         (0.025, 0.25, 0.5, 0.75, 0.975), description="probabilities of the reported quantiles"
     )
     probabilities: dict[Name, Event] = Field({}, description="probabilities of events, by label")

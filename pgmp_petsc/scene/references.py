@@ -320,20 +320,15 @@ def stress_problems(scene: AnyScene, name: str, output: OutputEntry) -> Iterator
 
 def points_used(scene: AnyScene, body: str) -> dict[str, str]:
     """Return the points of a body that the scene names, each with the entry that names it first."""
-    addresses: list[tuple[str, str]] = []
-    for name, joint in scene.joints.items():
-        addresses += [(address, f"joints.{name}.connect") for address in joint.connect]
-    for table in ("coordinates", "effects", "outputs"):
-        for name, entry in getattr(scene, table).items():
-            for key in ("point", "points", "towards"):
-                value = getattr(entry, key, None)
-                named = (value,) if isinstance(value, str) else value or ()
-                addresses += [(address, f"{table}.{name}.{key}") for address in named]
     found: dict[str, str] = {}
-    for address, entry in addresses:
-        owner, point = split_point(address)
-        if owner == body:
-            found.setdefault(point, entry)
+    for table in ("joints", "coordinates", "effects", "outputs"):
+        for name, entry in getattr(scene, table).items():
+            for key in ("connect", "point", "points", "towards"):
+                value = getattr(entry, key, None)
+                for address in (value,) if isinstance(value, str) else value or ():
+                    owner, point = split_point(address)
+                    if owner == body:
+                        found.setdefault(point, f"{table}.{name}.{key}")
     return found
 
 
@@ -344,7 +339,7 @@ DEGREES, FEW_TURNS = 5.0, 25.0  # angles in degrees are multiples of 5 as a rule
 def reference_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each entry that does not fit the others."""
     checks = (_bodies, _joints, _coordinates, effect_problems, _outputs, _names_of_results, _initial_states)
-    for check in (*checks, _parameter_uses, _vectors, _in_space if scene.dimension == 3 else _in_the_plane):
+    for check in (*checks, _parameter_uses, _vectors, _of_one_space):
         yield from check(scene)
 
 
@@ -504,6 +499,9 @@ def _outputs(scene: AnyScene) -> Iterator[str]:
 
 def _initial_states(scene: AnyScene) -> Iterator[str]:
     for name, state in scene.simulation.initial.items():
+        if name not in scene.coordinates:
+            what = f"there is no such coordinate{nearest_name(name, scene.coordinates)}"
+            yield problem(f"simulation.initial.{name}", what)
         if scene.initial.equilibrium and state.velocity != 0.0:
             yield problem(
                 f"simulation.initial.{name}.velocity",
@@ -511,10 +509,6 @@ def _initial_states(scene: AnyScene) -> Iterator[str]:
                 "run the coordinate up (effects of type prescribed_motion, spin_up), or leave the equilibrium out",
                 state.velocity,
             )
-    for name in scene.simulation.initial:
-        if name not in scene.coordinates:
-            what = f"there is no such coordinate{nearest_name(name, scene.coordinates)}"
-            yield problem(f"simulation.initial.{name}", what)
     for name, coordinate in scene.coordinates.items():
         (low, high), position = coordinate.range, scene.initial_state(name).position
         if name not in scene.driven and not (coordinate.periodic or low <= position <= high):
@@ -564,16 +558,13 @@ def _vectors(scene: AnyScene) -> Iterator[str]:
             yield problem(entry, COMPONENTS[n], list(value))
 
 
-def _in_the_plane(scene: AnyScene) -> Iterator[str]:
+def _of_one_space(scene: AnyScene) -> Iterator[str]:
+    in_plane = scene.dimension == 2
+    turned, cure = (
+        ("rotation", "mechanisms in space; give angle") if in_plane else ("angle", "the plane; give rotation")
+    )
     for name, body in scene.bodies.items():
-        if body.placement is not None and body.placement.rotation is not None:
-            rotation = list(body.placement.rotation)
-            yield problem(f"bodies.{name}.placement.rotation", "for mechanisms in space; give angle", rotation)
-
-
-def _in_space(scene: AnyScene) -> Iterator[str]:
-    for name, body in scene.bodies.items():
-        if body.dimension == 2:
+        if body.dimension < scene.dimension:
             others = ", ".join(f"{one} ({entry.kind})" for one, entry in scene.bodies.items() if entry.dimension == 3)
             if body.rigid is not None:
                 words = f"is one number, for the plane, but {others} in space; there it has six entries"
@@ -581,5 +572,5 @@ def _in_space(scene: AnyScene) -> Iterator[str]:
                 continue
             words = f"in the plane, but {others} in space; all bodies are beam2d and solid2d, or beam3d and solid3d"
             yield problem(f"bodies.{name}.element", words, body.element)
-        if body.placement is not None and body.placement.angle:
-            yield problem(f"bodies.{name}.placement.angle", "for the plane; give rotation", body.placement.angle)
+        if given := getattr(body.placement, turned, None):
+            yield problem(f"bodies.{name}.placement.{turned}", f"for {cure}", given)
