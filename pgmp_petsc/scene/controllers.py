@@ -27,7 +27,6 @@ from pgmp_petsc.scene.fields import (
     refusal,
     with_values,
 )
-from pgmp_petsc.scene.joints import MEASURED, joints_with
 from pgmp_petsc.scene.messages import problem, unknown
 from pgmp_petsc.scene.outputs import circle_of, models_alone
 from pgmp_petsc.scene.references import joint_problems, motion_problems
@@ -155,8 +154,7 @@ def controller_problems(scene: AnyScene) -> Iterator[str]:
         entry = f"controllers.{name}"
         if name in scene.effects:
             yield problem(entry, f"effects.{name} has this name; give the controller another one")
-        fitting = joints_with(*MEASURED, dimension=scene.dimension)
-        yield from joint_problems(scene, f"{entry}.joint", one.joint, fitting)
+        yield from joint_problems(scene, f"{entry}.joint", one.joint)
         yield from motion_problems(scene, entry, one, one.joints)
         for key, output in one.measured.items():
             where = "measures" if isinstance(one.measures, str) else f"measures.{key.removeprefix(OWN)}"

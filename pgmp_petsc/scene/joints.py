@@ -549,12 +549,6 @@ def followed(scene: AnyScene) -> dict[tuple[str, str], str]:
 Joint = Annotated[JointTable, Found(JOINTS)]
 
 
-def joints_with(*motions: str, dimension: int) -> tuple[type[JointTable], ...]:
-    """Return the kinds of joints that leave one of these motions free, in the plane or in space."""
-    kinds = (kind for kind in JOINTS.found() if dimension in kind.dimensions)
-    return tuple(kind for kind in kinds if not set(motions).isdisjoint(kind.motions_in(dimension)))
-
-
 class Coordinate(Table):
     """A rigid coordinate: a motion that a joint leaves free, or the distance of two points, over a range."""
 

@@ -29,7 +29,7 @@ from pgmp_petsc.base.errors import nearest_name, shortened
 from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, AnyScene, split_point, with_values
-from pgmp_petsc.scene.joints import MEASURED, WHERE, CouplingEntry, JointEntry, joints_with
+from pgmp_petsc.scene.joints import MEASURED, WHERE, CouplingEntry, JointEntry
 from pgmp_petsc.scene.messages import COMPONENTS, MAX_RECEIVED, problem, unknown
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry, circle_of
 from pgmp_petsc.scene.uses import motion_over, ordered_ends, slides, uses_of
@@ -66,8 +66,7 @@ def effect_problems(scene: AnyScene) -> Iterator[str]:
 def _place_problems(scene: AnyScene, entry: str, table: EffectEntry | OutputEntry) -> Iterator[str]:
     """Yield a line for each joint and point that an effect or an output is at, and its axis, that there is not."""
     if table.joints and table.joint is not None:
-        fitting = joints_with(*table.joints, dimension=scene.dimension)
-        yield from joint_problems(scene, f"{entry}.joint", table.joint, fitting)
+        yield from joint_problems(scene, f"{entry}.joint", table.joint, table.joints)
         yield from motion_problems(scene, entry, table, table.joints)
     elif table.joints and getattr(table, "motion", None) is not None:
         yield problem(f"{entry}.motion", "without effect, as no joint is named; leave it out", table.motion)
@@ -82,8 +81,10 @@ def _place_problems(scene: AnyScene, entry: str, table: EffectEntry | OutputEntr
         yield problem(f"{entry}.axis", "x or y is needed in the plane", "z")
 
 
-def joint_problems(scene: AnyScene, entry: str, joint: str, allowed: tuple[type, ...]) -> Iterator[str]:
-    """Yield a line if there is no such joint, or it is of a kind that is not allowed."""
+def joint_problems(scene: AnyScene, entry: str, joint: str, motions: tuple[str, ...] = MEASURED) -> Iterator[str]:
+    """Yield a line if there is no such joint, or it is of a kind that leaves none of these motions free."""
+    kinds = [kind for kind in JOINTS.found() if scene.dimension in kind.dimensions]
+    allowed = tuple(kind for kind in kinds if {*motions} & {*kind.motions_in(scene.dimension)})
     fitting = [name for name, candidate in scene.joints.items() if isinstance(candidate, allowed)]
     *others, last = (kind.model_fields["type"].annotation.__args__[0] for kind in allowed)
     named = f"{', '.join(others)} or {last}" if others else last
@@ -101,7 +102,7 @@ def over_problems(scene: AnyScene, entry: str, effect: Any) -> Iterator[str]:
         if effect.over_motion is not None:
             yield problem(f"{entry}.over_motion", "needs over, the joint that has it", effect.over_motion)
         return
-    known = list(joint_problems(scene, f"{entry}.over", effect.over, joints_with(*MEASURED, dimension=scene.dimension)))
+    known = list(joint_problems(scene, f"{entry}.over", effect.over))
     motion = motion_over(scene, effect)
     yield from known or _not_free(scene, f"{entry}.over_motion", effect.over, MEASURED, motion, motion is None)
 
@@ -191,8 +192,7 @@ def _impulse_problems(scene: AnyScene, entry: str, effect: OverTime) -> Iterator
     run = scene.simulation
     if run.tolerance is not None:
         return  # the step is not known yet
-    n_steps = max(1, math.ceil(run.duration / run.step * (1 - 1e-12)))
-    found = impulse_of(effect.table, run.duration, n_steps)
+    found = impulse_of(effect.table, run.duration, run.n_steps)
     # what sets in within a step is seen half a step early or late; that is as it should be
     tolerated = max(LOST_IMPULSE * found.whole, 0.5 * run.step * found.largest)
     if abs(found.seen - found.exact) > tolerated:
@@ -458,8 +458,7 @@ def _joint_of_coordinate(
 ) -> Iterator[str]:
     """Yield a line if a coordinate's joint does not have its motion, or another one has the same."""
     entry, key = f"coordinates.{name}", (coordinate.joint, slides(scene, coordinate))
-    fitting = joints_with(*MEASURED, dimension=scene.dimension)
-    yield from joint_problems(scene, f"{entry}.joint", coordinate.joint, fitting)
+    yield from joint_problems(scene, f"{entry}.joint", coordinate.joint)
     yield from motion_problems(scene, entry, coordinate, all_said=True)
     if key in taken:
         words = f"coordinates.{taken[key]} has the same joint and motion; each motion may serve one coordinate"
