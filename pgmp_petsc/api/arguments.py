@@ -77,7 +77,7 @@ def checked(
         comm = ranks_of(bound.arguments.get("comm")) if own is None else own.comm
         with agreed(comm, "looking at the arguments"):
             for name, value in bound.arguments.items():
-                bound.arguments[name] = _taken(name, value, kinds[name], getattr(said.get(name), "allowed", None))
+                bound.arguments[name] = taken(name, value, kinds[name], getattr(said.get(name), "allowed", None))
             for name, one in said.items():
                 one.check(bound.arguments[name], bound.arguments)
         try:
@@ -161,7 +161,8 @@ def kinds_of(annotation: str) -> tuple[str, ...]:
     return tuple(kind for kind in kinds if kind != "str" or "PathLike[str]" not in kinds)
 
 
-def _taken(name: str, value: object, kinds: tuple[str, ...], limits: object) -> Any:
+def taken(name: str, value: object, kinds: tuple[str, ...], limits: object) -> Any:
+    """Return what a value becomes as one of some kinds, within limits; raises `InputError` where it is none."""
     for kind in kinds:
         if kind not in _KINDS:
             return value  # the function's own to look at
@@ -171,6 +172,7 @@ def _taken(name: str, value: object, kinds: tuple[str, ...], limits: object) -> 
             return found
     kind = next(kind for kind in kinds if kind != "None")
     text = limits if isinstance(limits, str) else _KINDS[kind][1]
+    text += f" {limits}" if isinstance(limits, Range) else ""
     if kind in ("Scene", "Rom", "Result") and "PathLike[str]" in kinds:
         text += ", or its file"
     if kind in _PLAIN or isinstance(value, str) and kind.startswith(("PathLike", "Sequence")):

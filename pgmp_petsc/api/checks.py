@@ -113,12 +113,14 @@ def check(
     if target is not None:
         for line in on_root(comm, _draw, loaded, meshes, target, inputs):
             tell(comm, line)
+    if trial:
+        from pgmp_petsc.components.condensing import try_largest
     return Checked(
         loaded,
         meshes,
         text,
         target,
-        _tried(loaded, meshes, comm) if trial else None,
+        try_largest(loaded, meshes, comm) if trial else None,
         _sizes(loaded, meshes, comm) if effects else None,
         trial,
         "the scene" if isinstance(scene, Scene) else fspath(scene),
@@ -144,12 +146,6 @@ def _draw(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path, inputs: 
                 part = meshed_part(replace(parts[name], nodes=nodes), name, metre)
                 lines.append(f"  faces         {save(part, file)}")
     return [*lines, *(f"  note: {line}" for line in lacking)]
-
-
-def _tried(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) -> Trial | None:
-    from pgmp_petsc.components.condensing import try_largest
-
-    return try_largest(scene, meshes, comm)
 
 
 def _sizes(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) -> EffectSizes:

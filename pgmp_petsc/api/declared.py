@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from pgmp_petsc.api import Found
-from pgmp_petsc.api.arguments import Function, Range, checked, kinds_of, wrong
+from pgmp_petsc.api.arguments import Function, Range, checked, kinds_of, taken, wrong
 from pgmp_petsc.base.errors import InputError
 
 
@@ -109,13 +109,7 @@ class Argument:
         if self.by_place and self.repeated and isinstance(value, Sequence) and not value:
             raise wrong(self.name, value, f"{self.allowed}, and not an empty one")
         for item, part in self.parts.items() if value is not None else ():
-            given, limits = getattr(value, item), part.allowed
-            kind = int if "int" in part.kinds else (int, float)
-            if isinstance(limits, Range):
-                is_number = isinstance(given, kind) and not isinstance(given, bool)
-                if not (given is None and "None" in part.kinds) and not (is_number and limits.holds(given)):
-                    what = "whole numbers" if kind is int else "numbers"
-                    raise InputError(f"{part.name} = {given!r}: allowed are {what} {limits}")
+            taken(part.name, getattr(value, item), part.kinds, part.allowed)
 
 
 #: What names of files end in that commands have chosen.

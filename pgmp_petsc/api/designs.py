@@ -85,9 +85,7 @@ def fit(
     Exit status 1 if it does not converge.
     """
     comm = solving_ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        origin = Origin.of(rom, model, overrides, parameters)
-        origin.require_differentiable()
+    origin = Origin.of(comm, rom, model, overrides, parameters, differentiated=True)
     with keeping("fit", comm, output, on_all_ranks, (origin.path, measured), plot) as keeper:
         prepared = origin.settled(comm)
         scene, units = prepared.scene, prepared.outputs.units
@@ -95,7 +93,7 @@ def fit(
         history = on_root(comm, read_history, Path(measured), prepared.outputs, duration, scene.system)
         deviations = {name: scene.system.size_of(units.get(name, "1")) * one for name, one in (noise or {}).items()}
         found = fitted(prepared, history, tuple(names), deviations, comm)
-        return keeper.result(found, origin.directory, prepared.scene.remarks)
+        return keeper.result(found, prepared.scene)
 
 
 def _status_of_design(found: Design) -> int:
@@ -160,14 +158,12 @@ def optimize(
     Exit status 1 if no design is found that meets all constraints.
     """
     comm = solving_ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        origin = Origin.of(rom, model, overrides, parameters)
-        origin.require_differentiable()
+    origin = Origin.of(comm, rom, model, overrides, parameters, differentiated=True)
     with keeping("design", comm, output, on_all_ranks, (origin.path,), plot) as keeper:
         prepared = origin.settled(comm)
         with agreed(comm, "reading the goal"):
             question = _question(prepared.scene, prepared.outputs.units, goal, subject_to, names, robust)
-        return keeper.result(designed(prepared, question, comm), origin.directory, prepared.scene.remarks)
+        return keeper.result(designed(prepared, question, comm), prepared.scene)
 
 
 def _question(

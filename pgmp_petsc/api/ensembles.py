@@ -209,14 +209,6 @@ class Stopping:
     def __bool__(self) -> bool:
         return bool(self.until) or self.budget is not None
 
-    def check(self) -> None:
-        """Refuse what are no rules, and no time."""
-        if isinstance(self.until, str) or not all(isinstance(rule, str) for rule in self.until):
-            raise InputError(f"until = {self.until!r}: allowed is a list of rules, such as ['std(angle) < 1 %']")
-        number = isinstance(self.budget, (int, float)) and not isinstance(self.budget, bool)
-        if self.budget is not None and not (number and 0.0 < self.budget < LONGEST):
-            raise InputError(f"budget = {self.budget!r}: allowed is a time in seconds, of less than three years")
-
     def stop(self, scene: Scene, start: float) -> Stop | None:
         """Return what ends an ensemble of a scene; raises `InputError` where a rule is none."""
         return Stop(tuple(read_rule(rule, scene) for rule in self.until), self.budget, start) if self else None
@@ -247,7 +239,6 @@ class Request:
             whole = all(isinstance(value, int) for value in (self.shard.number, self.shard.count))
             if not whole or not 1 <= self.shard.number <= self.shard.count:
                 raise InputError(f"--shard {self.shard}: allowed are I/K with I from 1 to K, such as 2/8")
-        self.stopping.check()
         wanted, rules, seconds = self.correct, self.stopping.until, self.stopping.budget
         free = [one for one in wanted if one.n is None]
         why = ""
@@ -398,9 +389,8 @@ def retry_failed(
     What else is given is as it was in the run that wrote the file.
     """
     comm = solving_ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        origin = Origin.of(source, model, (*overrides, *drawn_by(sampler)), parameters)
-        _check_sharing(ranks_per_sample, origin.model)
+    origin = Origin.of(comm, source, model, (*overrides, *drawn_by(sampler)), parameters)
+    _check_sharing(ranks_per_sample, origin.model)
 
     def check(scene: Scene) -> None:
         refuse_drawn(scene, origin.settings)
@@ -414,7 +404,7 @@ def retry_failed(
         earlier = on_root(comm, read_earlier, Path(failed), prepared)
         plan = Plan(earlier.n_samples, earlier.seed, place, resume, earlier.file)
         found = run_ensemble(prepared, plan, group, earlier=earlier)
-        return _kept(keeper, found, plan, origin, prepared.scene)
+        return _kept(keeper, found, plan, prepared.scene)
 
 
 @interface(
@@ -445,8 +435,7 @@ def rare_event(
     from pgmp_petsc.ensemble.rare_run import event_of, run_rare_event  # a noticeable time, and few ask for one
 
     comm = solving_ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        origin = Origin.of(source, model, overrides, parameters)
+    origin = Origin.of(comm, source, model, overrides, parameters)
 
     def check(scene: Scene) -> None:
         refuse_drawn(scene, origin.settings)
@@ -455,7 +444,7 @@ def rare_event(
     with keeping(RareEvent.kind, comm, output, on_all_ranks, (origin.path,)) as keeper:
         prepared = origin.settled(comm, check, many=True)
         found = run_rare_event(prepared, event_of(event, prepared.scene), n, seed, comm)
-        return keeper.result(found, origin.directory, prepared.scene.remarks)
+        return keeper.result(found, prepared.scene)
 
 
 def choose(given: Mapping[str, Any], comm: Comm) -> Callable[..., Result]:
@@ -525,10 +514,11 @@ def exit_status(found: Ensemble | ShardSamples | RareEvent) -> int:
         parts={
             "until": Argument(
                 "Stop when a figure is known well enough, such as 'std(angle) < 1 %' or 'P(angle > 3) +- 0.002'.",
-                word="RULE",
+                word="RULE", allowed="a list of rules, such as ['std(angle) < 1 %']",
             ),
             "budget": Argument(
-                "Stop in time: 60s, 10min or 2h from the start of the command.", word="TIME", read=read_budget
+                "Stop in time: 60s, 10min or 2h from the start of the command.", word="TIME", read=read_budget,
+                allowed=Range(0.0, LONGEST, above=True, unit="s"),
             ),
         },
     ),
@@ -560,9 +550,9 @@ def montecarlo(
     --until is not met.
     """
     start, comm = time.monotonic(), solving_ranks_of(comm)
+    origin = Origin.of(comm, source, model, (*overrides, *drawn_by(sampler)), parameters)
     with agreed(comm, "looking at the arguments"):
         table = Path(samples) if isinstance(samples, (str, PathLike)) else samples
-        origin = Origin.of(source, model, (*overrides, *drawn_by(sampler)), parameters)
         asked = Request(n, seed, sampler, table, shard, correct, stopping or Stopping(), origin.model).checked()
         _check_sharing(ranks_per_sample, asked.model)
 
@@ -584,7 +574,7 @@ def montecarlo(
             stop = asked.stopping.stop(prepared.scene, start)
         better = better_models(asked.correct, prepared, origin, comm)
         found = run_ensemble(prepared, plan, group, stop, better)
-        return _kept(keeper, found, plan, origin, prepared.scene)
+        return _kept(keeper, found, plan, prepared.scene)
 
 
 @command(
@@ -613,7 +603,7 @@ def merge(
             if comm.rank == 0:
                 shards = [opened.enter_context(read_shard(path)) for path in paths]
                 found = describe_shards(Shards(paths, shards, place.resolve().parent), place)
-        return keeper.result(found, paths[0].parent)
+        return keeper.result(found, on_root(comm, lambda: scene_from_toml(found.record.scene_toml, paths[0].parent)))
 
 
 def _check_sharing(ranks_per_sample: int, model: str) -> None:
@@ -632,10 +622,10 @@ def _say_if_small(model: FullModel, ranks_per_sample: int, comm: Comm) -> None:
         announce(f"--ranks-per-sample = {ranks_per_sample}: {few}, {cure}", comm)
 
 
-def _kept(keeper: Keeper, found: object, plan: Plan, origin: Origin, scene: Scene) -> Result:
+def _kept(keeper: Keeper, found: object, plan: Plan, scene: Scene) -> Result:
     """Return the result, and remove what was kept on the way once it is written, unless a rule is not met yet: then
     more samples may go on from it. Collective on the ranks."""
-    result = keeper.result(found, origin.directory, scene.remarks)
+    result = keeper.result(found, scene)
     goes_on = isinstance(found, Ensemble) and found.stopping is not None and not all(found.stopping.met)
     if keeper.output is not None and keeper.comm.rank == 0 and not goes_on:
         remove_checkpoint(plan)

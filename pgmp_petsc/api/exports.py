@@ -10,7 +10,7 @@ from typing import Any
 
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command, interface
-from pgmp_petsc.api.files import stopped_runs
+from pgmp_petsc.api.files import kind_in, stopped_runs
 from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom, file_of
 from pgmp_petsc.api.scenes import Overrides, Parameters
@@ -21,7 +21,7 @@ from pgmp_petsc.c_export import constants
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
 from pgmp_petsc.c_export.source import write_sources
 from pgmp_petsc.c_export.tree import tree_constants_of
-from pgmp_petsc.files.claims import KINDS, TABLE, TABULAR, check_output, is_table, named
+from pgmp_petsc.files.claims import TABLE, TABULAR, check_output, is_table, named
 from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results.summary import columns_of, write_result
@@ -59,7 +59,7 @@ def export_model(
     comm = ranks_of(comm)
     with agreed(comm, "looking at the arguments"):
         _check(output, fmi)
-        origin = Origin.of(rom, None, overrides, parameters)
+    origin = Origin.of(comm, rom, None, overrides, parameters)
     kind = "tree" if origin.model == "components" else "reduced"
     target = Path(output)
     notes: list[str] = []
@@ -155,7 +155,7 @@ def export_result(
 
 
 def _write_frames(file: Path, output: Path) -> int:
-    kind = _kind_of(file)
+    kind = kind_in(file)
     if kind != "trajectory":
         name = output.with_suffix(".csv") if output.name else "NAME.csv"
         table = f"; a table of it is written as -o {name}" if kind in TABULAR else ""
@@ -166,7 +166,7 @@ def _write_frames(file: Path, output: Path) -> int:
 def _write_table(file: Path, output: Path) -> tuple[int, int]:
     from pgmp_petsc.results import READERS  # all kinds of results
 
-    kind = _kind_of(file)
+    kind = kind_in(file)
     if kind not in TABULAR:
         known = f"a table can be made of {', '.join(map(named, TABULAR))}"
         cure = f"'pgmp info {shlex.quote(str(file))} --json' has its figures"
@@ -176,11 +176,6 @@ def _write_table(file: Path, output: Path) -> tuple[int, int]:
     write_result(result, output)
     columns = columns_of(result)
     return len(next(iter(columns.values()))[1]), len(columns)
-
-
-def _kind_of(file: Path) -> str:
-    with open_file(file, KINDS) as opened:
-        return str(opened.attrs["kind"])
 
 
 def _what_lacks(file: Path) -> list[str]:

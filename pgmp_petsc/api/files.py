@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
+from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from os import PathLike
@@ -37,7 +38,7 @@ from pgmp_petsc.results.summary import origin_of, plain, summary_of
 def read(path: str | PathLike[str], *, comm: Comm | None = None) -> Result:
     """Read a result file: a `Rom`, or a `Result`; raises `InputError` if it is no whole result of this program."""
     comm, path = ranks_of(comm), Path(path)
-    kind = on_root(comm, _kind_of, path)
+    kind = on_root(comm, kind_in, path, [kind for kind in KINDS if kind != "shard"])
     if kind in MODELS:
         # its modules need PETSc, which all ranks start together
         solving_ranks_of(comm)
@@ -55,10 +56,9 @@ def stopped_runs(*paths: Path) -> list[str]:
     return lines
 
 
-def _kind_of(path: Path) -> str:
-    from pgmp_petsc.results import READERS  # all kinds of results
-
-    with open_file(path, (*MODELS, *READERS)) as file:
+def kind_in(path: Path, kinds: Collection[str] = tuple(KINDS)) -> str:
+    """Return the kind of a whole file of one of some kinds; by one process."""
+    with open_file(path, kinds) as file:
         return str(file.attrs["kind"])
 
 

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 
 from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, command, numbers_by_name
-from pgmp_petsc.api.files import stopped_runs
+from pgmp_petsc.api.files import kind_in, stopped_runs
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of, tell
 from pgmp_petsc.api.result import Result, file_of
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.files.claims import check_output
-from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results import Trajectory
 
@@ -93,8 +92,7 @@ def _check(file: Path, output: Path, mode: int | None, at: Mapping[str, float]) 
     if output.suffix.lower() not in ENDINGS:
         raise InputError(f"output file '{output}': a film is named .mp4 or .gif")
     check_output(output, "film", (file,))
-    with open_file(file, ("trajectory", "rom", "components", "modes")) as opened:
-        kind = str(opened.attrs["kind"])
+    kind = kind_in(file, ("trajectory", "rom", "components", "modes"))
     if kind == "components":
         cure = "simulate it first, and animate the run"
         raise InputError(f"file '{file}' is a component model, which has no modes of the mechanism; {cure}")
@@ -111,12 +109,11 @@ def _check(file: Path, output: Path, mode: int | None, at: Mapping[str, float]) 
 
 def _shape(file: Path, mode: int, at: Mapping[str, float], comm: Comm) -> ModeShape:
     """Return a mode of a reduced model. Collective on `comm`."""
-    from pgmp_petsc.api.sources import read_rom
-    from pgmp_petsc.models import ReducedModel  # takes a noticeable time
+    from pgmp_petsc.api.sources import Origin  # takes a noticeable time
     from pgmp_petsc.studies.field_frames import mode_shape
 
-    scene, rom = read_rom(file, (), (), comm)
-    return on_root(comm, lambda: mode_shape(ReducedModel(scene, rom), mode, at))
+    model = Origin.of(comm, file, None, (), ()).prepared(comm, told=False)
+    return on_root(comm, mode_shape, model, mode, at)
 
 
 def _draw(

@@ -215,9 +215,9 @@ class _Job:
         if self.model == "full":
             self._say("compare", "left out: the run is full-order; there is no better model")
             return
-        known = (self._made_from(),)
+        known, headline = (self._made_from(),), partial(budget.headline_of_comparison, self._of(RUN))
         if self._is_finished(BETTER, known):  # what the better model takes need not be known
-            self._take("compare", BETTER, self._headline_of_comparison, again=True)
+            self._take("compare", BETTER, headline, again=True)
             return
         try:
             better = self._better()
@@ -232,7 +232,7 @@ class _Job:
             why = self._run_full(better.model, target)
             return f"{why}; {target}, which the run is compared with, holds it up to there" if why else ""
 
-        self._step("compare", BETTER, known, make, self._headline_of_comparison)
+        self._step("compare", BETTER, known, make, headline)
 
     def refine(self) -> None:
         """Run the better model on other meshes, for the mesh's share: lines with twice the elements, or parts of CAD
@@ -278,11 +278,8 @@ class _Job:
         with keeping("trajectory", self.comm, target, False, (self.path,)) as keeper:
             settled_model, _ = settled(model, self.comm)
             data = simulated(settled_model, self.comm)
-            keeper.result(data, self.path.parent)
+            keeper.result(data, self.scene)
         return self.comm.bcast("" if data is None else data.why_stopped)
-
-    def _headline_of_comparison(self, better: Path) -> str:
-        return budget.headline_of_comparison(self._of(RUN), better)
 
     def _better(self) -> Reference | None:
         """Return the model to compare with; None, after saying why, where the mesh is too costly for component runs."""

@@ -11,15 +11,16 @@ from pgmp_petsc.api.declared import Argument, command
 from pgmp_petsc.api.ranks import solving_ranks_of, tell, tell_remarks
 from pgmp_petsc.api.result import Result, Rom
 from pgmp_petsc.api.scenes import SCENE, Overrides, Parameters
-from pgmp_petsc.api.sources import directory_of, keeping, read_rom
+from pgmp_petsc.api.sources import keeping
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.tradeoff import FULL, QUICK, measure_tradeoff
 from pgmp_petsc.ensemble.plan import MOST_SAMPLES
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.ranks.agreement import agreed
+from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.checkpoint import Finished
+from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.building import build as build_model
 from pgmp_petsc.studies.building import build_components
@@ -53,10 +54,10 @@ def frequencies(
     with keeping("modes", comm, output, on_all_ranks, (scene, rom)) as keeper:
         loaded, meshes = read_scene(scene, overrides, parameters, comm, Purpose.MODES)
         tell_remarks(comm, loaded.remarks)
-        tables = rom.data.rom if isinstance(rom, Rom) else rom and read_rom(Path(rom), (), (), comm)[1]
+        tables = rom.data.rom if isinstance(rom, Rom) else rom and on_root(comm, ReducedOrderModel.read, Path(rom))
         with RankGroup.split(comm, ranks_per_angle) as group:
             table = tabulate_modes(loaded, meshes, tables, angles or loaded.reduction.angles, group)
-        return keeper.result(table, directory_of(scene), loaded.remarks)
+        return keeper.result(table, loaded)
 
 
 @command(
@@ -101,10 +102,10 @@ def build(
         loaded, meshes = read_scene(scene, overrides, parameters, comm, purpose)
         tell_remarks(comm, loaded.remarks)
         if components:
-            return keeper.result(build_components(loaded, meshes, comm), directory_of(scene), loaded.remarks)
+            return keeper.result(build_components(loaded, meshes, comm), loaded)
         with RankGroup.split(comm, ranks_per_angle) as group:
             built = build_model(loaded, meshes, group, lambda text: tell(comm, text), keeper.output, resume)
-        made = keeper.result(replace(built, checkpoint=None), directory_of(scene), loaded.remarks)
+        made = keeper.result(replace(built, checkpoint=None), loaded)
         if built.checkpoint is not None:
             built.checkpoint.remove()
         return made
@@ -153,7 +154,7 @@ def tradeoff(
                 finished.forget()
             raise
         tell_remarks(comm, loaded.remarks)
-        made = keeper.result(study, directory_of(scene), loaded.remarks)
+        made = keeper.result(study, loaded)
         if finished is not None:
             finished.remove()
         return made

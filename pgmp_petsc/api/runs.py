@@ -110,7 +110,7 @@ def simulate(
                 "output: runs over arrays of parameters are a Dataset of xarray, which writes files of its own "
                 "(to_netcdf, to_zarr); leave it out"
             )
-        origin = Origin.of(source, model, overrides, settings)
+    origin = Origin.of(comm, source, model, overrides, settings)
     if points is not None:
         return sweep(origin, points, comm, on_all_ranks)
     with keeping("trajectory", comm, output, on_all_ranks, (origin.path,)) as keeper:
@@ -118,7 +118,7 @@ def simulate(
         data = simulated(prepared, comm)
         # why it stopped, the first of its remarks, is the error
         reason = data.record.remarks[:1] if data is not None and data.why_stopped else ()
-        run = keeper.result(data, origin.directory, (*prepared.scene.remarks, *reason))
+        run = keeper.result(data, prepared.scene, reason)
     why = comm.bcast("" if data is None else data.why_stopped)
     if why:
         holds = "the error's result" if output is None else output
@@ -154,12 +154,10 @@ def sensitivities(
     standard deviation of each parameter, the largest first.
     """
     comm = solving_ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        origin = Origin.of(rom, model, overrides, parameters)
-        origin.require_differentiable()
+    origin = Origin.of(comm, rom, model, overrides, parameters, differentiated=True)
     with keeping("sensitivities", comm, output, on_all_ranks, (origin.path,), plot) as keeper:
         prepared = origin.settled(comm)
-        return keeper.result(differentiated(prepared, tuple(names), comm), origin.directory, prepared.scene.remarks)
+        return keeper.result(differentiated(prepared, tuple(names), comm), prepared.scene)
 
 
 @interface(
@@ -244,8 +242,7 @@ def histories(
     Samples that failed are not a number. A warning says so where the model does not repeat the ensemble's numbers.
     """
     comm = solving_ranks_of(comm)
-    with agreed(comm, "looking at the arguments"):
-        origin = Origin.of(source, model, (), ())
+    origin = Origin.of(comm, source, model, (), ())
     numbers = np.array(samples, dtype=int)
     data = on_root(comm, _looking_at_the_ensemble, ensemble, numbers, origin.model)
     directory = ensemble.directory if isinstance(ensemble, Result) else Path(ensemble).parent

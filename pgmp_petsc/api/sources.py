@@ -62,17 +62,21 @@ class Origin:
     is_built: bool  # whether the source is a model that stands alone, not a scene
 
     @classmethod
-    def of(cls, source: AnySource, model: str | None, overrides: Sequence[str], settings: Sequence[str]) -> Origin:
-        """Return what the arguments of a call say. Raises `InputError`; by every rank alike."""
-        kind = kind_of(source)
-        _check_model(source, kind, model)
-        is_built = kind is not None or model in (None, REDUCED)
-        return cls(source, NAME_OF.get(kind) or model or REDUCED, overrides, settings, is_built)
-
-    def require_differentiable(self) -> None:
-        """Refuse full-order models, whose runs are not differentiated; raises `InputError`."""
-        if self.model == "full":
-            raise InputError("model = 'full': derivatives are of reduced and of component models; take 'components'")
+    def of(
+        cls, comm: Comm, source: AnySource, model: str | None, overrides: Sequence[str], settings: Sequence[str],
+        differentiated: bool = False,
+    ) -> Origin:  # fmt: skip
+        """Return what the arguments of a call say; runs of full-order models are not `differentiated`. Collective on
+        `comm`; raises `InputError`."""
+        with agreed(comm, "looking at the arguments"):
+            kind = kind_of(source)
+            _check_model(source, kind, model)
+            if differentiated and model == "full":
+                raise InputError(
+                    "model = 'full': derivatives are of reduced and of component models; take 'components'"
+                )
+            is_built = kind is not None or model in (None, REDUCED)
+            return cls(source, NAME_OF.get(kind) or model or REDUCED, overrides, settings, is_built)
 
     @property
     def path(self) -> Path | None:
@@ -89,7 +93,7 @@ class Origin:
     @property
     def directory(self) -> Path:
         """Folder that paths of the scene are relative to."""
-        return directory_of(self.source)
+        return self.source.directory if isinstance(self.source, (Rom, Scene)) else Path(self.source).parent
 
     def prepared(
         self, comm: Comm, check: Callable[[Scene], Scene | None] = lambda scene: None, told: bool = True
@@ -137,19 +141,6 @@ def kind_of(source: AnySource) -> str | None:
     return kind if kind in NAME_OF else None
 
 
-def read_rom(
-    path: Path, overrides: Sequence[str], settings: Sequence[str], comm: Comm
-) -> tuple[Scene, ReducedOrderModel]:
-    """Read a ROM and its scene, changed where a change leaves the tables valid. Collective on `comm`. Raises
-    `InputError` if the file is not a whole ROM, or an entry is overridden that the tables were built from."""
-
-    def read() -> tuple[Scene, ReducedOrderModel]:
-        rom = ReducedOrderModel.read(path)
-        return scene_of_built(rom, path.parent, overrides, settings, path), rom
-
-    return on_root(comm, read)
-
-
 def scene_of_built(
     made: ReducedOrderModel | ComponentsFile,
     directory: Path,
@@ -159,7 +150,8 @@ def scene_of_built(
 ) -> Scene:
     """Return the scene of a built model, changed where a change leaves it valid, with its remarks; by one process.
 
-    Paths are relative to `directory`; `name` is what messages call the model. Raises as `read_rom`.
+    Paths are relative to `directory`; `name` is what messages call the model. Raises `InputError` if an entry is
+    overridden that it was built from.
     """
     of_components = isinstance(made, ComponentsFile)
     tables = made.record.tables
@@ -247,11 +239,6 @@ def settled(model: AnyModel, comm: Comm, ensemble: bool = False) -> tuple[AnyMod
     return settle_step(model, comm, ensemble)
 
 
-def directory_of(source: AnySource) -> Path:
-    """Return the folder that paths of a scene are relative to."""
-    return source.directory if isinstance(source, (Rom, Scene)) else Path(source).parent
-
-
 def _check_model(source: object, kind: str | None, name: str | None) -> None:
     """Refuse models that a source does not have."""
     known = " and ".join(f"'{model}'" for model in PURPOSES)
@@ -281,11 +268,11 @@ class Keeper:
     on_all_ranks: bool  # whether all ranks get it; else the first alone, whose columns may stay in a file
     plot: Path | None = None  # folder for its picture; None where there is none
 
-    def result(self, data: Any, directory: Path, said: Sequence[Remark] = ()) -> Result:
+    def result(self, data: Any, scene: Scene, said: Sequence[Remark] = ()) -> Result:
         """Return the result of what the first rank has, in the units of its scene, written where that is asked for.
 
-        Collective on `comm`. Its remarks are printed, except those in `said`, which were printed before. Raises
-        `RunError` if the system fails to write.
+        Collective on `comm`. Its remarks are printed, except the scene's and those in `said`, which were printed
+        before. Raises `RunError` if the system fails to write.
         """
 
         data = data.in_own_units() if isinstance(data, RunResult) else data
@@ -311,9 +298,10 @@ class Keeper:
             data = None
         # of a table nothing can be read again
         path = None if self.target is None or is_table(self.target) else self.target
-        found = (Rom if self.kind in MODELS else Result)(self.kind, data, self.comm, directory, path)
+        found = (Rom if self.kind in MODELS else Result)(self.kind, data, self.comm, scene.directory, path)
         if data is not None:
-            tell_remarks(self.comm, (remark for remark in found.remarks if remark not in said), RESULT)
+            known = (*scene.remarks, *said)
+            tell_remarks(self.comm, (remark for remark in found.remarks if remark not in known), RESULT)
         return found
 
 

@@ -47,7 +47,7 @@ _phases: list[str] = []  # what goes on, the innermost last; beside a count what
 
 
 class Progress(AbstractContextManager):
-    """A count of work, a context manager; what :func:`progress` returns.
+    """A count of work that shows nothing, a context manager; :func:`progress` returns one, or one that shows it.
 
     The total is None where it is not known before: a search ends when it ends. `initial` units were done before.
     Of units that are not alike, `work` is what all of them are predicted to take; the time left follows from that.
@@ -89,10 +89,6 @@ class Progress(AbstractContextManager):
 
     def __exit__(self, *error: object) -> None:
         return None
-
-
-class Silent(Progress):
-    """A count that shows nothing."""
 
 
 class _Watched:
@@ -192,7 +188,7 @@ def progress(total: int | None, description: str, comm: Comm, initial: int = 0, 
     Rank 0 shows a bar if stderr is a terminal, else a line now and then; the other ranks show nothing.
     """
     if comm.rank > 0 or _quiet.get():
-        return Silent()
+        return Progress()
     if not sys.stderr.isatty():
         return Lines(total, description, sys.stderr, initial, work=work)
     from tqdm import tqdm

@@ -158,38 +158,31 @@ def _apart(density: float, modulus: float, system: UnitSystem) -> float:
     return min(abs(math.log(density / rho)) + abs(math.log(modulus / e)) for rho, e in MATERIALS)
 
 
+#: Of what the names of SI units are made.
+_MADE_OF: dict[str, Dimension] = {
+    "1": (0, 0, 0), "rad": (0, 0, 0), "kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "N": (1, 1, -2), "W": (1, 2, -3),
+    "Pa": (1, -1, -2),
+}  # fmt: skip
+
+
+def _dimension(si: str) -> Dimension:
+    """Return the dimension of an SI unit as it is written, such as ``N m/(rad s)``."""
+    found = (0, 0, 0)
+    for part, sign in zip(si.split("/"), (1, -1)):
+        for name, power in re.findall(r"([A-Za-z]+|1)(\d?)", part):
+            found = tuple(n + sign * int(power or 1) * own for n, own in zip(found, _MADE_OF[name]))
+    return found
+
+
 #: SI units of what scenes hold, which are taken without a library, as those of other systems are.
 UNITS: dict[str, Dimension] = {
-    "1": (0, 0, 0),
-    "rad": (0, 0, 0),
-    "kg": (1, 0, 0),
-    "m": (0, 1, 0),
-    "s": (0, 0, 1),
-    "m/s": (0, 1, -1),
-    "m/s2": (0, 1, -2),
-    "rad/s": (0, 0, -1),
-    "s/rad": (0, 0, 1),
-    "s/m": (0, -1, 1),
-    "1/m": (0, -1, 0),
-    "1/s": (0, 0, -1),
-    "N": (1, 1, -2),
-    "N m": (1, 2, -2),
-    "N m2": (1, 3, -2),
-    "N/m": (1, 0, -2),
-    "N s/m": (1, 0, -1),
-    "N m/rad": (1, 2, -2),
-    "N m s": (1, 2, -1),
-    "N m s/rad": (1, 2, -1),
-    "N m/(rad s)": (1, 2, -3),
-    "N/(m s)": (1, 0, -3),
-    "W": (1, 2, -3),
-    "Pa": (1, -1, -2),
-    "N/m2": (1, -1, -2),
-    "kg/m": (1, -1, 0),
-    "kg m": (1, 1, 0),
-    "kg m2": (1, 2, 0),
-    "kg/m3": (1, -3, 0),
-}
+    unit: _dimension(unit)
+    for unit in (
+        "1", "rad", "kg", "m", "s", "m/s", "m/s2", "rad/s", "s/rad", "s/m", "1/m", "1/s", "N", "N m", "N m2", "N/m",
+        "N s/m", "N m/rad", "N m s", "N m s/rad", "N m/(rad s)", "N/(m s)", "W", "Pa", "N/m2", "kg/m", "kg m", "kg m2",
+        "kg/m3",
+    )
+}  # fmt: skip
 ANGULAR = ("rad", "deg", "\N{DEGREE SIGN}", "rpm", "rev", "turn", "gon", "arcmin", "arcsec")  # in units with angles
 BASE = ("[mass]", "[length]", "[time]")
 LONGEST = 40  # characters of a unit
@@ -291,8 +284,12 @@ def take_unit(unit: str) -> None:
 
 def named(dimension: Dimension) -> str:
     """Return what quantities of a dimension are called: ``a length``."""
-    powers = (f"{unit}^{power:g}" for unit, power in zip(("kg", "m", "s"), dimension) if power)
-    return NAMES.get(dimension) or f"a quantity in {' '.join(powers)}"
+    return NAMES.get(dimension) or f"a quantity in {in_powers(dimension)}"
+
+
+def in_powers(dimension: Dimension) -> str:
+    """Return a dimension in kg, m and s: ``kg^1 m^2 s^-2``; empty of a number."""
+    return " ".join(f"{unit}^{power:g}" for unit, power in zip(("kg", "m", "s"), dimension) if power)
 
 
 def number_of(text: str, units: Sequence[str], system: UnitSystem) -> float | None:

@@ -325,7 +325,7 @@ class Declared(click.Command):
 
 def _parameters(argument: Argument, command: Command) -> Iterator[click.Parameter]:
     for value, text in argument.flags.items():
-        yield click.Option([_flag(argument, value), f"--{value}"], is_flag=True, help=text)
+        yield click.Option([f"{argument.name}_{value}", f"--{value}"], is_flag=True, help=text)
     for part in argument.parts.values():
         yield from _parameters(part, command)
     if argument.flags or argument.parts:
@@ -393,14 +393,10 @@ def _completing_parameters(context: click.Context, parameter: click.Parameter, b
     return [CompletionItem(f"{name}=", help=f"{value}") for name, value in found.items() if name.startswith(begun)]
 
 
-def _flag(argument: Argument, value: str) -> str:
-    return f"{argument.name}_{value}"
-
-
 def _given(arguments: Mapping[str, Argument], typed: Mapping[str, object]) -> Iterator[tuple[str, object]]:
     """Yield what was given, as functions take it; raises `InputError`."""
     for name, argument in arguments.items():
-        flags = [value for value in argument.flags if typed.get(_flag(argument, value))]
+        flags = [value for value in argument.flags if typed.get(f"{name}_{value}")]
         if len(flags) > 1:
             options = " and ".join(f"--{value}" for value in flags)
             raise InputError(f"{options}: two {name}s; give one of them, or run the command twice")

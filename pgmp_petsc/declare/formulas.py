@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc.base.errors import nearest_name, shortened
+from pgmp_petsc.base.units import in_powers
 
 LONGEST, MOST = 1000, 20_000  # characters, and of what is made of them
 LARGEST_POWER = 20  # whole exponents up to it are products, all others powers of positive numbers
@@ -184,8 +185,7 @@ def _literal(node: ast.expr) -> float | None:
 def evaluated(text: str, names: Mapping[str, Any], algebra: Any) -> Any:
     """Return an expression of a declaration for values of its names, in an algebra of numbers, comparisons, conditions,
     cases and functions: `SeriesAlgebra`, `Dimensions`, or one of :mod:`~pgmp_petsc.declare.own_units` or of sympy's."""
-    operations = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
-                  ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos}  # fmt: skip
+    operations = ARITHMETIC | {ast.USub: operator.neg, ast.UAdd: operator.pos}
     ordering = {ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge}
 
     def read(node: ast.expr) -> Any:
@@ -327,8 +327,7 @@ class Measured:
     @property
     def text(self) -> str:
         """The unit, in words."""
-        powers = (f"{name}^{power:g}" for name, power in zip(("kg", "m", "s"), self.dimension) if power)
-        return self.unit or " ".join(powers) or "a number"
+        return self.unit or in_powers(self.dimension) or "a number"
 
     def with_(self, other: Measured) -> Measured:
         """Return what both are, that are added or compared."""

@@ -31,7 +31,7 @@ from pgmp_petsc.mechanism.body_frames import ConstraintJacobian, linear_motion
 from pgmp_petsc.mechanism.constraint_set import NullSpace, NullSpaces
 from pgmp_petsc.mechanism.kinematics import RigidKinematics, RigidMotion
 from pgmp_petsc.modes.pencils import MOST_UNKNOWNS, DensePencil, SparsePencil, cholesky, forward
-from pgmp_petsc.ranks.petsc import has_options
+from pgmp_petsc.ranks.petsc import options_of
 from pgmp_petsc.scene.numerics import Reduction
 
 
@@ -420,6 +420,6 @@ def _pencil(mass: sp.csr_matrix, stiffness: sp.csr_matrix, loose: np.ndarray, co
     """Return a pencil, given unknowns that tell its rigid motions; PETSc's and SLEPc's where ranks share it, it is
     large, or the user has options for them."""
     small = comm.size == 1 and mass.shape[0] <= MOST_UNKNOWNS
-    if small and not any(has_options(prefix) for prefix in (PREFIX, SCALE_PREFIX)):
+    if small and not any(options_of(prefix) for prefix in (PREFIX, SCALE_PREFIX)):
         return DensePencil(mass, stiffness, loose)
     return SparsePencil(mass, stiffness, comm)

@@ -149,11 +149,6 @@ def _printed_reason(text: str) -> str:
     return ""
 
 
-def has_options(prefix: str) -> bool:
-    """Return whether a user gave any option with a prefix."""
-    return bool(options_of(prefix))
-
-
 def options_of(prefix: str) -> dict[str, str | None]:
     """Return the options that a user gave with a prefix, by their names without it; none where there is no PETSc."""
     if not has_petsc():
@@ -292,6 +287,23 @@ def transposed_times(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
     """Return the transposed matrix times local columns (n_local, k)."""
     y, x = matrix.createVecs()
     return _apply(matrix.multTranspose, x, y, columns)
+
+
+def use_cholesky(ksp: PETSc.KSP) -> None:
+    """Let MUMPS solve; options may choose otherwise."""
+    ksp.setType("preonly")
+    pc = ksp.getPC()
+    pc.setType("cholesky")
+    pc.setFactorSolverType("mumps")
+
+
+def mumps_factor(ksp: PETSc.KSP) -> PETSc.Mat | None:
+    """Return MUMPS' matrix, which need not be factorised; None where the user has chosen another solver."""
+    pc = ksp.getPC()
+    if pc.getType() not in ("cholesky", "lu") or pc.getFactorSolverType() != "mumps":
+        return None
+    pc.setFactorSetUpSolverType()
+    return pc.getFactorMatrix()
 
 
 def solve_columns(factor: PETSc.Mat, columns: np.ndarray) -> np.ndarray:

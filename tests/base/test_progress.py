@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import TIMEOUT_SECONDS, run_mpi
 
-from pgmp_petsc.base.progress import Beat, Lines, Silent, doing, progress, waits_for, without_progress
+from pgmp_petsc.base.progress import Beat, Lines, Progress, doing, progress, waits_for, without_progress
 from pgmp_petsc.lanes import compiled
 
 # counts to 7, with the first line at once
@@ -75,7 +75,7 @@ def test_a_bar_is_shown_on_rank_0_where_a_person_is_watching(monkeypatch: pytest
     monkeypatch.setattr(sys, "stderr", Terminal())
     with progress(3, "samples", Rank(0), initial=1) as bar:
         bar.update(2)
-    assert not isinstance(bar, (Lines, Silent)) and "samples" in sys.stderr.getvalue()
+    assert type(bar) not in (Lines, Progress) and "samples" in sys.stderr.getvalue()
     with progress(2, "settings", Rank(0), work=10.0) as bar:
         bar.update(1, 1.0)
         shown = bar._bar.format_dict
@@ -88,17 +88,17 @@ def test_a_bar_is_shown_on_rank_0_where_a_person_is_watching(monkeypatch: pytest
     monkeypatch.setattr(sys, "stderr", Terminal())
     with progress(3, "samples", Rank(1)) as bar:
         bar.update(3)
-    assert isinstance(bar, Silent) and sys.stderr.getvalue() == "", "other ranks are silent"
+    assert type(bar) is Progress and sys.stderr.getvalue() == "", "other ranks are silent"
 
 
 def test_parts_of_what_is_counted_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     for stream in (Terminal(), io.StringIO()):
         monkeypatch.setattr(sys, "stderr", stream)
         with progress(3, "settings", Rank(0)) as bar, without_progress():
-            assert isinstance(progress(3, "samples", Rank(0)), Silent)
+            assert type(progress(3, "samples", Rank(0))) is Progress
             bar.update()
         with progress(3, "samples", Rank(0)) as after:
-            assert not isinstance(after, Silent), "it ends with the block"
+            assert type(after) is not Progress, "it ends with the block"
 
 
 def test_long_work_says_how_far_it_is() -> None:

@@ -347,8 +347,8 @@ pgmp.animate("x.h5", "x.gif", mode=1.5) -> mode = 1.5: allowed are whole
 pgmp.run(scene) -> scene: Scene received; allowed is the name
 pgmp.run("x.toml", n=0) -> n = 0: allowed are whole numbers from 1
 pgmp.montecarlo(rom, 2, shard=pgmp.Shard(3, 2)) -> shard 3/2: allowed are
-pgmp.montecarlo(rom, 2, stopping=pgmp.Stopping("std(x) < 1 %")) -> until = 'std.x. < 1 %': allowed is a list of rules
-pgmp.montecarlo(rom, 2, stopping=pgmp.Stopping(budget=-1)) -> budget = -1: allowed is a time in seconds
+pgmp.montecarlo(rom, 2, stopping=pgmp.Stopping("std(x) < 1 %")) -> stopping.until = 'std.x. < 1 %': allowed is a list of rules
+pgmp.montecarlo(rom, 2, stopping=pgmp.Stopping(budget=-1)) -> stopping.budget = -1: allowed are numbers above 0 and at most 1e.08 s
 pgmp.montecarlo(rom, 2, stopping=60) -> stopping: int received; allowed is pgmp.St
 pgmp.montecarlo(rom, 20, correct=["full=9"]) -> correct: list received; allowed is
 pgmp.montecarlo(rom, 20, correct=[pgmp.Correction("full", 9.5)]) -> correct full=9.5: allowed are

@@ -12,7 +12,7 @@ import pytest
 from mpi4py import MPI
 from runs import overridden, pgmp, rom_of
 
-from pgmp_petsc.api.sources import read_rom
+from pgmp_petsc.api.sources import Origin
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -195,8 +195,8 @@ def test_the_bounds_of_quantiles_hold_for_what_the_failed_samples_would_have_bee
 
 def test_smaller_steps_save_some_and_change_no_other(command: tuple, rom: Path) -> None:
     _, output, ensemble = command
-    scene, found = read_rom(rom, (), (), MPI.COMM_SELF)
-    model = ReducedModel(scene, found)
+    model = Origin.of(MPI.COMM_SELF, rom, None, (), ()).prepared(MPI.COMM_SELF)
+    scene = model.scene
     saved = (ensemble.status == Status.FINE) & (ensemble.steps_divided > 1)
     assert saved.any()
     assert f"{saved.sum()} of {N} samples failed with simulation.step = 0.001 s" in output
