@@ -268,7 +268,7 @@ class WatchedRun(Observer):
         r = self._indicator.model.kinematics.n_coordinates
         theta = states[:, 0, :, :r]
         finite = np.isfinite(states).all(axis=(0, 1, 3))
-        reached = self._indicator.model.kinematics.within_reach(theta).reshape(theta.shape[:2])
+        reached = self._indicator.model.kinematics.within_reach(theta)
         return finite & reached.all(axis=0)
 
 
