@@ -23,11 +23,12 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from PIL import Image
 
-from pgmp_petsc.base.errors import InputError, PgmpError
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures.mechanism import Shapes, TimeColours
 from pgmp_petsc.figures.motion import motion_of
 from pgmp_petsc.figures.solids import COLOURS, Stage, bounds_of, has_solids
 from pgmp_petsc.figures.style import QUIET, axis_label, axis_unit, new_figure, round_below, save, styled, top_legend
+from pgmp_petsc.ranks.ending import guarded
 from pgmp_petsc.results import Trajectory
 
 WIDTH, HEIGHT = 5.4, 2.65
@@ -191,12 +192,7 @@ def main() -> int:
     if len(sys.argv) != 3:
         print("usage: python -m scripts.portraits RUNS IMAGES", file=sys.stderr)
         return 2
-    try:
-        print(*draw(*map(Path, sys.argv[1:])), sep="\n")
-    except PgmpError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_status
-    return 0
+    return guarded(lambda: print(*draw(*map(Path, sys.argv[1:])), sep="\n"))
 
 
 if __name__ == "__main__":
