@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from called import Called
 
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
@@ -49,7 +50,7 @@ def outputs_of(model: ReducedModel, values: dict[str, np.ndarray]) -> dict[str, 
         times.append(time)
         rows.append((state.q.copy(), state.v.copy(), state.a.copy()))
 
-    integrate(ToRoundOff(model.batch(values, n)), model.scene.simulation, observer=keep)
+    integrate(ToRoundOff(model.batch(values, n)), model.scene.simulation, observer=Called(keep))
     states = State(*(np.concatenate(part) for part in zip(*rows)), np.zeros(0))
     each = {name: np.tile(value, len(times)) for name, value in values.items()}
     found = model.outputs.evaluate(model.observed_of(np.repeat(times, n), states, each))

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from called import Called
 from mpi4py import MPI
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
@@ -156,7 +157,7 @@ def _run(model: FullModel, system: SecondOrderSystem, start: np.ndarray | None) 
         rates.append(system.unpack(state.v)[:, -1].reshape(-1, 3))
         instants.append(system.energies(time, state)[-1:])
 
-    run = integrate(system, model.scene.simulation, observer=record)
+    run = integrate(system, model.scene.simulation, observer=Called(record))
     time = np.array(times)
     balance = balance_of(time, joined(instants))
     return Recorded(time, np.array(frames), np.array(rates), balance, model, int(run.status[-1]))

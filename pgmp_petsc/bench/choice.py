@@ -301,7 +301,7 @@ class ReductionChoice:
         given = ", ".join(f"reduction.{name} = {json.dumps(value)}" for name, value in kept.items())
         last = [f"kept as given: {given}; leave them out to have them chosen"] if kept else []
         more_known = self._reduction.sampling_tolerance is None and not self._is_finest
-        if self._fixed_grid and more_known and self._is_affordable(best, self._finer):
+        if more_known and self._is_affordable(best, self._finer) and self._fixed_grid:  # noted where it is not
             self._apart(best, self._grid, self._finer)  # noted: what twice the angles that are given would change
         rival = self._rival_of(trial)
         last += self._left_out

@@ -196,7 +196,7 @@ class Controls:
         self._rows = rows[n_carried:]
         self._acting = np.zeros((rows[-1].stop, n_samples, 3))
         self.iterates = self.jumps = False
-        self.holds = scene.held
+        self.holds = scene.held  # whether nothing of it changes but between two steps
         self.clock: Callable[[float], float] = float
         self._side: int | None = None  # which part `forces` returns where it is not said; None for the mean
         self._n_samples = n_samples
@@ -209,7 +209,8 @@ class Controls:
         self._n_last = 0
 
     def start(self, state) -> None:
-        """Begin a run: find the first states and forces, at time 0, of joints without any."""
+        """Begin a run, before the first accelerations are known: find the first states and forces, at time 0, of joints
+        without any."""
         self._look(0.0, state)
         self._carried[:] = 0.0
         state.beside = np.zeros((self._n_samples, self.n_beside))
@@ -273,7 +274,7 @@ class Controls:
             one.about[:] = np.nan
 
     def act(self, time: float, state) -> None:
-        """Give the mechanics the forces about an iterate."""
+        """Give the mechanics the forces about an iterate, before it is corrected."""
         self.iterates = True
         if self._continuous:
             self._look(time, state)

@@ -131,10 +131,17 @@ def limits_of(model: ReducedModel, name: str) -> tuple[float, float]:
 
 @gathered
 def served_remarks(model: ReducedModel, names: Sequence[str]) -> Iterator[Remark]:
-    """Return which bounds are wider than what the model serves, within which parameters are searched, with the cure."""
+    """Return which parameters are searched between single values of their distributions, and which bounds are wider
+    than what the model serves, within which parameters are searched, with the cure."""
     ranges = model.served
     for name in names:
-        bounds, served = model.scene.parameters[name].bounds, ranges.get(name)
+        law, bounds = model.scene.parameters[name].distribution, model.scene.parameters[name].bounds
+        served = ranges.get(name)
+        if law is not None and not law.is_continuous:
+            yield note(
+                f"{name} is searched over all numbers between its limits, also between single values that its "
+                "distribution has: compare runs at those next to what is found (--set)"
+            )
         if bounds is None or served is None or served.is_sharp:
             continue
         low, high = max(bounds[0], served.low), min(bounds[1], served.high)

@@ -30,6 +30,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.shape import in_floating_frame
+from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.effects import effects_of, motions_of
 from pgmp_petsc.estimates.reference_motion import ReferenceMotion, Schedule
 from pgmp_petsc.estimates.sampled_load import SampledMotion, sampled_effects
@@ -38,7 +39,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, ReducedModel
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.stepping.second_order_system import Beside, Scheme, SecondOrderSystem, State, StepsAsked, StepsTaken
+from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State, StepsAsked, StepsTaken
 
 
 class CheckingModel:
@@ -154,7 +155,7 @@ class ErrorSystem(SecondOrderSystem):
         return found
 
     @property
-    def beside(self) -> Beside | None:
+    def beside(self) -> Controls | None:
         return self.full.beside
 
     @property

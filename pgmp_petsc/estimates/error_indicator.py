@@ -275,7 +275,7 @@ class _Observed(PooledObserver):
         told = self._told[numbers]
         motion, error = self._motion.over(int(numbers[0]), told.size)[:, told], errors.at(told)
         with np.errstate(invalid="ignore"):  # a motion that runs away is found by its outputs
-            parts = [self._batch.pack_over(one) + e for one, e in zip(motion, (error.q, error.v, error.a))]
+            parts = [self._batch.pack(one, 1) + e for one, e in zip(motion, (error.q, error.v, error.a))]
         super().over(numbers[told], times[told], State(*parts, error.multipliers, error.turns))
 
     def see(self, first: int, states: State) -> None:

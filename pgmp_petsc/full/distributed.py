@@ -21,12 +21,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
+from functools import cached_property
 
 import numpy as np
 
-from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.effects.motion import Motion, driven
+from pgmp_petsc.effects.motion import Motion
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.full.energy import energies_of
 from pgmp_petsc.full.forces import act
@@ -35,7 +35,7 @@ from pgmp_petsc.full.parts import mass_on_diagonal
 from pgmp_petsc.full.problem import FullEquations, Sources
 from pgmp_petsc.full.rank_solver import RankSolver
 from pgmp_petsc.full.systems import FullSystem, Gains
-from pgmp_petsc.stepping.second_order_system import Energies, Settled, State, joined
+from pgmp_petsc.stepping.second_order_system import Energies, State, joined
 from pgmp_petsc.stepping.static_equilibrium import LONGEST, cause_of, iterate_at_rest, put_on
 from pgmp_petsc.stepping.status import Status
 
@@ -44,19 +44,12 @@ class FullDistributed(FullSystem):
     """One full-order sample on all ranks of a communicator, each with the equations for its share of the unknowns.
 
     Local state arrays hold this rank's unknowns and multipliers. `motions` are prescribed ones by the number of their
-    coordinate; for `settled` and `built_in` see `FullSystem`. Collective on `comm`.
+    coordinate. Collective on `comm`.
     """
 
-    def __init__(
-        self,
-        equations: FullEquations,
-        comm: Comm,
-        motions: Mapping[int, Motion],
-        settled: Settled | None = None,
-        built_in: tuple[np.ndarray, np.ndarray] | None = None,
-    ) -> None:
+    def __init__(self, equations: FullEquations, comm: Comm, motions: Mapping[int, Motion]) -> None:
         sources = Sources(equations.loads, equations.actions, tuple(motions.values()))
-        super().__init__(equations, comm, 1, sources, settled, built_in)
+        super().__init__(equations, comm, 1, sources)
         self.rows, layout, self._problem = equations.rows, equations.layout, equations.problem
         n, n_all = layout.n_unknowns, layout.needed.size
         self._n, self._own = n, np.searchsorted(layout.needed, np.arange(self.rows.start, self.rows.stop))
@@ -71,7 +64,6 @@ class FullDistributed(FullSystem):
         rows[np.argsort(ranks, kind="stable")] = np.arange(ranks.size)
         self._solver = RankSolver(layout, np.concatenate([self._own, self._multipliers]), rows, comm)
         self._typical_mass = comm.allreduce(float(mass_on_diagonal(self._problem, equations.size)[0, 0])) / self.n_dofs
-        self._typical_stiffness = 0.0
         self._itself = np.empty((0, 1))  # no residual but c
         self._solver_failed = False
         self.bends = any(comm.allgather(bool(self._problem.actions.laws.bend.any())))
@@ -86,9 +78,10 @@ class FullDistributed(FullSystem):
         """Gather a state's array of unknowns from all ranks as (n, 1), on every rank."""
         return np.concatenate(self.comm.allgather(array))[:, None]
 
-    def at_rest(self, q: np.ndarray, theta: np.ndarray) -> State:
-        """Return a state at rest without multipliers, for unknowns of shape (n_dofs,) and coordinates (n_theta,)."""
-        return self._state(q[:, None], np.zeros((self.n_dofs, 1)), self._equations.turns(theta[:, None]))
+    def undeformed(self, theta: np.ndarray, rates: np.ndarray) -> State:
+        """Return the undeformed mechanism at coordinates and rates (n_theta,), without multipliers."""
+        q, v = self._equations.place(theta, rates)
+        return self._state(q[:, None], v[:, None], self._equations.turns(theta[:, None]))
 
     def _state(self, q: np.ndarray, v: np.ndarray, turns: np.ndarray) -> State:
         own, speeds = (part[self.rows.start : self.rows.stop, 0].copy() for part in (q, v))
@@ -97,28 +90,20 @@ class FullDistributed(FullSystem):
     def _against(self, rows: np.ndarray) -> np.ndarray:
         return rows[self._equations.chosen]
 
-    def correct_at_rest(self, state: State, share: float, longest: float) -> float:
+    def correct_at_rest(self, state: State, share: float) -> np.ndarray:
         """Do one Newton correction of a state at rest under a share of the loads at time zero, in place.
 
-        A correction longer than `longest`, in units of the mechanism's size or of 1 rad, is shortened to it. Returned
-        is the size before, the same on all ranks. Collective on `comm`.
+        A correction longer than `LONGEST`, in units of the mechanism's size or of 1 rad, is shortened to it. Returned
+        is the size before, (1,), the same on all ranks. Collective on `comm`.
         """
-        if not self._typical_stiffness:
-            self._typical_stiffness = self._find_typical_stiffness()
         static = (0.0, 0.0, 1.0)
         step, multipliers = self._solve(0.0, state, static, self._typical_stiffness, self._itself, True, share)
         size = self._size_of(step)
         if np.isfinite(size):
-            shortened = min(1.0, longest / size) if size > 0.0 else 1.0
+            shortened = min(1.0, LONGEST / size) if size > 0.0 else 1.0
             state.q -= shortened * step
             state.multipliers -= shortened * multipliers
-        return size
-
-    def kinetic_energy(self, v: np.ndarray) -> float:
-        """Return the kinetic energy for velocities of shape (n_dofs,), the same on all ranks. Collective on `comm`."""
-        q, theta = self._equations.start[0], self._equations.initial[0]
-        state = self._state(q[:, None], v[:, None], self._equations.turns(theta[:, None]))
-        return float(self.energies(0.0, state).kinetic[0])
+        return np.array([size])
 
     def _correct(
         self, time: float, state: State, gains: Gains, residual: np.ndarray, active: np.ndarray, fresh: bool
@@ -133,16 +118,14 @@ class FullDistributed(FullSystem):
         return np.array([self._size_of(step)])
 
     def limited(self) -> np.ndarray:
-        """Return whether a law was limited in the last correction, the same on all ranks. Collective on `comm`."""
+        """Return the same on all ranks. Collective on `comm`."""
         return np.array([any(self.comm.allgather(bool(np.isinf(self._problem.actions.about).any())))])
 
     def count_turns(self, state: State) -> None:
-        """Take note of the angles at an instant that is kept."""
         if state.turns.size:
             count_turns(self._reference, self._gathered(state.q)[: self._n], state.turns[:, None])
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
-        """Put the sample back."""
         if samples[0]:
             for now, before in zip(state.parts(), previous.parts()):
                 now[:] = before
@@ -150,7 +133,7 @@ class FullDistributed(FullSystem):
     restore_all = restore
 
     def depths(self, time: float, state: State) -> np.ndarray:
-        """Return how far each edge is crossed, shape (n_events, 1), the same on all ranks. Collective on `comm`."""
+        """Return the same on all ranks. Collective on `comm`."""
         q, v = (self._gathered(part)[: self._n] for part in (state.q, state.v))
         own = np.zeros(0)
         if self._equations.actions:
@@ -160,25 +143,23 @@ class FullDistributed(FullSystem):
         return np.concatenate(self.comm.allgather(own[self._counted_edges]))[:, None]
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
-        """Return why the sample fails; see `SecondOrderSystem.reasons`. Collective on `comm`."""
+        """Collective on `comm`."""
         finite = all(self.comm.allgather(bool(np.isfinite(state.v).all())))
         if self._solver_failed:
             return np.array([Status.SOLVER_FAILED])
         return np.array([Status.NOT_CONVERGED if finite else Status.NOT_FINITE])
 
     def multipliers(self, state: State) -> np.ndarray:
-        """Return the multipliers of the constraints, shape (n_constraints, 1), on every rank. Collective on `comm`."""
         equations = self._equations
         every = np.zeros((equations.constraints.n_constraints, 1))
         every[equations.chosen[equations.owned_constraints], 0] = state.multipliers
         return self.comm.allreduce(every)
 
     def frames_over(self, states: State) -> np.ndarray:
-        """Return the frames of all nodes in states with a leading axis; see `FullSystem`."""
         return self._equations.frames(self._columns(states.q), states.turns.T)
 
     def energies_over(self, times: Sequence[float], states: State) -> Energies:
-        """Return energies and powers in states with a leading axis, the same on all ranks. Collective on `comm`."""
+        """Return the same on all ranks. Collective on `comm`."""
         found = []
         for time, *parts in zip(times, states.q, states.v, states.multipliers, states.turns):
             (q, speeds, multipliers, turns), now = parts, self._sources.at(np.array([time]))
@@ -234,8 +215,9 @@ class FullDistributed(FullSystem):
         moved = float(np.max(np.abs(step) * units, initial=0.0)) if np.all(np.isfinite(step)) else np.inf
         return max(self.comm.allgather(moved))
 
-    def _find_typical_stiffness(self) -> float:
-        """Return the mean size on the diagonal of the stiffness at rest. Collective on `comm`."""
+    @cached_property
+    def _typical_stiffness(self) -> float:
+        """The mean size on the diagonal of the stiffness at rest. Collective on `comm`."""
         q = self._equations.start[0][self._equations.layout.needed[: self._n], None]
         rest, bound = np.zeros_like(q), np.zeros((self._x.size - self._n, 1))
         state = (q, rest, rest, bound, np.zeros((self._equations.n_turns, 1)))
@@ -249,13 +231,13 @@ class FullDistributed(FullSystem):
 
 
 class FullStatics(AbstractContextManager):
-    """One sample whose `n_theta` coordinates are held, all prescribed; see `Statics`. Collective on `comm`."""
+    """One sample whose coordinates are held, all prescribed; see `Statics`. Collective on `comm`."""
 
     n_samples = 1
 
-    def __init__(self, equations: FullEquations, n_theta: int, comm: Comm) -> None:
-        self._equations = equations
-        self._held = [Motion("held", "", TimeFunction.constant(0.0)) for _ in range(n_theta)]
+    def __init__(self, equations: FullEquations, comm: Comm) -> None:
+        self._start = equations.initial[0]
+        self._held = [Motion("held", "", TimeFunction.constant(0.0)) for _ in self._start]
         self._system = FullDistributed(equations, comm, dict(enumerate(self._held)))
         self._q, self._share = np.zeros((equations.n_dofs, 1)), 0.0
 
@@ -269,14 +251,14 @@ class FullStatics(AbstractContextManager):
             return torques, np.zeros(1, dtype=bool)
         for held, angle in zip(self._held, theta[0]):
             held.angle = TimeFunction.constant(float(angle))
-        place = self._equations.place(theta[0], np.zeros_like(theta[0]))[0]
-        state = self._system.at_rest(place, theta[0])
+        begun = self._system.undeformed(theta[0], np.zeros_like(theta[0]))
+        state = begun.copy()
 
         def begin(going: np.ndarray) -> None:
-            self._system.restore(state, self._system.at_rest(place, theta[0]), going)
+            self._system.restore(state, begun, going)
 
         def converge(going: np.ndarray, share: float) -> np.ndarray:
-            return iterate_at_rest(lambda _: self._corrected(state, share), going)
+            return iterate_at_rest(lambda _: self._system.correct_at_rest(state, share), going)
 
         lost, (self._share,) = put_on(begin, converge, samples)
         if not lost[0]:
@@ -285,23 +267,11 @@ class FullStatics(AbstractContextManager):
         return torques, lost
 
     def cause(self, sample: int) -> str:
-        """Return why there is no deformation; see `Statics.cause`."""
         return cause_of(self._share)
 
     def unknowns(self) -> np.ndarray:
-        """Return the unknowns, shape (n_dofs, 1)."""
         return self._q
 
     def inertia(self) -> np.ndarray:
-        """Return the inertia of the rigid mechanism at the start, shape (1, n_theta)."""
-        theta, moments = driven(self._held, 0.0).angle, []
-        for rates in np.eye(theta.size):
-            moments.append(2.0 * self._system.kinetic_energy(self._equations.place(theta, rates)[1]))
-        return np.array([moments])
-
-    def _corrected(self, state: State, share: float) -> np.ndarray:
-        """Correct a state under a share of the loads, in place; return the size, no number where that fails."""
-        try:
-            return np.array([self._system.correct_at_rest(state, share, LONGEST)])
-        except RunError:
-            return np.full(1, np.nan)
+        turning = (self._system.undeformed(self._start, rates) for rates in np.eye(self._start.size))
+        return np.array([[2.0 * self._system.energies(0.0, state).kinetic[0] for state in turning]])

@@ -8,14 +8,12 @@ multipliers: theirs are those that balance what the bodies behind a joint ask of
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.motion import driven
 from pgmp_petsc.full.batched_ldl import Pattern
 from pgmp_petsc.full.carried import Carried
@@ -35,7 +33,7 @@ from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
 from pgmp_petsc.outputs.joint_forces import OfConnection
-from pgmp_petsc.stepping.second_order_system import Energies, State
+from pgmp_petsc.stepping.second_order_system import State
 
 ROUND_OFF = 1e-9  # of the slopes of constraints, over the largest of a row
 
@@ -247,12 +245,11 @@ class JointBatch(FullBatch):
     """A batch of samples of a component model, or a single one, on this rank, in joint coordinates.
 
     Arrays of states have coordinates in place of unknowns. Memory is shared with `full`, the same samples in their
-    unknowns.
+    unknowns, which has no other use.
     """
 
     def __init__(self, full: FullBatch) -> None:
         vars(self).update(vars(full))
-        self.full = full
         own, blocks = JointEquations(self._equations, self._blocks), self._blocks
         self._shown: tuple[State | None, State | None] = None, None
         self.own, (self._reference, self._joints) = own, own.references
@@ -269,14 +266,7 @@ class JointBatch(FullBatch):
         numbers = own.multipliers_of_joints(1.0 + np.arange(own.n_left)[:, None], nothing)[:, 0] - 1.0
         return Carried.of(forces, self._equations, numbers.astype(int), own.held, own.holds)
 
-    def under(self, effects: Sequence[Effect], motions: Mapping[int, Motion]) -> Self:
-        """Return the batch under effects and motions that differ from its own over time alone; both share memory."""
-        other = super().under(effects, motions)
-        other.full = self.full.under(effects, motions)
-        return other
-
     def consistent(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray) -> State:
-        """Return the state at time 0 with given unknowns and velocities that obey the constraints; see `FullSystem`."""
         q, v = (part.reshape(self._equations.n_dofs, -1) for part in (q, v))
         found = self.own.coordinates(*np.broadcast_arrays(q, v))
         self.own.count_from(found[0], theta.reshape(len(theta), -1))
@@ -295,17 +285,21 @@ class JointBatch(FullBatch):
         number, motion, sign = own.driven.T
         return own.left(own.set.rates(places, rates, speeds), sign[:, None] * v[number] - speeds[motion, None])
 
-    def _in_unknowns(self, state: State) -> State:
-        """Return a state of the same samples in their unknowns, with the multipliers of driven angles alone."""
-        own, n_own = self.own, self.own.set.n_constraints - self.own.set.n_driven
-        rows = np.concatenate([own.chosen[own.chosen >= n_own] - n_own, own.driven[:, 1]])
-        places = np.concatenate([np.flatnonzero(own.chosen >= n_own), np.arange(own.n_statements, own.n_left)])
-        forces = np.zeros((*state.q.shape[:-2], own.set.n_driven, state.q.shape[-1]))
-        forces[..., rows, :] = state.multipliers[..., places, :]
-        return State(*own.mapped(state.q, state.v, state.a), forces, state.turns, state.beside)
+    def _in_unknowns(self, states: State) -> State:
+        """Return states in unknowns, with the multipliers of driven angles alone; frames, energies and outputs ask for
+        the same ones."""
+        if self._shown[0] is not states:
+            shape, every, own = states.q.shape[:2], states.merged(), self.own
+            n_own = own.set.n_constraints - own.set.n_driven
+            rows = np.concatenate([own.chosen[own.chosen >= n_own] - n_own, own.driven[:, 1]])
+            places = np.concatenate([np.flatnonzero(own.chosen >= n_own), np.arange(own.n_statements, own.n_left)])
+            forces = np.zeros((len(every.q), own.set.n_driven, every.q.shape[-1]))
+            forces[:, rows] = every.multipliers[:, places]
+            found = *own.mapped(every.q, every.v, every.a), forces, every.turns
+            self._shown = states, State(*(part.reshape(*shape, *part.shape[1:]) for part in found))
+        return self._shown[1]
 
     def multipliers_of_joints(self, times: Sequence[float], states: State) -> np.ndarray:
-        """Return the multipliers of joints and driven angles at the accelerations of states; see `FullSystem`."""
         strengths, blocks = self._sources.at(np.array(times)), self._blocks
         holds = Reference(self.own.holds)
         found = aligned((len(times), blocks.n_blocks, self.own.held.places.size, blocks.n_lanes))
@@ -317,34 +311,5 @@ class JointBatch(FullBatch):
         return self.own.multipliers_of_joints(self._columns(states.multipliers), self._columns(found))
 
     def count_turns(self, state: State) -> None:
-        """Take note of the angles at an instant that is kept."""
         for q, turns in zip(state.q, state.turns):
             count_turns_in_joints(self._reference, self._joints, q, turns)
-
-    def depths(self, time: float, state: State) -> np.ndarray:
-        """Return how far each edge is crossed, shape (n_events, n_samples)."""
-        return self.full.depths(time, self._in_unknowns(state))
-
-    def measured(self, state: State) -> np.ndarray:
-        """Return the motions that forces of controllers are of, or are led by; see `FullBatch`."""
-        return self.full.measured(self._in_unknowns(state))
-
-    def unknowns_over(self, states: State) -> list[np.ndarray]:
-        """Return the unknowns of all frames, their velocities and accelerations; see `FullSystem`."""
-        return self.full.unknowns_over(self._all_in_unknowns(states))
-
-    def frames_over(self, states: State) -> np.ndarray:
-        """Return the frames of all nodes in states with a leading axis; see `FullSystem`."""
-        return self.full.frames_over(self._all_in_unknowns(states))
-
-    def energies_over(self, times: Sequence[float], states: State) -> Energies:
-        """Return energies and powers in states with a leading axis; see `FullSystem`."""
-        return self.full.energies_over(times, self._all_in_unknowns(states))
-
-    def _all_in_unknowns(self, states: State) -> State:
-        """Return states with a leading axis in unknowns; frames, energies and outputs ask for the same ones."""
-        if self._shown[0] is not states:
-            shape = states.q.shape[:2]
-            every = self._in_unknowns(states.merged())
-            self._shown = states, State(*(part.reshape(*shape, *part.shape[1:]) for part in every.parts()))
-        return self._shown[1]

@@ -15,12 +15,14 @@ numbered body by body, a body's motion before its amplitudes, and what it carrie
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from pgmp_petsc.mechanism.joints import Attachment, Connection
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
+from pgmp_petsc.mechanism.space import leibniz, rotate
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ALONG, MEET, PERPENDICULAR, Statement, U, W
 
@@ -213,8 +215,8 @@ def tree_of(unknowns: Unknowns, motions: list[Motion], q: np.ndarray, heavy: np.
                     rest[k] = _kept_angle(connection, motion.backwards, rest[k])
                     before[k, 1:] = connection.axes[0]
                     if motion.backwards:  # the axis is in the first body's frame, as that stands in the second one
-                        before[k, 1:] = _turn(rest[k]) @ before[k, 1:]
-                    after[k, 1:] = _turn(rest[k]).T @ before[k, 1:]
+                        before[k, 1:] = rotate(rest[k], before[k, 1:])
+                    after[k, 1:] = rotate(-rest[k], before[k, 1:])
                 else:
                     rest[k] = 0.0
         firsts[k, 5] = next_one
@@ -255,10 +257,6 @@ def tree_of(unknowns: Unknowns, motions: list[Motion], q: np.ndarray, heavy: np.
     )  # fmt: skip
 
 
-def _turn(angle: float) -> np.ndarray:
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-
 def _kept_angle(connection: Connection, backwards: bool, near: float) -> float:
     """Return how far a joint in the plane that does not turn keeps the second body turned, to the last digit."""
     part = next(part for part, _ in connection.held if part.kind == PERPENDICULAR)
@@ -272,17 +270,14 @@ def coordinates_of(unknowns: Unknowns, tree: Tree, motions: list[Motion], q: np.
     """Return coordinates and their rates, shape (2, n_y, n), of unknowns and velocities (n_dofs, n) that obey what the
     tree's joints hold. Angles in space are those within half a turn."""
     d, found = unknowns.dimension, np.zeros((2, tree.firsts[:, 4].max(), q.shape[1]))
-    rows = np.stack([q, v])
+    rows, dot = np.stack([q, v]), partial(np.einsum, "cn,cn->n")
     for k, motion in enumerate(motions):
         turning, sliding, natural, amplitudes = tree.firsts[k, :4]
         n = tree.n_amplitudes[k]
         found[:, amplitudes : amplitudes + n] = rows[:, tree.internal[k] + np.arange(n)]
-        if motion.kind == FREE:
-            own = unknowns.frame(tree.nodes[k, 2])
+        if motion.kind != BY_AXES:
+            own = unknowns.frame(tree.nodes[k, 1])[3:] if motion.kind == BALL else unknowns.frame(tree.nodes[k, 2])
             found[:, natural : natural + own.size] = rows[:, own]
-            continue
-        if motion.kind == BALL:
-            found[:, natural : natural + 9] = rows[:, unknowns.frame(tree.nodes[k, 1])[3:]]
             continue
         on, held = (_jet(unknowns, rows, node) for node in tree.nodes[k, :2])
         joint, frame = (
@@ -294,15 +289,10 @@ def coordinates_of(unknowns: Unknowns, tree: Tree, motions: list[Motion], q: np.
             at = [3 * node + 2 for node in tree.nodes[k, :2]]
             found[:, turning] = rows[:, at[1]] - (rows[:, at[0]] if tree.nodes[k, 0] >= 0 else 0.0)
         elif turning >= 0:
-            x, y, w = joint[:, 2], joint[:, 3], frame[:, 2]
-            cos, sin = (np.einsum("cn,cn->n", part[0], w[0]) for part in (x, y))
-            rates = [np.einsum("cn,cn->n", p[1], w[0]) + np.einsum("cn,cn->n", p[0], w[1]) for p in (x, y)]
-            found[0, turning] = np.arctan2(sin, cos)
-            found[1, turning] = cos * rates[1] - sin * rates[0]
+            (cos, cos1), (sin, sin1) = (leibniz(dot, joint[:, axis], frame[:, 2]) for axis in (2, 3))
+            found[:, turning] = np.arctan2(sin, cos), cos * sin1 - sin * cos1
         if sliding >= 0:
-            way, apart = joint[:, 1], frame[:, 0] - joint[:, 0]
-            found[0, sliding] = np.einsum("cn,cn->n", way[0], apart[0])
-            found[1, sliding] = np.einsum("cn,cn->n", way[1], apart[0]) + np.einsum("cn,cn->n", way[0], apart[1])
+            found[:, sliding] = leibniz(dot, joint[:, 1], frame[:, 0] - joint[:, 0])
     return found
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pgmp_petsc.bodies import elasticity
-from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.beam2d import PACKED_COLUMNS, PACKED_ROWS
 from pgmp_petsc.bodies.body import Body, element_dofs
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
@@ -58,15 +58,9 @@ class Share(NamedTuple):
         ones = np.ones(self.blocks.n_samples)
         return sum(np.multiply.outer(np.array(p), weight.evaluate(self.values) * ones) for weight, p in terms.items())
 
-    def quantity(self, quantity: Quantity) -> np.ndarray:
-        """Return a quantity of all samples, shape (n_samples,)."""
-        return self.evaluate({quantity.monomial: quantity.coefficient})
-
 
 def placed(part, pattern: Pattern, layout: Layout):
-    """Return a part in the numbering of a layout; None where there is none."""
-    if part is None:
-        return None
+    """Return a part in the numbering of a layout."""
     return part._replace(dofs=layout.unknowns(part.dofs), positions=layout.positions(*pattern))
 
 
@@ -160,21 +154,19 @@ def spatial_beams(share: Share) -> tuple[Beams, Pattern]:
 
 def spatial_masses(share: Share, unknowns: Unknowns) -> tuple[Masses, Pattern]:
     """Return the masses of frames in space: rigid bodies, and point masses on flexible ones."""
-    dofs, owners = [np.zeros((0, N_POSE), dtype=int)], []
-    densities = [np.zeros((0, N_VECTORS, N_VECTORS, share.blocks.n_samples))]
+    none = np.zeros(0, dtype=int)
+    parts = [(np.zeros((0, N_POSE), dtype=int), none, np.zeros((0, N_VECTORS, N_VECTORS, share.blocks.n_samples)))]
     for number, body in enumerate(share.bodies):
         for node, terms in body.node_masses() if unknowns.dimension == 3 else ():
             own = unknowns.frame(body.first_node + node)[None]
             if share.touches(own)[0]:
-                dofs.append(own)
-                owners.append(number)
-                densities.append(share.evaluate({w: _density(*mass) for w, mass in terms.items()})[None])
-    dofs, density = np.concatenate(dofs), np.concatenate(densities)
+                density = share.evaluate({w: _density(*mass) for w, mass in terms.items()})
+                parts.append((own, [number], density[None]))
+    dofs, owners, density = map(np.concatenate, zip(*parts))
     vectors = dofs.reshape(-1, N_VECTORS, 3)
     shape = (len(dofs), N_VECTORS, N_VECTORS, 3)
     pattern = np.broadcast_to(vectors[:, :, None], shape), np.broadcast_to(vectors[:, None], shape)
-    owners = np.array(owners, dtype=int)
-    return Masses(dofs, owners, share.blocks.pack(density), owners[:0], share.owns(dofs[:, 0])), pattern
+    return Masses(dofs, owners, share.blocks.pack(density), none, share.owns(dofs[:, 0])), pattern
 
 
 def _density(mass: float, inertia: np.ndarray) -> np.ndarray:
@@ -244,9 +236,8 @@ def floating_bodies(
 ) -> tuple[FloatingBodies, Pattern]:
     """Return the flexible bodies in floating frames; `gravity` are fields with the numbers of their loads."""
     d, n_samples = unknowns.dimension, share.blocks.n_samples
-    starts, chosen = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)]
-    firsts, numbers, dofs, tables = [np.zeros(5, dtype=int)], [], [np.zeros(0, dtype=int)], [np.zeros((0, n_samples))]
-    rows, columns, counted = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)], []
+    none, numbers = np.zeros(0, dtype=int), []
+    parts = [(none, np.zeros((0, n_samples)), none, none, none, none)]
     for number, floating in share.blocks_of("floating"):
         body = share.bodies[number]
         frame = unknowns.frame(body.first_node + body.n_nodes - 1)
@@ -256,28 +247,20 @@ def floating_bodies(
         moments, stiffness = share.evaluate(floating.moments), share.evaluate(floating.stiffness)
         curved = share.evaluate(floating.curved) if floating.curved else np.zeros((0, floating.n, n_samples))
         braking = share.evaluate({Monomial(): share.damping.amplitudes.get(number, np.zeros(floating.n))})
-        low = np.tril_indices(own.size)
+        *entries, both, mass, bends = entries_of(floating.moments, floating.stiffness, floating.curved, d)
+        table = body_tables(moments, stiffness, braking, curved, d, (both, mass, bends))
         numbers.append(number)
-        dofs.append(own[0])
-        first, which, *masks = entries_of(floating.moments, floating.stiffness, floating.curved, d)
-        starts.append(first)
-        chosen.append(which)
-        tables.append(body_tables(moments, stiffness, braking, curved, d, tuple(masks)))
-        rows.append(own[0, low[0]])
-        columns.append(own[0, low[1]])
-        counted.append(share.owns(own)[0, 0])
-        firsts.append(firsts[-1] + [own.size, len(tables[-1]), low[0].size, first.size, which.size])
-    pattern = np.concatenate(rows), np.concatenate(columns)
+        parts.append((own[0], table, *(own[0, part] for part in np.tril_indices(own.size)), *entries))
+    dofs, tables, rows, columns, starts, chosen = map(np.concatenate, zip(*parts))
+    firsts = np.cumsum([[len(part[k]) for k in (0, 1, 2, 4, 5)] for part in parts], axis=0)
     fields = (effect.field for _, effect in gravity)
-    falls = [np.multiply.outer(direction, share.quantity(acceleration)) for direction, acceleration in fields]
+    falls = [np.multiply.outer(way, share.evaluate({size.monomial: size.coefficient})) for way, size in fields]
     part = FloatingBodies(
-        np.concatenate(dofs), np.array(firsts), np.array(numbers, dtype=int),
-        share.blocks.pack(np.concatenate(tables)),
+        dofs, firsts, np.array(numbers, dtype=int), share.blocks.pack(tables),
         share.blocks.pack(np.array(falls).reshape(len(falls), d, n_samples)),
-        np.array([load for load, _ in gravity], dtype=int), np.zeros(0, dtype=int), np.array(counted, dtype=bool),
-        np.concatenate(starts), np.concatenate(chosen),
+        np.array([load for load, _ in gravity], dtype=int), none, share.owns(dofs[firsts[:-1, 0]]), starts, chosen,
     )  # fmt: skip
-    return part, pattern
+    return part, (rows, columns)
 
 
 def mass_on_diagonal(problem: FullProblem, size: float) -> np.ndarray:

@@ -218,11 +218,6 @@ class FullEquations:
         return tuple(compress(actions_of(effects, self.unknowns.dimension), self._acts))
 
     @property
-    def moving_constraints(self) -> bool:
-        """Whether constraints turn with the mechanism or follow motions, rather than being always the same."""
-        return not self.constraints.linear or self.constraints.n_driven > 0
-
-    @property
     def edges(self) -> list[int]:
         """Numbers of the actions of all edges of laws."""
         return [k for k, action in enumerate(self.actions) for _ in action.law.edges]

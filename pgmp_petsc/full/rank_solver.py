@@ -16,7 +16,7 @@ import numpy as np
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.surroundings import Comm, needs_petsc
 from pgmp_petsc.full.batched_ldl import Pattern, Symbolic
-from pgmp_petsc.ranks.petsc import petsc_solver
+from pgmp_petsc.ranks.petsc import mumps_factor, petsc_solver, use_cholesky
 
 PREFIX = "pgmp_full_"
 SPARE_MEMORY, MOST_SPARE_MEMORY = 20, 5000  # per cent of what MUMPS foresees, its ICNTL(14): its default, and the most
@@ -141,9 +141,7 @@ class RankSolver:
         needed.destroy()
         self._ksp = PETSc.KSP().create(comm)
         self._ksp.setOptionsPrefix(PREFIX)
-        self._ksp.setType(PETSc.KSP.Type.PREONLY)
-        self._ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
-        self._ksp.getPC().setFactorSolverType("mumps")
+        use_cholesky(self._ksp)
         self._ksp.setOperators(self._matrix)
         self._spare, self._finite_matrix = SPARE_MEMORY, True
         with petsc_solver(PREFIX, "full-order linear solver"):
@@ -205,21 +203,16 @@ class RankSolver:
 
     def _prepare(self) -> None:
         """Set what MUMPS reads at its analysis; the user's options come after and win."""
-        if self._direct():
-            preconditioner = self._ksp.getPC()
-            preconditioner.setFactorSetUpSolverType()
-            factor = preconditioner.getFactorMatrix()
+        factor = mumps_factor(self._ksp)
+        if factor is not None:
             factor.setOptionsPrefix(PREFIX)  # else it gets one too late for its options
             factor.setMumpsIcntl(14, self._spare)
             factor.setMumpsIcntl(12, PAIRS)
             factor.setMumpsIcntl(8, SCALING)
 
     def _short_of_memory(self) -> bool:
-        return self._direct() and self._ksp.getPC().getFactorMatrix().getMumpsInfog(1) in SHORT_OF_MEMORY
-
-    def _direct(self) -> bool:
-        preconditioner = self._ksp.getPC()
-        return preconditioner.getType() in ("cholesky", "lu") and preconditioner.getFactorSolverType() == "mumps"
+        factor = mumps_factor(self._ksp)
+        return factor is not None and factor.getMumpsInfog(1) in SHORT_OF_MEMORY
 
     def _solve_once(self) -> bool:
         try:

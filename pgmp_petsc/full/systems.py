@@ -34,15 +34,7 @@ from pgmp_petsc.lanes.lane_items import SampleBlocks, aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.outputs.joint_forces import OfConnection
-from pgmp_petsc.stepping.second_order_system import (
-    Energies,
-    Scheme,
-    SecondOrderSystem,
-    Settled,
-    State,
-    StepsAsked,
-    StepsTaken,
-)
+from pgmp_petsc.stepping.second_order_system import Energies, Scheme, SecondOrderSystem, State, StepsAsked, StepsTaken
 from pgmp_petsc.stepping.status import Status
 
 # A call from Python costs what some tens of steps of a small mechanism do. What lies behind an edge that is crossed is
@@ -56,26 +48,20 @@ Gains = tuple[float, float, float]  # of velocities, accelerations and stiffness
 class FullSystem(SecondOrderSystem, AbstractContextManager):
     """Full-order samples, whose states a subclass lays out in arrays.
 
-    They start from `settled`, the static equilibrium of every sample, or, where joints that are off deform the
-    mechanism, from `built_in`, unknowns and velocities, each (n_dofs, 1 or n_samples); without these the mechanism is
-    undeformed. `sources` change with time, and `comm` shares the model.
+    Whoever makes them may let them start from `settled`, the static equilibrium of every sample, or, where joints that
+    are off deform the mechanism, from `built_in`, unknowns and velocities, each (n_dofs, 1 or n_samples); without these
+    the mechanism is undeformed. `sources` change with time, and `comm` shares the model.
     """
 
-    def __init__(
-        self,
-        equations: FullEquations,
-        comm: Comm,
-        n_samples: int,
-        sources: Sources,
-        settled: Settled | None,
-        built_in: tuple[np.ndarray, np.ndarray] | None,
-    ) -> None:
-        self.comm, self.n_samples, self.settled, self.built_in = comm, n_samples, settled, built_in
+    def __init__(self, equations: FullEquations, comm: Comm, n_samples: int, sources: Sources) -> None:
+        self.comm, self.n_samples = comm, n_samples
         self.values = equations.values  # of the parameters, each of shape (n_samples,)
-        self._equations, self._sources, self._reference = equations, sources, Reference(equations.problem)
+        self._equations, self._sources = equations, sources
+        self._reference = self._of_unknowns = Reference(equations.problem)
         self._actions = Reference(equations.problem.actions)
-        self.n_dofs, self.n_constraints = equations.n_dofs, equations.constraints.n_constraints
-        self.moving_constraints = equations.moving_constraints
+        constraints = equations.constraints
+        self.n_dofs, self.n_constraints = equations.n_dofs, constraints.n_constraints
+        self.moving_constraints = not constraints.linear or constraints.n_driven > 0
         self._conservative = np.array([effect.conservative for effect in equations.loads], dtype=bool)
         self._names = EnergyNames.of(equations, sources.motions)
 
@@ -130,7 +116,6 @@ class FullSystem(SecondOrderSystem, AbstractContextManager):
         return self._equations.constraints.rates(q, v, driven(self._sources.motions, time).speed)
 
     def start(self) -> State:
-        """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
         found = self._begun.copy()
         if self.beside is not None:
             self.beside.start(found)
@@ -197,7 +182,6 @@ class FullSystem(SecondOrderSystem, AbstractContextManager):
         raise NotImplementedError
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
-        """Do one Newton correction; see `SecondOrderSystem.correct`."""
         return self._correct(time, state, (scheme.gain_v, scheme.gain_a, 1.0), self._itself, active, fresh)
 
     def _correct(
@@ -245,7 +229,12 @@ class FullSystem(SecondOrderSystem, AbstractContextManager):
     def unknowns_over(self, states: State) -> list[np.ndarray]:
         """Return unknowns, velocities and accelerations of states with a leading axis of n_t instants, (n_dofs, n_t
         n_samples) each, instant after instant, on every rank."""
-        return [self._columns(part) for part in (states.q, states.v, states.a)]
+        every = self._in_unknowns(states)
+        return [self._columns(part) for part in (every.q, every.v, every.a)]
+
+    def _in_unknowns(self, states: State) -> State:
+        """Return states with a leading axis in the unknowns of all frames."""
+        return states
 
     def _columns(self, parts: np.ndarray) -> np.ndarray:
         """Return unknowns of states with a leading axis of n_t instants as (n, n_t n_samples)."""
@@ -261,8 +250,8 @@ class FullBatch(FullSystem):
 
     Arrays have shape (n_blocks, n, n_lanes); see `SampleBlocks`. Parameter values of the samples have shape
     (n_samples,), `initial` positions (rad) and velocities (rad/s) of the rigid coordinates shape (n_theta,) each, and
-    `motions` are prescribed ones by the number of their coordinate; for `settled` and `built_in` see `FullSystem`. What
-    is to be stepped `in_joints`, by a `JointBatch`, has no matrix of its own.
+    `motions` are prescribed ones by the number of their coordinate. What is to be stepped `in_joints`, by a
+    `JointBatch`, has no matrix of its own.
     """
 
     _joints: Reference | None = None  # in joint coordinates what these are
@@ -277,14 +266,12 @@ class FullBatch(FullSystem):
         initial: tuple[np.ndarray, np.ndarray],
         n_samples: int,
         motions: Mapping[int, Motion],
-        settled: Settled | None = None,
-        built_in: tuple[np.ndarray, np.ndarray] | None = None,
         in_joints: bool = False,
     ) -> None:
         blocks = self._blocks = SampleBlocks.of(n_samples)
         equations = FullEquations(kinematics, effects, values, blocks, initial, in_joints=in_joints)
         sources = equations.sources(effects, tuple(motions.values()))
-        super().__init__(equations, alone(), n_samples, sources, settled, built_in)
+        super().__init__(equations, alone(), n_samples, sources)
         self.n_events = len(equations.edges)
         self._bound_calls()
         n = self.n_dofs + self.n_constraints
@@ -308,11 +295,9 @@ class FullBatch(FullSystem):
 
     @property
     def instants_at_once(self) -> int:
-        """See `FullSystem`."""
         return max(1, STATES_AT_ONCE // self.n_samples)
 
     def steps_between_looks(self, every: int | None) -> int:
-        """Return how many steps make one of PETSc's TS where it does not look; see `SecondOrderSystem`."""
         return STEPS_AT_ONCE
 
     def under(self, effects: Sequence[Effect], motions: Mapping[int, Motion]) -> Self:
@@ -351,18 +336,18 @@ class FullBatch(FullSystem):
         return blocks.unpack(found)
 
     def unpack(self, array: np.ndarray) -> np.ndarray:
-        """Return a state's array as (n, n_samples)."""
         return self._blocks.unpack(array)
 
-    def pack(self, rows: np.ndarray) -> np.ndarray:
-        """Return rows of shape (n, n_samples), or the same ones for all samples, as a state's array."""
-        return self._blocks.pack(np.broadcast_to(rows, (len(rows), self.n_samples)))
+    def turns(self, theta: np.ndarray) -> np.ndarray:
+        """Return the angles that turns are counted from at coordinates (n_theta, n), rad, shape (n_turns, n)."""
+        return self._equations.turns(theta)
+
+    def pack(self, rows: np.ndarray, place: int = 0) -> np.ndarray:
+        """Return rows of shape (..., n_samples), or the same ones for all samples, as a state's array; behind a leading
+        axis of instants the place of the blocks is 1."""
+        return self._blocks.pack(np.broadcast_to(rows, (*rows.shape[:-1], self.n_samples)), place)
 
     _against = pack
-
-    def pack_over(self, rows: np.ndarray) -> np.ndarray:
-        """Return rows at instants, shape (n_t, n, n_samples), as an array of states with a leading axis."""
-        return self._blocks.pack(rows, 1)
 
     def _state(self, q: np.ndarray, v: np.ndarray, turns: np.ndarray) -> State:
         nothing, unbound = np.zeros((self.n_dofs, 1)), np.zeros((self.n_constraints, 1))
@@ -388,20 +373,14 @@ class FullBatch(FullSystem):
         q, v, a, multipliers, turns = states.parts()
         trial = q.copy(), v.copy(), np.zeros_like(a), multipliers.copy(), np.ascontiguousarray(turns)
         everyone, size = np.ones(self.n_samples, dtype=bool), np.empty((len(times), *self._typical_mass.shape))
-        residual = self.pack_over(drift)
+        residual = self.pack(drift, 1)
         self._correct_over(np.array(times), trial, (0.0, 1.0, 0.0), residual, everyone, True, size)
         return replace(states, a=trial[2], multipliers=trial[3])
 
     def limited(self) -> np.ndarray:
-        """Return the samples of which a law was limited in the last correction."""
         return self._blocks.unpack(np.isinf(self._equations.problem.actions.about).any(axis=1))
 
-    def turns(self, theta: np.ndarray) -> np.ndarray:
-        """Return the angles that turns are counted from at coordinates (n_theta, n), rad, shape (n_turns, n)."""
-        return self._equations.turns(theta)
-
     def count_turns(self, state: State) -> None:
-        """Take note of the angles at an instant that is kept."""
         for q, turns in zip(state.q, state.turns):
             count_turns(self._reference, q, turns)
 
@@ -436,7 +415,6 @@ class FullBatch(FullSystem):
         return StepsTaken(states, auxiliary, contraction, lost.ravel()[: self.n_samples], n_corrections)
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
-        """Put samples back."""
         chosen = self._blocks.mask(samples)[:, None, :]
         for now, before in zip(state.parts(), previous.parts()):
             np.copyto(now, before, where=chosen)
@@ -444,7 +422,6 @@ class FullBatch(FullSystem):
     restore_all = restore
 
     def depths(self, time: float, state: State) -> np.ndarray:
-        """Return how far each edge is crossed, shape (n_events, n_samples)."""
         return self._blocks.unpack(np.array(self._depths(self._sources.amplitudes(np.array([time]))[0], state)))
 
     def measured(self, state: State) -> np.ndarray:
@@ -457,7 +434,7 @@ class FullBatch(FullSystem):
 
     def _depths(self, amplitudes: np.ndarray, state: State) -> list[np.ndarray]:
         """Evaluate the actions of all blocks; return how far edges are crossed, (n_events, n_lanes) each."""
-        problem, found = self._equations.problem, []
+        problem, found, state = self._equations.problem, [], self._in_unknowns(state.alone).at(0)
         for block in range(self._blocks.n_blocks):
             turns = state.turns[block, len(state.turns[block]) - len(problem.actions.dofs) :]
             now = act(
@@ -467,25 +444,21 @@ class FullBatch(FullSystem):
         return found
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
-        """Return why samples fail; see `SecondOrderSystem.reasons`."""
         finite = np.isfinite(self.unpack(state.v)[:, samples]).all(axis=0)
         return np.where(finite, Status.NOT_CONVERGED, Status.NOT_FINITE)
 
     def multipliers(self, state: State) -> np.ndarray:
-        """Return the multipliers of the constraints, shape (n_constraints, n_samples)."""
         return self._blocks.unpack(state.multipliers)
 
     def frames_over(self, states: State) -> np.ndarray:
-        """Return the frames of all nodes in states with a leading axis; see `FullSystem`."""
-        return self._equations.frames(self._columns(states.q), self._columns(states.turns))
+        every = self._in_unknowns(states)
+        return self._equations.frames(self._columns(every.q), self._columns(every.turns))
 
     def energies_over(self, times: Sequence[float], states: State) -> Energies:
-        """Return energies and powers in states with a leading axis; see `FullSystem`."""
-        n, shape = self._blocks.n_blocks, states.q.shape[:2]
-        flat = states.merged()
+        n, shape, flat = self._blocks.n_blocks, states.q.shape[:2], self._in_unknowns(states).merged()
         strengths, blocks = self._sources.at(np.repeat(times, n)), np.tile(np.arange(n), len(times))
         table = energies_of(
-            self._reference, self._conservative, strengths, blocks, flat.q, flat.v, flat.multipliers, flat.turns
+            self._of_unknowns, self._conservative, strengths, blocks, flat.q, flat.v, flat.multipliers, flat.turns
         )  # fmt: skip
         return self._names.energies(self._columns(table.reshape(*shape, *table.shape[1:])))
 

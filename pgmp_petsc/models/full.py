@@ -124,10 +124,8 @@ class FullModel(Model):
         settled = sized.settled(values, n_samples) if self.scene.initial.equilibrium else None
         start = sized.start_of_samples(values, n_samples)
         built_in = sized.built_in(values, start, n_samples) if settled is None else None
-        system = FullBatch(
-            sized.kinematics, sized._effects, values, start, n_samples, sized._motions, settled, built_in,
-            self.in_joints,
-        )  # fmt: skip
+        system = FullBatch(sized.kinematics, sized._effects, values, start, n_samples, sized._motions, self.in_joints)
+        system.settled, system.built_in = settled, built_in
         return sized.controlled(JointBatch(system) if self.in_joints else system, values)
 
     def controlled(
@@ -206,7 +204,8 @@ class FullModel(Model):
         start = (positions, rates.reshape(-1)) if settled is None else (settled.theta[0], np.zeros(len(positions)))
         built_in = sized._built_in(values, start[1], comm) if settled is None and sized.is_off else None
         equations = sized._equations(sized.kinematics, values, start, comm)
-        system = FullDistributed(equations, comm, sized._motions, settled, built_in)
+        system = FullDistributed(equations, comm, sized._motions)
+        system.settled, system.built_in = settled, built_in
         return sized.controlled(system, {name: np.array([value]) for name, value in values.items()})
 
     def _equations(
@@ -228,7 +227,7 @@ class FullModel(Model):
         theta = self._start[0]
         held = self.kinematics.held()
         equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm)
-        with FullStatics(equations, theta.size, comm) as statics:
+        with FullStatics(equations, comm) as statics:
             settled = settle(statics, theta[None], search_of(self.scene, self.kinematics.mechanism))
         if self.is_off and not settled.reasons:
             self._require_held(settled.unknowns, theta)
@@ -250,7 +249,7 @@ class FullModel(Model):
         held = self.kinematics.held()
         springs = springs_of_joints(self.scene, held.mechanism)
         equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm, springs)
-        with FullStatics(equations, theta.size, comm) as statics:
+        with FullStatics(equations, comm) as statics:
 
             def deformed(at: np.ndarray) -> np.ndarray:
                 _, lost = statics.hold(at[None], np.ones(1, dtype=bool))

@@ -289,6 +289,23 @@ def transposed_times(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
     return _apply(matrix.multTranspose, x, y, columns)
 
 
+def use_cholesky(ksp: PETSc.KSP) -> None:
+    """Let MUMPS solve; options may choose otherwise."""
+    ksp.setType("preonly")
+    pc = ksp.getPC()
+    pc.setType("cholesky")
+    pc.setFactorSolverType("mumps")
+
+
+def mumps_factor(ksp: PETSc.KSP) -> PETSc.Mat | None:
+    """Return MUMPS' matrix, which need not be factorised; None where the user has chosen another solver."""
+    pc = ksp.getPC()
+    if pc.getType() not in ("cholesky", "lu") or pc.getFactorSolverType() != "mumps":
+        return None
+    pc.setFactorSetUpSolverType()
+    return pc.getFactorMatrix()
+
+
 def solve_columns(factor: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
     """Return the inverse of a factorised matrix times local columns (n_local, k)."""
     right = _dense(columns, factor.getSize()[0], factor.getComm())

@@ -86,18 +86,17 @@ def build_rom(
 
     Modes are taken at the scene's nominal parameters, of the mesh of every body, by groups of ranks that share an
     eigenproblem. `scramble` is applied to every mode set as it leaves the eigensolver; it lets tests spoil signs and
-    order. The checkpoint has what is finished already, and keeps finished parts, but where lengths are parameters.
+    order. The checkpoint has what is finished already, and keeps finished parts.
     Where the scene gives no number of modes, and its default cannot be followed, fewer are taken. Raises `InputError`
     and `RunError` on all ranks, whichever rank met it.
     """
     check_capabilities(scene, Purpose.BUILD, meshes)
 
     def built(own: Scene, shapes: Mapping[str, BodyShape], *of_lengths: Any) -> ReducedOrderModel | None:
-        return _condensed_and_built(own, shapes, group, _Way(scramble, checkpoint, *of_lengths))
+        part = None if checkpoint is None else checkpoint.of(own)
+        return _condensed_and_built(own, shapes, group, _Way(scramble, part, *of_lengths))
 
     over_lengths, tried = bool(length_names(scene)), scene
-    if over_lengths:
-        checkpoint = None  # it is of one mechanism
     while True:
         try:
             found = build_over_lengths(tried, meshes, built, group.world) if over_lengths else built(tried, meshes)
@@ -111,7 +110,6 @@ def build_rom(
             "cannot be followed over the configurations; more reduction.angles may let them"
         )
         tried = scene.with_entries(reduction={"modes": n_modes}).with_remarks((*scene.remarks, fewer))
-        checkpoint = None  # what was finished is of other modes
     if found is None or tried is scene:
         return found
     return replace(found, record=replace(found.record, scene_toml=scene_to_toml(scene)))

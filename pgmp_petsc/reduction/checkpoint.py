@@ -13,9 +13,10 @@ import hashlib
 import io
 import time
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import h5py
 import numpy as np
@@ -50,39 +51,53 @@ class SceneCheckpoint(SharedCheckpoint):
         super().__init__(output, {"format": self.format, **kind, **known}, comm, resume, self.readers)
 
 
-def _samples_of(name: str, arrays: Mapping[str, np.ndarray]) -> dict[bytes, dict[str, np.ndarray]]:
-    """Return finished samples by the bytes of their configuration."""
+def _samples_of(name: str, arrays: Mapping[str, np.ndarray]) -> dict[tuple[str, bytes], dict[str, np.ndarray]]:
+    """Return finished samples by what tells their scene, and the bytes of their configuration."""
     joined = dict(arrays)
+    scene = str(joined.pop("scene"))
     if joined.keys() != (wanted := {item.name for item in fields(Sample)} | {"theta"}):
         raise ValueError(f"samples have the arrays {', '.join(sorted(joined))}, not {', '.join(sorted(wanted))}")
     if len({len(part) for part in joined.values()}) > 1:
         raise ValueError("its arrays are not of one number of samples")
     configurations = joined.pop("theta")
-    return {theta.tobytes(): {key: part[k] for key, part in joined.items()} for k, theta in enumerate(configurations)}
+    found = ({key: part[k] for key, part in joined.items()} for k in range(len(configurations)))
+    return {(scene, theta.tobytes()): sample for theta, sample in zip(configurations, found)}
 
 
-def _component(name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, Component]:
-    """Return a condensed body by its name."""
+def _component(name: str, arrays: Mapping[str, np.ndarray]) -> dict[tuple[str, str], Component]:
+    """Return a condensed body by what tells its scene, and its name."""
     with h5py.File(io.BytesIO(arrays["content"].tobytes()), "r") as file:
-        return {str(arrays["body"]): BodyFile.take(file).shape}
+        return {(str(arrays["scene"]), str(arrays["body"])): BodyFile.take(file).shape}
 
 
 class BuildCheckpoint(SceneCheckpoint):
     """The finished part of a build from a scene and meshes; a checkpoint of others is refused.
 
-    `components` are bodies that are condensed already, by name.
+    Lengths as parameters take a build at each of several, modes that cannot be followed another one with fewer: each
+    has its own part (`of`). `components` are bodies that are condensed already, by name.
     """
 
-    format, readers = 10, {"samples-*": _samples_of, "component-*": _component}
+    format, readers = 11, {"samples-*": _samples_of, "component-*": _component}
 
     def __init__(
         self, output: Path, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, resume: bool
     ) -> None:
         self._group = group
         super().__init__(output, {}, scene, meshes, group.world, resume)
-        self._samples_of, self.components = self._known
+        self._begin(scene)
+
+    def _begin(self, scene: Scene) -> None:
+        self._scene = identity(scene_to_toml(scene))
+        self._samples_of, components = self._known
+        self.components = {name: one for (own, name), one in components.items() if own == self._scene}
         self._waiting: list[dict[str, np.ndarray]] = []
         self._written = time.monotonic()
+
+    def of(self, scene: Scene) -> Self:
+        """Return the part of the build of a scene."""
+        part = copy(self)
+        part._begin(scene)
+        return part
 
     def add_component(self, name: str, component: Component) -> None:
         """Keep a condensed body; by the first rank of its group."""
@@ -92,11 +107,12 @@ class BuildCheckpoint(SceneCheckpoint):
         with h5py.File(stream, "w") as file:
             BodyFile.unfinished(component).put(file)
         content = np.frombuffer(stream.getvalue(), np.uint8)
-        self._folder.put(f"component-{name}", {"body": np.array(name), "content": content})
+        known = {"scene": np.array(self._scene), "body": np.array(name)}
+        self._folder.put(f"component-{self._scene}-{name}", {**known, "content": content})
 
     def sample(self, theta: np.ndarray, problem: ModalProblem) -> Sample | None:
         """Return the finished sample at a configuration (n_theta,), the problem's rows of it, or None."""
-        found = self._samples_of.get(theta.tobytes())
+        found = self._samples_of.get((self._scene, theta.tobytes()))
         if found is None:
             return None
         rows = slice(problem.rows.start, problem.rows.stop)
@@ -116,7 +132,7 @@ class BuildCheckpoint(SceneCheckpoint):
             # the name is new: a resumed build adds to the files that are there
             stamp = time.time_ns()
             joined = {key: np.array([arrays[key] for arrays in self._waiting]) for key in self._waiting[0]}
-            self._folder.put(f"samples-{stamp}-{self._group.index}", joined)
+            self._folder.put(f"samples-{stamp}-{self._group.index}", {**joined, "scene": np.array(self._scene)})
         self._waiting, self._written = [], time.monotonic()
 
 

@@ -40,13 +40,12 @@ from pgmp_petsc.base.errors import InputError, PgmpError, RunError, counted
 from pgmp_petsc.base.progress import announce
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.ending import keep_no_longer, remove_at_end
-from pgmp_petsc.ranks.petsc import petsc_solver, solve_columns
+from pgmp_petsc.ranks.petsc import mumps_factor, petsc_solver, solve_columns, use_cholesky
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
 
-MUMPS = "mumps"
 OUT_OF_CORE, MOST_MEMORY, NULL_PIVOTS, DISCARD = 22, 23, 24, 31  # numbers of MUMPS' settings ICNTL
 TOO_LITTLE = (-8, -9, -13, -19)  # INFOG(1): what there is, or may be had, does not hold the factor
 NUMBERS = 3  # INFO: of this rank's factor by the analysis; millions of them if it is negative
@@ -114,7 +113,7 @@ class ShiftedFactor:
             if self._lacks_memory():
                 self._turn_to_files(what)
                 self._set_up(True)
-        factor = self._mumps_factor()
+        factor = mumps_factor(self._ksp)
         if factor is not None and factor.getMumpsInfog(1) == NO_FILES:
             factor.incRef()  # its end would fail as well, and PETSc with it: it is left to that of the process
         check_factor(self._ksp, what, self._files)
@@ -128,18 +127,10 @@ class ShiftedFactor:
         """Return the number of eigenvalues of (A, B) below sigma, B positive definite."""
         return int(self._ksp.getPC().getFactorMatrix().getInertia()[0])
 
-    def _mumps_factor(self) -> PETSc.Mat | None:
-        """Return MUMPS' matrix, which need not be factorised; None where the user has chosen another solver."""
-        pc = self._ksp.getPC()
-        if pc.getType() not in ("cholesky", "lu") or pc.getFactorSolverType() != MUMPS:
-            return None
-        pc.setFactorSetUpSolverType()
-        return pc.getFactorMatrix()
-
     def _set_up(self, fresh: bool) -> None:
         """Factorise the shifted matrix, after an analysis where its pattern is new."""
         self._ksp.setOperators(self._matrix)
-        factor = self._mumps_factor()
+        factor = mumps_factor(self._ksp)
         if fresh and factor is not None:
             self._prepare(factor)
         with nullcontext() if self._files is None else self._files.used():
@@ -166,7 +157,7 @@ class ShiftedFactor:
 
     def _lacks_memory(self) -> bool:
         """Return whether the factor failed for lack of memory and may be kept in files. Files are tried once."""
-        factor = self._mumps_factor()
+        factor = mumps_factor(self._ksp)
         if factor is None or self._counts or self._files is not None or self._given():
             return False
         return factor.getMumpsInfog(1) in TOO_LITTLE
@@ -174,7 +165,8 @@ class ShiftedFactor:
     def _turn_to_files(self, what: str) -> None:
         """Drop a factor that failed; the next one goes into files."""
         comm, size = self._ksp.getComm(), self._matrix.getSize()[0]
-        needed, numbers = 1e-3 * self._mumps_factor().getMumpsInfog(17), self._mumps_factor().getMumpsInfo(NUMBERS)
+        factor = mumps_factor(self._ksp)
+        needed, numbers = 1e-3 * factor.getMumpsInfog(17), factor.getMumpsInfo(NUMBERS)
         self._ksp.reset()
         self._open_files()
         with agreed(comm.tompi4py(), "space for a factor"):
@@ -192,22 +184,13 @@ class ShiftedFactor:
             self._files = FactorFiles()
 
 
-def use_cholesky(ksp: PETSc.KSP) -> None:
-    """Let MUMPS solve; options may choose otherwise."""
-    ksp.setType("preonly")
-    pc = ksp.getPC()
-    pc.setType("cholesky")
-    pc.setFactorSolverType(MUMPS)
-
-
 def check_factor(ksp: PETSc.KSP, what: str, files: FactorFiles | None = None) -> None:
     """Raise where a direct solver's last factorisation, or its last solve, failed. Collective on the solver.
 
     Raises `RunError`, with MUMPS' own error and the size of the system.
     """
-    pc = ksp.getPC()
-    factor = pc.getFactorMatrix() if pc.getType() in ("cholesky", "lu") else None
-    if factor and factor.handle and pc.getFactorSolverType() == MUMPS and factor.getMumpsInfog(1) < 0:
+    factor = mumps_factor(ksp)
+    if factor is not None and factor.getMumpsInfog(1) < 0:
         raise RunError(
             f"{what}: MUMPS failed on {factor.getSize()[0]} unknowns with INFOG(1) = {factor.getMumpsInfog(1)}, "
             f"INFOG(2) = {factor.getMumpsInfog(2)}{_meaning(factor.getMumpsInfog(1), files)}"
@@ -516,11 +499,11 @@ class ShiftInvertSolver:
         Raises `RunError` if the factorisation fails.
         """
         self._eps.setOperators(a, b)
-        ksp = self._eps.getST().getKSP()
-        with petsc_solver(self._prefix, f"factorisation with the shift {self.shift:.6g}"):
+        ksp, what = self._eps.getST().getKSP(), f"factorisation with the shift {self.shift:.6g}"
+        with petsc_solver(self._prefix, what):
             self._eps.setUp()
             ksp.setUp()
-        check_factor(ksp, f"factorisation with the shift {self.shift:.6g}")
+        check_factor(ksp, what)
 
     def apply_inverse(self, columns: np.ndarray) -> np.ndarray:
         """Return ``(A - sigma B)^-1`` times local columns (n_local, k), with the last factor.

@@ -65,10 +65,8 @@ class EdgeSearch(NamedTuple):
     @classmethod
     def of(cls, n_events: int) -> EdgeSearch:
         """Return arrays for the search in a block."""
-        whole, lengths = (np.empty((n, LANES), dtype=kind) for n, kind in ((5, np.int64), (3, float)))
-        of_edges, bracket = (np.empty((n_events, LANES), dtype=kind) for kind in (float, bool)), np.empty((8, LANES))
-        depths, beyond = of_edges
-        return cls(*whole, *lengths, depths, bracket, beyond)
+        whole, lengths, bracket = np.empty((5, LANES), dtype=np.int64), np.empty((3, LANES)), np.empty((8, LANES))
+        return cls(*whole, *lengths, np.empty((n_events, LANES)), bracket, np.empty((n_events, LANES), dtype=bool))
 
 
 @njit(inline="always")
@@ -256,7 +254,8 @@ class EventLocation:
 
     def __init__(self, system: SecondOrderSystem, stepper: AlphaStep, start: State) -> None:
         self._system, self._stepper = system, stepper
-        self.beyond = system.depths(0.0, start) > 0.0
+        known = system.depths(0.0, start) if system.n_events else np.zeros((0, system.n_samples))
+        self.beyond = known > 0.0
         self.shortest = np.full(system.n_samples, np.inf)
         self._last = np.full(self.beyond.shape, -np.inf)
 
@@ -268,14 +267,16 @@ class EventLocation:
 
     def crossing(self, end: float, state: State, samples: np.ndarray) -> np.ndarray:
         """Return which of some samples, a mask, are beyond other edges at the end of a step than at its beginning."""
+        if not len(self.beyond):
+            return np.zeros_like(samples)
         return samples & np.any((self._system.depths(end, state) > 0.0) != self.beyond, axis=0)
 
     def repeat_steps(self, before: Moment, after: Moment, end: float, step: float, samples: np.ndarray) -> np.ndarray:
         """Repeat steps that cross edges, to their `end` and of a length, s, into `after`; return the samples whose
         iteration failed. Samples are a mask, shape (n_samples,)."""
         lost = np.zeros_like(samples)
-        with log_event("contacts"):
-            for sample in np.flatnonzero(samples):
+        for sample in np.flatnonzero(samples):
+            with log_event("contacts"):
                 lost |= self._repeat(before, after, end, step, np.arange(samples.size) == sample)
         return lost
 

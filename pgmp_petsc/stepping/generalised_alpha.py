@@ -40,20 +40,6 @@ MOST_AT_ONCE = 4000  # steps in one of the TS
 DIVISORS = (1, 2, 4, 8)  # of the scene's step; the last is as far as a first try may be from a good step
 RETRIED = (Status.NOT_CONVERGED, Status.NOT_FINITE, Status.SOLVER_FAILED, Status.BROKE_DOWN)
 
-EachStep = Callable[[int, float, State], object]
-
-
-class Called(Observer):
-    """A function that sees each state."""
-
-    def __init__(self, function: EachStep) -> None:
-        self._function = function
-
-    def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        """See the states after some steps."""
-        for k, (number, time) in enumerate(zip(numbers.tolist(), times.tolist())):
-            self._function(number, time, states.at(k))
-
 
 @dataclass(frozen=True)
 class Together(Observer):
@@ -63,11 +49,9 @@ class Together(Observer):
 
     @property
     def every(self) -> int:
-        """Steps of which one is to be seen."""
         return gcd(*(observer.every for observer in self.observers))
 
     def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        """Show the states after some steps to all."""
         for observer in self.observers:
             observer.over(numbers, times, states)
 
@@ -81,7 +65,6 @@ class StateRecord(Observer):
         self._states: list[State] = []
 
     def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        """Keep the states after some steps."""
         self._times.append(times)
         self._states.append(states)
         self._pulse(int(np.count_nonzero(numbers)))
@@ -139,8 +122,7 @@ class GeneralisedAlpha:
             first = first_accelerations(system, start, self._step, self._alive, spectral_radius)
             self._stepper.count(first.n_iterations, 0, 0)
             self._moment = standing(replace(start, a=first.a), first.auxiliary, system.n_samples)
-        self._events = EventLocation(system, self._stepper, start) if system.n_events else None
-        self._beyond = np.zeros((0, alive.size), dtype=bool) if self._events is None else self._events.beyond
+        self._events = EventLocation(system, self._stepper, start)
         self._observer, self._pulse = observer, pulse
         if observer is not None:
             observer.over(np.array([0]), np.zeros(1), begun)
@@ -154,7 +136,7 @@ class GeneralisedAlpha:
     def shortest_crossing(self) -> np.ndarray:
         """Time between two crossings of an edge, the shortest of every sample, shape (n_samples,), s; infinite where no
         edge was crossed twice."""
-        return np.full(self._alive.size, np.inf) if self._events is None else self._events.shortest
+        return self._events.shortest
 
     def advance(self) -> None:
         """Advance all living samples to the next stop."""
@@ -187,8 +169,9 @@ class GeneralisedAlpha:
             first = int(at[todo].min())
             together, ends = todo & (at == first), self.instants[first + 1 : last + 1]
             stretch = Stretch(
-                self._moment, first, ends, self._step, scheme, together, self._beyond, shown, trail, self.counted
-            )
+                self._moment, first, ends, self._step, scheme, together, self._events.beyond, shown, trail,
+                self.counted,
+            )  # fmt: skip
             outcome, n_steps = self._stepper.advance(stretch)
             at[together] += n_steps[together]
             # one that is through its step with care is not to be taken up with others that are stuck in the next one
@@ -240,9 +223,8 @@ class GeneralisedAlpha:
         after, failed = standing(before.state.copy(), before.auxiliary.copy(), samples.size), np.zeros_like(samples)
         if lost.any():
             after, failed = self._stepper.retry(before, end, self._step, lost)
-        if self._events is not None:
-            crossing |= self._events.crossing(end, after.state, lost & ~failed)
-            failed |= self._events.repeat_steps(before, after, end, self._step, crossing)
+        crossing |= self._events.crossing(end, after.state, lost & ~failed)
+        failed |= self._events.repeat_steps(before, after, end, self._step, crossing)
         if self._parts > 1 and failed.any():
             failed = self._advance_in_parts(before, after, number, failed)
         if failed.any():
@@ -261,15 +243,14 @@ class GeneralisedAlpha:
         begin, step, lost = float(self.instants[number]), self._step / self._parts, np.zeros_like(samples)
         ahead = before.state.a + (before.auxiliary - before.state.a) / self._parts
         moment = standing(before.state, ahead, samples.size)
-        events = None if self._events is None else self._events.by(self._finer)
+        events = self._events.by(self._finer)
         self.divided.append((number, samples.copy()))
         ends = np.append(begin + step * np.arange(1, self._parts), self.instants[number + 1])
         for end in ends.tolist():
             going = samples & ~lost
             reached, failed = self._finer.take_one(moment, end, step, going)
-            if events is not None:
-                crossing = events.crossing(end, reached.state, going & ~failed)
-                failed |= events.repeat_steps(moment, reached, end, step, crossing)
+            crossing = events.crossing(end, reached.state, going & ~failed)
+            failed |= events.repeat_steps(moment, reached, end, step, crossing)
             lost, moment = lost | failed, reached
             if not (samples & ~lost).any():
                 break
@@ -294,11 +275,6 @@ class Run:
     n_steps: int  # number of steps
     counted: np.ndarray  # see `AlphaStep`
 
-    @property
-    def n_iterations(self) -> int:
-        """Newton corrections of all samples together."""
-        return int(self.counted[0])
-
 
 def instants(duration: float, n_steps: int) -> np.ndarray:
     """Return the times of equal steps, without the round-off of their sum, shape (n_steps + 1,); the last is the
@@ -319,16 +295,16 @@ def integrate(
     system: SecondOrderSystem,
     simulation: Simulation,
     alive: np.ndarray | None = None,
-    observer: Observer | EachStep | None = None,
+    observer: Observer | None = None,
     prefix: str = PREFIX,
     pulse: Callable[[float], object] | None = None,
 ) -> Run:
     """Integrate a system over a scene's duration, all its samples or those `alive`, (n_samples,). Collective on
     ``system.comm``.
 
-    The observer sees the start and the states after steps; a function is called with number, time and state of each.
-    The prefix is that of the options that reach this integration. The pulse is called at every step of the driver,
-    which may be many of the integrator's, with the share of all steps that are behind it.
+    The observer sees the start and the states after steps. The prefix is that of the options that reach this
+    integration. The pulse is called at every step of the driver, which may be many of the integrator's, with the share
+    of all steps that are behind it.
 
     Raises `InputError` if an option of PETSc would change what the scene asks for; `RunError` if the run ends early,
     with PETSc's reason. A sample that fails ends nothing: it is a status.
@@ -337,8 +313,6 @@ def integrate(
     if alive is None:
         alive = np.ones(system.n_samples, dtype=bool)
     n_steps = simulation.n_steps
-    if observer is not None and not isinstance(observer, Observer):
-        observer = Called(observer)
     at_once = system.steps_between_looks(None if observer is None else observer.every)
     stops = stops_of(n_steps, min(at_once, MOST_AT_ONCE), prefix)
     radius, duration = simulation.spectral_radius, simulation.duration

@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.mechanism.mechanism import Coordinate
 
 # What surrounds a call takes the time of some hundred steps of a single sample in compiled code; where Python goes from
@@ -192,7 +193,6 @@ class PooledObserver(Observer):
         raise NotImplementedError
 
     def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
-        """Take in the states after some steps."""
         first = 0
         while first < times.size:
             room = self._at_once + self._n_seen - len(self.times)
@@ -240,47 +240,13 @@ class Settled:
         return state
 
 
-class Beside(Protocol):
-    """States beside the mechanics; a step takes them along (`alpha_step.iterate`)."""
-
-    jumps: bool  # whether forces jump between two steps
-    now: np.ndarray  # forces at the instant that was reached last, before and after they jump, (n_samples, 2, n_names)
-    n_carried: int  # forces that joints carry, which are found between corrections
-    unsettled: np.ndarray | bool  # mask (n_samples,) of samples whose forces changed between the last two corrections
-    holds: bool  # whether nothing of it changes but between two steps
-
-    def start(self, state: State) -> None:
-        """Begin a run, before the first accelerations are known."""
-
-    def settle(self, state: State) -> bool:
-        """Take note of the first accelerations; return whether forces change with them, and they with these."""
-
-    def begin(self, time: float, state: State, scheme: Scheme) -> None:
-        """Begin the iteration of a step that ends at a time; `state` is beside what it is at its beginning."""
-
-    def act(self, time: float, state: State) -> None:
-        """Give the mechanics the forces about an iterate, before it is corrected."""
-
-    def end(self, time: float, state: State, scheme: Scheme, samples: np.ndarray) -> None:
-        """Take what is beside some samples, a mask, to the end of the step."""
-
-    def put_nothing(self) -> None:
-        """Let the mechanics have no forces of an iterate, but those that are known of an instant."""
-
-    def sample(self, time: float, state: State, samples: np.ndarray) -> bool:
-        """Change forces of some samples that jump between two steps; return whether any did. Until `jumps` is put back
-        they are what they are then."""
-
-    def n_held(self, ends: np.ndarray) -> int:
-        """Return after how many of the steps with the given ends forces may jump at first, or else how many there are;
-        where it `holds`."""
-
-    def open(self, times: np.ndarray) -> np.ndarray:
-        """Make room for what is to be seen of the forces at times (n_t,), and return it."""
-
-
-class _Nothing(Beside):
+class _Nothing:
     n_carried, unsettled = 0, False
+
+    def begin(self, *_: object) -> None:
+        """Do as little as there is."""
+
+    act = end = put_nothing = begin
 
 
 NOTHING = _Nothing()
@@ -306,13 +272,13 @@ class SecondOrderSystem:
     has_range: bool = False  # whether samples may leave the model's range of validity (`outside`)
     precise: bool = False  # whether iterations of a reduced model go on as far as differences of runs take
     moving_constraints: bool = False  # whether constraints turn or follow motions; see `AlphaStep`
-    beside: Beside | None = None  # states beside the mechanics; None where there are none
+    beside: Controls | None = None  # states beside the mechanics; None where there are none
     carries: bool = False  # whether steps of its own (`advance`) take what is beside along
     held: bool = False  # whether what is beside holds, and steps know its forces as they know loads
     about_motion: bool = False  # whether states are about a motion, whose accelerations jump with those of the system
 
     @property
-    def changing(self) -> Beside:
+    def changing(self) -> Controls | _Nothing:
         """What is beside and changes within a step; `NOTHING` where nothing does."""
         return NOTHING if self.beside is None or self.held else self.beside
 
@@ -426,23 +392,17 @@ class Energies:
 
     def __getitem__(self, chosen: slice) -> Energies:
         """Return those of some samples or instants."""
-        return Energies(
-            self.kinetic[chosen],
-            self.strain[chosen],
-            {name: values[chosen] for name, values in self.potential.items()},
-            {name: values[chosen] for name, values in self.powers.items()},
-        )
+        return joined([self], lambda parts: parts[0][chosen])
 
 
-def joined(parts: Sequence[Energies]) -> Energies:
+def joined(parts: Sequence[Energies], join: Callable[[list[np.ndarray]], np.ndarray] = np.concatenate) -> Energies:
     """Return the energies of one sample over the instants of all parts, one after the other."""
-    first = parts[0]
-    return Energies(
-        np.concatenate([part.kinetic for part in parts]),
-        np.concatenate([part.strain for part in parts]),
-        {name: np.concatenate([part.potential[name] for part in parts]) for name in first.potential},
-        {name: np.concatenate([part.powers[name] for part in parts]) for name in first.powers},
+    of_bodies = (join([getattr(part, kind) for part in parts]) for kind in ("kinetic", "strain"))
+    of_effects = (
+        {name: join([getattr(part, kind)[name] for part in parts]) for name in getattr(parts[0], kind)}
+        for kind in ("potential", "powers")
     )
+    return Energies(*of_bodies, *of_effects)
 
 
 class RunningBalance:

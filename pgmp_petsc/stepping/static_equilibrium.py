@@ -312,9 +312,6 @@ def require_balance(scene: Scene, kinematics: RigidKinematics, theta: np.ndarray
         raise InputError(UNBALANCED.format(f"nothing holds what {entries[number]} releases"))
 
 
-ELSEWHERE = "begin elsewhere (simulation.initial) to find the one that it falls to"
-
-
 def start_remarks(scene: Scene, system: SecondOrderSystem) -> tuple[Remark, ...]:
     """Return where runs of a scene start from static equilibrium, and whether they will stay there."""
     settled = system.settled
@@ -323,12 +320,7 @@ def start_remarks(scene: Scene, system: SecondOrderSystem) -> tuple[Remark, ...]
     places = words_of(settled.coordinates, settled.theta[0])
     remarks = [_start(scene, "the run starts from static", settled.free, f" at {places}")]
     if np.any(settled.unstable):
-        remarks.append(
-            warning(
-                f"the static equilibrium at {places} is unstable: the smallest disturbance, round-off too, makes the "
-                f"mechanism leave it; {ELSEWHERE}"
-            )
-        )
+        remarks.append(_unstable(f"at {places}"))
     return tuple(remarks)
 
 
@@ -339,13 +331,15 @@ def starts_remarks(scene: Scene, unstable: np.ndarray) -> tuple[Remark, ...]:
         return (note(BUILT_IN.replace("the run", "every sample")),) if off else ()
     remarks = [_start(scene, "every sample starts from its own static", scene.initial.coordinates == "free", "")]
     if unstable.any():
-        remarks.append(
-            warning(
-                f"the static equilibrium of {int(unstable.sum())} of {unstable.size} samples is unstable: the smallest "
-                f"disturbance, round-off too, makes the mechanism leave it; {ELSEWHERE}"
-            )
-        )
+        remarks.append(_unstable(f"of {int(unstable.sum())} of {unstable.size} samples"))
     return tuple(remarks)
+
+
+def _unstable(which: str) -> Remark:
+    return warning(
+        f"the static equilibrium {which} is unstable: the smallest disturbance, round-off too, makes the mechanism "
+        "leave it; begin elsewhere (simulation.initial) to find the one that it falls to"
+    )
 
 
 def _start(scene: Scene, words: str, free: bool, places: str) -> Remark:

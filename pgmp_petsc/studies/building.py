@@ -95,7 +95,7 @@ def build(
         say("\n".join(sizes.lines()))
     is_open = leaves_open(scene)
     if length_names(scene):
-        say(_price(scene, resume))
+        say(_price(scene))
     if output is not None and is_open:
         checkpoint = Finished(output, {"command": "build"}, scene, meshes, comm, resume)
     elif output is not None:
@@ -141,7 +141,7 @@ def _check_ahead(scene: Scene, meshes: Shapes) -> None:
         require_balance(scene, kinematics, start_of(scene, kinematics.mechanism)[0], scene.values)
 
 
-def _price(scene: Scene, resume: bool) -> str:
+def _price(scene: Scene) -> str:
     """Say what lengths as parameters make of the build."""
     names, reduction = length_names(scene), scene.reduction
     n_builds, n = count_builds(scene), reduction.angles ** len(scene.coordinates)
@@ -149,10 +149,9 @@ def _price(scene: Scene, resume: bool) -> str:
     if reduction.sampling_tolerance is not None:
         count = len(list(extremes(scene))) + 1
         first = f"; reduction.sampling_tolerance takes {count} builds before, to find angles, and may add some to all"
-    anew = "; a build over lengths keeps nothing on the way, so --resume begins anew" if resume else ""
     points = f"models at {n_builds - 1} points, {reduction.length_points} along each, and one more to compare with"
     what = f"lengths, places and ratios ({', '.join(names)}): {points}, times {n} configurations"
-    return f"{what} are {n_builds * n} eigenproblems{first}{anew}"
+    return f"{what} are {n_builds * n} eigenproblems{first}"
 
 
 def _with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Shapes) -> ReducedOrderModel:

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from called import Called
 from conftest import ROOT
 from runs import components_model, run_model, samples
 from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.full.joint_systems import JointBatch
 from pgmp_petsc.full.joint_tree import BY_AXES
+from pgmp_petsc.full.kernel import count_turns
 from pgmp_petsc.models import ComponentModel
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
@@ -70,7 +72,7 @@ def test_rates_and_accelerations_are_those_of_the_frames(name: str) -> None:
         scale = np.abs(now[order + 1]).max()
         found = (after[order] - before[order]) / (2.0 * h)
         np.testing.assert_allclose(found, now[order + 1], rtol=0, atol=1e-7 * scale)  # h^2 and round-off over h
-    constraints = system.full._equations.constraints  # noqa: SLF001
+    constraints = system._equations.constraints  # noqa: SLF001
     off = constraints.residual(now[0], np.zeros(constraints.n_driven))[:, 0]
     own = constraints.of_ties | constraints.of_directors
     assert np.abs(off[own]).max() < 1e-14
@@ -84,8 +86,9 @@ def test_coordinates_count_turns_as_frames_do(name: str) -> None:
     system = model.batch(samples(model.scene, 2), 2)
     state, angles = state_of(system, *moved(system, 0.02)), system.own.joints.counted[:, 0] != -2
     state = State(*state.parts()[:4], state.turns + 4.0 * np.pi)
-    in_unknowns = State(*system._in_unknowns(state).parts()[:4], state.turns.copy())  # noqa: SLF001
-    system.full.count_turns(in_unknowns)
+    in_unknowns = State(*system._in_unknowns(state.alone).at(0).parts()[:4], state.turns.copy())  # noqa: SLF001
+    for q, turns in zip(in_unknowns.q, in_unknowns.turns):
+        count_turns(system._of_unknowns, q, turns)  # noqa: SLF001
     system.count_turns(state)
     found, expected = (system.unpack(one.turns)[angles] for one in (state, in_unknowns))
     assert np.all(np.abs(expected - 4.0 * np.pi) < np.pi + 1.0)
@@ -135,7 +138,7 @@ def test_the_limit_is_that_of_all_unknowns_with_multipliers(make, monkeypatch: p
             def observe(step: int, time: float, state: State, system=system, frames=frames) -> None:
                 frames.append(system.frames(state)[..., 0])
 
-            integrate(system, scene.simulation, observer=observe)
+            integrate(system, scene.simulation, observer=Called(observe))
             found.append(np.array(frames)[:: 1 if step > 1.5e-4 else 2])
         apart.append(np.abs(found[0] - found[1]).max())
     assert np.log2(apart[0] / apart[1]) == pytest.approx(2.0, abs=0.35)

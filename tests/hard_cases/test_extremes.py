@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from called import Called
 from mechanisms import (
     GRAVITY,
     QUIET,
@@ -157,7 +158,7 @@ def gaps_and_end(name: str, *overrides: str) -> tuple[np.ndarray, dict[str, floa
             frames = system.frames(state) if isinstance(model, FullModel) else model.frames_of(state.q)
             gaps.append(np.abs(constraints.residual(frames.reshape(-1, 1))).max())
 
-    run = integrate(system, model.scene.simulation, observer=record)
+    run = integrate(system, model.scene.simulation, observer=Called(record))
     end = model.outputs.evaluate(model.observed(system, run.state))
     return np.array(gaps), {output: float(value[0]) for output, value in end.items()}, run
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from called import Called
 from elimination import Beams, chain, circle
 from mechanisms import accurate, both, nominal_rom, run_for, start
 from runs import assert_close, full_model, history, reduced_model, samples
@@ -56,7 +57,7 @@ def balance_of(model: FullModel, beams: Beams) -> Balance:
         rotation[0::3], rotation[1::3] = -q[1::3], q[0::3]
         rows.append((time, q[2], 0.5 * v @ mass @ v + beams.energy(q), rotation @ mass @ v))
 
-    assert integrate(system, model.scene.simulation, observer=record).status[0] == 0
+    assert integrate(system, model.scene.simulation, observer=Called(record)).status[0] == 0
     return Balance(*np.array(rows).T)
 
 

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 import scipy.integrate
+from called import Called
 from conftest import ROOT
 from mechanisms import GRAVITY, OUTPUTS, QUIET, run_for, start
 from runs import history, rom_of, samples
@@ -87,7 +88,7 @@ def long_run(radius: float, torque: float) -> tuple[np.ndarray, np.ndarray, np.n
         if step % 21 == 0:
             rows.append((time, state.q[0, 0], energy(state.q[0], state.v[0])))
 
-    assert integrate(system, scene.simulation, observer=record).status[0] == 0
+    assert integrate(system, scene.simulation, observer=Called(record)).status[0] == 0
     return *np.array(rows).T, rigid
 
 

@@ -47,6 +47,11 @@ SCENES = {
     "beams": (ROOT / "scenes/slider_crank_paper.toml", *overridden("reduction.angles=16")),
     "solids": (ROOT / "scenes/slider_crank_solid2d.toml", *overridden("reduction.angles=12", "reduction.modes=4")),
 }
+LENGTHS = (
+    "ground.points.rail=[0.0, 'h']", "joints.slider.connect=['ground:rail', 'rod:tip']",
+    "parameters.h={nominal=0.01, unit='m', bounds=[0.0, 0.02]}", "reduction.length_points=3",
+)  # fmt: skip
+SCENES["lengths"] = (*SCENES["solids"], *overridden(*LENGTHS))
 # what takes up nothing of beams', and why
 OTHERS = {
     "belongs to another run: its scene differs": (*SCENES["beams"], *overridden("reduction.angles=17")),
@@ -69,8 +74,8 @@ def whole(folder: Path) -> dict[str, Path]:
 
 def interrupted(path: Path, scene: tuple[str, ...], n_ranks: int, n_pieces: int) -> None:
     """Start a build and kill it, all of its ranks, as soon as there are so many finished pieces."""
-    # together the ranks reach the number of pieces, and are held before the 12 configurations are complete
-    script = slowly(seconds=0.15, held=10 // n_ranks)
+    # together the ranks reach the number of pieces, and are held before all configurations are complete
+    script = slowly(seconds=0.15, held=(n_pieces + 3) // n_ranks)
     command = [*warm_start.python(), "-c", script, "build", *map(str, scene), "-o", str(path)]
     if n_ranks > 1:
         command = ["mpirun", "-n", str(n_ranks), *command]
@@ -100,7 +105,7 @@ def assert_same(found: Path, expected: Path) -> None:
             np.testing.assert_allclose(table, like, rtol=0, atol=1e-8 * np.abs(like).max(initial=0.0), err_msg=name)
 
 
-@pytest.mark.parametrize(("name", "before", "after", "n_pieces"), [("beams", 1, 3, 4), ("solids", 2, 1, 7)])
+@pytest.mark.parametrize(("name", "before", "after", "n_pieces"), [("beams", 1, 3, 4), ("lengths", 2, 1, 20)])
 def test_a_killed_build_is_resumed(
     folder: Path, whole: dict[str, Path], name: str, before: int, after: int, n_pieces: int
 ) -> None:
@@ -118,16 +123,19 @@ def test_a_killed_build_is_resumed(
     assert not partial.exists()
 
 
-def test_what_is_finished_is_not_computed_again(folder: Path, whole: dict[str, Path]) -> None:
-    path = folder / "finished.h5"
+@pytest.mark.parametrize(
+    ("name", "last"), [("solids", "continuous_basis.SampleStore.join"), ("lengths", "length_family._joined")]
+)
+def test_what_is_finished_is_not_computed_again(folder: Path, whole: dict[str, Path], name: str, last: str) -> None:
+    path = folder / f"finished_{name}.h5"
     script = slowly().replace(
-        "main()\n", "from pgmp_petsc.reduction import continuous_basis\ndef stop(*args):\n    raise SystemExit(7)\n"
-        "continuous_basis.SampleStore.join = stop\nmain()\n"
+        "main()\n", f"from pgmp_petsc.reduction import {last.split('.')[0]}\ndef stop(*args):\n    raise SystemExit(7)\n"
+        f"{last} = stop\nmain()\n"
     )  # fmt: skip
-    stopped = run_mpi(1, "-c", script, "build", *SCENES["solids"], "-o", path, check_status=None)
+    stopped = run_mpi(1, "-c", script, "build", *SCENES[name], "-o", path, check_status=None)
     assert stopped.returncode != 0 and not path.exists()
-    run_mpi(1, "-c", WITHOUT_SAMPLES, "build", *SCENES["solids"], "-o", path, "--resume")
-    assert_same(path, whole["solids"])
+    run_mpi(1, "-c", WITHOUT_SAMPLES, "build", *SCENES[name], "-o", path, "--resume")
+    assert_same(path, whole[name])
 
 
 def test_a_build_that_cannot_begin_leaves_nothing(folder: Path) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from called import Called
 from frames import to_inertial
 from runs import place_in, quick_return, reduced_model, rom_of
 from scipy.spatial.transform import Rotation
@@ -271,7 +272,7 @@ def simulate(
         times.append(time)
 
     simulation = Simulation(duration=duration, step=step, spectral_radius=radius)
-    return integrate(system, simulation, observer=record), states, times
+    return integrate(system, simulation, observer=Called(record)), states, times
 
 
 def energies(terms: ReducedTerms, states: list[State]) -> np.ndarray:

@@ -20,6 +20,7 @@ from petsc4py import PETSc  # noqa: E402
 from pgmp_petsc.base import resources as memory_module  # noqa: E402
 from pgmp_petsc.base.errors import InputError, RunError  # noqa: E402
 from pgmp_petsc.base.resources import free_memory, give_back  # noqa: E402
+from pgmp_petsc.ranks.petsc import mumps_factor  # noqa: E402
 from pgmp_petsc.solvers.shift_invert import NO_FILES, FactorFiles, ShiftedFactor, _meaning  # noqa: E402
 
 SIDE = 26  # points along each edge of a cube: a factor of some 30 MB
@@ -123,11 +124,11 @@ def test_a_factor_that_is_not_kept_counts(laplacian: tuple, folder: Path) -> Non
         tau = 0.5 * (values[upper - 1] + values[upper]) if n else SHIFT
         factor.factor(*laplacian, tau, "count")
         assert factor.negative_pivots() == upper
-    used = factor._mumps_factor().getMumpsInfog(22)
+    used = mumps_factor(factor._ksp).getMumpsInfog(22)
     factor.close()
     kept = ShiftedFactor(PETSc.COMM_SELF, PREFIX)
     kept.factor(*laplacian, SHIFT, "body bar")
-    assert used < 0.6 * kept._mumps_factor().getMumpsInfog(22)
+    assert used < 0.6 * mumps_factor(kept._ksp).getMumpsInfog(22)
     kept.close()
 
 

@@ -1,6 +1,7 @@
 """Steps that end where a law has an edge: a bar that bounces between its stops."""
 
 import numpy as np
+from called import Called
 from effect_scenes import BAR, BAR_INERTIA, line_model, scene_of
 
 from pgmp_petsc.scene import Scene
@@ -42,7 +43,7 @@ def exact(time: float) -> float:
 def angles(scene: Scene, n: int = 1, **values: np.ndarray) -> np.ndarray:
     """Return the angle of every sample at every step, shape (n_t, n)."""
     system, found = line_model(scene).batch(values, n), []
-    integrate(system, scene.simulation, observer=lambda k, t, state: found.append(system.unpack(state.q)[2]))
+    integrate(system, scene.simulation, observer=Called(lambda k, t, state: found.append(system.unpack(state.q)[2])))
     return np.array(found)
 
 

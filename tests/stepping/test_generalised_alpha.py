@@ -9,6 +9,7 @@ import pytest
 import scipy.integrate
 import scipy.linalg
 from alike import assert_order, orders
+from called import Called
 from mpi4py import MPI
 
 from pgmp_petsc.base.errors import InputError, RunError
@@ -222,7 +223,7 @@ def test_second_order_in_positions_and_velocities_with_a_constraint(radius: floa
 @pytest.mark.parametrize("radius", RADII)
 def test_the_constraint_holds_at_the_end_of_every_step(radius: float) -> None:
     gaps: list[float] = []
-    run(Pendulum(), radius, 0.01, observer=lambda _, __, state: gaps.append(abs(state.q @ state.q - 1.0)))
+    run(Pendulum(), radius, 0.01, observer=Called(lambda _, __, state: gaps.append(abs(state.q @ state.q - 1.0))))
     assert len(gaps) == 101
     assert max(gaps) < 1e-12  # the tolerance of Newton's iteration
 
@@ -248,7 +249,7 @@ def test_the_steps_are_equal_and_none_is_longer_than_asked_for(duration: float, 
     assert n_steps == expected
     assert duration / n_steps <= step * (1 + 1e-12)
     seen: list[tuple[int, float]] = []
-    done = run(two_masses(), 0.8, step, duration, observer=lambda number, time, _: seen.append((number, time)))
+    done = run(two_masses(), 0.8, step, duration, observer=Called(lambda number, time, _: seen.append((number, time))))
     numbers, times = zip(*seen)
     assert done.n_steps == expected
     assert numbers == tuple(range(n_steps + 1))
@@ -268,11 +269,11 @@ def test_drivers_make_the_same_calls_in_the_same_order(monkeypatch: pytest.Monke
         monkeypatch.setattr(generalised_alpha, "driver_here", lambda driver=driver: driver)
         seen: list[object] = []
         done = run(
-            two_masses(4, beyond=1.05), 0.8, 7e-3, observer=lambda number, time, state: seen.append((number, time,
-            state.q.tobytes())), pulse=lambda share: seen.append(("pulse", share)),
+            two_masses(4, beyond=1.05), 0.8, 7e-3, pulse=lambda share: seen.append(("pulse", share)),
+            observer=Called(lambda number, time, state: seen.append((number, time, state.q.tobytes()))),
         )  # fmt: skip
         parts = (done.state.q, done.state.v, done.state.a, done.status, done.failure_time)
-        found.append((seen, [part.tobytes() for part in parts], done.n_iterations))
+        found.append((seen, [part.tobytes() for part in parts], done.counted[0]))
     assert found[0] == found[1] and done.status.any() and not done.status.all()
     assert sum(entry[0] == "pulse" for entry in seen) > 1
 
@@ -303,12 +304,12 @@ def test_stops_are_as_far_apart_as_asked() -> None:
 def test_the_observer_sees_the_start_and_every_step_as_it_is() -> None:
     system = two_masses()
     seen: list[State] = []
-    done = run(system, 0.8, 0.1, observer=lambda _, __, state: seen.append(state.copy()))
+    done = run(system, 0.8, 0.1, observer=Called(lambda _, __, state: seen.append(state.copy())))
     np.testing.assert_array_equal(seen[0].q, system.q)
     np.testing.assert_array_equal(seen[0].v, system.v)
     np.testing.assert_array_equal(seen[-1].q, done.state.q)
     assert len(seen) == 11
-    assert done.n_iterations == system.n_corrections
+    assert done.counted[0] == system.n_corrections
 
 
 def test_what_an_observer_or_a_system_raises_ends_the_run_as_it_is() -> None:
@@ -320,7 +321,7 @@ def test_what_an_observer_or_a_system_raises_ends_the_run_as_it_is() -> None:
         raise RunError("the linear solver failed")
 
     with pytest.raises(RunError, match="seen enough"):
-        run(two_masses(), 0.8, 0.1, observer=refuse)
+        run(two_masses(), 0.8, 0.1, observer=Called(refuse))
     with pytest.raises(RunError, match="the linear solver failed"):
         run(two_masses(spoil=fail), 0.8, 0.1)
 
@@ -361,9 +362,9 @@ def test_a_sample_that_does_not_converge_is_tried_three_times_and_then_given_up(
     done = run(system, 0.8, 0.1, duration=0.5)
     # four fine steps, then one with both predictions, and with short corrections
     easy = run(two_masses(2), 0.8, 0.1, duration=0.4)
-    stalled = done.n_iterations - easy.n_iterations
+    stalled = done.counted[0] - easy.counted[0]
     first = first_accelerations(two_masses(2), two_masses(2).start(), 0.1, np.ones(2, dtype=bool), 0.8).n_iterations
-    assert stalled == 2 * MAX_ITERATIONS + CAREFUL_ITERATIONS + (easy.n_iterations - first) // 8
+    assert stalled == 2 * MAX_ITERATIONS + CAREFUL_ITERATIONS + (easy.counted[0] - first) // 8
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.5, 0.8, 0.99])
@@ -377,7 +378,7 @@ def test_a_load_that_sets_in_at_once_on_a_light_mass_throws_it_no_further_than_i
         mass=np.diag([1.0, 1.0 / frequency**2]), damping=np.zeros((2, 2)), stiffness=np.diag([1.0, 1.0]),
         force=lambda time: np.array([1.0, 1.0]), q=np.zeros((1, 2)), v=np.zeros((1, 2)),
     )  # fmt: skip
-    run(light, radius, step, observer=lambda _, __, state: seen.append(state.copy()))
+    run(light, radius, step, observer=Called(lambda _, __, state: seen.append(state.copy())))
     assert max(abs(state.q[0, 1]) for state in seen) < 3.0
     assert max(abs(state.v[0, 1]) for state in seen) < frequency
     # the other mass: 1 - cos(t), of second order
@@ -437,8 +438,8 @@ def test_samples_that_are_not_alive_are_never_advanced() -> None:
 def test_a_batch_without_a_living_sample_takes_no_corrections() -> None:
     system = two_masses(2)
     seen: list[int] = []
-    done = run(system, 0.8, 0.1, alive=np.zeros(2, dtype=bool), observer=lambda number, *_: seen.append(number))
-    assert (system.n_corrections, done.n_iterations) == (0, 0)
+    done = run(system, 0.8, 0.1, alive=np.zeros(2, dtype=bool), observer=Called(lambda number, *_: seen.append(number)))
+    assert (system.n_corrections, done.counted[0]) == (0, 0)
     assert seen == list(range(11))
     np.testing.assert_array_equal(done.state.q, system.q)
     np.testing.assert_array_equal(done.failure_time, 0.0)

@@ -5,6 +5,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+from called import Called
 from runs import components_model, full_model, history, reduced_model, rom_of, samples
 from spatial_beams import SLIDER_CRANK as IN_SPACE
 
@@ -144,7 +145,7 @@ def test_the_energy_of_a_damped_motion_is_balanced() -> None:
         run = integrate(
             system,
             scene.simulation,
-            observer=lambda _, time, state: (times.append(time), energies.append(system.energies(time, state))),
+            observer=Called(lambda _, time, state: (times.append(time), energies.append(system.energies(time, state)))),
         )
     assert not run.status.any()
     total = np.array([one.kinetic + one.strain + sum(one.potential.values()) for one in energies])

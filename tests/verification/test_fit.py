@@ -29,7 +29,7 @@ outputs.angle: type = "angle"; joint = "hinge"
 outputs.other: type = "formula"; formula = "angle + idle"; unit = "rad"
 parameters.k: nominal = 40.0; bounds = [20.0, 60.0]
 parameters.c: nominal = 0.2; bounds = [0.05, 0.6]
-parameters.idle: nominal = 3.0; bounds = [2.0, 4.0]
+parameters.idle: nominal = 3.0; distribution = { name = "discrete", values = [2.0, 3.0, 4.0] }
 simulation: duration = 1.0; step = 1e-3
 simulation.initial.theta: velocity = 2.0
 """)
@@ -62,9 +62,9 @@ def test_what_nothing_depends_on_stays_where_it_began() -> None:
     assert of(found)["idle"].estimate == 3.0 and np.isinf(of(found)["idle"].error)
     for name, true in (("k", 43.0), ("c", 0.3)):
         assert abs(of(found)[name].estimate - true) < 4.0 * of(found)[name].error
-    assert "all bodies are rigid, so that these are errors of the time step" in " ".join(
-        r.text for r in found.record.remarks
-    )
+    said = " ".join(remark.text for remark in found.record.remarks)
+    assert "all bodies are rigid, so that these are errors of the time step" in said
+    assert "idle is searched over all numbers between its limits, also between single values" in said
 
 
 @pytest.fixture(scope="module")

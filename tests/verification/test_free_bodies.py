@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from called import Called
 from runs import components_model, history, samples
 from scipy.integrate import solve_ivp
 
@@ -116,7 +117,7 @@ def momenta(model: ComponentModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         angular.append(turning)
         spins.append(spin)
 
-    integrate(system, model.scene.simulation, observer=observe)
+    integrate(system, model.scene.simulation, observer=Called(observe))
     return np.array(linear), np.array(angular), np.array(spins)
 
 

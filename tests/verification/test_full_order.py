@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from called import Called
 from effect_scenes import CANTILEVER, line_model, scene_of
 from elimination import Beams, Eliminated, chain, circle
 from mpi4py import MPI
@@ -99,7 +100,7 @@ def test_constraints_that_turn_with_a_body_hold_at_every_step() -> None:
     def record(step: int, time: float, state: State) -> None:
         gaps.append(float(np.abs(constraints.residual(system.unpack(state.q))).max()))
 
-    integrate(system, scene.simulation, observer=record)
+    integrate(system, scene.simulation, observer=Called(record))
     assert len(gaps) == 101
     # the closure of the start and Newton's tolerance are both 1e-12 of the mechanism's size, which is below 1 m
     assert max(gaps) < 1e-12
@@ -125,7 +126,7 @@ def energies(scene: Scene) -> np.ndarray:
         q, v = system.unpack(state.q)[:, 0], system.unpack(state.v)[:, 0]
         found.append(0.5 * v @ mass @ v + beams.energy(q))
 
-    integrate(system, scene.simulation, observer=record)
+    integrate(system, scene.simulation, observer=Called(record))
     return np.array(found)
 
 
@@ -303,7 +304,7 @@ def test_a_sample_that_ranks_could_share_does_the_same(make) -> None:
         def observe(number: int, time: float, state: State, system=system, places=places) -> None:
             places.append(system.unpack(state.q)[:, 0].copy())
 
-        integrate(system, model.scene.simulation, observer=observe)
+        integrate(system, model.scene.simulation, observer=Called(observe))
         system.close()
         found.append(np.array(places))
     assert np.ptp(found[0], axis=0).max() > 1e-2

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from alike import assert_groups_alike, assert_samples_are_those_alone
+from called import Called
 from conftest import ROOT
 from differences import SHARES, ToRoundOff, compare
 from offset_scenes import clamped_beam, clamped_stiffness, offset
@@ -395,7 +396,7 @@ def test_the_multipliers_of_simeons_flexible_slider_crank() -> None:
     rates = 0.444896105 * np.sin(np.pi * place) + 0.463434311e-2 * np.sin(2.0 * np.pi * place)
     system, kept = model.batch({}, 1), []
     system.begin_at(np.zeros((1, 3)), np.array([[150.0, *np.linalg.lstsq(local.T, rates, rcond=None)[0]]]))
-    integrate(system, model.scene.simulation, observer=lambda _, time, state: kept.append((time, state)))
+    integrate(system, model.scene.simulation, observer=Called(lambda _, time, state: kept.append((time, state))))
     found = model.outputs.evaluate(model.observed_of(*kept[-1], {}))
     for name, value in printed.items():
         assert abs(found[name][0] - value) < 6e-3 * largest[name], (name, found[name])

@@ -165,7 +165,7 @@ def test_the_torque_that_holds_a_crooked_linkage_is_the_slope_of_its_energy() ->
     model = full_model(spatial_four_bar(*given, "simulation.initial.theta.position=0.2", "initial.equilibrium=true"))
     theta, held = np.array([0.2]), model.kinematics.held()
     equations = model._equations(held, {}, (theta, np.zeros(1)), MPI.COMM_SELF)
-    with FullStatics(equations, 1, MPI.COMM_SELF) as statics:
+    with FullStatics(equations, MPI.COMM_SELF) as statics:
         torques, lost = statics.hold(theta[None], np.ones(1, dtype=bool))
     # what the linkage itself leaves over on the coordinate is against the slope; differences are of second order
     assert not lost[0] and torques[0, 0] == pytest.approx(-(at[1e-3] - at[-1e-3]) / 2e-3, rel=1e-4)

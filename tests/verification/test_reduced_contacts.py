@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from called import Called
 from runs import reduced_model, samples
 
 from pgmp_petsc.effects.joint_effects import STOP as STOPS
@@ -77,7 +78,7 @@ def motion_of(
     run = integrate(
         OneByOne(system) if one_by_one else system,
         model.scene.simulation,
-        observer=lambda number, time, state: states.append((time, state.copy())),
+        observer=Called(lambda number, time, state: states.append((time, state.copy()))),
     )
     depths = np.array([system.depths(time, state) for time, state in states])
     return np.array([state.q for _, state in states]), depths, run
@@ -109,7 +110,7 @@ def test_a_search_is_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
     system = model.batch(values, 3)
     assert not system.n_events
     states = []
-    integrate(system, model.scene.simulation, observer=lambda number, time, state: states.append(state.q.copy()))
+    integrate(system, model.scene.simulation, observer=Called(lambda *seen: states.append(seen[2].q.copy())))
     assert np.abs(np.array(states) - found).max(axis=(0, 2)).min() > 1e-5
 
 

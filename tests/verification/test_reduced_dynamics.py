@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import runs
 from alike import assert_alike
+from called import Called
 from runs import full_model, history, reduced_model, samples, with_step
 from scrambling import scrambled
 from two_coordinates import double_pendulum
@@ -101,7 +102,7 @@ def energies(model: ReducedModel) -> tuple[tuple[np.ndarray, np.ndarray], float]
     def record(number: int, time: float, state: State) -> None:
         states.append((state.q[0].copy(), state.v[0].copy()))
 
-    integrate(system, scene.simulation, observer=record)
+    integrate(system, scene.simulation, observer=Called(record))
     q, v = np.moveaxis(np.array(states), 1, 0)
     return reduced_energy(model.terms, scene.nominal, q, v), (q[-1, 0] - q[0, 0]) / (2 * np.pi)
 

@@ -4,6 +4,7 @@ import os
 
 import numpy as np
 import pytest
+from called import Called
 from equations import evaluated
 from mpi4py import MPI
 from runs import full_model, motion
@@ -63,7 +64,7 @@ def test_energy_and_momentum_of_free_motion() -> None:
                 turned = np.cross([0.0, 0.0, 1.0], vectors).ravel()  # positions and directors alike
                 momenta.append(float(turned @ (mass @ v)))
 
-        run = integrate(system, scene.simulation, observer=observe)
+        run = integrate(system, scene.simulation, observer=Called(observe))
     assert run.status[0] == 0
     for values, limit in ((energies, 1e-6), (momenta, 3e-7)):
         assert np.abs(np.array(values) / values[0] - 1.0).max() < limit
