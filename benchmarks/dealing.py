@@ -22,9 +22,10 @@ from mpi4py import MPI
 
 from benchmarks.on_model import main
 from pgmp_petsc.api.sources import read_rom
-from pgmp_petsc.ensemble.integration import Watching, run_batch
+from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.plan import Piece, checked, pieces
 from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.ensemble.watchers import Watching
 from pgmp_petsc.models import ReducedModel
 
 RANKS = (2, 8, 64)

@@ -26,11 +26,12 @@ from scipy.optimize import brentq
 from benchmarks.limit_states import limit_states
 from benchmarks.tables import Table
 from pgmp_petsc.bodies.random_fields import expansion
-from pgmp_petsc.ensemble.integration import Watching, run_batch
+from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.plan import Piece
 from pgmp_petsc.ensemble.rare_events import RareSamples, find
 from pgmp_petsc.ensemble.rare_run import rare_remarks
 from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.ensemble.watchers import Watching
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.ending import end, guarded

@@ -25,10 +25,10 @@ from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.description import describe_ensemble
-from pgmp_petsc.ensemble.integration import Watching, run_batch
+from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
 from pgmp_petsc.ensemble.sampling import Sampler, draw
-from pgmp_petsc.ensemble.watchers import watch_over_time
+from pgmp_petsc.ensemble.watchers import Watching, watch_over_time
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc

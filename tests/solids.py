@@ -14,9 +14,8 @@ from mpi4py import MPI
 from skfem.quadrature import get_quadrature
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
-from pgmp_petsc.bodies.large_deformation import cyclic
 from pgmp_petsc.bodies.solid import FaceFrame, Region, Solid
-from pgmp_petsc.components.large_deformation import FieldsOnRanks
+from pgmp_petsc.components.large_deformation import FieldsOnRanks, cyclic
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.mesh.solid_mesh import Quadrature, _element, _tabulated, cell_faces, reference_element
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh

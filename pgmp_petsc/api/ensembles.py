@@ -39,7 +39,7 @@ from pgmp_petsc.ensemble.description import describe_shards
 from pgmp_petsc.ensemble.failures import read_earlier
 from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, Shard
-from pgmp_petsc.ensemble.sample_file import Columns, SampleFile, called, read_samples
+from pgmp_petsc.ensemble.sample_file import SampleFile, called, read_samples
 from pgmp_petsc.ensemble.sampling import refuse_drawn
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.mechanism.capabilities import check_capabilities
@@ -50,6 +50,7 @@ from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, RankGroup
 from pgmp_petsc.reduction.rom import check_samples
 from pgmp_petsc.results.ensemble import Ensemble, ShardSamples, read_shard
+from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene, with_meshes
@@ -222,7 +223,7 @@ class Request:
     n: int | None
     seed: int
     sampler: str | None
-    samples: Path | Columns | None
+    samples: Path | Arrays | None
     shard: Shard | None
     correct: Sequence[Correction]
     stopping: Stopping
@@ -531,7 +532,7 @@ def montecarlo(
     seed: int = 0,
     *,
     sampler: str | None = None,
-    samples: str | PathLike[str] | Columns | None = None,
+    samples: str | PathLike[str] | Arrays | None = None,
     shard: Shard | None = None,
     correct: Sequence[Correction] = (),
     stopping: Stopping | None = None,

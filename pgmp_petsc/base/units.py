@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache
@@ -27,6 +27,7 @@ from pgmp_petsc.base.errors import nearest_name
 
 #: Exponents of kilogram, metre and second; an angle counts as a number.
 Dimension = tuple[float, float, float]
+Units = Mapping[str, str]  # by names of outputs or parameters
 STANDARD_GRAVITY = 9.80665  # m/s2, exact by definition (BIPM, The International System of Units)
 
 

@@ -17,6 +17,7 @@ from typing import Any
 from pgmp_petsc.bench.prices import coefficients, duration_text, n_local, reduced_step
 from pgmp_petsc.bench.reference import takes_second_order
 from pgmp_petsc.bodies.matrices import AffineMatrices
+from pgmp_petsc.bodies.shape import has_long_axis
 from pgmp_petsc.effects import effects_of, patterns_of, start_of
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import why_no_grid
@@ -158,7 +159,7 @@ class Limits:
         n = len(coordinates)
         # where effects add terms of second order, there is nothing to choose
         n_inertia, curved = n * (n + 1) // 2 + len(clamped), not scene.second_order and takes_second_order(scene)
-        slender = all(body.has_long_axis for body in mechanism.bodies)
+        slender = all(map(has_long_axis, mechanism.shapes.values()))
         uncertain, gridded = bool(uncertain_names(scene)), not why_no_grid(scene, mechanism)
         sizes = mechanism.n_dofs, n_local(scene)
         return cls(n_modes, n_static, n_terms, uncertain, n, n_inertia, curved, served, slender, *sizes, gridded)

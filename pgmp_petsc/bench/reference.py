@@ -23,11 +23,11 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.history import History, errors_between, floors_of, largest_errors, run_history
 from pgmp_petsc.bench.prices import Price, duration_text, step_seconds
+from pgmp_petsc.bodies.affine import total_at
 from pgmp_petsc.bodies.component import rigid_motions
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.bodies.shape import Shapes
-from pgmp_petsc.components.component_modes import weighted_sum_dense
 from pgmp_petsc.components.condensing import angle_group, condensed, floating_shapes
 from pgmp_petsc.effects import start_of
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
@@ -293,7 +293,7 @@ def _of_floating_bodies(model: ComponentModel) -> float:
             columns[body.dofs[: len(shapes)], rigid.shape[1] :] = shapes
             mass = _inertia(floating, nominal)
             own = slice(rigid.shape[1], None)
-            stiffness[own, own] = weighted_sum_dense(floating.stiffness, nominal)
+            stiffness[own, own] = total_at(floating.stiffness, nominal)
         moved.append(columns)
         masses.append(mass)
         stiffnesses.append(stiffness)
@@ -314,7 +314,7 @@ def _of_floating_bodies(model: ComponentModel) -> float:
 def _inertia(floating: FloatingBody, nominal: dict[str, float]) -> np.ndarray:
     """Return the mass of rigid motions and amplitudes of a body in a floating frame, in its own frame."""
     d = floating.centres.shape[1]
-    moments, n_rigid = weighted_sum_dense(floating.moments, nominal), d * (d + 1) // 2
+    moments, n_rigid = total_at(floating.moments, nominal), d * (d + 1) // 2
     # every component of the displacement by the scalar fields (1, X, Psi_1, .. Psi_d)
     rigid, fields = rigid_motions(np.zeros(d)), np.zeros((d, len(moments), n_rigid + floating.n))
     fields[:, 0, :n_rigid], fields[:, 1 : 1 + d, :n_rigid] = rigid[:d], rigid[d:].reshape(d, d, n_rigid)

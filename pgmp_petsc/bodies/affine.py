@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 Powers = tuple[tuple[Any, int], ...]
+Values = Mapping[str, "np.ndarray | float"]  # of parameters, by name: numbers, or of one shape
 
 
 @dataclass(frozen=True, order=True)
@@ -37,7 +38,7 @@ class Place:
         middle, half = numbers.split(",")
         return cls(name, float(middle), float(half))
 
-    def at(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+    def at(self, values: Values) -> np.ndarray | float:
         """Return the place at the given parameter values."""
         return (values[self.name] - self.middle) / self.half
 
@@ -77,7 +78,7 @@ class Monomial:
             tuple((Place.parse(base), e) for base, e in powers if "(" in base),
         )
 
-    def evaluate(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+    def evaluate(self, values: Values) -> np.ndarray | float:
         """Return the monomial at the given parameter values (scalars or arrays of one shape)."""
         result: np.ndarray | float = 1.0
         for name, exponent in self.powers:
@@ -86,7 +87,7 @@ class Monomial:
             result = result * place.at(values) ** exponent
         return result
 
-    def derivative(self, name: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+    def derivative(self, name: str, values: Values) -> np.ndarray | float:
         """Return the derivative with one of the parameters at the given values."""
         total: np.ndarray | float = 0.0
         for part, others in (("powers", "places"), ("places", "powers")):
@@ -119,11 +120,11 @@ class Quantity:
             return cls(1.0, Monomial(((entry, 1),)))
         return cls(float(entry))
 
-    def at(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+    def at(self, values: Values) -> np.ndarray | float:
         """Return the quantity at the given parameter values."""
         return self.coefficient * self.monomial.evaluate(values)
 
-    def derivative(self, name: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+    def derivative(self, name: str, values: Values) -> np.ndarray | float:
         """Return the derivative with one of the parameters at the given values."""
         return self.coefficient * self.monomial.derivative(name, values)
 
@@ -157,11 +158,11 @@ class AffineSum:
             found[part.monomial] = found.get(part.monomial, 0.0) + part.coefficient
         return cls(tuple(found.items()))
 
-    def at(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+    def at(self, values: Values) -> np.ndarray | float:
         """Return the sum at the given parameter values."""
         return sum(part.at(values) for part in self)
 
-    def derivative(self, name: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+    def derivative(self, name: str, values: Values) -> np.ndarray | float:
         """Return the derivative with one of the parameters at the given values."""
         return sum(part.derivative(name, values) for part in self)
 
@@ -189,7 +190,15 @@ class AffineSum:
         return result
 
 
-def evaluate_weights(monomials: Iterable[Monomial], values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+ByWeight = Mapping[Monomial, np.ndarray]  # what remains of affine terms when their weights are taken out
+
+
+def total_at(terms: ByWeight, values: Mapping[str, float]) -> np.ndarray:
+    """Return ``sum_i w_i A_i`` at parameter values, by which no weight is of more than one number."""
+    return sum(float(weight.evaluate(values)) * term for weight, term in terms.items())
+
+
+def evaluate_weights(monomials: Iterable[Monomial], values: Values) -> np.ndarray:
     """Return the weights of several terms, shape (n_terms,) or (n_terms, n_samples), at parameter values that are
     numbers or of shape (n_samples,)."""
     monomials = list(monomials)

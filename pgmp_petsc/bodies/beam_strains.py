@@ -10,11 +10,12 @@ motion does not change them.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.beam2d import strains
 from pgmp_petsc.bodies.floating import Beams, products
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -49,11 +50,6 @@ class BeamStrains:
         """The nodes that the points are at, of ends of elements, shape (n_points,)."""
         return self.body.mesh.cells[self.elements, self.along.astype(int)]
 
-    @property
-    def in_space(self) -> bool:
-        """Whether the beams are in space."""
-        return not self.body.planar
-
     def of_places(self, frames: np.ndarray) -> np.ndarray:
         """Return the strains of the points, shape (n_points, n_strains, n), for frames of the nodes.
 
@@ -61,7 +57,7 @@ class BeamStrains:
         """
         mesh, cells = self.body.mesh, self.body.mesh.cells
         first, second, lengths = frames[cells[:, 0]], frames[cells[:, 1]], mesh.lengths[:, None]
-        if self.in_space:
+        if not self.body.planar:
             return self._at_points(_in_space(first[:, :12], second[:, :12], lengths, self.body.axes))
         psi = 0.5 * (first[:, 2] + second[:, 2]) + self.body.directions[:, None]
         both = np.moveaxis(np.concatenate([first, second], axis=1), 1, 0)
@@ -74,7 +70,7 @@ class BeamStrains:
         cells, lengths = self.body.mesh.cells, self.body.mesh.lengths[:, None]
         first, second = displacements[cells[:, 0]], displacements[cells[:, 1]]
         apart, turned = (second - first) / lengths[:, None], 0.5 * (first + second)
-        if self.in_space:
+        if not self.body.planar:
             axes = self.body.axes
             tilted = np.cross(turned[:, 3:], axes[:, :, 0, None], axis=1)
             along = axes.swapaxes(1, 2)
@@ -87,7 +83,7 @@ class BeamStrains:
 
     def _at_points(self, middles: np.ndarray) -> np.ndarray:
         """Return the strains of the points from those in the middles of all elements, (n_elements, 3 or 6, n)."""
-        n_forces, own, (far, before, after) = (3 if self.in_space else 2), middles[self.elements], self.continued
+        n_forces, own, (far, before, after) = (2 if self.body.planar else 3), middles[self.elements], self.continued
         rise = middles[after, :n_forces] - middles[before, :n_forces]
         at_points = own[:, :n_forces] + far[:, None, None] * rise
         return np.concatenate([at_points, own[:, n_forces:], own[:, 1:n_forces]], axis=1)
@@ -98,7 +94,7 @@ class BeamStrains:
         n = resists.shape[1]
         resultants, middle = found[:, :n] * resists, found[:, n:] * resists[:, 1 : 1 + found.shape[1] - n]
         arms = ((self.along - 0.5) * self.body.mesh.lengths[self.elements])[:, None]
-        if self.in_space:
+        if not self.body.planar:
             resultants[:, 4] += arms * middle[:, 1]  # M_2' = Q_3
             resultants[:, 5] -= arms * middle[:, 0]  # M_3' = -Q_2
         else:
@@ -109,7 +105,7 @@ class BeamStrains:
         """Return the values at the points, shape (n_points,), of what is constant in every element."""
         return values[self.elements]
 
-    def stiffnesses(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+    def stiffnesses(self, values: Values) -> np.ndarray:
         """Return what makes forces and moments of strains at the points, shape (n_points, n_strains, 1 or n)."""
         terms = self.body.sections("stiffness").items()
         return sum(np.multiply.outer(c[self.elements], np.atleast_1d(weight.evaluate(values))) for weight, c in terms)

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 DOFS_PER_NODE = 3  # x, y, phi
 DOFS_IN_SPACE = 6  # displacement and rotation
+Pairs = tuple[np.ndarray, np.ndarray]  # numbers of one vector and of the other, each (n_pairs,)
 Entries = tuple[np.ndarray, np.ndarray, dict[Monomial, np.ndarray]]  # rows, columns, and values by weight, each (n,)
 
 
@@ -98,8 +99,6 @@ class Body(ABC):
     strains_follow_frames: ClassVar[bool] = False
     #: See `Recovery.curved`; None where nothing of the kind is known, or needed.
     curved_strains: ClassVar[np.ndarray | None] = None
-    #: Whether static stretching is distinguished from bending.
-    has_long_axis: ClassVar[bool] = True
     #: The mesh or the matrices that a build condenses.
     to_condense: ClassVar[Sequence[FramedSolid]] = ()
     #: Whether its unknowns hold all that stresses need.
@@ -244,10 +243,10 @@ class Body(ABC):
         """Return the weights of ``"mass"`` or ``"stiffness"`` without those of masses at nodes."""
         return set()
 
-    @property
-    def mass_weights(self) -> set[Monomial]:
-        """Weights of its affine mass terms."""
-        return self._lumped_weights | self.own_weights("mass")
+    def weights(self, kind: str) -> set[Monomial]:
+        """Return the weights of the affine terms of ``"mass"`` or ``"stiffness"``; none of the stiffness of a rigid
+        body."""
+        return self.own_weights(kind) | (self._lumped_weights if kind == "mass" else set())
 
     @property
     def translational_weights(self) -> set[Monomial]:
@@ -259,20 +258,14 @@ class Body(ABC):
         return self.own_weights("mass")
 
     @property
-    def stiffness_weights(self) -> set[Monomial]:
-        """Weights of its affine stiffness terms; none for a rigid body."""
-        return self.own_weights("stiffness")
-
-    @property
     def stiffness_ways(self) -> set[Monomial]:
         """Weights by which parameters change the stiffness otherwise than as a whole; none where it has but one."""
-        every = self.stiffness_weights
+        every = self.own_weights("stiffness")
         return {weight for weight in every if weight.powers} if len(every) > 1 else set()
 
     def condensed_weights(self, kind: str) -> set[Monomial]:
-        """Return the weights of ``"mass"`` or ``"stiffness"`` in a reduced model: those of the condensed body, if it is
-        one."""
-        return self.mass_weights if kind == "mass" else self.stiffness_weights
+        """Return the `weights` in a reduced model: those of the condensed body, if it is one."""
+        return self.weights(kind)
 
     @property
     def _lumped_weights(self) -> set[Monomial]:
@@ -345,9 +338,7 @@ class ThirdPart(ABC):
     terms: list[np.ndarray]
 
     @abstractmethod
-    def forces(
-        self, terms: Iterable[np.ndarray], vectors: np.ndarray, pairs: tuple[np.ndarray, np.ndarray]
-    ) -> Iterable[np.ndarray]:
+    def forces(self, terms: Iterable[np.ndarray], vectors: np.ndarray, pairs: Pairs) -> Iterable[np.ndarray]:
         """Yield terms times pairs of vectors (n_dofs, m): forces on strains or unknowns, each of shape (n, n_pairs)."""
 
     @abstractmethod

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.affine import Monomial, Quantity, total_at
 from pgmp_petsc.bodies.beam3d import N_FRAME, at_rest
 from pgmp_petsc.bodies.floating import Recovery, bar_length
 from pgmp_petsc.bodies.framed_solid import FramedSolid
@@ -33,7 +33,6 @@ from pgmp_petsc.scene.bodies import MOMENTS, Rigid
 
 if TYPE_CHECKING:
     from pgmp_petsc.bodies.floating import FloatingBody
-    from pgmp_petsc.bodies.large_deformation import LargeDeformation
 
 
 # the axes (from, to) that each rotation turns into each other, in the order of the rotations
@@ -79,26 +78,32 @@ def incommensurate(rows: np.ndarray, n: int, waves: np.ndarray) -> np.ndarray:
     return np.cos(np.outer(1.0 + rows * (np.sqrt(5.0) / n), 1.0 + np.sqrt(2.0) * waves))
 
 
+SLENDER = 3.0  # longest over second extent of a body that has a long axis
 MASSLESS = 1e-9  # over the largest translational mass of a term: round-off of none
 
 
 @dataclass(frozen=True, eq=False)
-class Component:
-    """A condensed body.
+class LargeDeformation:
+    """Terms of n displacement fields of a body, by weight; what remains when the weight is taken out."""
 
-    Attributes
-    ----------
-    moments
-        ``int rho u_i v_j dV`` of unit unknowns by weight, shape (d, d, n, n), i and u first; their trace is the mass.
-        Empty of rigid bodies, and of those read back from a reduced model, whose tables hold it.
-    """
+    third: dict[Monomial, np.ndarray]  # W3, symmetric, shape (n, n, n)
+    stretching: dict[Monomial, np.ndarray]  # stiffness against the mean strains of pieces, shape (n, n)
+    #: longest over second extent of the body along its principal axes: below `SLENDER` stretching means nothing
+    slenderness: float
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """A condensed body."""
 
     frames: dict[str, int]  # name and number (from 0) of every frame
     centres: np.ndarray  # of the frames in the body's frame, shape (n_frames, d), m
     #: mass, stiffness: ``T^T M_i T`` and ``T^T K_i T`` by weight, shape (n, n)
     mass: dict[Monomial, np.ndarray]
     stiffness: dict[Monomial, np.ndarray]
-    moments: dict[Monomial, np.ndarray] = field(compare=False)  # a model that is read back is the same without them
+    #: ``int rho u_i v_j dV`` of unit unknowns by weight, shape (d, d, n, n), i and u first; their trace is the mass.
+    #: Empty of rigid bodies, and of those read back from a reduced model, whose tables hold it: it is the same without
+    moments: dict[Monomial, np.ndarray] = field(compare=False)
     #: what of y makes the linear displacement fields of the body, shape (n, d (d + 1)): first the translations, then
     #: ``x_j`` in direction i as number ``d (1 + i) + j``. They hold rigid motion and the directions of inertia forces.
     fields: np.ndarray
@@ -219,7 +224,7 @@ def rigid_of_properties(shape: LineMesh, given: Rigid, nominal: Mapping[str, flo
         quantity = Quantity.of(value)
         if quantity.coefficient:
             mass[quantity.monomial] = mass.get(quantity.monomial, 0.0) + quantity.coefficient * unit
-    matrix = sum(float(weight.evaluate(nominal)) * own for weight, own in mass.items())
+    matrix = total_at(mass, nominal)
     centre = shape.nodes[0]
 
     def momenta(term: np.ndarray) -> np.ndarray:

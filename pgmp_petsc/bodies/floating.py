@@ -25,7 +25,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.affine import ByWeight, Monomial, total_at
 from pgmp_petsc.bodies.profile import Profiles
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, load, spread, store
@@ -117,13 +117,7 @@ HEAVY = 1e-3  # of the mass of the heaviest term: lighter ones say nothing of a 
 
 @dataclass(frozen=True, eq=False)
 class FloatingBody:
-    """A flexible body in its floating frame.
-
-    Attributes
-    ----------
-    recovery
-        The fields on the mesh, of condensed bodies as far as these have them.
-    """
+    """A flexible body in its floating frame."""
 
     frames: dict[str, int]  # name and number (from 0) of every frame that joints, effects and outputs hold
     centres: np.ndarray  # of the frames in the body's frame, shape (n_frames, d), m
@@ -138,7 +132,8 @@ class FloatingBody:
     #: body does not follow its foreshortening
     bent: np.ndarray
     curved: dict[Monomial, np.ndarray]  # ``int rho X_k chi_l dV`` by weight, shape (d, d, n, n); empty likewise
-    recovery: Recovery | None = field(default=None, compare=False)  # follows from the body's own and from `parts`
+    #: the fields on the mesh, of condensed bodies as far as these have them: from the body's own and from `parts`
+    recovery: Recovery | None = field(default=None, compare=False)
     #: small displacement and rotation of the frame, and amplitudes, that a unit of every unknown of the condensed body
     #: is, shape (n_rigid + n, n_rigid + n); None of a body of beams
     parts: np.ndarray | None = None
@@ -159,10 +154,7 @@ class FloatingBody:
 
     def modal(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """Return the mass (kg) and the stiffness (N/m) of every amplitude by itself, each of shape (n,)."""
-        moments, stiffness = (
-            sum(float(weight.evaluate(values)) * part for weight, part in terms.items())
-            for terms in (self.moments, self.stiffness)
-        )
+        moments, stiffness = (total_at(terms, values) for terms in (self.moments, self.stiffness))
         both = second_moments(moments, self.centres.shape[1])[2]
         return np.einsum("kkii->i", both), np.diagonal(stiffness)
 
@@ -177,19 +169,16 @@ def bar_length(terms: Sequence[np.ndarray]) -> float:
 
 
 def without_noise(
-    moments: Mapping[Monomial, np.ndarray],
-    stiffness: Mapping[Monomial, np.ndarray],
-    nominal: Mapping[str, float],
-    d: int,
-) -> tuple[dict[Monomial, np.ndarray], dict[Monomial, np.ndarray]]:
+    moments: ByWeight, stiffness: ByWeight, nominal: Mapping[str, float], d: int
+) -> tuple[ByWeight, ByWeight]:
     """Return moments and stiffness with zeros for what is round-off at nominal parameters, as between fields that bend
     a straight body in two planes. Terms that are 0 there, as those of random fields, stay as they are."""
     weights = {weight: float(weight.evaluate(nominal)) for weight in {*moments, *stiffness}}
-    whole = sum(weights[weight] * part for weight, part in moments.items())
+    whole = total_at(moments, nominal)
     own = np.sqrt(np.einsum("kkii->i", second_moments(whole, d)[2]))
     place = np.sqrt(np.trace(whole[1 : 1 + d, 1 : 1 + d]))
     of_fields = np.concatenate([[np.sqrt(whole[0, 0])], np.full(d, place), np.tile(own, d)])
-    stiff = np.sqrt(np.diag(sum(weights[weight] * part for weight, part in stiffness.items())))
+    stiff = np.sqrt(np.diag(total_at(stiffness, nominal)))
     return tuple(
         {
             w: np.where(np.abs(weights[w] * part) > NOISE * np.outer(size, size), part, 0.0) if weights[w] else part

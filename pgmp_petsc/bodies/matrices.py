@@ -6,7 +6,7 @@ matrices never change it.
 
 Third derivative of the strain energy at rest, ``K3 = sum_i w_i K3_i``, times pairs of vectors, in body frames.
 
-It is never stored for beams (`kinds.beam`); of a condensed body it is (`large_deformation`). A rank has the elements
+It is never stored for beams (`kinds.beam`); of a condensed body it is (`components`). A rank has the elements
 that touch its rows.
 
 Moments of inertia of a body's fields: what its mass matrix does to fields that are turned.
@@ -34,8 +34,8 @@ from itertools import chain
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body
+from pgmp_petsc.bodies.affine import Monomial, total_at
+from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body, Pairs
 from pgmp_petsc.bodies.component import of_directors
 
 
@@ -60,7 +60,7 @@ class AffineMatrices:
     @cached_property
     def stretching(self) -> dict[Monomial, sp.csr_matrix]:
         """The part of the stiffness that resists extension; of condensed bodies that against the mean strains of pieces
-        (`large_deformation`)."""
+        (`components.large_deformation`)."""
         return self._terms("stretching")
 
     def _terms(self, kind: str) -> dict[Monomial, sp.csr_matrix]:
@@ -91,9 +91,6 @@ def owned_rows(n_dofs: int, rank: int, size: int) -> range:
     n_nodes = n_dofs // DOFS_PER_NODE
     first, last = n_nodes * rank // size, n_nodes * (rank + 1) // size
     return range(DOFS_PER_NODE * first, DOFS_PER_NODE * last if rank < size - 1 else n_dofs)
-
-
-Pairs = tuple[np.ndarray, np.ndarray]
 
 
 class ThirdDerivative:
@@ -128,7 +125,7 @@ class ThirdDerivative:
         """Return ``K3[v_j, v_k]`` at parameter values, shape (n_rows, n_pairs); see `times`."""
         total = np.zeros((len(self._rows), pairs[0].size))
         for part in self._parts:
-            weighted = sum(float(weight.evaluate(values)) * term for weight, term in zip(part.weights, part.terms))
+            weighted = total_at(dict(zip(part.weights, part.terms)), values)
             for forces in part.forces([weighted], vectors, pairs):
                 part.add(forces, total)
         return total

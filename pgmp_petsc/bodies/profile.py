@@ -26,7 +26,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.affine import Monomial, Quantity, Values
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +62,7 @@ class Profile:
         """Return the weights that `over` makes of some."""
         return own | {weight * factor for weight in own for factor in self.terms}
 
-    def at(
-        self, values: Mapping[str, np.ndarray | float], of_cells: Callable[[np.ndarray], np.ndarray]
-    ) -> np.ndarray | float:
+    def at(self, values: Values, of_cells: Callable[[np.ndarray], np.ndarray]) -> np.ndarray | float:
         """Return the factor at points, shape (n_points, 1 or n), for parameter values, numbers or of shape (n,); of a
         uniform body 1.0.
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -32,7 +32,6 @@ from pgmp_petsc.bodies.profile import UNIFORM, Profile, Profiles
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh, reference_element
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.parameters import RandomField
 
 ROLE = {"E": "modulus", "rho": "density"}  # of others it is a size
 LEAST = 0.01  # of the mean: what a quantity may fall to
@@ -65,9 +64,10 @@ def checked_expansion(scene: Scene, name: str, mesh: LineMesh | SolidMesh) -> Ex
             f"{entry}.terms = {field.terms}: {field.body} has {volumes.size} cells, and no more terms; take fewer, or "
             "a finer mesh"
         )
-    found = _expanded(field, places, volumes, field.terms)
+    expanded = partial(expansion, places, volumes, field.kernel, field.length, field.smoothness or 0.5)
+    found = expanded(field.terms)
     if found.kept < field.least_share:
-        more = _expanded(field, places, volumes, min(MORE * field.terms, volumes.size))
+        more = expanded(min(MORE * field.terms, volumes.size))
         enough = np.flatnonzero(np.cumsum(more.shares) >= field.least_share)
         cure = f"take {enough[0] + 1}" if enough.size else f"take more than {more.shares.size}"
         raise InputError(
@@ -109,10 +109,6 @@ def field_remarks(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> I
                 f"fields.{name}.length = {scene.system.shown(field.length, 'm'):g}: cells of {field.body} are up to "
                 f"{scene.system.text(size, 'm')} long, more than half of it, and each has one value; take a finer mesh"
             )
-
-
-def _expanded(field: RandomField, places: np.ndarray, volumes: np.ndarray, n_terms: int) -> Expansion:
-    return expansion(places, volumes, field.kernel, field.length, field.smoothness or 0.5, n_terms)
 
 
 def _cells(mesh: LineMesh | SolidMesh) -> tuple[np.ndarray, np.ndarray]:

@@ -11,8 +11,9 @@ from typing import TypeVar
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
-from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.component import SLENDER, Component
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
@@ -67,7 +68,7 @@ def lacks_foreshortening(shape: BodyShape) -> bool:
 
 def has_long_axis(shape: BodyShape) -> bool:
     """Return whether static stretching of a body is distinguished from its bending."""
-    return not isinstance(shape, Component) or shape.large is None or shape.large.slender
+    return not isinstance(shape, Component) or shape.large is None or shape.large.slenderness >= SLENDER
 
 
 def given_properties(shape: BodyShape | None) -> MassProperties | None:
@@ -104,7 +105,7 @@ def _line(scene: Scene, name: str, n_cells: int | None = None) -> LineMesh:
     return straight_beam(length, n_cells, line.start, scene.bodies[name].dimension)
 
 
-def length_share(scene: Scene, name: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+def length_share(scene: Scene, name: str, values: Values) -> np.ndarray | float:
     """Return how often its length in the scene's run a body has with parameter values, numbers or of shape (n,)."""
     line = scene.bodies[name].line
     if line is None or not isinstance(line.length, str):

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.bodies.affine import Quantity, Values, total_at
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.elasticity import Lame
 from pgmp_petsc.bodies.floating import Beams, Recovery
@@ -33,7 +33,6 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES
 from pgmp_petsc.scene.references import points_used
 
-Values = Mapping[str, "np.ndarray | float"]
 Strains = SolidStrains | BeamStrains
 
 
@@ -120,14 +119,14 @@ class BeamLaw:
         n_strains, 1 or n)."""
         ratio = points.stiffnesses(nominal) / points.stiffnesses(parameters)
         # behind the strains of the points are the shears in the middles of their elements
-        return np.concatenate([ratio, ratio[:, 1 : 3 if points.in_space else 2]], axis=1)
+        return np.concatenate([ratio, ratio[:, 1 : 2 if points.body.planar else 3]], axis=1)
 
     def _of_fibres(self, points: BeamStrains, bent: np.ndarray, parameters: Values) -> tuple[np.ndarray, np.ndarray]:
         """Return the stress of the axial force and the largest one of bending, each of shape (n_points, n), for strains
         of the points (n_points, n_strains, n)."""
         young = self.modulus.at(parameters) * points.body.profiles.modulus.at(parameters, points.of_cells)
         along_2, along_3 = (reach.at(parameters) for reach in self.reach)
-        if not points.in_space:
+        if points.body.planar:
             bending = np.abs(bent[:, 2]) * along_2
         elif self.round:
             bending = np.hypot(bent[:, 4], bent[:, 5]) * along_2
@@ -140,8 +139,7 @@ class BeamLaw:
         body = points.body
         if quantity in OF_FIBRES:
             return float(self.modulus.at(nominal))
-        terms = body.sections("stiffness").items()
-        resists = sum(float(weight.evaluate(nominal)) * c[:, _number_of(quantity, body)] for weight, c in terms)
+        resists = total_at(body.sections("stiffness"), nominal)[:, _number_of(quantity, body)]
         return float(resists.max() / (body.extent if "moment" in quantity else 1.0))
 
 
@@ -155,6 +153,8 @@ class BodyStresses(ABC):
 
     mesh: SolidMesh | LineMesh  # its cells, or lines
     points: type[Strains]
+    law: SolidLaw | BeamLaw  # what gives stresses from strains
+    _of: tuple[Any, Any]  # what points are of: a mesh and the cells of its materials, or beams and the nodes held
 
     def __init__(self, scene: Scene, name: str) -> None:
         self._scene, self._name, self._entry = scene, name, scene.bodies[name]
@@ -164,16 +164,6 @@ class BodyStresses(ABC):
         """The quantities that the body has, with their units: no fibre of a section given by coefficients."""
         of_element = STRESSES[self._entry.element]
         return {key: unit for key, unit in of_element.items() if self._entry.material or key not in OF_FIBRES}
-
-    @property
-    @abstractmethod
-    def law(self) -> SolidLaw | BeamLaw:
-        """Law that gives stresses from strains."""
-
-    @property
-    @abstractmethod
-    def _of(self) -> tuple[Any, Any]:
-        """What points are of: a mesh and the cells of its materials, or beams and the nodes that are held."""
 
     @abstractmethod
     def _nodes_of(self, name: str, entry: str) -> np.ndarray:

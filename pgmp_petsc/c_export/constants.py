@@ -23,12 +23,14 @@ from pgmp_petsc.controllers.acting import ACTING_LAW, measured_by
 from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.effects import motions_of
 from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.time_function import Piece, TimeFunction
+from pgmp_petsc.effects.effect import Effect
+from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.models import ComponentModel, ReducedModel
 from pgmp_petsc.outputs.joint_forces import OfConnection, OfMotion
+from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.reduced import action_kernel
 from pgmp_petsc.reduced import steps as reduced_steps
 from pgmp_petsc.reduced.actions import nodes_of
@@ -65,24 +67,8 @@ OF_PLACES = {"actions_table", "branch_table", "rigid_table"}
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
 
 
-#: Sizes of the tables of a reduced model in C, as `equations.h` has them.
-SHAPES = {
-    "rigid_table": "[RIGID_ROWS][N_TERMS][PACKED(R)]",
-    "rigid_stencils": "[R][RIGID_CELLS][RIGID_REACH]",
-    "rigid_matrices": "[R][RIGID_CELLS][8][RIGID_REACH]",
-    "terms_table": "[N_ROWS][N_TERMS][END]",
-    "loads_table": "[AT_LEAST_ONE(N_LOAD_TERMS)][N_ROWS][LOAD_END]",
-    "shapes_table": "[N_ROWS][N_FACTORS][N_SHAPES]",
-    "branch_table": "[N_BRANCH_PARTS][N_BRANCH][N_BODIES][N_POSE]",
-    "actions_table": "[AT_LEAST_ONE(N_FINE)][AT_LEAST_ONE(N_ACTION_ENTRIES)]",
-    "gap_table": "[N_ROWS][AT_LEAST_ONE(N_GAPS)][AT_LEAST_ONE(N_GAP_ENTRIES)]",
-    "gap_changes": "[N_ROWS][AT_LEAST_ONE(N_GAPS)][AT_LEAST_ONE(N_GAP_CHANGES)]",
-    "scale": "[]",
-    "winding": "[R][N_BODIES]",
-    "node_points": "[AT_LEAST_ONE(N_NODES)][D]",
-    "start_coordinates": "[N]",
-    "start_rates": "[N]",
-}
+#: Tables of a model in C by name, each with its sizes there.
+Tables = Mapping[str, tuple[str, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -109,8 +95,9 @@ class Constants:
     name: str  # of the scene
     system: UnitSystem  # its units
     settings: Mapping[str, int | float] = field(default_factory=dict)  # numbers of ``sizes.h`` by name
-    tables: Mapping[str, tuple[str, np.ndarray]] = field(default_factory=dict)  # of ``tables.c``, and their sizes in C
-    lists: Mapping[str, Sequence[str]] = field(default_factory=dict)  # structures of the kind, by declaration, in C
+    tables: Tables = field(default_factory=dict)  # of ``tables.c``
+    #: structures of the kind in C, and whole numbers, by declaration
+    lists: Mapping[str, Sequence[str | int]] = field(default_factory=dict)
     axes: Mapping[str, Sequence[Along]] = field(default_factory=dict)  # of the tables' coordinates, by name
     #: weights, load_weights: monomials of the terms and of the load terms
     weights: tuple[Monomial, ...] = ()
@@ -127,7 +114,7 @@ class Constants:
     strengths: Mapping[str, Sequence[Piece]]
     motions: Sequence[Sequence[Piece]]
     #: load_of_term, strength_of_load: number of the load of each load term, and of the strength of each load
-    load_of_term: Sequence[int] = ()
+    load_of_term: Sequence[int]
     strength_of_load: Sequence[int]
     coordinate_units: Mapping[str, str]  # of the rigid coordinates, by their names
     #: coordinates, closure, closure_wanted: what measures the coordinates, what holds the bodies together, and the
@@ -144,7 +131,7 @@ class Constants:
     #: counts as zero of the motions that these measure
     controls: Sequence[statements.ControlInC]
     control_actions: Sequence[int]
-    control_origins: Sequence[float] = ()
+    control_origins: Sequence[float]
     outputs: statements.OutputsInC
     #: output_units, strength_units, parameter_units: by name; empty where nothing says which
     output_units: Mapping[str, str]
@@ -181,50 +168,50 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     bodies = np.repeat(np.arange(len(mechanism.bodies)), [body.n_nodes for body in mechanism.bodies])
     effects = {effect.name: effect for effect in model.effects}
     places = model.actions.rigid
-    gaps, of_gaps = _gaps_of(model)
-    tables = _tables(model, nodes, places) | of_gaps
+    gaps = model.multipliers and model.multipliers.gaps
+    tables = _tables(model, nodes, places) | _tables_of_gaps(gaps, len(_flat(terms.terms.rows)))
     check_size(tables, what)
-    winding, node_bodies = tables.pop("winding"), [str(bodies[node]) for node in nodes]
     shared = shared_of(
-        model, nodes, actions, {name: effects[name].strength for name in dict.fromkeys(terms.tables.load_effects)},
+        model, nodes, actions, [effects[name] for name in terms.tables.load_effects],
         model.actions.places.winding, [] if gaps is None else model.multipliers.rows,
     )  # fmt: skip
-    sizes = {**_sizes(model, tables), **_sizes_of_gaps(gaps, of_gaps)}
+    shapes = {name: table.shape for name, (_, table) in tables.items()}
+    sizes = {**_sizes(model, shapes), **_sizes_of_gaps(gaps, shapes)}
     exchange = int(not (scene.controllers or model.outputs.counts))
     sizes |= {"CORRECTIONS": CORRECTIONS, "EXCHANGE": exchange, "ALWAYS_PROBED": 0, "PROJECTS": 0}
     return replace(
         shared,
         kind="reduced",
         settings=shared.settings | sizes,
-        tables={name: (SHAPES[name], table) for name, table in (tables | {"winding": winding}).items()},
-        lists={"const int node_bodies[]": node_bodies},
+        tables=tables,
+        lists={"const int node_bodies[]": bodies[nodes].tolist()},
         axes=_axes(model, places),
         weights=terms.weights,
         gap_weights=() if gaps is None else [weight for own in gaps.weights for weight in own],
         load_weights=terms.tables.load_weights,
         given=[Monomial(() if name is None else ((name, 1),)) for name in offset_directions(scene)],
         prescribed=terms.tables.prescribed(model.motions),
-        load_of_term=list(map(list(dict.fromkeys(terms.tables.load_effects)).index, terms.tables.load_effects)),
-        control_origins=[] if model.measures is None else model.measures.origins.tolist(),
     )
 
 
 def shared_of(
     model: ReducedModel | ComponentModel, nodes: Sequence[int], actions: Sequence[Action],
-    loads: Mapping[str, TimeFunction], windings: Iterable[np.ndarray], gaps: Sequence[int],
+    loads: Sequence[Effect], windings: Iterable[np.ndarray], gaps: Sequence[int],
 ) -> Constants:  # fmt: skip
     """Collect what models in C of all kinds have.
 
-    Nodes are those whose frames are known, in the order of their slots; actions are local effects, loads functions of
-    time of the effects that are loads, by name, and windings what the angle of each part of an effect grows by with the
-    coordinates; gaps are as of `ForceInC.of`.
+    Nodes are those whose frames are known, in the order of their slots; actions are local effects, loads the effects of
+    all load terms, and windings what the angle of each part of an effect grows by with the coordinates; gaps are as of
+    `ForceInC.of`.
     """
     scene, kinematics, held = model.scene, model.kinematics, nodes_of(actions)
     slots, parameters = {node: slot for slot, node in enumerate(nodes)}, tunable(scene)
-    over_time = dict(loads)
+    load_names = list(dict.fromkeys(effect.name for effect in loads))
+    over_time = {effect.name: effect.strength for effect in loads}
     over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
     windings, motions = iter(windings), motions_of(scene, kinematics.mechanism)
     closure, wanted = statements.closure_of(kinematics)
+    measures = [Reading.of_coordinate(c, kinematics) for c in kinematics.coordinates]
     first_edges = [0, *accumulate(len(action.law.edges) for action in actions)]
     in_c = parameters_in_c(scene)
     carried = () if model.measures is None else model.measures.carried
@@ -232,6 +219,7 @@ def shared_of(
     settings = _steps(model.scene)
     controls = statements.controls_in_c(scene, parameters, settings["STEP"])
     control_actions = [k for k, action in enumerate(actions) if action.law is ACTING_LAW]
+    strengths = {name: _unit_of_strength(name, scene) for name in over_time}
     carried_actions = [k for k, action in enumerate(actions) if action.law.loaded]
     found = Constants(
         name=scene.name,
@@ -242,9 +230,10 @@ def shared_of(
         served={name: _bounds(scene, name) for name in parameters} | model.served,
         strengths={name: function.pieces for name, function in over_time.items()},
         motions=[motions[k].angle.pieces if k in motions else () for k in range(kinematics.n_coordinates)],
-        strength_of_load=[list(over_time).index(name) for name in loads],
+        load_of_term=[load_names.index(effect.name) for effect in loads],
+        strength_of_load=[list(over_time).index(name) for name in load_names],
         coordinate_units={c.name: c.unit for c in kinematics.coordinates},
-        coordinates=statements.coordinates_of(kinematics, slots),
+        coordinates=[statements.StatementInC.of_reading(one, slots) for one in measures],
         closure=closure,
         closure_wanted=wanted,
         actions=[
@@ -253,12 +242,13 @@ def shared_of(
         ],
         controls=controls,
         control_actions=control_actions,
+        control_origins=[] if model.measures is None else model.measures.origins.tolist(),
         action_slots=[slots[node] for node in held],
         carried_actions=carried_actions,
         outputs=outputs,
         output_units={name: scene.system.unit(unit) for name, unit in model.outputs.units.items()},
-        strength_units={name: scene.system.unit(_unit_of_strength(name, scene)) for name in over_time},
-        strength_sizes=[scene.system.size_of(_unit_of_strength(name, scene)) for name in over_time],
+        strength_units={name: scene.system.unit(unit) for name, unit in strengths.items()},
+        strength_sizes=list(map(scene.system.size_of, strengths.values())),
         parameter_units={name: _unit_of(name, scene) for name in parameters},
     )
     return replace(found, settings=_counts(found, model, len(nodes), settings["N_STEPS"]) | settings)
@@ -303,19 +293,22 @@ def _counts(found: Constants, model: ReducedModel | ComponentModel, n_nodes: int
     }
 
 
-def _gaps_of(model: ReducedModel) -> tuple[GapForces | None, dict[str, np.ndarray]]:
-    """Return what opens joints whose forces are outputs, if there are any, and its tables."""
-    n_rows, gaps = len(_flat(model.terms.terms.rows)), model.multipliers and model.multipliers.gaps
-    if gaps is None:
-        return None, {"gap_table": np.zeros((n_rows, 1, 1)), "gap_changes": np.zeros((n_rows, 1, 1))}
-    return gaps, {"gap_table": _flat(gaps.table.rows), "gap_changes": _flat(gaps.changing.rows)}
+def _tables_of_gaps(gaps: GapForces | None, n_rows: int) -> Tables:
+    """Return the tables of what opens joints whose forces are outputs, if there are any."""
+    table, changes = (
+        (np.zeros((n_rows, 1, 1)),) * 2 if gaps is None else (_flat(gaps.table.rows), _flat(gaps.changing.rows))
+    )
+    return {
+        "gap_table": ("[N_ROWS][AT_LEAST_ONE(N_GAPS)][AT_LEAST_ONE(N_GAP_ENTRIES)]", table),
+        "gap_changes": ("[N_ROWS][AT_LEAST_ONE(N_GAPS)][AT_LEAST_ONE(N_GAP_CHANGES)]", changes),
+    }
 
 
-def _sizes_of_gaps(gaps: GapForces | None, tables: Mapping[str, np.ndarray]) -> dict[str, int]:
+def _sizes_of_gaps(gaps: GapForces | None, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, int]:
     mass, stiffness, loads, damping = (0, 0, 0, 0) if gaps is None else map(len, gaps.weights)
     sizes = (0,) * 5
     if gaps is not None:
-        sizes = (*tables["gap_table"].shape[1:], tables["gap_changes"].shape[2], *gaps.sizes[2:])
+        sizes = (*shapes["gap_table"][1:], shapes["gap_changes"][2], *gaps.sizes[2:])
     names = "N_GAPS N_GAP_ENTRIES N_GAP_CHANGES GAPS_CURVED GAPS_DRIVEN GAP_MASS GAP_STIFFNESS GAP_DAMPING N_GAP_TERMS"
     counts = (*sizes, mass, stiffness, damping, mass + stiffness + loads + damping)
     return {name: int(count) for name, count in zip(names.split(), counts, strict=True)}
@@ -390,7 +383,7 @@ def _start(model: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
     return tuple(np.pad(part, (0, model.terms.tables.n_modes)) for part in model.start)
 
 
-def _tables(model: ReducedModel, nodes: Sequence[int], places: Interpolant | None) -> dict[str, np.ndarray]:
+def _tables(model: ReducedModel, nodes: Sequence[int], places: Interpolant | None) -> Tables:
     begun, rates = _start(model)
     terms, mechanism, scheme = model.terms, model.kinematics.mechanism, model.scene.interpolation
     flexible = [node for body in mechanism.bodies if body.flexible for node in range(body.nodes.start, body.nodes.stop)]
@@ -401,19 +394,25 @@ def _tables(model: ReducedModel, nodes: Sequence[int], places: Interpolant | Non
     shapes = np.concatenate([of_outputs.displacements.rows, turned], axis=-1)
     points, rigid = np.concatenate([body.mesh.nodes for body in mechanism.bodies]), terms.cells.rigid
     return {
-        "rigid_table": rigid.rows,
-        "rigid_stencils": rigid.stencils,
-        "rigid_matrices": rigid.matrices,
-        "terms_table": _flat(terms.terms.rows),
-        "loads_table": np.swapaxes(_flat(terms.load.rows), 0, 1),
-        "shapes_table": _flat(shapes),
-        "branch_table": _branch(model.rom.branch, len(mechanism.bodies)),
-        "actions_table": np.zeros((0, 0)) if places is None else _flat(places.rows)[:, 0],
-        "scale": terms.scale,
-        "winding": model.rom.branch.winding,
-        "node_points": points[list(nodes)].reshape(-1, d),
-        "start_coordinates": begun,
-        "start_rates": rates,
+        "rigid_table": ("[RIGID_ROWS][N_TERMS][PACKED(R)]", rigid.rows),
+        "rigid_stencils": ("[R][RIGID_CELLS][RIGID_REACH]", rigid.stencils),
+        "rigid_matrices": ("[R][RIGID_CELLS][8][RIGID_REACH]", rigid.matrices),
+        "terms_table": ("[N_ROWS][N_TERMS][END]", _flat(terms.terms.rows)),
+        "loads_table": ("[AT_LEAST_ONE(N_LOAD_TERMS)][N_ROWS][LOAD_END]", np.swapaxes(_flat(terms.load.rows), 0, 1)),
+        "shapes_table": ("[N_ROWS][N_FACTORS][N_SHAPES]", _flat(shapes)),
+        "branch_table": (
+            "[N_BRANCH_PARTS][N_BRANCH][N_BODIES][N_POSE]",
+            _branch(model.rom.branch, len(mechanism.bodies)),
+        ),
+        "actions_table": (
+            "[AT_LEAST_ONE(N_FINE)][AT_LEAST_ONE(N_ACTION_ENTRIES)]",
+            np.zeros((0, 0)) if places is None else _flat(places.rows)[:, 0],
+        ),
+        "scale": ("[]", terms.scale),
+        "winding": ("[R][N_BODIES]", model.rom.branch.winding),
+        "node_points": ("[AT_LEAST_ONE(N_NODES)][D]", points[nodes].reshape(-1, d)),
+        "start_coordinates": ("[N]", begun),
+        "start_rates": ("[N]", rates),
     }
 
 
@@ -452,17 +451,18 @@ def _axes(model: ReducedModel, places: Interpolant | None) -> dict[str, list[Alo
     }
 
 
-def check_size(tables: Mapping[str, np.ndarray], what: str) -> None:
-    size = sum(table.size for table in tables.values())
+def check_size(tables: Tables, what: str) -> None:
+    sizes = {name: table.size for name, (_, table) in tables.items()}
+    size = sum(sizes.values())
     if size > MOST_NUMBERS:
         cure = "Build with fewer reduction.modes or reduction.angles, or with reduction.interpolation = 'spline'"
-        if sum(tables[name].size for name in OF_PLACES & tables.keys()) > size / 2:
+        if sum(sizes[name] for name in OF_PLACES & sizes.keys()) > size / 2:
             cure = "Most say where the rigid mechanism is: build with smaller ranges of the coordinates, "
             cure += "or let effects act at fewer points, none of them on motors behind gears"
         raise InputError(f"{what}: the tables have {size} numbers; at most {MOST_NUMBERS} are written. {cure}")
 
 
-def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, int | float]:
+def _sizes(model: ReducedModel, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, int | float]:
     terms, branch = model.terms, model.rom.branch
     layout = terms.layout
     return {
@@ -473,18 +473,18 @@ def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, i
         "DRIVEN_CURVATURE": int(layout.driven < layout.damping),
         "STRUCTURAL_DAMPING": int(layout.damping < layout.end),
         "QUADRATIC": int(layout.quadratic),
-        "N_ROWS": len(tables["terms_table"]),
-        "RIGID_ROWS": len(tables["rigid_table"]),
-        "RIGID_CELLS": tables["rigid_stencils"].shape[1],
-        "RIGID_REACH": tables["rigid_stencils"].shape[2],
+        "N_ROWS": shapes["terms_table"][0],
+        "RIGID_ROWS": shapes["rigid_table"][0],
+        "RIGID_CELLS": shapes["rigid_stencils"][1],
+        "RIGID_REACH": shapes["rigid_stencils"][2],
         "N_TERMS": len(terms.weights),
         "N_LOAD_TERMS": len(terms.tables.load_weights),
-        "N_SHAPES": tables["shapes_table"].shape[2],
-        "N_BRANCH_PARTS": len(tables["branch_table"]),
-        "N_BRANCH": tables["branch_table"].shape[1],
+        "N_SHAPES": shapes["shapes_table"][2],
+        "N_BRANCH_PARTS": shapes["branch_table"][0],
+        "N_BRANCH": shapes["branch_table"][1],
         "BRANCH_IS_EXACT": int(branch.is_exact),
-        "N_FINE": len(tables["actions_table"]),
-        "N_ACTION_ENTRIES": tables["actions_table"].shape[1],
+        "N_FINE": shapes["actions_table"][0],
+        "N_ACTION_ENTRIES": shapes["actions_table"][1],
         "MASS_DAMPING": 0.0 if terms.damping is None else terms.damping.mass,
         "NEWTON_TOLERANCE": reduced_steps.NEWTON_TOLERANCE,
         "TOLERANCE_OF_ONE": reduced_steps.NEWTON_TOLERANCE,

@@ -32,6 +32,11 @@ BLOCK = 1_000_000
 PARAMETERS, STRENGTHS, OUTPUTS, FOLLOWS, STATES, DERIVATIVES = (k * BLOCK for k in (0, 1, 2, 4, 5, 6))
 ELASTIC_ROTATION, CORRECTION, VALIDITY, VALID, TIME = range(3 * BLOCK, 3 * BLOCK + 5)
 REAL, WHOLE, BOOLEAN = "real", "whole", "Boolean"
+TURNED = "largest rotation of a node less that of its rigid body"
+LEFT = (
+    "what Newton's iteration left in the last step, estimated, in units of the mechanism's size or of 1 rad; 0 in "
+    "model exchange"
+)
 FLAGS = (
     "0 is fine, else a sum: 1 elastic rotation beyond its limit, 2 a coordinate outside the tables, 4 a step that "
     "failed and was not taken, 8 no finite number, 16 a parameter outside what the model was built for, 32 cycles "
@@ -69,39 +74,32 @@ def quoted(name: str) -> str:
 def variables_of(constants: Constants) -> list[Variable]:
     # values are in the units of the scene; what a parameter was given in is of its numbers only
     found, units = [], "SI units" if constants.system == SI else str(constants.system)
+    parameter = "parameter", "tunable"
     for k, (name, value) in enumerate(constants.parameters.items()):
         served, unit = constants.served[name], constants.parameter_units[name]
         low, high = min(served.to_own * served.low, value), max(served.to_own * served.high, value)
         about = f"{units}; from min to max, its bounds or what the model was built for"
         about = units if math.isinf(high - low) else about
-        setting = "parameter", "tunable", about, repr(float(value)), None
-        found.append(Variable(f"parameters.{quoted(name)}", PARAMETERS + k, REAL, *setting, unit, low, high))
+        setting = REAL, *parameter, about, repr(float(value)), None, unit, low, high
+        found.append(Variable(f"parameters.{quoted(name)}", PARAMETERS + k, *setting))
     for k, (name, unit) in enumerate(constants.strength_units.items()):
         about = "strength at the end of a step, where it does not follow the scene"
-        setting = "input", "continuous", about, "0.0", None
-        found.append(Variable(f"effects.{quoted(name)}", STRENGTHS + k, REAL, *setting, unit))
+        setting = REAL, "input", "continuous", about, "0.0"
+        found.append(Variable(f"effects.{quoted(name)}", STRENGTHS + k, *setting, unit=unit))
         about = "whether the strength is the scene's over time, and the input is not looked at"
         if (follows := f"{name}_follows_scene") in constants.strength_units:
             cure = "give the effect another name and build anew, or export C99"
             raise InputError(f"effects.{follows}: an FMU has a variable of this name for effects.{name}; {cure}")
-        found.append(
-            Variable(f"effects.{quoted(follows)}", FOLLOWS + k, BOOLEAN, "parameter", "tunable", about, "true")
-        )
+        found.append(Variable(f"effects.{quoted(follows)}", FOLLOWS + k, BOOLEAN, *parameter, about, "true"))
+    output = REAL, "output", "continuous"
     for k, (name, unit) in enumerate(constants.output_units.items()):
-        found.append(
-            Variable(f"outputs.{quoted(name)}", OUTPUTS + k, REAL, "output", "continuous", f"in {unit}", unit=unit)
-        )
-    about = "largest rotation of a node less that of its rigid body"
-    found.append(
-        Variable("elastic_rotation", ELASTIC_ROTATION, REAL, "output", "continuous", about, unit="rad", low=0.0)
-    )
-    about = (
-        "what Newton's iteration left in the last step, estimated, in units of the mechanism's size or of 1 rad; 0 in "
-        "model exchange"
-    )
-    found.append(Variable("correction", CORRECTION, REAL, "output", "continuous", about, unit="1", low=0.0))
-    found.append(Variable("validity", VALIDITY, WHOLE, "output", "discrete", FLAGS, low=0, high=63))
-    found.append(Variable("valid", VALID, BOOLEAN, "output", "discrete", "whether validity is 0"))
+        found.append(Variable(f"outputs.{quoted(name)}", OUTPUTS + k, *output, f"in {unit}", unit=unit))
+    found += [
+        Variable("elastic_rotation", ELASTIC_ROTATION, *output, TURNED, unit="rad", low=0.0),
+        Variable("correction", CORRECTION, *output, LEFT, unit="1", low=0.0),
+        Variable("validity", VALIDITY, WHOLE, "output", "discrete", FLAGS, low=0, high=63),
+        Variable("valid", VALID, BOOLEAN, "output", "discrete", "whether validity is 0"),
+    ]
     return [*found, *_states(constants)] if constants.exchanges else found
 
 
@@ -111,13 +109,12 @@ def _states(constants: Constants) -> list[Variable]:
     inside = [quoted(name) if unit else name for name, unit in zip(free, known)]
     names = [*(f"states.{name}" for name in inside), *(f"rates.{name}" for name in inside)]
     units = [f"{unit}{per}" if unit else "" for per in ("", "/s", "/s2") for unit in known]
-    for k, name in enumerate(names):
-        about = f"{units[k] or 'a modal coordinate'}" if k < len(free) else "rate of a state"
-        found.append(Variable(name, STATES + k, REAL, "local", "continuous", about, unit=units[k]))
-    for k, name in enumerate(names):
-        about, setting = "derivative of a state", (REAL, "local", "continuous")
-        unit = units[k + len(free)]
-        found.append(Variable(f"der({name})", DERIVATIVES + k, *setting, about, "", STATES + k, unit))
+    setting, rates = (REAL, "local", "continuous"), units[len(free) :]
+    for k, (name, unit) in enumerate(zip(names, units)):
+        about = unit or "a modal coordinate" if k < len(free) else "rate of a state"
+        found.append(Variable(name, STATES + k, *setting, about, unit=unit))
+    for k, (name, unit) in enumerate(zip(names, rates)):
+        found.append(Variable(f"der({name})", DERIVATIVES + k, *setting, "derivative of a state", "", STATES + k, unit))
     return found
 
 

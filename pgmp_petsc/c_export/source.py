@@ -119,10 +119,7 @@ def _tables(constants: Constants) -> str:
     for name, (shape, table) in constants.tables.items():
         number = "int" if table.dtype.kind in "ib" else "double"
         parts.append(f"const {number} {name}{shape} = {_array(table) if table.size else '{0}'};\n")
-    parts += [
-        _listed(declaration, entries, "0" if declaration.startswith("const int") else "{0}")
-        for declaration, entries in constants.lists.items()
-    ]
+    parts += [_listed(declaration, entries) for declaration, entries in constants.lists.items()]
     names = list(constants.parameters)
     served = [constants.served[name] for name in names]
     parts += [_listed(f"const struct axis {name}[R]", map(_axis, axes)) for name, axes in constants.axes.items()]
@@ -137,47 +134,48 @@ def _tables(constants: Constants) -> str:
         _strings("pgmp_parameter_names", names),
         _strings("pgmp_strength_names", constants.strengths),
         _strings("pgmp_output_names", constants.output_units),
-        _listed("const int pgmp_prescribed[N]", (str(int(given)) for given in constants.prescribed)),
-        _listed("const double parameter_values[]", map(_number, constants.parameters.values())),
-        _listed("const double parameter_lower[]", (_number(one.to_own * one.low) for one in served)),
-        _listed("const double parameter_upper[]", (_number(one.to_own * one.high) for one in served)),
-        _listed("const double closure_wanted[]", map(_number, constants.closure_wanted)),
-        _listed("const int load_of_term[]", map(str, constants.load_of_term)),
-        _listed("const double strength_sizes[]", map(_number, constants.strength_sizes)),
-        _listed("const int strength_of_load[]", map(str, constants.strength_of_load)),
-        _listed("const int action_nodes[]", map(str, constants.action_slots)),
-        _listed("const int carried_actions[]", map(str, constants.carried_actions)),
+        _listed("const int pgmp_prescribed[N]", map(int, constants.prescribed)),
+        _listed("const double parameter_values[]", constants.parameters.values()),
+        _listed("const double parameter_lower[]", (one.to_own * one.low for one in served)),
+        _listed("const double parameter_upper[]", (one.to_own * one.high for one in served)),
+        _listed("const double closure_wanted[]", constants.closure_wanted),
+        _listed("const int load_of_term[]", constants.load_of_term),
+        _listed("const double strength_sizes[]", constants.strength_sizes),
+        _listed("const int strength_of_load[]", constants.strength_of_load),
+        _listed("const int action_nodes[]", constants.action_slots),
+        _listed("const int carried_actions[]", constants.carried_actions),
         _pieces(
             [*constants.strengths.values(), *constants.motions, *constants.outputs.courses]
             + [one.reference for one in constants.controls]
         ),
         _listed("const struct statement coordinates[R]", map(_statement, constants.coordinates)),
-        _listed("const struct term closure[]", terms[:first], "{0}"),
-        _listed("const struct spline_piece spline_pieces[]", _spline_pieces(every), "{0}"),
-        _listed("const struct reading readings[]", map(_reading, constants.outputs.readings), "{0}"),
-        _listed("const struct force forces[]", map(_force, constants.outputs.forces, lasts_of_forces), "{0}"),
-        _listed("const struct term force_terms[]", terms[last:held], "{0}"),
+        _listed("const struct term closure[]", terms[:first]),
+        _listed("const struct spline_piece spline_pieces[]", _spline_pieces(every)),
+        _listed("const struct reading readings[]", map(_reading, constants.outputs.readings)),
+        _listed("const struct force forces[]", map(_force, constants.outputs.forces, lasts_of_forces)),
+        _listed("const struct term force_terms[]", terms[last:held]),
         *dict.fromkeys(action.law.code.C for action in constants.actions),
         *dict.fromkeys(one.law.code.C for one in constants.controls),
-        _listed("const struct control controls[]", _controls(constants), "{0}"),
-        _listed("const int control_actions[]", map(str, constants.control_actions)),
-        _listed("const double control_origins[]", map(_number, constants.control_origins)),
-        _listed("const struct action actions[]", map(_action, constants.actions, [0, *lasts]), "{0}"),
-        _listed("const struct part action_parts[]", map(_part, measured, terms[first:last]), "{0}"),
+        _listed("const struct control controls[]", _controls(constants)),
+        _listed("const int control_actions[]", constants.control_actions),
+        _listed("const double control_origins[]", constants.control_origins),
+        _listed("const struct action actions[]", map(_action, constants.actions, [0, *lasts])),
+        _listed("const struct part action_parts[]", map(_part, measured, terms[first:last])),
         _weigh(constants),
         *([] if constants.gap_weights is None else [_weigh_gaps(constants.gap_weights, constants.parameters_in_c)]),
         _combine(constants),
-        _listed("const struct count counts[]", map(_count, constants.outputs.counts), "{0}"),
+        _listed("const struct count counts[]", map(_count, constants.outputs.counts)),
         _weigh_counts(constants.outputs.counts),
     ]
     if constants.constraints is not None:
-        parts.append(_listed("const struct term constraints[]", terms[held:], "{0}"))
+        parts.append(_listed("const struct term constraints[]", terms[held:]))
     return HEAD + "\n".join(parts)
 
 
-def _listed(declaration: str, entries: Iterable[str], none: str = "0") -> str:
-    """Return a list of entries; C has no empty ones."""
-    return f"{declaration} = {{{', '.join(entries) or none}}};"
+def _listed(declaration: str, entries: Iterable[str | float]) -> str:
+    """Return a list of numbers, or of what is in C already; C has no empty ones."""
+    listed = ", ".join(entry if isinstance(entry, str) else _number(entry) for entry in entries)
+    return f"{declaration} = {{{listed or ('{0}' if ' struct ' in declaration else '0')}}};"
 
 
 def _function(head: str, arguments: str, lines: Iterable[str]) -> str:
@@ -207,11 +205,7 @@ def _pieces(functions: Sequence[Sequence[Piece]]) -> str:
             begin, origin = (_number(float(time)) for time in (piece.begin, piece.origin))
             rows.append(f"{{{begin}, {origin}, {cubic}, {_numbers(piece.wave)}}}")
         firsts.append(len(rows))
-    return (
-        _listed("const int function_pieces[]", map(str, firsts))
-        + "\n"
-        + _listed("const struct piece pieces[]", rows, "{0}")
-    )
+    return _listed("const int function_pieces[]", firsts) + "\n" + _listed("const struct piece pieces[]", rows)
 
 
 def _side(side: Side) -> str:

@@ -17,7 +17,7 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece, amplitude_of
 from pgmp_petsc.mechanism.joints import Attached, Attachment
-from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.mechanism.statement_rows import near_to
 from pgmp_petsc.mechanism.statements import Function, Statement, distance
@@ -58,8 +58,10 @@ class StatementInC:
 
     @classmethod
     def of_reading(cls, reading: Reading, slots: Mapping[int, int]) -> StatementInC:
-        """Return what is read of two points."""
-        return cls(reading.statement, *(Side.of(side, slots) for side in reading.sides), _near(reading.turns))
+        """Return what is read of two points, or of one alone: then of both sides."""
+        a, b = (Side.of(reading.sides[k], slots) for k in (0, -1))
+        turns = (0.0,) if reading.turns is None else (reading.turns.offset, *map(float, reading.turns.slopes))
+        return cls(reading.statement or distance(reading.space.dimension), a, b, turns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,10 +285,6 @@ class Combiner:
         self.lines += [f"double {name}[3] = {{0.0}};", "{", *lines, "}"]
 
 
-def coordinates_of(kinematics: RigidKinematics, slots: Mapping[int, int]) -> list[StatementInC]:
-    return [StatementInC.of_reading(Reading.of_coordinate(c, kinematics), slots) for c in kinematics.coordinates]
-
-
 def closure_of(kinematics: RigidKinematics) -> tuple[list[TermInC], list[float]]:
     """Return the terms of what holds the rigid bodies together, and the values that its rows have."""
     mechanism = kinematics.mechanism
@@ -354,28 +352,14 @@ def outputs_in_c(
             counts.append(CountInC.of(k, reading, values))
         else:
             made.append(f"outputs[{k}] = {factor}{combiner.of(reading)}[0];")
-    readings = [_reading_in_c(reading, slots) for reading in combiner.readings]
+    readings = [
+        ReadingInC(one.kind, StatementInC.of_reading(one, slots), one.axis, one.in_body, one.origin)
+        for one in combiner.readings
+    ]
     in_joints = (one for one in (*carried, *outputs.forces) if not isinstance(one, OfMotion))
     forces = [ForceInC.of(one, gaps, slots, actions) for one in in_joints]
-    return OutputsInC(
-        readings,
-        forces,
-        [base.course.pieces for base in outputs.bases],
-        "\n    ".join([*combiner.lines, *made]),
-        outputs.order,
-        counts,
-    )
-
-
-def _reading_in_c(reading: Reading, slots: Mapping[int, int]) -> ReadingInC:
-    a, b = (Side.of(reading.sides[k], slots) for k in (0, -1))
-    statement = reading.statement or distance(reading.space.dimension)
-    in_c = StatementInC(statement, a, b, _near(reading.turns))
-    return ReadingInC(reading.kind, in_c, reading.axis, reading.in_body, reading.origin)
-
-
-def _near(turns: JointTurns | None) -> tuple[float, ...]:
-    return (0.0,) if turns is None else (turns.offset, *map(float, turns.slopes))
+    courses, combined = [base.course.pieces for base in outputs.bases], "\n    ".join([*combiner.lines, *made])
+    return OutputsInC(readings, forces, courses, combined, outputs.order, counts)
 
 
 def monomial_in_c(monomial: Monomial, values: Mapping[str, str | float]) -> str:

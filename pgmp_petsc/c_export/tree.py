@@ -14,7 +14,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.c_export.constants import Along, Constants, check_size, checked_scene, shared_of
+from pgmp_petsc.c_export.constants import Along, Constants, Tables, check_size, checked_scene, shared_of
 from pgmp_petsc.c_export.statements import Side, StatementInC, TermInC, braced, terms_of
 from pgmp_petsc.full.joint_systems import JointBatch, JointEquations
 from pgmp_petsc.full.parts import Share, floating_bodies, planar_masses, spatial_masses
@@ -58,14 +58,12 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     _require_taken(model, system, what)
     own, equations = system.own, system.own.equations
     mechanism = model.kinematics.mechanism
-    kind_of_load = dict.fromkeys(effect.name for effect in equations.loads)
-    loads = {effect.name: effect.strength for effect in equations.loads}
     n_parts = sum(len(action.statement.terms) for action in equations.actions)
     windings = np.zeros((n_parts, len(mechanism.coordinates)))
     carried = () if model.measures is None else model.measures.carried
     of_joints = [one for one in (*carried, *model.outputs.forces) if not isinstance(one, OfMotion)]
     gaps = sorted({int(row) for one in of_joints for row in one.rows})
-    shared = shared_of(model, range(mechanism.n_nodes), equations.actions, loads, windings, gaps)
+    shared = shared_of(model, range(mechanism.n_nodes), equations.actions, equations.loads, windings, gaps)
     system.require_settled()
     turned = equations.turns(equations.initial[0][:, None])[:, 0]  # in the plane nodes count turns
     turned = turned if turned.size else np.zeros(len(mechanism.coordinates) + n_parts)
@@ -81,7 +79,7 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
         "N_CONSTRAINT_TERMS": len(constraints), "N_PUSHES": len(pushes), "N_DRIVES": len(drives),
         "PROJECTS": int(_projects(scene, system)), "N_GAPS": len(gaps), "N_HOLDS": len(holds),
     }  # fmt: skip
-    check_size({name: table for name, (_, table) in tables.items()}, what)
+    check_size(tables, what)
     given = set(own.driven[:, 0].tolist())
     return replace(
         shared,
@@ -96,25 +94,23 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
             "const struct drive drives[]": drives,
             "const struct bond bonds[]": bonds,
             "const struct hold holds[]": holds,
-            "const int left_of_gap[]": list(map(str, left)),
-            "const int owners[]": list(map(str, owners)),
-            "const int behind[]": list(map(str, behind)),
+            "const int left_of_gap[]": left,
+            "const int owners[]": owners,
+            "const int behind[]": behind,
             "const int gravity_strengths[]": [
-                str(strengths.index(equations.loads[load].name)) for load in own.problem.floating.gravity_loads
+                strengths.index(equations.loads[load].name) for load in own.problem.floating.gravity_loads
             ],
-            "const int body_nodes[]": list(map(str, _base_nodes(equations))),
+            "const int body_nodes[]": _base_nodes(equations),
         },
         axes={"branch_axes": [Along(c.lower, c.upper - c.lower, 1, 2, c.periodic) for c in mechanism.coordinates]},
         weights=parts.weights,
         load_weights=equations.load_weights,
-        load_of_term=[list(kind_of_load).index(effect.name) for effect in equations.loads],
         prescribed=[k in given for k in range(own.n)],
         constraints=[*constraints, *held],
-        control_origins=[] if model.measures is None else model.measures.origins.tolist(),
     )  # fmt: skip
 
 
-def _tables(model: ComponentModel, system: JointBatch, parts: Parts) -> dict[str, tuple[str, np.ndarray]]:
+def _tables(model: ComponentModel, system: JointBatch, parts: Parts) -> Tables:
     own, tree, state = system.own, system.own.joints.tree, system.start()
     equations, space = own.equations, model.kinematics.mechanism.space
     poses = model.kinematics.poses(equations.initial[0])[..., 0]

@@ -48,7 +48,7 @@ from scipy.linalg import eigh, null_space
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.affine import ByWeight, Monomial, Quantity, total_at
 from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.component import Component, incommensurate, linear_fields, rigid_motions
 from pgmp_petsc.bodies.floating import FloatingBody, Recovery, second_moments, without_noise
@@ -77,7 +77,7 @@ def condense(
     memory: float | None = None,
     stressed: bool = False,
     large: bool = False,
-) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
+) -> tuple[Component, np.ndarray]:
     """Condense a body where `frames` hold it, and for `points`, parameter values of which the nominal ones are first.
     Collective on `comm`, the ranks that share it.
 
@@ -89,9 +89,9 @@ def condense(
     of second order in the deformation will be (`large`, see `large_deformation.with_second_order`), it answers the
     inertia forces of the rigid motion as well.
 
-    Returns the body, on all ranks; the displacements on the mesh of unit coordinates, local rows, (n_local, n), with a
-    scaled cross-section of unit ``T(s) y``; and T(s), None without one. Raises `RunError` if an eigenproblem fails, or
-    the interface's answers do not settle.
+    Returns the body, on all ranks, and the displacements on the mesh of unit coordinates, local rows, (n_local, n),
+    with a scaled cross-section of unit ``T(s) y``. Raises `RunError` if an eigenproblem fails, or the interface's
+    answers do not settle.
     """
     timings = timings or Timings()
     d, n_nodes = solid.mesh.dimension, solid.mesh.n_nodes
@@ -127,17 +127,17 @@ def condense(
             finally:
                 problem.close()
         with timings.phase("projection"):
-            component, recovery, section = _condensed(
+            component, recovery = _condensed(
                 solid, frames, points, subspace, loads, fields, (mass, stiffness), nodes, error
             )
-            small = section is None and recovery.shape[1] * solid.n_dofs * 8 <= MOST_KEPT
+            small = solid.section_scale is None and recovery.shape[1] * solid.n_dofs * 8 <= MOST_KEPT
             if isinstance(solid, Solid) and (stressed or small):  # matrices have no cells to show anything on
                 shapes = np.concatenate(comm.allgather(recovery))
                 component = replace(component, recovery=Recovery(solid.mesh, shapes, stressed))
     finally:
         for matrix in (*mass.values(), *stiffness.values()):
             matrix.destroy()
-    return component, recovery, section
+    return component, recovery
 
 
 def own_nodes(n_nodes: int, comm: Comm) -> range:
@@ -193,14 +193,14 @@ def _condensed(
     matrices: tuple[Terms, Terms],
     nodes: range,
     error: float,
-) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
+) -> tuple[Component, np.ndarray]:
     """Turn a subspace's coordinates into those of the frames and internal ones."""
     d, comm, values = solid.mesh.dimension, subspace.comm, points[0]
     vectors = subspace.vectors
     mass, stiffness = ({w: _projected(a, vectors, comm) for w, a in terms.items()} for terms in matrices)
     moments = {w: _moments(a, vectors, d, comm) for w, a in matrices[0].items()}
     frame_of = subspace.inner(loads, vectors)  # P V
-    total_mass, total = weighted_sum_dense(mass, values), weighted_sum_dense(stiffness, values)
+    total_mass, total = total_at(mass, values), total_at(stiffness, values)
     shapes = _frame_shapes(total, frame_of)
     rest = null_space(frame_of)
     _, modes = eigh(rest.T @ total @ rest, rest.T @ total_mass @ rest)
@@ -209,14 +209,16 @@ def _condensed(
     mass, stiffness, moments = (
         {w: turn.T @ a @ turn for w, a in terms.items()} for terms in (mass, stiffness, moments)
     )
-    recovery, section = vectors @ turn, None
+    recovery = vectors @ turn
     if solid.section_scale is not None:
         across = np.linalg.solve(turn, _across_axis(solid, nodes, subspace, matrices[0], points[-1]) @ turn)
-        own = weighted_sum_dense(mass, values)
+        own = total_at(mass, values)
         section = SectionCoordinates.of(solid.section_scale.factor, len(frames), across, own, constant)
         mass, stiffness, moments = (section.apply(terms) for terms in (mass, stiffness, moments))
         turn = turn @ section.at(values)
-    keep = _without_rigid(d, constant, weighted_sum_dense(mass, values))
+    # without rigid motion: its exact stiffness of zero is not left to round-off
+    total_mass, rigid = total_at(mass, values), np.linalg.qr(constant @ rigid_motions(np.zeros(d)))[0]
+    keep = np.eye(len(total_mass)) - rigid @ np.linalg.solve(rigid.T @ total_mass @ rigid, rigid.T @ total_mass)
     rows = d * nodes.start + np.arange(d * len(nodes))
     waves = incommensurate(rows, solid.n_dofs, np.arange(1, N_PROBES + 1))
     component = Component(
@@ -230,7 +232,7 @@ def _condensed(
         solid.n_dofs,
         error,
     )
-    return component, recovery, section
+    return component, recovery
 
 
 def _across_axis(
@@ -247,15 +249,10 @@ def _across_axis(
     fields = np.einsum("nk,ij->nikj", along, np.eye(d)).reshape(n * d, -1)
     squares = {weight: _projected(matrix, fields, subspace.comm) for weight, matrix in mass.items()}
     momenta = subspace.inner(subspace.mass_vectors, fields)
-    squared, directions = eigh(weighted_sum_dense(squares, values))
+    squared, directions = eigh(total_at(squares, values))
     chosen = squared > DEPENDENT * squared[-1]
     unit = momenta @ (directions[:, chosen] / np.sqrt(squared[chosen]))
     return np.eye(subspace.n) - unit @ unit.T
-
-
-def weighted_sum_dense(terms: Mapping[Monomial, np.ndarray], values: Mapping[str, float]) -> np.ndarray:
-    """Return ``sum_i w_i A_i``."""
-    return sum(float(weight.evaluate(values)) * matrix for weight, matrix in terms.items())
 
 
 def _projected(matrix: PETSc.Mat, vectors: np.ndarray, comm: Comm) -> np.ndarray:
@@ -275,13 +272,6 @@ def _moments(mass: PETSc.Mat, vectors: np.ndarray, d: int, comm: Comm) -> np.nda
     pushed = [times(mass, fields) for fields in along]
     found = np.array([[fields.T @ force for force in pushed] for fields in along])
     return comm.allreduce(found)
-
-
-def _without_rigid(d: int, fields: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Return what takes rigid motion out of coordinates, shape (n, n): its exact stiffness of zero is not left to
-    round-off."""
-    rigid = np.linalg.qr(fields @ rigid_motions(np.zeros(d)))[0]
-    return np.eye(len(mass)) - rigid @ np.linalg.solve(rigid.T @ mass @ rigid, rigid.T @ mass)
 
 
 def _frame_shapes(stiffness: np.ndarray, frame_of: np.ndarray) -> np.ndarray:
@@ -330,7 +320,7 @@ class SectionCoordinates:
         linear += missing @ np.linalg.solve(weighted @ unit, weighted)
         return cls(factor, np.eye(len(mass)) - linear, linear)
 
-    def apply(self, terms: Mapping[Monomial, np.ndarray]) -> dict[Monomial, np.ndarray]:
+    def apply(self, terms: ByWeight) -> dict[Monomial, np.ndarray]:
         """Return ``T^T A T`` by weight, for terms A by weight: symmetric, or (d, d, n, n) that are as a whole."""
         found: dict[Monomial, np.ndarray] = {}
         for weight, matrix in terms.items():
@@ -377,18 +367,15 @@ def in_floating_frame(
 def elastic_modes(component: Component, nominal: Mapping[str, float], basis: np.ndarray | None = None) -> np.ndarray:
     """Return the elastic free modes of a condensed body at the nominal parameters, of a mean square displacement of 1
     m2, shape (n, n - n_rigid); of a basis (n, k) with the rigid motions (n, k - n_rigid)."""
-    mass, stiffness = (weighted_sum_dense(terms, nominal) for terms in (component.mass, component.stiffness))
+    mass, stiffness = (total_at(terms, nominal) for terms in (component.mass, component.stiffness))
     along, basis = component.fields[:, 0], np.eye(len(mass)) if basis is None else basis  # unit displacement along x
     own = free_modes(basis.T @ mass @ basis, basis.T @ stiffness @ basis, component.centres.shape[1])
     return np.sqrt(along @ mass @ along) * (basis @ own)
 
 
 def foreshortened(
-    curvature: np.ndarray,
-    shapes: np.ndarray,
-    moments: Mapping[Monomial, np.ndarray],
-    sections: Mapping[Monomial, np.ndarray] | None = None,
-) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:
+    curvature: np.ndarray, shapes: np.ndarray, moments: ByWeight, sections: ByWeight | None = None
+) -> tuple[np.ndarray, ByWeight]:
     """Return what amplitudes of second order (n, n, n) displace frames by, and their moments; see `FloatingBody`.
 
     `sections` are moments of what turns to second order without being displaced, by weight.

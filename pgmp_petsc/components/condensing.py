@@ -30,12 +30,11 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings, free_share
 from pgmp_petsc.base.surroundings import Comm, alone
-from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.affine import Monomial, total_at
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.component import Component, linear_fields, rigid_component
+from pgmp_petsc.bodies.component import SLENDER, Component, linear_fields, rigid_component
 from pgmp_petsc.bodies.floating import FloatingBody, Recovery, without_noise
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
-from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
 from pgmp_petsc.bodies.matrices import AffineMatrices, ThirdDerivative, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape, is_condensed, to_condense
 from pgmp_petsc.components.body_problem import BodyProblem, petsc_terms
@@ -45,9 +44,8 @@ from pgmp_petsc.components.component_modes import (
     free_modes,
     in_floating_frame,
     own_nodes,
-    weighted_sum_dense,
 )
-from pgmp_petsc.components.large_deformation import foreshortening, with_second_order
+from pgmp_petsc.components.large_deformation import LongAxis, foreshortening, with_second_order
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
@@ -102,7 +100,7 @@ def condensed(
                 points, n_modes = serving_points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
                 # where errors are estimated, a body in its floating frame follows its foreshortening
                 known = wanted or scene.simulation.error_indicator
-                body, recovery, _ = condense(
+                body, recovery = condense(
                     meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory, name in stressed, known
                 )
                 if known:
@@ -262,7 +260,7 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
         check_slender(scene, meshed, NOT_SLENDER)
     n_modes, stressed = scene.reduction.modes + scene.n_overconstrained, meshed.solid.name in stressed_bodies(scene)
     points = serving_points(scene, meshed)
-    component, recovery, _ = condense(
+    component, recovery = condense(
         meshed.solid, meshed.frames, points, n_modes, alone(), stressed=stressed, large=scene.static_stiffening
     )
     if scene.static_stiffening:
@@ -275,10 +273,10 @@ def _fewest(component: Component, points: Sequence[Mapping[str, float]], n_modes
     """Return the fewest fields that serve a mechanism's n_modes modes: the rigid motions, as many of the body's lowest
     at each of the parameter values, and what these miss of static answers there, shape (n, k)."""
     d, nominal = component.centres.shape[1], points[0]
-    inertia = weighted_sum_dense(component.mass, nominal)
+    inertia = total_at(component.mass, nominal)
     basis = np.empty((len(inertia), 0))
     for values in points:
-        mass, stiffness = (weighted_sum_dense(terms, values) for terms in (component.mass, component.stiffness))
+        mass, stiffness = (total_at(terms, values) for terms in (component.mass, component.stiffness))
         loads = np.eye(len(mass))[:, : component.n_frame_dofs]
         if stressed:  # inertia forces of rigid motion
             loads = np.hstack([loads, mass @ component.fields])
@@ -307,7 +305,7 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
         nodes, held = held, np.concatenate([run, np.setdiff1d(held, run)])
         frames = {point: int(np.flatnonzero(held == node)[0]) for point, node in zip(points, nodes)}
         frames = {str(node): number for number, node in enumerate(held)} | frames
-    total_mass, total = (weighted_sum_dense(terms, scene.nominal) for terms in (mass, stiffness))
+    total_mass, total = (total_at(terms, scene.nominal) for terms in (mass, stiffness))
     stressed = body.name in stressed_bodies(scene)
     (values, vectors), n_rigid = eigh(total, total_mass), d * (d + 1) // 2
     if stressed:  # inertia forces of rigid motion

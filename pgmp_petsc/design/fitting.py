@@ -31,7 +31,7 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.design.goals import TurnedBack
 from pgmp_petsc.design.measured_history import MeasuredHistory, autocorrelation, remembered
 from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, difference_remarks, step_remarks
-from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
+from pgmp_petsc.estimates.own_error import errors_of_runs, not_known, of_figures
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differences import announce_runs
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
@@ -360,7 +360,7 @@ class _Fitting:
     ) -> tuple[Remark, ...]:
         """Return what errors of the model do to the estimates, by a step of the fit: `slopes` are its Jacobians over
         the noise, (n_k, n_parameters) of each output, standard errors are (n_parameters,)."""
-        own = OwnErrors.of_runs(self._model, [self._model.scene.values | solution.values])
+        own = errors_of_runs(self._model, [self._model.scene.values | solution.values])
         known = None if own is None else own.over(self._history.time, self._n)
         if known is None:
             return (not_known(self._model, "the estimates", own, self._n),)

@@ -33,7 +33,7 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, nearest_name, warning
-from pgmp_petsc.base.units import SI, UnitSystem, dimension_of, si_name
+from pgmp_petsc.base.units import SI, Units, UnitSystem, dimension_of, si_name
 from pgmp_petsc.declare import formulas
 from pgmp_petsc.declare.own_units import in_si, shifted
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
@@ -143,7 +143,6 @@ class Constraint:
 
 
 #: SI units of outputs, and of parameters behind ``parameters.``; empty of those of any unit, 1 where none is given.
-Units = Mapping[str, str]
 _NO_UNITS: Units = MappingProxyType({})
 
 

@@ -29,7 +29,7 @@ from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, 
 from pgmp_petsc.ensemble.intervals import of_mean_and_deviations
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
-from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
+from pgmp_petsc.estimates.own_error import errors_of_runs, not_known, of_figures
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differences import Off, announce_runs
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
@@ -410,7 +410,7 @@ def _of_own_error(
     model: ReducedModel, question: Question, values: dict[str, float], run: DifferentiatedRun
 ) -> tuple[Remark, ...]:
     """Return what errors of the model do to the goal and to the constraints, at the design without deviations."""
-    errors = OwnErrors.of_runs(of_samples(model, question.names), [values])
+    errors = errors_of_runs(of_samples(model, question.names), [values])
     sides = {question.goal: (question.goal.expression,)} | {one: (one.left, one.right) for one in question.constraints}
     names = sorted({name for parts in sides.values() for part in parts for name in part.outputs})
     known = None if errors is None else errors.over(run.time, names)

@@ -10,7 +10,7 @@ from pgmp_petsc.base.errors import InputError, Remark, gathered, nearest_name, n
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures, polynomials_of_lengths
+from pgmp_petsc.estimates.own_error import errors_of_runs, not_known, of_figures, polynomials_of_lengths
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.contacts import Contact
 from pgmp_petsc.gradients.differences import NEAR, Off, announce_runs, why_differences
@@ -105,7 +105,7 @@ def _of_own_error(model: Observing, run: DifferentiatedRun, names: Sequence[str]
     scene, what, units = model.scene, "derivatives", model.outputs.units
     moved = [_moved(scene, name) for name in names]
     points = [scene.values, *(scene.values | {name: value} for name, value in zip(names, moved))]
-    errors = OwnErrors.of_runs(model, points)
+    errors = errors_of_runs(model, points)
     if errors is None:
         return (not_known(model, what),)
     effects, lost = [], [output for output, at_end in errors.at_end.items() if not np.isfinite(at_end).all()]

@@ -32,8 +32,8 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Driving, OverTime
 from pgmp_petsc.scene.fields import ConstantSpeed, Direction, Harmonic, LoadTable, SpinUp, TimeTable, refusal
-from pgmp_petsc.scene.messages import Finding, doubt, problem
-from pgmp_petsc.scene.references import harmonic_problems, load_problems, unknown
+from pgmp_petsc.scene.messages import Finding, doubt, problem, unknown
+from pgmp_petsc.scene.references import harmonic_problems, load_problems
 from pgmp_petsc.scene.uses import Use, slides
 
 N_LOOKED_AT = 33  # instants between two rows

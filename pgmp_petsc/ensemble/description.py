@@ -41,9 +41,9 @@ from pgmp_petsc.estimates import own_error
 from pgmp_petsc.estimates.validity import remarks_of
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import comparing
-from pgmp_petsc.models import REDUCED, LengthLanes, Model
+from pgmp_petsc.models import LengthLanes, Model, Reduced
 from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble, Place, ShardSamples
-from pgmp_petsc.results.numbers import VANISHING
+from pgmp_petsc.results.numbers import VANISHING, Arrays
 from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Sensitivity, Statistics
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.border import own_values, result_units
@@ -336,7 +336,7 @@ def _partial_bands(bands: Mapping[str, Band], n_fine: int) -> Iterator[Remark]:
 
 @gathered
 def _estimate_remarks(
-    origin: Origin, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray, peaks: Peaks, length: float
+    origin: Origin, estimates: Mapping[str, Arrays], status: np.ndarray, peaks: Peaks, length: float
 ) -> Iterator[Remark]:
     """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are large or not
     known."""
@@ -377,20 +377,15 @@ class Origin:
 
     @classmethod
     def of(cls, model: Model) -> Origin:
-        scene, share = model.scene, share_of(model)
-        if isinstance(model, REDUCED):
-            absent = (*own_error.absence_of_estimates(scene, ensemble=True), *own_error.truncated_stresses(scene))
-            if share > 0.0:
-                absent += own_error.few_steps(scene.simulation.n_steps)
-                absent += own_error.left_out_of_estimates(model)
-            absent += (own_error.polynomials_of_lengths(model, share > 0.0),) if isinstance(model, LengthLanes) else ()
-        else:
-            absent = (
-                *own_error.absence_of_estimates(scene, ensemble=True, of_step=True),
-                *own_error.why_not_of_full_order(model),
-            )
-            if share > 0.0:
-                absent += own_error.too_few_steps(scene.simulation.n_steps, scene)
+        scene, share, is_reduced = model.scene, share_of(model), isinstance(model, Reduced)
+        absent = own_error.absence_of_estimates(scene, ensemble=True, of_step=not is_reduced)
+        absent += own_error.truncated_stresses(scene) if is_reduced else own_error.why_not_of_full_order(model)
+        if share > 0.0 and is_reduced:
+            absent += own_error.few_steps(scene.simulation.n_steps) + own_error.left_out_of_estimates(model)
+        elif share > 0.0:
+            absent += own_error.too_few_steps(scene.simulation.n_steps, scene)
+        if isinstance(model, LengthLanes):
+            absent += (own_error.polynomials_of_lengths(model, share > 0.0),)
         return cls(model.name, scene, dict(model.outputs.units), (*model.kinematics.remarks, *absent), share)
 
 

@@ -9,7 +9,7 @@ distance from the median for both ends or the middle. What a second try takes ov
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,12 +17,13 @@ import numpy as np
 import scipy
 
 from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
+from pgmp_petsc.base.units import Units
 from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, checked
 from pgmp_petsc.ensemble.sample_file import SampleFile, read_samples
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.ensemble import UNSTABLE, Ensemble
-from pgmp_petsc.results.numbers import behind
+from pgmp_petsc.results.numbers import Arrays, behind
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.stepping.generalised_alpha import DIVISORS, RETRIED
@@ -35,8 +36,8 @@ NAMED = 3  # parameters, the clearest first
 @gathered
 def failure_remarks(
     status: np.ndarray,
-    parameters: Mapping[str, np.ndarray],
-    units: Mapping[str, str],
+    parameters: Arrays,
+    units: Units,
     model: str,
     hidden: float = 1.0,
     may_be_retried: bool = True,
@@ -110,7 +111,7 @@ def step_remarks(status: np.ndarray, divisors: np.ndarray, step: float) -> Itera
         )
 
 
-def _where(failed: np.ndarray, parameters: Mapping[str, np.ndarray], units: Mapping[str, str]) -> list[str]:
+def _where(failed: np.ndarray, parameters: Arrays, units: Units) -> list[str]:
     """Return in words which parameters tell failed samples from fine ones, the clearest first."""
     found = []
     for name, values in parameters.items():

@@ -22,6 +22,7 @@ defensive mixture, Hesterberg, Technometrics 37 (1995) 185-194). Weights have a 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -71,8 +72,8 @@ class KernelDensity:
     centres: np.ndarray  # shape (m, d)
     shares: np.ndarray  # of the kernels, shape (m,), 1 in sum
     deviations: np.ndarray  # of each variable in the kernels, shape (m,)
-    #: symmetric roots of the covariances of the first kernels, whose deviations are 1, shape (k, d, d)
-    roots: np.ndarray | None = None
+    #: symmetric roots of the covariances of the first kernels, whose deviations are 1, each of shape (d, d)
+    roots: Sequence[np.ndarray] = ()
 
     def with_further(self, centres: np.ndarray, proportions: np.ndarray, share: float) -> KernelDensity:
         """Return these and kernels of deviation 1 about further centres (n, d), whose share of all kernels is divided
@@ -88,7 +89,7 @@ class KernelDensity:
         """Return n independent points, shape (n, d)."""
         chosen = random.choice(len(self.centres), size=n, p=self.shares)
         steps = random.standard_normal((n, self.centres.shape[1]))
-        for number, root in enumerate(() if self.roots is None else self.roots):
+        for number, root in enumerate(self.roots):
             own = chosen == number
             steps[own] = np.einsum("nd,de->ne", steps[own], root)
         return self.centres[chosen] + self.deviations[chosen, None] * steps
@@ -105,7 +106,7 @@ class KernelDensity:
             # |u - c|^2 multiplied out; not by BLAS, whose sums may depend on the number of threads
             exponents = np.einsum("nd,md->nm", some, scaled)
             exponents += factors - 0.5 * np.sum(some**2, axis=1)[:, None] * precisions
-            for number, root in enumerate(() if self.roots is None else self.roots):
+            for number, root in enumerate(self.roots):
                 inverse, log_of_root = np.linalg.inv(root), np.linalg.slogdet(root)[1]
                 steps = np.einsum("nd,de->ne", some - self.centres[number], inverse)
                 constant = np.log(self.shares[number]) - 0.5 * d * np.log(2.0 * np.pi) - log_of_root

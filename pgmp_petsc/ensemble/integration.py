@@ -11,7 +11,7 @@ number alone.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -25,25 +25,15 @@ from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
 from pgmp_petsc.ensemble.description import Origin, describe_ensemble, shard_of
 from pgmp_petsc.ensemble.failures import FURTHER, Earlier, fine_pieces
-from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, block_of, checked, missing, pieces, share_of, within
+from pgmp_petsc.ensemble.plan import Batch, Plan, checked, missing, pieces, within
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped, timed
-from pgmp_petsc.ensemble.watchers import (
-    Begun,
-    Found,
-    RangeWatch,
-    Watcher,
-    watch_balance,
-    watch_coarser,
-    watch_errors,
-    watch_over_time,
-    watch_validity,
-)
-from pgmp_petsc.estimates.error_indicator import indicator_of
-from pgmp_petsc.models import REDUCED, Model, SeparateLengths, of_samples
+from pgmp_petsc.ensemble.watchers import Begun, Found, RangeWatch, Watcher, Watching, watch_over_time
+from pgmp_petsc.models import Model, Reduced, SeparateLengths, of_samples
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import Pulse, RankGroup, deal_to_groups
 from pgmp_petsc.results.ensemble import Ensemble, ShardSamples
+from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.numerics import Ensemble as Settings
 from pgmp_petsc.stepping.drivers import check_ts_options
@@ -145,7 +135,7 @@ class Integration:
 
 def run_batch(
     model: Model,
-    values: Mapping[str, np.ndarray],
+    values: Arrays,
     first: int = 0,
     watchers: Sequence[Watcher] = (),
     comm: Comm | None = None,
@@ -185,14 +175,14 @@ def run_batch(
             begun = Begun(system, some, places, attempt.simulation)
             watches = [watcher.watch(begun) for watcher in watchers if places.size]
             observers, inside = [watch.observer for watch in watches], None
-            if not isinstance(model, REDUCED) and model.limited:
+            if not isinstance(model, Reduced) and model.limited:
                 inside = RangeWatch(model, system)
                 observers.append(inside)
             observer = Together(observers) if observers else None
             done = integrate(system, attempt.simulation, alive=attempt.alive, observer=observer, pulse=pulse)
             done = done if inside is None else inside.judged(done)
             counted = {name: values for watch in watches for name, values in watch.counted().items()}
-            done = _with_outputs(model, system, done, samples, outputs, attempt.simulation.duration, counted)
+            done = _with_outputs(model, system, done, attempt, outputs, counted)
             for watch in watches:
                 for kind, arrays in watch.found(done.status).items():
                     for name, estimates in arrays.items():
@@ -208,10 +198,9 @@ def _with_outputs(
     model: Model,
     system: SecondOrderSystem,
     done: Run,
-    samples: np.ndarray,
+    attempt: Attempt,
     outputs: dict[str, np.ndarray],
-    end: float,
-    counted: Mapping[str, np.ndarray],
+    counted: Arrays,
 ) -> Run:
     """Evaluate the outputs of the samples that are fine into `outputs`, but for those that were counted over the run;
     one that is no finite number is a failure."""
@@ -219,38 +208,15 @@ def _with_outputs(
     if not fine.size:
         return done
     with np.errstate(all="ignore"):
-        found = model.outputs.evaluate(model.observed(system, done.state, end)[..., fine])
+        observed = model.observed(system, done.state, attempt.simulation.duration)
+        found = model.outputs.evaluate(observed[..., fine])
     found |= {name: values[fine] for name, values in counted.items()}
     lost = fine[~np.all([np.isfinite(values) for values in found.values()] or [np.ones(fine.size)], axis=0)]
     status, failure_time = done.status.copy(), done.failure_time.copy()
-    status[lost], failure_time[lost] = Status.NOT_FINITE, end
+    status[lost], failure_time[lost] = Status.NOT_FINITE, attempt.simulation.duration
     for name, values in found.items():
-        outputs[name][samples[fine]] = np.where(status[fine] == Status.FINE, values, np.nan)
+        outputs[name][attempt.samples[fine]] = np.where(status[fine] == Status.FINE, values, np.nan)
     return replace(done, status=status, failure_time=failure_time)
-
-
-class Watching:
-    """Follows runs of a model's samples; `share` and `block` are of those whose errors are estimated (`block_of`)."""
-
-    def __init__(self, model: Model) -> None:
-        self.share, self.block = share_of(model), block_of(model.scene, model.name)
-        self._errors: list[Watcher] = []
-        if self.share > 0.0:
-            reduced = isinstance(model, REDUCED)
-            self._errors = [watch_errors(indicator_of(model)) if reduced else watch_coarser(model)]
-        self._others: list[Watcher] = [watch_balance()] if model.scene.ensemble.balance else []
-        if isinstance(model, REDUCED):
-            self._others.append(watch_validity(model))
-        self._n_bands = model.scene.ensemble.band_samples
-        self._over_time = {with_bands: watch_over_time(model, with_bands) for with_bands in (True, False)}
-
-    def of(self, piece: Piece) -> list[Watcher]:
-        """Return what looks at a piece; at outputs over time of the first samples more than of the others."""
-        over_time = self._over_time[piece.first < self._n_bands]
-        others = self._others if over_time is None else [*self._others, over_time]
-        if piece.is_checked:
-            return [*self._errors, *others] if piece.is_both else self._errors
-        return others
 
 
 def run_ensemble(
@@ -365,10 +331,7 @@ def allot(
 def look_at(own: Integration, stop: Stop) -> list[Seen]:
     """Integrate until the rules are met or the budget is spent; return what was seen. Collective."""
 
-    def looking(n: int) -> Seen:
-        return see(stop.rules, own.model.scene, own.sampler, own.checkpoint.up_to(n), n)
-
     def seen(n: int) -> Seen:
-        return on_root(own.comm, looking, n)
+        return on_root(own.comm, see, stop.rules, own.model.scene, own.sampler, own.checkpoint.up_to(n), n)
 
     return stages(stop, own.sampler.unit, own.plan.n_samples, own.up_to, seen, own.comm)

@@ -122,26 +122,19 @@ def of_probability(
     """Return the interval (low, high) of a probability of which `count` of `n` trials came true.
 
     They are numbers of independent trials; or of those of each independent replicate, (n_replicates,). Of `n_failed`
-    further trials it is not known: none of them came true at the lower end, all at the upper one.
+    further trials it is not known: none of them came true at the lower end, all at the upper one. As
+    `scipy.stats.binomtest`, but for numbers that need not be whole (Korn and Graubard, Survey Methodology 24 (1998)
+    193-201).
     """
     count, failed = np.atleast_1d(count).astype(float), np.atleast_1d(n_failed).astype(float)
     sizes = np.atleast_1d(n) + failed
     if not sizes.sum() > 0.0:
         return UNKNOWN
-    return np.array([_clopper_pearson(true, sizes, confidence)[k] for k, true in enumerate((count, count + failed))])
-
-
-def _clopper_pearson(count: np.ndarray, sizes: np.ndarray, confidence: float) -> tuple[float, float]:
-    """Return both ends of a probability that came true `count` times in trials of replicates, each (n_replicates,).
-
-    As `scipy.stats.binomtest`, but for numbers that need not be whole (Korn and Graubard, Survey Methodology 24 (1998)
-    193-201).
-    """
-    tail, n = 0.5 * (1.0 - confidence), equivalent_size(count, sizes, confidence)
-    true = n * float(count.sum() / sizes.sum())
-    low = scipy.special.betaincinv(true, n - true + 1.0, tail) if true > 0.0 else 0.0
-    high = scipy.special.betaincinv(true + 1.0, n - true, 1.0 - tail) if true < n else 1.0
-    return float(low), float(high)
+    tail, ends = 0.5 * (1.0 - confidence), (count, count + failed)
+    n_low, n_high = (equivalent_size(true, sizes, confidence) for true in ends)
+    low, high = (n * float(true.sum() / sizes.sum()) for n, true in zip((n_low, n_high), ends))
+    low = scipy.special.betaincinv(low, n_low - low + 1.0, tail) if low > 0.0 else 0.0
+    return np.array([low, scipy.special.betaincinv(high + 1.0, n_high - high, 1.0 - tail) if high < n_high else 1.0])
 
 
 def equivalent_size(count: np.ndarray, sizes: np.ndarray, confidence: float) -> float:
@@ -213,22 +206,6 @@ def variation_of(rounds: Sequence[np.ndarray]) -> float:
     """Return the coefficient of variation of a mean of weights (n,) in independent rounds; NaN where all are zero."""
     total = sum(float(one.sum()) for one in rounds)
     return float(np.sqrt(sum(one.size * one.var(ddof=1) for one in rounds)) / total) if total > 0.0 else np.nan
-
-
-def with_failed(
-    ends: np.ndarray, rounds: Sequence[np.ndarray], n_failed: int, n_plain: int, confidence: float, n_in: int = 0
-) -> np.ndarray:
-    """Return the interval of a rare event in which failed samples are outside it at the lower end, in it at the upper.
-
-    `ends`, (2,), are those without failed samples, `rounds` the weights of the samples of each round that are in the
-    event or failed, 0 of others. Of `n_plain` samples, from which the search begins, `n_failed` failed and `n_in` are
-    in the event. They bound it together with all that fails; so do the weighted samples, but for what fails where they
-    do not come, as some of the plain ones did.
-    """
-    open_end = of_probability(n_in, n_plain - n_failed, confidence, n_failed)[1]
-    if not n_failed and len(rounds):
-        open_end = np.fmin(open_end, of_weighted(rounds, confidence)[1])
-    return np.array([np.fmax(ends[0], 0.0), np.fmax(ends[1], open_end)])
 
 
 def freedom_of(values: np.ndarray, most: float) -> float:

@@ -376,31 +376,26 @@ class Levels:
         return [one & of for one, of in zip(true, known)], known
 
 
-def join(scene: Scene, levels: Levels) -> Joined:
-    """Return the figures of the best model, of every quantity and every event."""
-    level, found = scene.ensemble.confidence, {}
+def with_better(
+    ensemble: Ensemble, scene: Scene, columns: Mapping[str, Columns], replicates: np.ndarray | None
+) -> Ensemble:
+    """Return an ensemble with the figures of the best model, of every quantity and every event, and what is to be said
+    of them; columns and replicates are as of `Levels`."""
+    levels, record = Levels(columns, replicates), ensemble.record
+    level, figures = scene.ensemble.confidence, {}
     *better, own = levels.columns
     for name in [name for name, _ in quantities(own.of("outputs"), own.of("extremes"))]:
         values, replicates = levels.values(lambda one: quantity(name, one.of("outputs"), one.of("extremes")))
         n = values[0].size
         in_all = replicates is None or np.unique(replicates[:n]).size == np.unique(replicates).size > 1
         if n >= FEWEST and in_all:
-            found[name] = corrected(values, level, replicates)
+            figures[name] = corrected(values, level, replicates)
     for label, event in scene.ensemble.probabilities.items():
         if levels.counts[0] >= FEWEST:
-            found[label] = _probability(*levels.events(label, event), level)
+            figures[label] = _probability(*levels.events(label, event), level)
     outputs = {name: dict(columns.of("outputs").items()) for name, columns in zip(levels.names, better)}
     status = {name: columns["status"].astype(int) for name, columns in zip(levels.names, better)}
-    return Joined(levels.names, level, found, outputs, status)
-
-
-def with_better(
-    ensemble: Ensemble, scene: Scene, columns: Mapping[str, Columns], replicates: np.ndarray | None
-) -> Ensemble:
-    """Return an ensemble with the figures of the best model, and what is to be said of them; columns and replicates are
-    as of `Levels`."""
-    levels = Levels(columns, replicates)
-    found, record = join(scene, levels), ensemble.record
+    found = Joined(levels.names, level, figures, outputs, status)
     remarks = (*record.remarks, *joined_remarks(found, levels), *event_remarks(scene, levels))
     return replace(ensemble, joined=found, record=replace(record, remarks=remarks))
 

@@ -22,7 +22,7 @@ from pgmp_petsc.ensemble.sample_file import SampleFile
 from pgmp_petsc.estimates.own_error import is_estimated
 from pgmp_petsc.estimates.reference_motion import FINER, price_of_evaluation, schedules_of
 from pgmp_petsc.lanes.vectors import LANES
-from pgmp_petsc.models import REDUCED, LengthLanes, Model, ReducedModel
+from pgmp_petsc.models import LengthLanes, Model, Reduced, ReducedModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names
 
@@ -112,15 +112,15 @@ FEWEST = 1_000  # samples of which a share is taken, where there are less: alrea
 
 def share_of(model: Model) -> float:
     """Return the share of a model's samples that are checked."""
-    if not is_estimated(model.scene, of_step=not isinstance(model, REDUCED)):
+    given, is_reduced = model.scene.ensemble.checked_share, isinstance(model, Reduced)
+    if not is_estimated(model.scene, of_step=not is_reduced):
         return 0.0
-    given = model.scene.ensemble.checked_share
-    if not isinstance(model, REDUCED):  # a fifth of the price of a run, rarely more
-        return SHARE if given is None else given
-    return min(SHARE, PRICE / price_of(model)) if given is None else given
+    if given is not None:
+        return given
+    return min(SHARE, PRICE / price_of(model)) if is_reduced else SHARE  # a fifth of a run's price there, rarely more
 
 
-def price_of(model: ReducedModel | LengthLanes) -> float:
+def price_of(model: Reduced) -> float:
     """Return about how many runs of a sample cost as much as an estimate of its errors."""
     mechanism, simulation, tables = model.kinematics.mechanism, model.scene.simulation, model.terms.tables
     n_steps = simulation.n_steps

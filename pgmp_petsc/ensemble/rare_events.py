@@ -244,16 +244,18 @@ def find(
         chance = float(np.prod([level.share for level in levels]))
         weighed = levels[-1].threshold
         centres = entrances(lambda u: chains.evaluate(u) - weighed, rays, chance)
-        nearest = last[0][np.argsort(np.sum(last[0] ** 2, axis=1))[:1]]
+        nearest = last.points[np.argsort(np.sum(last.points**2, axis=1))[:1]]
         design = chains.design(np.concatenate([nearest, centres]), weighed) if has_design else None
         if design is not None and weighed > 0.0:
             beyond = chains.beyond(design)
             if beyond is not None:
-                levels.append(Level(0.0, min(1.0, float(ndtr(-design.beta).sum()) / chance), beyond[2], last[1]))
-                last, weighed, centres = (*beyond[:2], np.arange(len(beyond[0]))), 0.0, centres[:0]
+                levels.append(Level(0.0, min(1.0, float(ndtr(-design.beta).sum()) / chance), beyond[2], last.values))
+                n = len(beyond[0])
+                last, weighed = importance.Cloud(beyond[0], np.ones(n), np.arange(n), beyond[1]), 0.0
+                centres = centres[:0]
         if design is not None:
             centres = np.concatenate([design.points, apart(centres, design.points)])
-        weights = chains.weigh(*last, centres, weighed, design)
+        weights = chains.weigh(last, centres, weighed, design)
     elif np.isfinite(np.concatenate(chains.values)).any() and chains.left > 0:
         chains.evaluate(chains.random().standard_normal((chains.left, d)))
         weights = [np.ones(chains.values[-1].size)]
@@ -273,9 +275,9 @@ def find(
     return found
 
 
-def _levels(chains: _Chains) -> tuple[list[Level], list[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Return the levels, the directions of the parts that they have seen, and of the points of the last one u, g and
-    the chains of the level before that they stem from."""
+def _levels(chains: _Chains) -> tuple[list[Level], list[np.ndarray], importance.Cloud]:
+    """Return the levels, the directions of the parts that they have seen, and the points of the last one, whose
+    families are the chains of the level before that they stem from."""
     size = level_size(chains.left)
     least_left = max(LEAST_OF_LEVEL, chains.left // PART_WEIGHED)
     points = chains.random().standard_normal((size, chains.d))
@@ -316,7 +318,7 @@ def _levels(chains: _Chains) -> tuple[list[Level], list[np.ndarray], tuple[np.nd
         levels.append(Level(threshold, share, accepted, before, is_afar, variation))
         if threshold == 0.0:
             break
-    return levels, directions, (points, g, families)
+    return levels, directions, importance.Cloud(points, np.ones(len(points)), families, g)
 
 
 @dataclass(eq=False)
@@ -465,16 +467,10 @@ class _Chains:
         return points, g, np.repeat(np.arange(n_first), copies), float(chances.mean())
 
     def weigh(
-        self,
-        points: np.ndarray,
-        g: np.ndarray,
-        families: np.ndarray,
-        entrances: np.ndarray,
-        level: float,
-        design: DesignPoints | None,
+        self, last: importance.Cloud, entrances: np.ndarray, level: float, design: DesignPoints | None
     ) -> list[np.ndarray]:
-        """Evaluate all points that are left from densities that points of the event, or of a level on g, make, and
-        return the weights of all rounds but one.
+        """Evaluate all points that are left from densities that the last points, of the event or of a level on g, make,
+        and return the weights of all rounds but one.
 
         The first round is left out. Points of all rounds make the next density, each with the weight of the mixture of
         all densities so far (the balance heuristic: Owen and Zhou, Journal of the American Statistical Association 95
@@ -482,14 +478,14 @@ class _Chains:
         """
         if self.left < 2 * ROUNDS:
             return []
-        centres, first, counts = np.unique(points, axis=0, return_index=True, return_counts=True)
+        centres, first, counts = np.unique(last.points, axis=0, return_index=True, return_counts=True)
         known = importance.levelled(centres, counts.astype(float), self.random())
-        cloud = importance.Cloud(centres, known, families[first], g[first])
+        cloud = importance.Cloud(centres, known, last.families[first], last.values[first])
         of_chains = cloud._replace(weights=known / known.sum())
         sizes = np.full(ROUNDS, self.left // ROUNDS)
         sizes[-1] += self.left % ROUNDS
-        before = 1.0 / np.unique(families).size  # share of the event that is not beyond the planes of design points
-        weights, densities, inside, g_inside = [], [], np.zeros((0, points.shape[1])), np.zeros(0)
+        before = 1.0 / np.unique(last.families).size  # share of the event not beyond the planes of design points
+        weights, densities, inside, g_inside = [], [], np.zeros((0, self.d)), np.zeros(0)
         for size, share in zip(sizes, AT_ENTRANCES):
             random = self.random()
             density = importance.chosen_density(cloud, random)
@@ -512,7 +508,7 @@ class _Chains:
                 drawn_so_far = [np.log(m) + one.log(inside) for m, one in zip(sizes, densities)]
                 own = np.exp(importance.log_normal(inside) - np.logaddexp.reduce(drawn_so_far, axis=0))
                 own *= own.sum() / np.sum(own**2)  # how many equally weighted ones they are worth
-                cloud = importance.Cloud(inside, own, len(points) + np.arange(len(inside)), g_inside)
+                cloud = importance.Cloud(inside, own, len(last.points) + np.arange(len(inside)), g_inside)
                 if own.sum() < ENOUGH:  # chains supply what is missing
                     missing = of_chains._replace(weights=(ENOUGH - own.sum()) * of_chains.weights)
                     cloud = cloud.with_further(missing)

@@ -6,7 +6,7 @@ decides what comes next: so all decide the same, and any number of ranks finds t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 
 import numpy as np
@@ -25,19 +25,19 @@ from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, v
 from pgmp_petsc.ensemble.statistics import in_words
 from pgmp_petsc.ensemble.stopping import Reader
 from pgmp_petsc.ensemble.watchers import watch_over_time
-from pgmp_petsc.estimates.own_error import OwnErrors, not_known, of_figures
+from pgmp_petsc.estimates.own_error import errors_of_runs, not_known, of_figures
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.lanes.vectors import LANES
-from pgmp_petsc.models import REDUCED, ComponentModel, FullModel, LengthLanes, Model, ReducedModel, of_samples
+from pgmp_petsc.models import ComponentModel, FullModel, Model, Reduced, ReducedModel, of_samples
 from pgmp_petsc.outputs.outputs import measured_in, with_outputs
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.reduction.rom import outside_of
+from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.results.statistics import MostLikely, RareEvent
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.numerics import Ensemble, Event
-from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.uses import offset_directions
 from pgmp_petsc.stepping.drivers import check_ts_options
 
@@ -77,16 +77,10 @@ def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: 
         bar = stack.enter_context(progress(n_samples, f"{model.title} samples", comm))
         runs = _Runs(of_runs, event, names, comm, bar)
         off = bool(offset_directions(model.scene))  # without derivatives
-        slopes = runs.slopes if isinstance(of_runs, (ReducedModel, LengthLanes)) and not off else None
-        stepping = stepping_names(model.scene)
-        found = rare_events.find(runs.limit_state, len(names), n_samples, seed, slopes, not stepping)
+        slopes = runs.slopes if isinstance(of_runs, Reduced) and not off else None
+        found = rare_events.find(runs.limit_state, len(names), n_samples, seed, slopes, not runs.stepping)
     timings = timings.maximum(comm)
     return _result(model, event, found, runs, n_samples, seed, comm.size, timings) if comm.rank == 0 else None
-
-
-def stepping_names(scene: Scene) -> list[str]:
-    """Return the parameters that are drawn and have values with shares of their own, sorted."""
-    return [name for name in uncertain_names(scene) if not scene.parameters[name].distribution.is_continuous]
 
 
 class _Runs:
@@ -96,7 +90,8 @@ class _Runs:
     def __init__(self, model: Model, event: Event, names: list[str], comm: Comm, bar) -> None:
         self._model, self._event, self._comm, self._bar = model, event, comm, bar
         self.names, self._mixing = names, mixing_of(model.scene, names)
-        self._sign = -1.0 if event.above is not None else 1.0  # of the output in g
+        #: parameters that are drawn and have values with shares of their own, sorted
+        self.stepping = [name for name in names if not model.scene.parameters[name].distribution.is_continuous]
         self._watcher = watch_over_time(model, False, Ensemble(extremes=True))
         self.values: list[np.ndarray] = []
         self.status: list[np.ndarray] = []
@@ -117,7 +112,7 @@ class _Runs:
         self.status.append(status)
         self.parameters.append(values)
         self._bar.update(n)
-        return self._sign * (value - self._event.level)
+        return -self._event.sign * (value - self._event.level)
 
     def values_of(self, points: np.ndarray) -> dict[str, np.ndarray]:
         """Return the values of all parameters, each (n,), that points (n, d) mean."""
@@ -138,8 +133,8 @@ class _Runs:
                 own.append((number, *self._differentiated(one)))
         g, found = np.full(n, np.nan), np.full((n, d), np.nan)
         for number, value, by_parameter in (part for rank in self._comm.allgather(own) for part in rank):
-            g[number] = self._sign * (value - self._event.level)
-            found[number] = self._sign * np.einsum("p,pd->d", by_parameter, by_normal[:, number])
+            g[number] = -self._event.sign * (value - self._event.level)
+            found[number] = -self._event.sign * np.einsum("p,pd->d", by_parameter, by_normal[:, number])
         self._bar.update(n)
         return g, found
 
@@ -150,7 +145,7 @@ class _Runs:
             return np.nan, np.full(len(self.names), np.nan)
         history, at = run.outputs[self._event.output], -1
         if self._event.when == "ever":
-            at = int(np.argmin(self._sign * history))
+            at = int(np.argmax(self._event.sign * history))
         return float(history[at]), np.array([run.derivatives[self._event.output][name][at] for name in self.names])
 
     def most_likely(self, design: DesignPoints | None) -> MostLikely | None:
@@ -175,14 +170,13 @@ class _Runs:
         batch = run_batch(self._model, values, watchers=[self._watcher] if ever else [])
         if not ever:
             return batch.outputs[name], batch.status
-        return batch.extremes[f"{name}/{'max' if self._event.above is not None else 'min'}"], batch.status
+        return batch.extremes[f"{name}/{self._event.extreme}"], batch.status
 
 
 def _result(
     model: Model, event: Event, found: RareSamples, runs: _Runs, n_samples: int, seed: int, ranks: int, timings: Timings
 ) -> RareEvent:
     scene, unit = model.scene, model.outputs.units[event.output]
-    sign = -1.0 if event.above is not None else 1.0  # of g in values of the output
     value, status = np.concatenate(runs.values), np.concatenate(runs.status)
     weight = np.zeros(value.size)
     weight[value.size - found.weights.size :] = found.weights
@@ -191,15 +185,14 @@ def _result(
     text = f"{'ever ' if event.when == 'ever' else ''}{event.output} {side} {scene.system.shown(event.level, unit)!r}"
     confidence, words = scene.ensemble.confidence, in_words(event, unit, scene.system)
     parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
-    remarks = rare_remarks(found, status, isinstance(model, (FullModel, *REDUCED)), confidence)
+    remarks = rare_remarks(found, status, isinstance(model, FullModel | Reduced), confidence)
     said = (*scene.remarks, *remarks, *draw_remarks(scene))
-    stepping = stepping_names(scene)
-    if stepping:
-        what = f"values of {', '.join(stepping)} step, so that the event has no design point, and none was looked for"
-        said += (note(what),)
+    if runs.stepping:
+        what = f"values of {', '.join(runs.stepping)} step, so that the event has no design point"
+        said += (note(f"{what}, and none was looked for"),)
     if isinstance(model, (ReducedModel, ComponentModel)):
         said += outside_of(model.served, parameters, "--rare")
-    if isinstance(model, REDUCED):
+    if isinstance(model, Reduced):
         said += _of_own_error(model, event, found, runs.names, parameters, value)
     return RareEvent(
         model=model.name,
@@ -214,10 +207,10 @@ def _result(
         variation=found.variation,
         at_most=found.at_most,
         n_effective=found.n_effective,
-        threshold=np.array([event.level + sign * level.threshold for level in found.levels]),
+        threshold=np.array([event.level - event.sign * level.threshold for level in found.levels]),
         share=np.array([level.share for level in found.levels]),
         accepted=np.array([level.accepted for level in found.levels]),
-        curve=(event.level + sign * values, probabilities),
+        curve=(event.level - event.sign * values, probabilities),
         names=tuple(runs.names),
         normal=found.points,
         value=value,
@@ -230,12 +223,7 @@ def _result(
 
 
 def _of_own_error(
-    model: ReducedModel | LengthLanes,
-    event: Event,
-    found: RareSamples,
-    names: Sequence[str],
-    parameters: Mapping[str, np.ndarray],
-    value: np.ndarray,
+    model: Reduced, event: Event, found: RareSamples, names: Sequence[str], parameters: Arrays, value: np.ndarray
 ) -> tuple[Remark, ...]:
     """Return what errors of the model do to the probability: as much as if the level were off by their mean at the
     samples nearest to it.
@@ -248,7 +236,7 @@ def _of_own_error(
     if not (found.reached and nearest.size):
         return ()
     points = [{name: float(column[k]) for name, column in parameters.items()} for k in nearest]
-    errors = OwnErrors.of_runs(of_samples(model, names), points)
+    errors = errors_of_runs(of_samples(model, names), points)
     if errors is None:
         return (not_known(model, what),)
     at = errors.at_end[event.output]
@@ -257,26 +245,28 @@ def _of_own_error(
         at = np.array([row[np.argmax(np.abs(row))] if row.size else np.nan for row in rows])
     if not np.isfinite(at).any():
         return (not_known(model, what, errors, [event.output]),)
-    shift = float(np.nanmean(at)) * (-1.0 if event.above is not None else 1.0)
-    without = found.probability * found.factor_of(shift)
+    without = found.probability * found.factor_of(-event.sign * float(np.nanmean(at)))
     return of_figures([(what, found.probability, without, found.probability)], what)
 
 
 def with_failed(found: RareSamples, confidence: float) -> np.ndarray:
     """Return the interval of the probability, (2,), in which failed samples are outside the event at the lower end, and
-    in it at the upper one: the weighted ones, and the plain ones from which the search begins."""
+    in it at the upper one.
+
+    The plain ones from which the search begins bound the event together with all that fails; so do the weighted ones,
+    but for what fails where they do not come, as some of the plain ones did.
+    """
     ends = found.interval(confidence)
     if not np.isnan(found.limit_state).any():
         return ends
     own = found.limit_state[found.limit_state.size - found.weights.size :]
-    open_weights, rounds = np.where(own > found.weighed, 0.0, found.weights), []
-    if found.is_plain:
-        plain = own
-    else:
-        plain = found.levels[0].before if found.levels else found.limit_state
-        rounds = np.split(open_weights, np.cumsum(found.rounds)[:-1]) if own.size else []
+    plain = own if found.is_plain else found.levels[0].before if found.levels else found.limit_state
     n_failed, n_in = int(np.sum(~np.isfinite(plain))), int(np.sum(plain <= 0.0))
-    return intervals.with_failed(ends, rounds, n_failed, plain.size, confidence, n_in)
+    open_end = intervals.of_probability(n_in, plain.size - n_failed, confidence, n_failed)[1]
+    if own.size and not n_failed:
+        rounds = np.split(np.where(own > found.weighed, 0.0, found.weights), np.cumsum(found.rounds)[:-1])
+        open_end = np.fmin(open_end, intervals.of_weighted(rounds, confidence)[1])
+    return np.array([np.fmax(ends[0], 0.0), np.fmax(ends[1], open_end)])
 
 
 @gathered

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,8 +17,9 @@ import h5py
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, shortened
+from pgmp_petsc.base.units import Units
 from pgmp_petsc.files.hdf5 import csv_table, without_unit
-from pgmp_petsc.results.numbers import behind
+from pgmp_petsc.results.numbers import Arrays, behind
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import in_own_units, own_units, si_values
 from pgmp_petsc.scene.messages import MAX_LINES, input_error
@@ -26,7 +27,6 @@ from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.uses import ordered_ends
 
 OPTION = "--samples"
-Columns = Mapping[str, np.ndarray]  # numbers (N,) by parameter, of a program's own
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,12 @@ class SampleFile:
     remarks: tuple[Remark, ...] = ()
 
 
-def called(samples: Path | Columns | None) -> str:
+def called(samples: Path | Arrays | None) -> str:
     """Return what messages call samples: the option with its file, or a program's argument."""
     return f"{OPTION} {samples}" if isinstance(samples, Path) else "samples"
 
 
-def read_samples(path: Path | Columns, scene: Scene, n_samples: int | None) -> SampleFile:
+def read_samples(path: Path | Arrays, scene: Scene, n_samples: int | None) -> SampleFile:
     """Read the first `n_samples` samples of a file, or of columns, or all. By one process. Raises `InputError` if the
     file cannot be read, lacks the column of an uncertain parameter, has fewer samples, or one that is no finite number
     within the parameter's bounds, with its line."""
@@ -66,7 +66,7 @@ def read_samples(path: Path | Columns, scene: Scene, n_samples: int | None) -> S
 
 
 def of_columns(
-    columns: Columns,
+    columns: Arrays,
     scene: Scene,
     where: str,
     n_samples: int | None = None,
@@ -86,7 +86,7 @@ def of_columns(
 
 
 def _checked(
-    path: Path, columns: Mapping[str, np.ndarray], lines: np.ndarray, others: Sequence[str], content: str, scene: Scene,
+    path: Path, columns: Arrays, lines: np.ndarray, others: Sequence[str], content: str, scene: Scene,
     n_samples: int | None, where: str, place: str,
 ) -> SampleFile:  # fmt: skip
     """Return the samples that are wanted; raises `InputError` where there are too few, or one is wrong."""
@@ -150,7 +150,7 @@ def _of_hdf5(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarra
     return columns, np.arange(len(columns[used[0]])), []
 
 
-def _check_lengths(columns: Mapping[str, np.ndarray], where: str) -> None:
+def _check_lengths(columns: Arrays, where: str) -> None:
     """Refuse columns of several lengths, and without numbers."""
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1 or 0 in lengths.values():
@@ -172,9 +172,7 @@ def _used(where: str, names: list[str], scene: Scene) -> list[str]:
     return used
 
 
-def _problems(
-    columns: Mapping[str, np.ndarray], lines: np.ndarray, scene: Scene, units: Mapping[str, str], place: str
-) -> Iterator[str]:
+def _problems(columns: Arrays, lines: np.ndarray, scene: Scene, units: Units, place: str) -> Iterator[str]:
     """Yield what is wrong with values, the first lines first within a column; all in these units."""
     for name, values in columns.items():
         bounds, wrong = scene.parameters[name].bounds, {"a finite number is needed": ~np.isfinite(values)}

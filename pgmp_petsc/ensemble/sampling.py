@@ -35,7 +35,7 @@ bisection inverts.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,7 +44,7 @@ import scipy
 from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.files.seal import identity
-from pgmp_petsc.results.numbers import behind
+from pgmp_petsc.results.numbers import Arrays, behind
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_units, own_values, to_own
 from pgmp_petsc.scene.parameters import ARCHIMEDEAN, correlation_matrix, kendall, uncertain_names, variables_of
@@ -82,10 +82,10 @@ def _words(seed: int, numbers: np.ndarray) -> list[np.ndarray]:
     entropy += [np.uint32(0)] * (POOL - len(entropy))
     constant = INIT_A
 
-    def hashed(value: np.ndarray) -> np.ndarray:
+    def hashed(value: np.ndarray, multiplier: int = MULT_A) -> np.ndarray:
         nonlocal constant
         value = value ^ np.uint32(constant)
-        constant = constant * MULT_A & WORD
+        constant = constant * multiplier & WORD
         value = value * np.uint32(constant)
         return value ^ (value >> np.uint32(16))
 
@@ -101,13 +101,8 @@ def _words(seed: int, numbers: np.ndarray) -> list[np.ndarray]:
                     pool[target] = mixed(pool[target], hashed(pool[source]))
         for word in (*entropy[POOL:], numbers):
             pool = [mixed(own, hashed(word)) for own in pool]
-        constant, found = INIT_B, []
-        for k in range(2 * POOL):
-            value = pool[k % POOL] ^ np.uint32(constant)
-            constant = constant * MULT_B & WORD
-            value = value * np.uint32(constant)
-            found.append(value ^ (value >> np.uint32(16)))
-    return found
+        constant = INIT_B
+        return [hashed(pool[k % POOL], MULT_B) for k in range(2 * POOL)]
 
 
 def _stepped(state: tuple[np.ndarray, np.ndarray], increment: tuple[np.ndarray, np.ndarray]) -> tuple:
@@ -394,7 +389,7 @@ def draw_remarks(scene: Scene) -> Iterator[Remark]:
             yield warning(text + much) if below + above > MUCH_CUT_OFF else note(text)
 
 
-def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
+def physical(scene: Scene, values: Arrays) -> np.ndarray:
     """Return which samples lie inside all bounds, finite, positive or not negative where that is needed, lower ends of
     stops below upper ones."""
     fine = np.ones(len(next(iter(values.values()))), dtype=bool)

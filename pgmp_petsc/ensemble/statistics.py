@@ -18,17 +18,15 @@ import numpy as np
 import scipy
 
 from pgmp_petsc.base.errors import Remark, gathered, note, warning
-from pgmp_petsc.base.units import UnitSystem
+from pgmp_petsc.base.units import Units, UnitSystem
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.results.ensemble import DESCRIBED
-from pgmp_petsc.results.numbers import ROUND_OFF, sizes_of, with_unit
+from pgmp_petsc.results.numbers import ROUND_OFF, Arrays, sizes_of, with_unit
 from pgmp_petsc.results.statistics import Sensitivity, Statistics
 from pgmp_petsc.scene.numerics import Event
 
-Columns = Mapping[str, np.ndarray]
 
-
-def quantities(outputs: Columns, extremes: Columns) -> Iterator[tuple[str, np.ndarray]]:
+def quantities(outputs: Arrays, extremes: Arrays) -> Iterator[tuple[str, np.ndarray]]:
     """Yield outputs at the end, and over time where their extremes are known; one in memory at a time."""
     yield from outputs.items()
     for key in extremes:
@@ -37,17 +35,16 @@ def quantities(outputs: Columns, extremes: Columns) -> Iterator[tuple[str, np.nd
             yield f"{name}.{which}", extremes[key]
 
 
-def quantity(name: str, outputs: Columns, extremes: Columns) -> np.ndarray:
+def quantity(name: str, outputs: Arrays, extremes: Arrays) -> np.ndarray:
     """Return one of these."""
     return outputs[name] if name in outputs else extremes["/".join(name.rsplit(".", 1))]
 
 
-def came_true(event: Event, label: str, outputs: Columns, passages: Columns) -> np.ndarray:
+def came_true(event: Event, label: str, outputs: Arrays, passages: Arrays) -> np.ndarray:
     """Return in which samples an event came true, bool (N,); those that failed have none."""
     if event.when == "ever":
         return np.isfinite(passages[label])
-    values = outputs[event.output]
-    return values > event.level if event.above is not None else values < event.level
+    return event.sign * (outputs[event.output] - event.level) > 0.0
 
 
 def in_words(event: Event, unit: str, system: UnitSystem) -> str:
@@ -61,10 +58,10 @@ def in_words(event: Event, unit: str, system: UnitSystem) -> str:
 class Peaks:
     """How far outputs go in each sample."""
 
-    outputs: Columns  # at the end, (N,)
-    extremes: Columns  # over time, ``<output>/max`` and ``min``, (N,), where these are known
+    outputs: Arrays  # at the end, (N,)
+    extremes: Arrays  # over time, ``<output>/max`` and ``min``, (N,), where these are known
     #: smallest and largest values at the instants of the bands, (2, n_known), of the first samples
-    ends: Mapping[str, np.ndarray]
+    ends: Arrays
 
     def over_time(self, output: str, which: str) -> np.ndarray:
         """Return ``max`` or ``min`` of an output over time, (N,); NaN where it is not known."""
@@ -86,7 +83,7 @@ class Peaks:
         stand_in = np.nan if not others.size else np.median(others) if known.any() else others.max()
         return np.where(known, found, stand_in)
 
-    def sizes(self, units: Mapping[str, str], fine: np.ndarray, length: float = 0.0) -> dict[str, float]:
+    def sizes(self, units: Units, fine: np.ndarray, length: float = 0.0) -> dict[str, float]:
         """Return beside what each quantity may vary by round-off: `sizes_of` the outputs, and a length of the
         mechanism's in m."""
         sizes = sizes_of({output: self.largest(output)[fine] for output in self.outputs}, units, length)
@@ -94,11 +91,9 @@ class Peaks:
 
     def excess(self, event: Event) -> np.ndarray:
         """Return how far the output of an event is beyond its level, (N,): negative where it is not."""
-        above = event.above is not None
-        values = self.outputs[event.output]
-        if event.when == "ever":
-            values = self.over_time(event.output, "max" if above else "min")
-        return values - event.level if above else event.level - values
+        at_end = event.when == "end"
+        values = self.outputs[event.output] if at_end else self.over_time(event.output, event.extreme)
+        return event.sign * (values - event.level)
 
 
 MOST_BINS = 200
@@ -351,7 +346,7 @@ def of_blocks(values: np.ndarray, names: list[str], confidence: float, n_replica
 
 
 def of_given(
-    values: np.ndarray, parameters: Mapping[str, np.ndarray], confidence: float, replicates: np.ndarray | None = None
+    values: np.ndarray, parameters: Arrays, confidence: float, replicates: np.ndarray | None = None
 ) -> Sensitivity | None:
     """Return the first indices of an output from any samples (N,), of the first that are fine; None where they, or the
     replicates of Sobol sequences that they belong to, (N,), are too few, or nothing varies."""
@@ -432,7 +427,7 @@ def _explained_alike(ordered: np.ndarray, numbers: np.ndarray, slices: _Slices) 
 
 def sensitivities(
     quantities: Iterable[tuple[str, np.ndarray]],
-    parameters: Mapping[str, np.ndarray],
+    parameters: Arrays,
     names: list[str],
     fine: np.ndarray,
     n_replicates: int | None,

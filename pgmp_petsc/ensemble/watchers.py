@@ -10,7 +10,6 @@ extremes of it.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -18,13 +17,15 @@ import numpy as np
 
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.base.progress import doing
+from pgmp_petsc.ensemble.plan import IN_CHECKED, Piece, block_of, share_of
 from pgmp_petsc.estimates.coarser_run import run_coarser, step_errors
-from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator
+from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator, indicator_of
 from pgmp_petsc.estimates.validity import Validity
-from pgmp_petsc.models import FullModel, LengthLanes, Model, OutputRecord, ReducedModel, SeparateLengths
+from pgmp_petsc.models import FullModel, Model, OutputRecord, Reduced, SeparateLengths
 from pgmp_petsc.outputs.rainflow import Counting
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY
+from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
 from pgmp_petsc.stepping.generalised_alpha import Run
 from pgmp_petsc.stepping.second_order_system import Observer, PooledObserver, RunningBalance, SecondOrderSystem, State
@@ -40,7 +41,7 @@ class Begun:
 
     #: system, values: the system, and the parameter values of all its samples
     system: SecondOrderSystem
-    values: Mapping[str, np.ndarray]
+    values: Arrays
     samples: np.ndarray  # numbers of those that are watched: what is no mechanism at all is not
     simulation: Simulation  # its steps
 
@@ -53,7 +54,7 @@ class Watch(NamedTuple):
     #: these by the field of `Batch` that they belong to; NaN where nothing is known
     found: Callable[[np.ndarray], Found]
     #: outputs that are counted over a run, at its end, by name (n_samples,)
-    counted: Callable[[], Mapping[str, np.ndarray]] = dict
+    counted: Callable[[], Arrays] = dict
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +71,6 @@ class Watcher:
         return {kind: {name: np.full(shapes.get(kind, n), np.nan) for name in of} for kind, of in self.names.items()}
 
 
-def _errors_of(model: Model) -> dict[str, list[str]]:
-    return dict.fromkeys(("errors", "errors_at_end"), list(model.outputs.functions))
-
-
-def _checking(begun: Begun) -> AbstractContextManager[None]:
-    return doing(f"errors of {counted(begun.samples.size, 'checked sample')}")
-
-
 def watch_errors(indicator: ErrorIndicator | MemberIndicator) -> Watcher:
     """Estimate the errors of all samples by the indicator of a model, with the steps of each run."""
 
@@ -85,13 +78,13 @@ def watch_errors(indicator: ErrorIndicator | MemberIndicator) -> Watcher:
         run = indicator.stepped(begun.simulation).watch(begun.system, begun.samples)
 
         def found(status: np.ndarray) -> Found:
-            with _checking(begun):
+            with doing(f"errors of {counted(begun.samples.size, 'checked sample')}"):
                 estimate = run.estimate(status)
             return {"errors": estimate.largest, "errors_at_end": estimate.at_end}
 
         return Watch(run, found)
 
-    return Watcher(_errors_of(indicator.model), watch)
+    return Watcher(dict.fromkeys(IN_CHECKED, indicator.model.outputs.functions), watch)
 
 
 def watch_coarser(model: Model) -> Watcher:
@@ -105,7 +98,7 @@ def watch_coarser(model: Model) -> Watcher:
             time, outputs = record.outputs()
             alive = np.isin(np.arange(status.size), begun.samples) & (status == Status.FINE)
             kept = watcher.empty(begun.samples.size)
-            with _checking(begun):
+            with doing(f"errors of {counted(begun.samples.size, 'checked sample')}"):
                 other = run_coarser(model, begun.system, begun.simulation, alive)
             for place, sample in enumerate(begun.samples):
                 own = {name: values[:, sample] for name, values in outputs.items()}
@@ -118,11 +111,11 @@ def watch_coarser(model: Model) -> Watcher:
 
         return Watch(record, found)
 
-    watcher = Watcher(_errors_of(model), watch)
+    watcher = Watcher(dict.fromkeys(IN_CHECKED, model.outputs.functions), watch)
     return watcher
 
 
-def watch_validity(model: ReducedModel | LengthLanes) -> Watcher:
+def watch_validity(model: Reduced) -> Watcher:
     """Keep how far every sample of a reduced model leaves small deformations."""
 
     def watch(begun: Begun) -> Watch:
@@ -218,6 +211,30 @@ def watch_over_time(model: Model, with_bands: bool, asked: Ensemble | None = Non
     return Watcher(names, watch, steps.size)
 
 
+class Watching:
+    """Follows runs of a model's samples; `share` and `block` are of those whose errors are estimated (`block_of`)."""
+
+    def __init__(self, model: Model) -> None:
+        self.share, self.block = share_of(model), block_of(model.scene, model.name)
+        self._errors: list[Watcher] = []
+        if self.share > 0.0:
+            reduced = isinstance(model, Reduced)
+            self._errors = [watch_errors(indicator_of(model)) if reduced else watch_coarser(model)]
+        self._others: list[Watcher] = [watch_balance()] if model.scene.ensemble.balance else []
+        if isinstance(model, Reduced):
+            self._others.append(watch_validity(model))
+        self._n_bands = model.scene.ensemble.band_samples
+        self._over_time = {with_bands: watch_over_time(model, with_bands) for with_bands in (True, False)}
+
+    def of(self, piece: Piece) -> list[Watcher]:
+        """Return what looks at a piece; at outputs over time of the first samples more than of the others."""
+        over_time = self._over_time[piece.first < self._n_bands]
+        others = self._others if over_time is None else [*self._others, over_time]
+        if piece.is_checked:
+            return [*self._errors, *others] if piece.is_both else self._errors
+        return others
+
+
 class _OverTimeWatch(PooledObserver):
     """Looks at one run; `steps` are the numbers of those of the bands in this run."""
 
@@ -292,23 +309,23 @@ class _Extremes:
     """The largest and the smallest values of an output so far, and when they were reached first."""
 
     def __init__(self, n: int) -> None:
-        self._values = {"max": np.full(n, -np.inf), "min": np.full(n, np.inf)}
-        self._times = {"max": np.zeros(n), "min": np.zeros(n)}
+        self._columns = {"max": np.full(n, -np.inf), "min": np.full(n, np.inf)}
+        self._columns |= {"time_of_max": np.zeros(n), "time_of_min": np.zeros(n)}
         self._unknown = np.zeros(n, dtype=bool)
 
     def take(self, times: np.ndarray, values: np.ndarray) -> None:
         """Take in values (n_t, n) at some instants (n_t,)."""
         self._unknown |= np.isnan(values).any(axis=0)
-        for which, place in (("max", np.argmax(values, axis=0)), ("min", np.argmin(values, axis=0))):
+        for which, place_of, is_beyond in (("max", np.argmax, np.greater), ("min", np.argmin, np.less)):
+            place = place_of(values, axis=0)
             here = np.take_along_axis(values, place[None], axis=0)[0]
-            further = here > self._values[which] if which == "max" else here < self._values[which]
-            self._values[which] = np.where(further, here, self._values[which])
-            self._times[which] = np.where(further, times[place], self._times[which])
+            further = is_beyond(here, self._columns[which])
+            for name, now in ((which, here), (f"time_of_{which}", times[place])):
+                self._columns[name] = np.where(further, now, self._columns[name])
 
     def found(self) -> dict[str, np.ndarray]:
         """Return the columns; NaN where the output was no number for a while."""
-        columns = self._values | {f"time_of_{which}": times for which, times in self._times.items()}
-        return {which: np.where(self._unknown, np.nan, column) for which, column in columns.items()}
+        return {which: np.where(self._unknown, np.nan, column) for which, column in self._columns.items()}
 
 
 class _Passage:
@@ -316,11 +333,10 @@ class _Passage:
 
     def __init__(self, event: Event, n: int) -> None:
         self.event, self.time = event, np.full(n, np.nan)
-        self._sign = 1.0 if event.above is not None else -1.0
         self._before: tuple[float, np.ndarray] | None = None
 
     def take(self, times: np.ndarray, values: np.ndarray) -> None:
-        excess = self._sign * (values - self.event.level)
+        excess = self.event.sign * (values - self.event.level)
         for time, now in zip(times, excess):
             passed = (now > 0.0) & np.isnan(self.time)
             if passed.any():

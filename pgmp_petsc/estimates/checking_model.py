@@ -23,7 +23,6 @@ slowly, and what it sets off follows from a time integration with the run's own 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -39,7 +38,11 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, ReducedModel
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State, StepsAsked, StepsTaken
+
+#: Unknowns and velocities that samples begin with, each (n_dofs, n_samples), NaN for those that are never advanced.
+Begin = tuple[np.ndarray, np.ndarray]
 
 
 class CheckingModel:
@@ -60,14 +63,10 @@ class CheckingModel:
         shape = len(rom.projection), len(nodes), space.n_dofs, -1
         nodal = rom.projection[:, : space.n_dofs * len(nodes)].reshape(shape)
         self.rotations = np.abs(nodal[:, :, space.dimension :]).max(axis=(0, 1, 2))
-        scheme = scene.interpolation
-        self._reconstruction = Reconstruction(self.full.kinematics, rom, scheme, nodes, internal=True)
+        #: gives the unknowns, (n_dofs, n_points, n), on paths of reduced states
+        self.unknowns_of = Reconstruction(self.full.kinematics, rom, scene.interpolation, nodes, internal=True).unknowns
 
-    def unknowns_of(self, paths: np.ndarray) -> np.ndarray:
-        """Return the unknowns, (n_dofs, n_points, n), on paths of reduced states; see `Reconstruction.unknowns`."""
-        return self._reconstruction.unknowns(paths)
-
-    def batch(self, values: Mapping[str, np.ndarray], n: int) -> FullBatch:
+    def batch(self, values: Arrays, n: int) -> FullBatch:
         start = self.full.start_of_samples(values, n)
         return FullBatch(self.full.kinematics, self._effects, values, start, n, self._motions)
 
@@ -85,12 +84,11 @@ class CheckingModel:
             times = step * schedule.steps
             system.beside.clock = lambda time: float(times[round(time / schedule.interval)])
 
-    def starts(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    def starts(self, values: Arrays, samples: np.ndarray) -> Begin | None:
         """Return what samples of a mask, shape (n,), start with: static equilibria, or what joints that are off build
         in.
 
-        Parameter values have shape (n,) each. Unknowns and velocities have shape (n_dofs, n), NaN where there is no
-        such start; None is returned where runs start undeformed.
+        Parameter values have shape (n,) each. NaN where there is no such start; None where runs start undeformed.
         """
         from_rest, full = self.full.scene.initial.equilibrium, self.full
         if not from_rest and not full.is_off:
@@ -118,19 +116,13 @@ class ErrorSystem(SecondOrderSystem):
 
     The full-order model is of the same samples, with its loads at the instants of the motion, of which number k is that
     of the time ``k interval``, s, the step of the integration. From the rigid coordinates at the start, shape (n_theta,
-    n_samples), rad, turns are counted. Samples begin with unknowns and velocities, each (n_dofs, n_samples), NaN for
-    those that are never advanced; None where runs start undeformed.
+    n_samples), rad, turns are counted. `begin` is None where runs start undeformed.
     """
 
     about_motion = True
 
     def __init__(
-        self,
-        full: FullBatch,
-        motion: ReferenceMotion,
-        interval: float,
-        theta: np.ndarray,
-        begin: tuple[np.ndarray, np.ndarray] | None,
+        self, full: FullBatch, motion: ReferenceMotion, interval: float, theta: np.ndarray, begin: Begin | None
     ) -> None:
         self.comm, self.n_samples, self.steps_at_once = full.comm, full.n_samples, full.edgeless_at_once
         self.full, self._motion, self._interval, self._begin = full, motion, interval, begin
@@ -141,13 +133,11 @@ class ErrorSystem(SecondOrderSystem):
 
         The motion starts as the full-order model does, so there is no acceleration to speak of.
         """
-        first = self._motion.at(0)
-        rest = np.zeros_like(self.full.pack(first.q))
+        first = self._motion.over(0, 1)[:2, 0]
+        rest = np.zeros_like(self.full.pack(first[0]))
         error = rest.copy(), rest.copy()
         if self._begin is not None:
-            error = tuple(
-                self.full.pack(np.nan_to_num(own - other)) for own, other in zip(self._begin, (first.q, first.v))
-            )
+            error = tuple(self.full.pack(np.nan_to_num(own - other)) for own, other in zip(self._begin, first))
         multipliers = self.full.pack(np.zeros((self.full.n_constraints, self.n_samples)))
         found = State(*error, rest, multipliers, self._turns.copy())
         if self.beside is not None:
@@ -170,8 +160,7 @@ class ErrorSystem(SecondOrderSystem):
         """Return the state of the full-order equations at a time, s, from that of the error."""
         number = round(time / self._interval)
         if number != self._number:
-            instant = self._motion.at(number)
-            self._number, self._parts = number, tuple(self.full.pack(p) for p in (instant.q, instant.v, instant.a))
+            self._number, self._parts = number, tuple(map(self.full.pack, self._motion.over(number, 1)[:, 0]))
         q, v, a = self._parts
         return replace(state, q=q + state.q, v=v + state.v, a=a + state.a)
 

@@ -17,7 +17,7 @@ estimate is unsure. Where a force jumps (over time, in a formula, of friction as
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -27,7 +27,7 @@ import scipy
 from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.models import Model, OutputRecord
 from pgmp_petsc.outputs.rainflow import at_the_end
-from pgmp_petsc.results.numbers import share_text
+from pgmp_petsc.results.numbers import Arrays, share_text
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Run
@@ -168,7 +168,7 @@ def coarser(scene: Scene, simulation: Simulation) -> Simulation:
 
 
 def step_errors(
-    scene: Scene, time: np.ndarray, outputs: Mapping[str, np.ndarray], other: CoarserRun, sample: int = 0
+    scene: Scene, time: np.ndarray, outputs: Arrays, other: CoarserRun, sample: int = 0
 ) -> StepErrors | None:
     """Return the errors of a run, times and outputs of shape (n_t,), at the instants of the coarser one, of which it is
     the sample of that number; None where that did not go far enough."""

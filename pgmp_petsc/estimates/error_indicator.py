@@ -15,22 +15,25 @@ with what the sample said: what the polynomials are off by is in the estimate.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.controllers.running import AFTER
 from pgmp_petsc.estimates import reference_motion
-from pgmp_petsc.estimates.checking_model import CheckingModel, ErrorSystem
+from pgmp_petsc.estimates.checking_model import Begin, CheckingModel, ErrorSystem
+from pgmp_petsc.estimates.reference_motion import ReferenceMotion, Schedule
 from pgmp_petsc.full.systems import FullBatch
-from pgmp_petsc.models import ComponentModel, LengthLanes, ReducedModel
+from pgmp_petsc.models import ComponentModel, LengthLanes, Reduced, ReducedModel
 from pgmp_petsc.models.model import floors_of
 from pgmp_petsc.outputs.rainflow import at_the_end, counted_after
 from pgmp_petsc.reduced.system import ReducedSystem
+from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.drivers import ERROR_PREFIX
@@ -52,9 +55,34 @@ class Estimate:
     largest: dict[str, np.ndarray]  # largest size of the error of every output over the run, shape (n,)
     at_end: dict[str, np.ndarray]  # error of every output at the end, reduced less full-order, shape (n,)
     #: of every sample: instants (s), and errors of every output at these, each of shape (n_e,)
-    histories: tuple[tuple[np.ndarray, dict[str, np.ndarray]], ...]
+    histories: list[tuple[np.ndarray, dict[str, np.ndarray]]]
     #: of every output why each sample has none, n of them; empty where it has one, and where the sample failed
-    absent: dict[str, tuple[str, ...]]
+    absent: dict[str, list[str]]
+
+    @classmethod
+    def nothing(cls, outputs: Iterable[str], n: int = 1, why: str = "", times: np.ndarray = np.zeros(0)) -> Self:
+        """Return that of n samples that have none at some times (s), and why; empty where they failed."""
+        largest, at_end = ({name: np.full(n, np.nan) for name in outputs} for _ in range(2))
+        histories = [(times, {name: np.full(times.size, np.nan) for name in outputs})] * n
+        return cls(largest, at_end, histories, {name: [why] * n for name in outputs})
+
+    def put(self, samples: Sequence[int], other: Estimate) -> None:
+        """Take over what another one has of samples with these numbers here."""
+        for k, sample in enumerate(samples):
+            self.histories[sample] = other.histories[k]
+            for name, reasons in self.absent.items():
+                self.largest[name][sample], self.at_end[name][sample] = other.largest[name][k], other.at_end[name][k]
+                reasons[sample] = other.absent[name][k]
+
+    def over(self, time: np.ndarray, names: Iterable[str], sample: int = 0) -> dict[str, np.ndarray] | None:
+        """Return the errors of outputs of a sample at other instants (n_t,); None where one is not known."""
+        instants, errors = self.histories[sample]
+        found = {name: np.interp(time, instants, errors[name]) for name in names} if instants.size else {}
+        return found if instants.size and np.isfinite(list(found.values())).all() else None
+
+    def why_not(self, names: Iterable[str]) -> str:
+        """Return why errors of outputs are not known, by the first one that has none."""
+        return next((reason for name in names for reason in self.absent[name] if reason), "there is no estimate")
 
 
 class ErrorIndicator:
@@ -71,12 +99,11 @@ class ErrorIndicator:
 
     def _take_steps_of(self, simulation: Simulation) -> None:
         self.simulation = simulation
-        self.n_steps = simulation.n_steps
-        self.step = simulation.duration / self.n_steps
+        self.step = simulation.duration / simulation.n_steps
         self.finer = simulation.model_copy(update={"step": self.step / reference_motion.FINER})
         self.schedules = reference_motion.schedules_of(self.checking.full.kinematics.mechanism, simulation)
-        ends = np.array([0, reference_motion.FINER * self.n_steps])
-        self.kept = reference_motion.kept_steps([ends, *(schedule.steps for schedule in self.schedules)])
+        ends = [0, reference_motion.FINER * simulation.n_steps]
+        self.kept = np.unique(np.concatenate([ends, *(schedule.steps for schedule in self.schedules)]))
 
     def stepped(self, simulation: Simulation) -> ErrorIndicator:
         """Return the indicator of runs of the same model with other steps."""
@@ -131,7 +158,7 @@ class WatchedRun(Observer):
         indicator, n = self._indicator, self._samples.size
         if not indicator.schedules:
             ends = np.array([0.0, indicator.simulation.duration])
-            return _nothing(list(indicator.model.outputs.functions), TOO_OFTEN, ends)
+            return Estimate.nothing(indicator.model.outputs.functions, n, TOO_OFTEN, ends)
         fine = status[self._samples] == Status.FINE
         states, followed = self._followed(fine)
         about = followed & self._placeable(states)
@@ -141,10 +168,10 @@ class WatchedRun(Observer):
         # samples that cannot be placed stay at the start and are never advanced
         states[:, :, ~about] = states[:1, :, ~about]
         names = indicator.model.outputs.functions
-        largest, at_end, apart = ({name: np.full(n, np.nan) for name in names} for _ in range(3))
-        histories: list = [None] * n
+        found, apart = Estimate.nothing(names, n), {name: np.full(n, np.nan) for name in names}
+        largest, at_end, histories = found.largest, found.at_end, found.histories
         settled = np.zeros(n, dtype=bool)
-        for number, schedule in enumerate(indicator.schedules):
+        for schedule in indicator.schedules:
             chosen = np.flatnonzero(~settled)
             if not chosen.size:
                 break
@@ -160,12 +187,9 @@ class WatchedRun(Observer):
                 largest[name][chosen], at_end[name][chosen], apart[name][chosen] = now[name], error[-1], between[name]
             for column, sample in enumerate(chosen):
                 histories[sample] = time, {name: error[:, column] for name, error in errors.items()}
-        absent, factors = {}, np.array([np.nan_to_num(apart[name], nan=np.inf) for name in names])
-        allowed = np.where(
-            (factors > reference_motion.UNSURE).any(axis=0),
-            reference_motion.UNSURE_WITH_OTHERS,
-            reference_motion.UNSURE,
-        )
+        factors = np.array([np.nan_to_num(apart[name], nan=np.inf) for name in names])
+        is_any = (factors > reference_motion.UNSURE).any(axis=0)
+        allowed = np.where(is_any, reference_motion.UNSURE_WITH_OTHERS, reference_motion.UNSURE)
         for name in names:
             reasons = np.full(n, "", dtype=object)
             reasons[fine & ~np.isfinite(largest[name])] = UNSOLVED
@@ -178,8 +202,8 @@ class WatchedRun(Observer):
                 reasons[sample] = f"{what}; a smaller simulation.step is needed"
                 histories[sample][1][name][:] = np.nan
             largest[name][unsure] = at_end[name][unsure] = np.nan
-            absent[name] = tuple(reasons)
-        return Estimate(largest, at_end, tuple(histories), absent)
+            found.absent[name] = reasons.tolist()
+        return found
 
     def _followed(self, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Run the samples that are fine with smaller steps; return coordinates, velocities and accelerations, shape
@@ -191,12 +215,7 @@ class WatchedRun(Observer):
         return finer.states, fine & (run.status == Status.FINE)
 
     def _evaluate(
-        self,
-        schedule: reference_motion.Schedule,
-        chosen: np.ndarray,
-        states: np.ndarray,
-        about: np.ndarray,
-        begin: tuple[np.ndarray, np.ndarray] | None,
+        self, schedule: Schedule, chosen: np.ndarray, states: np.ndarray, about: np.ndarray, begin: Begin | None
     ) -> dict[str, np.ndarray]:
         """Return errors (n_e, n) of some samples at the ends of the run's own steps among the instants of a schedule.
 
@@ -211,7 +230,7 @@ class WatchedRun(Observer):
             self._batch = chosen, checking.batch(values, chosen.size)
         full = checking.scheduled(self._batch[1], schedule, step)
         unknowns, longest, turns = checking.unknowns_of, indicator.simulation.duration, indicator.model.terms.scale[:r]
-        motion = reference_motion.ReferenceMotion(unknowns, full.n_dofs, states, r, longest, checking.rotations, turns)
+        motion = ReferenceMotion(unknowns, full.n_dofs, states, r, longest, checking.rotations, turns)
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
         checking.control(system, schedule, step)
         time = schedule.steps * step
@@ -229,9 +248,8 @@ class WatchedRun(Observer):
         return {name: np.where(known, error, np.nan) for name, error in errors.items()}
 
     def _errors(
-        self, time: np.ndarray, plain: np.ndarray, beside: np.ndarray, there: Mapping[str, np.ndarray],
-        values: Mapping[str, np.ndarray],
-    ) -> dict[str, np.ndarray]:  # fmt: skip
+        self, time: np.ndarray, plain: np.ndarray, beside: np.ndarray, there: Arrays, values: Arrays
+    ) -> dict[str, np.ndarray]:
         """Return reduced less corrected outputs, shape (n_e, n), at times (n_e,), s, from reduced coordinates, rates
         and accelerations, (n_e, 3, n, n_eta), and what is beside, (n_e, n, 2, n_names)."""
         model, shape = self._indicator.told, (plain.shape[0], plain.shape[2])
@@ -250,7 +268,7 @@ class WatchedRun(Observer):
         r = self._indicator.model.kinematics.n_coordinates
         theta = states[:, 0, :, :r]
         finite = np.isfinite(states).all(axis=(0, 1, 3))
-        reached = self._indicator.model.kinematics.within_reach(theta).reshape(theta.shape[:2])
+        reached = self._indicator.model.kinematics.within_reach(theta)
         return finite & reached.all(axis=0)
 
 
@@ -261,9 +279,9 @@ class _Observed(PooledObserver):
         self,
         model: ComponentModel,
         batch: FullBatch,
-        values: Mapping[str, np.ndarray],
-        motion: reference_motion.ReferenceMotion,
-        schedule: reference_motion.Schedule,
+        values: Arrays,
+        motion: ReferenceMotion,
+        schedule: Schedule,
         time: np.ndarray,
     ) -> None:
         super().__init__(max(1, TOGETHER // (batch.n_dofs * batch.n_samples)))
@@ -293,7 +311,7 @@ class _Observed(PooledObserver):
         return {name: np.concatenate([found[name] for found in self._found]) for name in self._found[0]}
 
 
-def indicator_of(model: ReducedModel | LengthLanes) -> ErrorIndicator | MemberIndicator:
+def indicator_of(model: Reduced) -> ErrorIndicator | MemberIndicator:
     """Return what estimates the errors of a model's samples."""
     apart = model.lengths if isinstance(model, LengthLanes) else offset_names(model.scene)
     return MemberIndicator(model, apart) if apart or model.scene.beside else ErrorIndicator(model)
@@ -306,7 +324,7 @@ class MemberIndicator:
     Controllers, and what joints carry, are of one sample of the full-order equations.
     """
 
-    def __init__(self, model: ReducedModel | LengthLanes, apart: Iterable[str]) -> None:
+    def __init__(self, model: Reduced, apart: Iterable[str]) -> None:
         self.model, self._apart = model, sorted(apart)
         self._simulation = model.scene.simulation
 
@@ -317,7 +335,7 @@ class MemberIndicator:
         return other
 
     def watch(self, system: ReducedSystem, samples: np.ndarray) -> WatchedSamples:
-        return WatchedSamples([self._of(system, int(sample)) for sample in samples], list(self.model.outputs.functions))
+        return WatchedSamples([self._of(system, int(sample)) for sample in samples], self.model.outputs.functions)
 
     def _of(self, system: ReducedSystem, sample: int) -> WatchedRun | None:
         """Begin to watch a sample; None where its mechanism cannot be closed."""
@@ -339,7 +357,7 @@ class MemberIndicator:
 class WatchedSamples(Observer):
     """The run of one batch, whose samples are watched one by one; see `WatchedRun`."""
 
-    def __init__(self, runs: list[WatchedRun | None], outputs: list[str]) -> None:
+    def __init__(self, runs: list[WatchedRun | None], outputs: Iterable[str]) -> None:
         self._runs, self._outputs = runs, outputs
 
     def over(self, numbers: np.ndarray, times: np.ndarray, states: State) -> None:
@@ -349,17 +367,8 @@ class WatchedSamples(Observer):
 
     def estimate(self, status: np.ndarray) -> Estimate:
         """Return the estimate once the run has ended with the status of the whole batch, shape (n_batch,)."""
-        found = [_nothing(self._outputs) if run is None else run.estimate(status) for run in self._runs]
-        largest, at_end = (
-            {name: np.concatenate([getattr(one, part)[name] for one in found]) for name in self._outputs}
-            for part in ("largest", "at_end")
-        )
-        absent = {name: tuple(one.absent[name][0] for one in found) for name in self._outputs}
-        return Estimate(largest, at_end, tuple(history for one in found for history in one.histories), absent)
-
-
-def _nothing(outputs: list[str], why: str = "", times: np.ndarray = np.zeros(0)) -> Estimate:
-    """Return the estimate of a sample that has none at some times (s), and why; empty where it failed."""
-    unknown = {name: np.full(1, np.nan) for name in outputs}
-    histories = ((times, {name: np.full(times.size, np.nan) for name in outputs}),)
-    return Estimate(unknown, dict(unknown), histories, dict.fromkeys(outputs, (why,)))
+        found = Estimate.nothing(self._outputs, len(self._runs))
+        for sample, run in enumerate(self._runs):
+            if run is not None:
+                found.put([sample], run.estimate(status))
+        return found

@@ -10,20 +10,19 @@ Which errors are not estimated, and why: every run without an estimate says so.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, gathered, note, warning
-from pgmp_petsc.base.units import SI, UnitSystem
+from pgmp_petsc.base.units import SI, Units, UnitSystem
 from pgmp_petsc.bodies.shape import lacks_foreshortening
 from pgmp_petsc.estimates.coarser_run import CoarserRun, StepErrors, fewest_steps, most_of, times_of
-from pgmp_petsc.estimates.error_indicator import indicator_of
+from pgmp_petsc.estimates.error_indicator import Estimate, indicator_of
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
-from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
+from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, Model, Reduced, SeparateLengths
 from pgmp_petsc.results.estimates import ANSWERS, LARGE, EstimatedErrors
-from pgmp_petsc.results.numbers import behind, felt, nothing, number_text, share_text, sizes_of, with_unit
+from pgmp_petsc.results.numbers import Arrays, behind, felt, nothing, number_text, share_text, sizes_of, with_unit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, integrate, integrate_with_smaller_steps
@@ -100,12 +99,7 @@ NOT_CONVERGED = (
 
 @gathered
 def large_errors(
-    errors: Mapping[str, np.ndarray],
-    sizes: Mapping[str, np.ndarray],
-    units: Mapping[str, str],
-    model: str = "reduced",
-    system: UnitSystem = SI,
-    length: float = 0.0,
+    errors: Arrays, sizes: Arrays, units: Units, model: str = "reduced", system: UnitSystem = SI, length: float = 0.0
 ) -> Iterator[Remark]:
     """Return a warning of outputs whose estimated errors are large, in any of some runs of a model.
 
@@ -141,7 +135,7 @@ def large_errors(
 
 @gathered
 def step_remarks(
-    model: FullModel, time: np.ndarray, outputs: Mapping[str, np.ndarray], other: CoarserRun, errors: StepErrors | None
+    model: FullModel, time: np.ndarray, outputs: Arrays, other: CoarserRun, errors: StepErrors | None
 ) -> Iterator[Remark]:
     """Return what is to be said of the estimated errors of a run's time step, None where the run with the coarser step
     tells nothing; times, s, and outputs have shape (n_t,)."""
@@ -200,7 +194,7 @@ def polynomials_of_lengths(model: LengthLanes, estimated: bool) -> Remark:
 
 
 @gathered
-def left_out_of_estimates(model: ReducedModel | LengthLanes) -> Iterator[Remark]:
+def left_out_of_estimates(model: Reduced) -> Iterator[Remark]:
     """Return which condensed bodies are checked without what is of second order in their deformation, and the cure."""
     scene, found = model.scene, []
     for name, shape in model.meshes.items():
@@ -297,65 +291,34 @@ FEWEST = 5  # checked samples that tell of a deviation
 CURE = "a smaller simulation.step or reduction.tolerance makes it smaller"
 
 
-@dataclass(frozen=True, eq=False)
-class OwnErrors:
-    """Estimated errors of some runs."""
+def errors_of_runs(model: Reduced, points: Sequence[Mapping[str, float]]) -> Estimate | None:
+    """Run a model at parameter values, with smaller steps where it fails, and estimate its errors; None where there are
+    no estimates: the scene says so, or the model is of components."""
+    scene, n = model.scene, len(points)
+    if model.name == ComponentModel.name or not is_estimated(scene):
+        return None
+    values = {name: np.array([point[name] for point in points]) for name in points[0]}
+    indicator, whole = indicator_of(model), Estimate.nothing(model.outputs.functions, n)
 
-    at_end: Mapping[str, np.ndarray]  # of every output at the end time, shape (n,), NaN where there is no estimate
-    #: of every run: instants (s), and the errors of every output there
-    histories: Sequence[tuple[np.ndarray, Mapping[str, np.ndarray]]]
-    absent: Mapping[str, Sequence[str]]  # of every output why each run has no estimate
+    def run(attempt: Attempt) -> Run:
+        system = model.batch({name: of[attempt.samples] for name, of in values.items()}, attempt.samples.size)
+        watched = indicator.stepped(attempt.simulation).watch(system, np.arange(attempt.samples.size))
+        with np.errstate(all="ignore"):  # a run that fails has no estimate
+            done = integrate(system, attempt.simulation, observer=watched)
+            whole.put(attempt.samples.tolist(), watched.estimate(done.status))
+        return done
 
-    @classmethod
-    def of_runs(cls, model: ReducedModel | LengthLanes, points: Sequence[Mapping[str, float]]) -> OwnErrors | None:
-        """Run a model at parameter values, with smaller steps where it fails, and estimate its errors; None where there
-        are no estimates: the scene says so, or the model is of components."""
-        scene, n = model.scene, len(points)
-        if model.name == ComponentModel.name or not is_estimated(scene):
-            return None
-        values = {name: np.array([point[name] for point in points]) for name in points[0]}
-        indicator = indicator_of(model)
-        at_end = {name: np.full(n, np.nan) for name in model.outputs.functions}
-        histories, absent = [None] * n, {name: [""] * n for name in at_end}
-
-        def run(attempt: Attempt) -> Run:
-            system = model.batch({name: of[attempt.samples] for name, of in values.items()}, attempt.samples.size)
-            watched = indicator.stepped(attempt.simulation).watch(system, np.arange(attempt.samples.size))
-            with np.errstate(all="ignore"):  # a run that fails has no estimate
-                done = integrate(system, attempt.simulation, observer=watched)
-                found = watched.estimate(done.status)
-            for k, sample in enumerate(attempt.samples.tolist()):
-                histories[sample] = found.histories[k]
-                for name in at_end:
-                    at_end[name][sample], absent[name][sample] = found.at_end[name][k], found.absent[name][k]
-            return done
-
-        outcome = integrate_with_smaller_steps(run, scene.simulation, np.ones(n, dtype=bool))
-        for sample in np.flatnonzero(outcome.status != Status.FINE).tolist():
-            apart = {name: value for name, value in points[sample].items() if value != scene.values.get(name)}
-            where = values_text(scene, apart) or "the scene's values"
-            why = f"the run at {where} stopped at {outcome.failure_time[sample]:.4g} s: "
-            for name in at_end:
-                absent[name][sample] = why + Status(outcome.status[sample]).meaning
-        return cls(at_end, histories, absent)
-
-    def over(self, time: np.ndarray, names: Iterable[str], run: int = 0) -> dict[str, np.ndarray] | None:
-        """Return the errors of outputs of a run at other instants (n_t,); None where one is not known."""
-        instants, errors = self.histories[run]
-        found = {name: np.interp(time, instants, errors[name]) for name in names} if instants.size else {}
-        return found if instants.size and np.isfinite(list(found.values())).all() else None
-
-    def why_not(self, names: Iterable[str]) -> str:
-        """Return why errors of outputs are not known, by the first one that has none."""
-        return next((reason for name in names for reason in self.absent[name] if reason), "there is no estimate")
+    outcome = integrate_with_smaller_steps(run, scene.simulation, np.ones(n, dtype=bool))
+    for sample in np.flatnonzero(outcome.status != Status.FINE).tolist():
+        apart = {name: value for name, value in points[sample].items() if value != scene.values.get(name)}
+        where = values_text(scene, apart) or "the scene's values"
+        why = f"the run at {where} stopped at {outcome.failure_time[sample]:.4g} s: "
+        for reasons in whole.absent.values():
+            reasons[sample] = why + Status(outcome.status[sample]).meaning
+    return whole
 
 
-def not_known(
-    model: ReducedModel | LengthLanes | ComponentModel | SeparateLengths,
-    what: str,
-    errors: OwnErrors | None = None,
-    names: Iterable[str] = (),
-) -> Remark:
+def not_known(model: Model, what: str, errors: Estimate | None = None, names: Iterable[str] = ()) -> Remark:
     """Return why the model's own part of some figures, which are of outputs with these names, is not known."""
     if model.name == ComponentModel.name:
         why = f"errors of component modes are not estimated; take more reduction.modes, or {comparing(model.scene)}"
@@ -370,9 +333,9 @@ def not_known(
 @gathered
 def of_statistics(
     quantities: Iterable[tuple[str, np.ndarray]],
-    errors: Mapping[str, np.ndarray],
+    errors: Arrays,
     fine: np.ndarray,
-    units: Mapping[str, str],
+    units: Units,
     described: tuple[str, str],
     model: str = "reduced",
     system: UnitSystem = SI,

@@ -23,6 +23,7 @@ import numpy as np
 from pgmp_petsc.controllers.acting import are_stated
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 
@@ -70,16 +71,11 @@ def schedules(n_steps: int, duration: float, most: int = MOST, every: int = 0) -
         whole = [each for each in whole if FINER * every % each == 0 and FINER * n_steps <= most * each]
         strides = whole[2::-1] if len(whole) > 1 else []
     steps = [np.concatenate([[0], np.arange(FINER * n_steps, 0, -each)[::-1]]) for each in strides]
-    kept, radius = kept_steps([np.array([0]), *steps]), DAMPED if strides and strides[-1] <= FINER else 0.0
+    kept, radius = np.unique(np.concatenate([[0], *steps])), DAMPED if strides and strides[-1] <= FINER else 0.0
     return [
         Schedule(some, np.searchsorted(kept, some), some % FINER == 0, each * duration / (FINER * n_steps), radius)
         for some, each in zip(steps, strides)
     ]
-
-
-def kept_steps(steps: list[np.ndarray]) -> np.ndarray:
-    """Return the numbers of the steps that any of some sets of them has, increasing."""
-    return np.unique(np.concatenate(steps))
 
 
 def places_of(kept: np.ndarray) -> np.ndarray:
@@ -89,9 +85,7 @@ def places_of(kept: np.ndarray) -> np.ndarray:
     return places
 
 
-def differences(
-    one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray], floors: Mapping[str, float]
-) -> dict[str, np.ndarray]:
+def differences(one: Arrays, other: Arrays, floors: Mapping[str, float]) -> dict[str, np.ndarray]:
     """Return the factors by which two estimates (n,) of every output differ, 1 and more; NaN where one is not known.
 
     What is below its floor is taken for that.
@@ -155,15 +149,6 @@ LARGEST = 2**22  # numbers that are kept at once
 TOGETHER = 2**17  # that are evaluated together: no more than stay in the cache
 
 
-@dataclass(frozen=True)
-class Instant:
-    """Motion at one instant; all of shape (n_dofs, n_samples)."""
-
-    q: np.ndarray  # q, v, a: unknowns, velocities and accelerations that belong together
-    v: np.ndarray
-    a: np.ndarray
-
-
 class ReferenceMotion:
     """Motion at the instants of evaluation.
 
@@ -182,13 +167,9 @@ class ReferenceMotion:
         self._n_theta, self._longest, self._rotations, self._turns = n_theta, longest, rotations, turns
         self._first, self._kept = 0, np.empty((3, 0, 0, 0))
 
-    def at(self, number: int) -> Instant:
-        """Return an instant by its number; consecutive ones are computed together."""
-        return Instant(*self.over(number, 1)[:, 0])
-
     def over(self, number: int, n: int) -> np.ndarray:
         """Return positions, velocities and accelerations at n instants from a number on, shape (3, n, n_dofs,
-        n_samples)."""
+        n_samples); those of further ones are computed with them."""
         first = number - self._first
         if not 0 <= first <= self._kept.shape[1] - n:
             self._compute(number, n)

@@ -68,11 +68,8 @@ class SampledLoad(Effect):
     def natural_actions(self) -> list[Action]:
         return self._sampled(self._effect.natural_actions())
 
-    def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
-        return self._of_loads(time)
-
     @cached_property
-    def _of_loads(self) -> SampledAmplitude:
+    def amplitude(self) -> SampledAmplitude:
         """The amplitude; effects that are actions alone are not asked for one."""
         return SampledAmplitude(self._effect.amplitude, *self._instants)
 

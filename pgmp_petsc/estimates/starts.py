@@ -27,7 +27,7 @@ do not count, as they jump with an impact.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from pgmp_petsc.models import OutputRecord, ReducedModel
 from pgmp_petsc.models.model import search_of
 from pgmp_petsc.models.reduced_statics import ReducedStatics
 from pgmp_petsc.reduced.system import ReducedSystem
+from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.outputs import models_alone
 from pgmp_petsc.scene.references import parts_of
@@ -132,9 +133,7 @@ def _is_cured(model: ReducedModel, system: ReducedSystem, state: State, swing: n
     return _strain_energy(system, state, left) <= CURED**2 * energy
 
 
-def growth_of(
-    model: ReducedModel, simulation: Simulation, eta: np.ndarray, outputs: Mapping[str, np.ndarray]
-) -> np.ndarray | None:
+def growth_of(model: ReducedModel, simulation: Simulation, eta: np.ndarray, outputs: Arrays) -> np.ndarray | None:
     """Return G (n_t,) of a run with coordinates (n_t, n_eta) and outputs; None where a run from beside its start does
     not end, or nothing moves."""
     scene = model.scene

@@ -40,12 +40,13 @@ from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, blend, differing, exc
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.models import LengthLanes, ReducedModel
+from pgmp_petsc.models import Reduced
 from pgmp_petsc.reduced.kernel import gather
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.tables import StiffnessChanges
 from pgmp_petsc.results.estimates import ROTATION_LIMIT, VALIDITY, beyond_limit, limits_of
+from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.second_order_system import Observer, State
@@ -69,13 +70,7 @@ class Validity(Observer):
 
     every = EVERY
 
-    def __init__(
-        self,
-        model: ReducedModel | LengthLanes,
-        system: ReducedSystem,
-        values: Mapping[str, np.ndarray],
-        simulation: Simulation,
-    ) -> None:
+    def __init__(self, model: Reduced, system: ReducedSystem, values: Arrays, simulation: Simulation) -> None:
         self._model, self._system, self._values = model, system, values
         n_steps = self._n_steps = simulation.n_steps
         self._part = max(SHORTEST, -(-n_steps // (EVERY * N_PARTS)))
@@ -145,7 +140,7 @@ class Validity(Observer):
                 self._deformed[name] = np.fmax(self._deformed[name], np.fmax.reduce(values, axis=0))
 
 
-def _turning(model: ReducedModel | LengthLanes, coordinates: np.ndarray) -> np.ndarray:
+def _turning(model: Reduced, coordinates: np.ndarray) -> np.ndarray:
     """Return the largest rotations of nodes at any sample for a unit of some flexible coordinates, shape (n,), rad."""
     mechanism = model.kinematics.mechanism
     shapes = np.concatenate([member.rom.projection[:, :, coordinates] for member in model.members])

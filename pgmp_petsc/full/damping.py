@@ -25,8 +25,9 @@ from pgmp_petsc.mechanism.space import SPATIAL
 class BodyDampings:
     """The damping of all bodies."""
 
-    rayleigh: dict[int, tuple[float, float]]  # beta (s) and alpha (1/s) of each body that has Rayleigh's, by its number
-    effects: dict[int, str]  # name of the effect that each of these belongs to, and each of those with amplitudes
+    rayleigh: np.ndarray  # beta (s) and alpha (1/s) of each body, shape (n_bodies, 2)
+    #: name of the effect that each body's own damping belongs to, Rayleigh's or of its amplitudes, by the body's number
+    effects: dict[int, str]
     modal: tuple[ModalDamping, ...]  # modal damping of bodies on their meshes
     #: modal damping of bodies in floating frames, N s/m of each amplitude, by the body's number
     amplitudes: dict[int, np.ndarray]
@@ -38,7 +39,7 @@ class BodyDampings:
         `bodies` are the mechanism's with another numbering of their unknowns, where it is not the mechanism's own.
         Raises `InputError` if a body has fewer modes than ratios are given.
         """
-        rayleigh, names = {}, {}
+        rayleigh, names = np.zeros((len(mechanism.bodies), 2)), {}
         for effect in effects:
             for number, damping in effect.dampings.items():
                 if damping.stiffness or damping.mass:
@@ -48,10 +49,6 @@ class BodyDampings:
         names |= {number: effect for number, (effect, _) in braked.items()}
         amplitudes = {number: coefficients for number, (_, coefficients) in braked.items()}
         return cls(rayleigh, names, modal_damping(effects, bodies, nominal), amplitudes)
-
-    def rayleigh_of(self, number: int) -> tuple[float, float]:
-        """Return beta (s) and alpha (1/s) of a body."""
-        return self.rayleigh.get(number, (0.0, 0.0))
 
 
 TURNING, POSITION, DIRECTED = range(3)  # what a node has: (x, y, phi), a position, or a position and directors

@@ -99,11 +99,11 @@ def sections(share: Share) -> np.ndarray:
     and of elements with sections of their own (`section_owners`)."""
     owners = section_owners(share.bodies)
     table = np.zeros((owners.size, 7, share.blocks.n_samples))
+    table[:, 5:] = share.damping.rayleigh[owners, :, None]
     for number, body in enumerate(share.bodies):
         if body.blocks("beam2d"):
             rows = np.unique(_sections_of(share.bodies, number))
             table[rows, :3], table[rows, 3:5] = (_coefficients(share, body, kind) for kind in ("stiffness", "mass"))
-        table[owners == number, 5:] = np.array(share.damping.rayleigh_of(number))[:, None]
     return share.blocks.pack(table)
 
 
@@ -117,7 +117,7 @@ def planar_beams(share: Share) -> tuple[Elements, Pattern]:
         parts.append((dofs[here], beam.mesh.lengths[here], beam.directions[here], own[here]))
     dofs, lengths, directions, owners = map(np.concatenate, zip(*parts))
     pattern = dofs[:, PACKED_ROWS], dofs[:, PACKED_COLUMNS]
-    damped, nowhere = bool(share.damping.rayleigh), np.zeros(0, dtype=int)
+    damped, nowhere = bool(share.damping.rayleigh.any()), np.zeros(0, dtype=int)
     return Elements(dofs, lengths, directions, owners, nowhere, share.owns(dofs[:, 0]), damped), pattern
 
 
@@ -195,7 +195,7 @@ def solids(share: Share, dimension: int) -> tuple[Solids, Pattern]:
             found.append((dofs[here], geometry.gradients.swapaxes(2, 3), geometry.volumes, mass, *owner))
             lame = Lame.of(region.nu, dimension == 2)
             constants += [(lame.first, lame.shear)] * len(own)
-            rayleigh += [share.damping.rayleigh_of(number)] * len(own)
+            rayleigh += [share.damping.rayleigh[number]] * len(own)
             moduli += own
     n_nodes = max((part[0].shape[1] for part in found), default=1)
     n_points = max((part[2].shape[1] for part in found), default=1)

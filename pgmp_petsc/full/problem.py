@@ -178,7 +178,7 @@ class FullEquations:
             width_of(blocks.n_lanes), d, *placed_parts, self._entries_of(loads, len(falling), values, blocks), actions,
             ModalFactors.of(modal, d, self.layout.unknowns, rows), bound.placed(self.layout, self.owned_constraints),
             counting, self.layout.pattern, sections(share),
-            np.array([self.damping.rayleigh_of(k) for k in section_owners(unknowns.bodies)]), units[here],
+            self.damping.rayleigh[section_owners(unknowns.bodies)], units[here],
         ))  # fmt: skip
         self._coordinates = angles
         self.n_turns = angles.n + len(dofs) if d == 3 else 0

@@ -168,20 +168,15 @@ class RankSolver:
         self._ksp.setOperators(self._matrix)
 
     def solve(self, rhs: np.ndarray) -> np.ndarray | None:
-        """Return this rank's rows of the solution, or None, on all ranks, where PETSc finds none."""
-        self._rhs.setArray(rhs)
-        return self._x.getArray(readonly=True).copy() if self._solved() else None
-
-    def _solved(self) -> bool:
-        """Solve the linear system; return whether PETSc says that it is solved, the same on all ranks.
+        """Return this rank's rows of the solution, or None, on all ranks, where PETSc finds none.
 
         Pivots of multipliers are zero, and MUMPS puts them off until it may run out of the memory that it foresaw: it
         is then given more. What an iteration that ran away made of the system is no matter of memory: it is not solved,
         and the next one is solved as if it were the first.
         """
-        finite = self._finite_matrix and bool(np.isfinite(self._rhs.getArray(readonly=True)).all())
-        if not all(self._comm.allgather(finite)):
-            return False
+        self._rhs.setArray(rhs)
+        if not all(self._comm.allgather(self._finite_matrix and bool(np.isfinite(rhs).all()))):
+            return None
         solved = self._solve_once()
         while not solved and self._short_of_memory() and self._spare < MOST_SPARE_MEMORY:
             self._spare *= 4
@@ -189,7 +184,8 @@ class RankSolver:
             solved = self._solve_once()
         if not solved:
             self._forget_factors()
-        return solved
+            return None
+        return self._x.getArray(readonly=True).copy()
 
     def _forget_factors(self) -> None:
         """Let the next matrix be factorised from the beginning, whatever became of the last one.

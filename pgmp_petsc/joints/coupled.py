@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from pgmp_petsc.scene.fields import Name, NotZeroOrParameter, Pair, PositivePair, TwoNames, Unit, refusal
+from pgmp_petsc.scene.fields import Name, NotZeroOrParameter, Pair, PositivePair, TwoNames, Unit, Use, refusal
 from pgmp_petsc.scene.joints import CouplingEntry, Share
 
 CLOSED = 1e-9  # rad that the period of a cam may be off, and share of its lift that its ends may differ by
@@ -142,7 +142,7 @@ class SumOfMotions(CouplingEntry):
         for share in shares:
             above, below = ("m" if one.motion == "sliding" else "1" for one in (first, share))
             unit = "1" if above == below else f"1/{below}" if above == "1" else above
-            yield f"{entry}.terms.{share.joint}", share.factor, unit
+            yield Use(f"{entry}.terms.{share.joint}", share.factor, "any", (unit,))
 
 
 class Cam(CouplingEntry):
@@ -170,4 +170,4 @@ class Cam(CouplingEntry):
         """Yield the follower's motion."""
         yield from super().measured(scene, entry)
         unit = "m" if self.shares_in(scene)[0].motion == "sliding" else "rad"
-        yield from ((f"{entry}.table[{k}][1]", 0.0, unit) for k in range(len(self.table)))
+        yield from (Use(f"{entry}.table[{k}][1]", 0.0, "any", (unit,)) for k in range(len(self.table)))

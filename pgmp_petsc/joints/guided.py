@@ -46,7 +46,6 @@ class PointOnBeam(PointOnLine):
     )
 
     def problems(self, scene, name):
-        """Yield a line if the first point is on the ground, or the joint is elastic or off."""
         owner = self.connect[0].partition(":")[0]
         body = scene.bodies.get(owner)
         if owner == "ground" or body is not None and body.element not in ("beam2d", "beam3d"):
@@ -79,7 +78,6 @@ class Cylindrical(JointEntry):
     axis: Axis = Field(description="axis (x, y, z) in the frame of the first point's owner")
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
-        """Return that the axes of both bodies are one line."""
         return [*guided(in_a), *aligned(in_a, in_b)]
 
 
@@ -93,11 +91,9 @@ class Prismatic(JointEntry):
     axis: Direction = Field(description="axis (x, y), in space (x, y, z), in the frame of the first point's owner")
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
-        """Return that the point is on the axis, and nothing turns."""
         return [*guided(in_a), *parallel(in_a, in_b)]
 
     def problems(self, scene, name):
-        """Yield a line if the axis has another number of components."""
         if len(self.axis) != scene.dimension:
             yield problem(f"joints.{name}.axis", COMPONENTS[scene.dimension], list(self.axis))
 
@@ -111,5 +107,4 @@ class Planar(JointEntry):
     normal: Axis = Field(description="normal (x, y, z) of the plane, fixed to the owner of the first point")
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
-        """Return that the point is on the plane, and that the normals of both bodies agree."""
         return [along(in_a[:, 0]), *aligned(in_a, in_b)]

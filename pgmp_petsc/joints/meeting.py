@@ -24,11 +24,9 @@ class Revolute(JointEntry):
     axis: Axis | None = Field(None, description="axis (x, y, z) in the frame of the first point's owner; in space")
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
-        """Return that the points meet, and in space that the axes agree."""
         return [*meeting(len(in_a)), *(aligned(in_a, in_b) if len(in_a) == 3 else ())]
 
     def problems(self, scene, name):
-        """Yield a line if the axis is there in the plane, or missing in space."""
         if scene.dimension == 2 and self.axis is not None:
             yield problem(f"joints.{name}.axis", "for mechanisms in space; in the plane the axis is z", list(self.axis))
         if scene.dimension == 3 and self.axis is None:
@@ -42,7 +40,6 @@ class Fixed(JointEntry):
     dimensions = (2, 3)
 
     def statements(self, in_a: np.ndarray, in_b: np.ndarray) -> list[Statement]:
-        """Return that the points meet and no axis turns."""
         return weld(in_a, in_b)
 
 

@@ -8,13 +8,13 @@ in space for one, is refused with the scene (`scene.references`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.sections.section import BeamSection
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, MOST_FOLLOWED
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
@@ -210,41 +210,40 @@ FEATURES = (
 )
 
 
-def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, BodyShape] | None = None) -> None:
+def check_capabilities(scene: Scene, purpose: Purpose, meshes: Shapes | None = None) -> None:
     """Refuse what a command cannot do with a scene that is read for a purpose.
 
-    Meshes of the bodies are given where they are at hand: what too many coordinates would cost depends on them. Raises
-    `InputError`, naming the entry, the bodies or coordinates that it does not take, and the cure.
+    Raises `InputError`, as `why_refused` says.
+    """
+    refused = why_refused(scene, purpose, meshes)
+    if refused:
+        raise InputError(refused)
+
+
+def why_refused(scene: Scene, purpose: Purpose, meshes: Shapes | None = None) -> str:
+    """Return why a command refuses a scene, naming the entry, the bodies or coordinates that it does not take, and the
+    cure; empty where it takes it.
+
+    Meshes of the bodies are given where they are at hand: what too many coordinates would cost depends on them.
     """
     n, names = len(scene.coordinates), ", ".join(scene.coordinates)
     if n > MOST_COORDINATES and purpose is Purpose.SIZES:
-        raise InputError(
+        return (
             f"pgmp check --effects: {n} independent coordinates were given, {names}; at most {MOST_COORDINATES} are "
             "taken; take pgmp check without --effects"
         )
     if n > MOST_FOLLOWED and purpose in OVER_CONFIGURATIONS and meshes is not None:
         refused = why_no_grid(scene, Mechanism.from_scene(scene, meshes))
         if refused:
-            raise InputError(refused)
+            return refused
     flexible = any(body.flexible for body in scene.bodies.values())
     if not flexible and purpose in (Purpose.BUILD, Purpose.MODES, Purpose.REDUCED, Purpose.TRADEOFF):
-        raise InputError("bodies: all are rigid, so there is nothing to reduce; run pgmp simulate SCENE --full instead")
+        return "bodies: all are rigid, so there is nothing to reduce; run pgmp simulate SCENE --full instead"
     for feature in FEATURES:
-        if purpose in feature.purposes:
-            for entry in feature.entries(scene):
-                if feature.why_not:
-                    raise InputError(f"{entry}: {feature.why_not}; {feature.cure}")
-                if feature.flexible_body and not flexible:
-                    raise InputError(f"{entry}: for mechanisms with a flexible body, but all are rigid; {feature.cure}")
-                _check_bodies(scene, entry, feature)
-
-
-def why_refused(scene: Scene, purpose: Purpose, meshes: Mapping[str, BodyShape] | None = None) -> str:
-    """Return why a command refuses a scene, as `check_capabilities`; empty where it takes it."""
-    try:
-        check_capabilities(scene, purpose, meshes)
-    except InputError as error:
-        return str(error)
+        for entry in feature.entries(scene) if purpose in feature.purposes else ():
+            why_not = feature.why_not or _why_not_bodies(scene, feature, flexible)
+            if why_not:
+                return f"{entry}: {why_not}; {feature.cure}"
     return ""
 
 
@@ -260,8 +259,10 @@ def foretold(scene: Scene) -> Iterator[str]:
     return (f"{', '.join(purposes)}: {reason}" for reason, purposes in told.items())
 
 
-def _check_bodies(scene: Scene, what: str, feature: Feature) -> None:
-    """Refuse bodies that do not have what a feature takes."""
+def _why_not_bodies(scene: Scene, feature: Feature, flexible: bool) -> str:
+    """Say which bodies do not have what a feature takes; empty where all have it."""
+    if feature.flexible_body and not flexible:
+        return "for mechanisms with a flexible body, but all are rigid"
     scaled = [f"bodies.{name}.section_scale" for name, body in scene.bodies.items() if body.section_scale is not None]
     given, energy, third = _from_matrices(scene), feature.third_derivative, "the third derivative of the strain energy"
     taken = (
@@ -271,7 +272,8 @@ def _check_bodies(scene: Scene, what: str, feature: Feature) -> None:
     )
     for is_taken, why, found in taken:
         if is_taken and found:
-            raise InputError(f"{what}: {why}, but there is {', '.join(found)}; {feature.cure}")
+            return f"{why}, but there is {', '.join(found)}"
+    return ""
 
 
 def _from_matrices(scene: Scene) -> list[str]:

@@ -104,6 +104,10 @@ class LoopClosure:
         scale = self._scale[: jacobian.shape[1]] if scale is None else scale
         return jacobian * self._units / scale[:, None]
 
+    def singular_values(self, jacobian: np.ndarray) -> np.ndarray:
+        """Return those of the scaled J, descending, shape (n, n_dofs n_bodies)."""
+        return np.linalg.svd(self.scaled(jacobian), compute_uv=False)
+
     def rates(self, poses: np.ndarray, jacobian: np.ndarray | None = None) -> np.ndarray:
         """Return ``dP/dtheta_k`` at poses (n_bodies, n_pose, n), shape (n_bodies, n_pose, n_theta, n), with J there if
         it is known."""
@@ -178,6 +182,7 @@ class LoopClosure:
         if np.all(gap < CLOSURE_TOLERANCE):
             return
         worst = int(np.nanargmax(gap)) if np.any(np.isfinite(gap)) else 0
+        ranges = " or ".join(f"coordinates.{c.name}.range" for c in self.mechanism.coordinates)
         start, where = poses[..., [worst]], theta[[worst]]
         found = self._nearest(start, where)
         residual = self.residual(found, where)[:, 0]
@@ -202,12 +207,12 @@ class LoopClosure:
                     f"these are too far off (angles are in rad). It closes with {self._placements(closed)}"
                     if placed
                     else "not in the way that it is assembled: on the way there it goes through a dead centre, or into "
-                    f"another assembly. Narrow {self._ranges}, or assemble it the other way by its placements"
+                    f"another assembly. Narrow {ranges}, or assemble it the other way by its placements"
                 )
             )
         raise InputError(
             f"joints.{blame}: the mechanism cannot close at {self.describe(theta[worst])}; {gaps}. Check the bodies' "
-            f"lengths and placements{GUESSED if placed else ''}, or narrow {self._ranges}"
+            f"lengths and placements{GUESSED if placed else ''}, or narrow {ranges}"
         )
 
     def _contradicts(self, poses: np.ndarray, theta: np.ndarray) -> bool:
@@ -217,7 +222,7 @@ class LoopClosure:
         """
         residual, jacobian = self.residual(poses, theta), self.jacobian(poses)
         left = self._step(poses, residual)[1]
-        values = np.linalg.svd(self.scaled(jacobian)[0], compute_uv=False)
+        values = self.singular_values(jacobian)[0]
         nearest = self._largest(residual - left)[0] < NEAREST * self._largest(left)[0]
         return self.has_redundant and nearest and values[-1] > SINGULAR_TOLERANCE * values[0]
 
@@ -271,10 +276,6 @@ class LoopClosure:
             return ""
         axis, turn = (", ".join(f"{x:.6g}" for x in np.round(part, 9) + 0.0) for part in (axis, turn))
         return f": joints.{joint.name} with axis = [{axis}] and offset = {{ turn = [{turn}] }}"
-
-    @property
-    def _ranges(self) -> str:
-        return " or ".join(f"coordinates.{c.name}.range" for c in self.mechanism.coordinates)
 
     def _closed_from(self, start: np.ndarray, nearest: np.ndarray, theta: np.ndarray, tries: int) -> np.ndarray | None:
         """Return poses (n_bodies, n_pose, 1) at which the joints close at theta (1, n_theta), None if none are found:
@@ -375,7 +376,8 @@ class LoopClosure:
         poses = space.straightened(poses)
         closed, known, sound = np.zeros((3, poses.shape[2]), dtype=bool)
         # where nothing but J^-1 makes a step it serves the next one too, which by then is too small to need its own
-        again, kept = self._form(n_rows) is not None and not self.has_redundant, np.empty((0, 0, 0))
+        again = n_rows == self._rows.n and self._blocks is not None and not self.has_redundant
+        kept = np.empty((0, 0, 0))
         for n_steps in range(MAX_ITERATIONS + 1):
             wanted = self.measured(poses).T if theta is None else theta
             residual = self.residual(poses, wanted)[:n_rows]
@@ -422,10 +424,6 @@ class LoopClosure:
         pattern = np.repeat(bodies, self.mechanism.space.n_dofs, axis=1)
         return Blocks.of(triangular_blocks(pattern)) if pattern.shape[0] == pattern.shape[1] else None
 
-    def _form(self, n_rows: int) -> Blocks | None:
-        """Return the form of J with so many rows, where it is known."""
-        return self._blocks if n_rows == self._rows.n else None
-
     def _again(self, factors: np.ndarray, residual: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         """Return the motions to be taken back, (n_bodies, n_dofs, n), by chosen ones (n,) of J that were factorised and
         the residuals (n_rows, n_all) there."""
@@ -435,8 +433,9 @@ class LoopClosure:
     def _least(self, jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Return the least y (n, n_dofs n_bodies, k) that comes nearest to ``J y = right``, for J and right-hand sides
         (n, n_rows, k)."""
-        scale = self._scale[: jacobian.shape[1], None]
-        return solved(jacobian / scale, right / scale, self._form(jacobian.shape[1]))
+        n_rows = jacobian.shape[1]
+        scale = self._scale[:n_rows, None]
+        return solved(jacobian / scale, right / scale, self._blocks if n_rows == self._rows.n else None)
 
 
 class RowsOfMotions:

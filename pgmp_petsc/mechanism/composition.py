@@ -44,13 +44,13 @@ from pgmp_petsc.mechanism.joints import (
     triad,
     weld,
 )
-from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
+from pgmp_petsc.mechanism.space import SPATIAL, space_of
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Function, Line, Statement, along, angle, perpendicular
 from pgmp_petsc.scene.bodies import Placement
 from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.fields import GROUND
-from pgmp_petsc.scene.joints import DAMPED_BY, PARALLEL, TURNS, CouplingEntry, Elastic, Offset, followed
+from pgmp_petsc.scene.joints import DAMPED_BY, PARALLEL, TURNS, CouplingEntry, Elastic, JointEntry, Offset, followed
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.uses import slides
@@ -106,19 +106,19 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
     between the bodies' axes. Raises `InputError` if a joint names a point that its body's mesh does not have, or is
     elastic where it is free (`parted`).
     """
-    space = space_of(scene.dimension)
+    space, d = space_of(scene.dimension), scene.dimension
     connections, row = [], 0
     for name, holds, axes, sides in _held(scene, bodies):
-        in_a = triad(*(np.asarray(axis, dtype=float) for axis in axes)) if axes else np.eye(space.dimension)
-        turns = [_directors(space, space.identity if s.on_ground else poses[s.body]) for s in sides]
-        turn = turns[1].T @ turns[0]
+        in_a = triad(*(np.asarray(axis, dtype=float) for axis in axes)) if axes else np.eye(d)
+        one, other = (space.natural(s.frame_of_pose(poses))[d:].reshape(d, d) for s in sides)  # directors
+        turn = other @ one.T
         in_b = turn @ in_a
         statements = tuple(holds(in_a, in_b))
         rows = slice(row, row + len(statements))
         turning = in_a, in_b if space is SPATIAL else in_a
         entry = scene.joints.get(name)  # none of welds
         elastic, offset, loose = (None,) * 3 if entry is None else (entry.elastic, entry.offset, entry.clearance)
-        held, straight, released, moved = statements, statements, (), sides[0]
+        held, straight, released, moved, turned = statements, statements, (), sides[0], np.eye(d)
         riding = entry is not None and entry.rides and not sides[0].on_ground and bodies[sides[0].body].flexible
         if loose is not None:
             _refuse_room(scene, bodies, name, sides)
@@ -133,11 +133,8 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
         if elastic is not None:
             first, second = (0.0 if s.on_ground else poses[s.body, -1] for s in sides)
             rest = second - first if space is not SPATIAL else 0.0
-            placed = statements, (in_a, in_b), turn, rest, elastic, f"joints.{name}.elastic"
-            off = None if offset is None else (offset, turned, held)
-            straight, _ = held, released = parted(*placed)
-            if off is not None:
-                held, released = parted(*placed, off)
+            both = list(zip(statements, held))
+            straight, held, released = parted(both, (in_a, in_b), turn, rest, entry, f"joints.{name}", turned)
         level = None if offset is None else about(straight, *sides)
         held = about(held, moved, sides[1])
         if riding:
@@ -308,12 +305,6 @@ def _placed(placement: Placement, dimension: int) -> np.ndarray:
     return np.concatenate([origin, turn.T.ravel()])
 
 
-def _directors(space: Space, pose: np.ndarray) -> np.ndarray:
-    """Return the directors of a pose, shape (d, d), one a column."""
-    d = space.dimension
-    return space.natural(pose)[d:].reshape(d, d).T
-
-
 def _lumps(effect: AddedMass) -> dict[Monomial, LumpedMass]:
     mass = Quantity.of(effect.mass)
     lumps = {mass.monomial: LumpedMass(mass.coefficient, 0.0)}
@@ -332,65 +323,66 @@ AXES = ("first", "second", "third")
 
 
 def parted(
-    statements: Sequence[Statement],
+    statements: Sequence[tuple[Statement, Statement]],
     joint: tuple[np.ndarray, np.ndarray],
     turn: np.ndarray,
     rest: float,
-    elastic: Elastic,
+    given: JointEntry,
     entry: str,
-    off: tuple[Offset, np.ndarray, Sequence[Statement]] | None = None,
-) -> tuple[tuple[Statement, ...], tuple[Release, ...]]:
-    """Return what an elastic joint holds in the motion, and what it releases.
+    turned: np.ndarray,
+) -> tuple[tuple[Statement, ...], tuple[Statement, ...], tuple[Release, ...]]:
+    """Return what an elastic joint holds in the motion, were it where it should be and where it is, and what it
+    releases.
 
-    Its statements are what it holds in the configuration, its axes in the frames of a and b, shape (d, d) each, as
+    Its statements are what it holds in the configuration, each with that about its axes where it is: `turned` by its
+    offset, shape (d, d). Its axes in the frames of a and b, shape (d, d) each, are as
     `scene.joints.JointEntry.statements` takes them. As placed, `turn`, shape (d, d), turns vectors of the frame of a
-    into that of b, and b is turned by `rest` (rad) against a in the plane. The table `elastic` has a name in the scene,
-    `entry`. A joint that is `off` has its offset, the rotation of its axes by that, shape (d, d), and its statements
-    about these.
+    into that of b, and b is turned by `rest` (rad) against a in the plane. What is `given` in the scene has the name
+    `entry`.
 
     Raises `InputError` if it has a stiffness or damping where the joint is free, its axes are oblique to those of the
     joint, or the joint is turned by an offset, so that what it releases is off by more the further it has moved.
     """
+    elastic, offset = given.elastic, given.offset
     in_a = triad(*(np.array(axis, dtype=float) for axis in elastic.reference))
     in_b, d = turn @ in_a, len(in_a)
-    offset, turned, moved = off or (None, np.eye(d), statements)
-    own = {key: [k for k, part in enumerate(statements) if part.is_length == (key == "stiffness")] for key in DAMPED_BY}
-    slopes = {key: _slopes([statements[k] for k in rows], *joint) for key, rows in own.items()}
     held, released = [], []
-    for key, rows in own.items():
-        parts = [moved[k] for k in rows]
+    for key, damped_by in DAMPED_BY.items():
+        own = [pair for pair in statements if pair[0].is_length == (key == "stiffness")]
+        parts, moved = ([pair[k] for pair in own] for k in (0, 1))
         stiffness = getattr(elastic, key)
         if not stiffness:
-            held += parts
+            held += own
             continue
         axes = in_a if d == 3 or key == "stiffness" else np.ones((1, 1))
-        is_held = _is_held(slopes[key][key == "turning_stiffness"], axes, key, elastic, f"{entry}.{key}")
-        for name in (key, DAMPED_BY[key]):
-            _refuse_free(name, getattr(elastic, name), is_held, entry)
+        slopes = _slopes(parts, *joint)[key == "turning_stiffness"]
+        is_held = _is_held(slopes, axes, key, elastic, f"{entry}.elastic.{key}")
+        for name in (key, damped_by):
+            _refuse_free(name, getattr(elastic, name), is_held, f"{entry}.elastic")
         if all(k == np.inf for k, of in zip(stiffness, is_held) if of):
-            held += parts
+            held += own
             continue
         if offset is not None and any(offset.turn):
-            _refuse_turned(key, is_held, f"{entry.removesuffix('elastic')}offset.turn", offset)
+            _refuse_turned(key, is_held, f"{entry}.offset.turn", offset)
 
         def measures(axes: np.ndarray, parts: list[Statement]) -> list[Statement | None]:
             if key == "stiffness":
                 return [along(axis) for axis in axes.T]
             return _about(axes, in_b, is_held, parts)
 
-        exact, moving = measures(in_a, [statements[k] for k in rows]), measures(turned @ in_a, parts)
+        exact, moving = measures(in_a, parts), measures(turned @ in_a, moved)
         for axis in np.flatnonzero(is_held):
+            part = exact[axis]
             if stiffness[axis] == np.inf:
-                held.append(moving[axis])
+                held.append((part, moving[axis]))
             else:
-                part = exact[axis]
                 at_rest = [Quantity(rest if part.kind == ANGLE else 0.0)]
                 if offset is not None:
                     slope = np.concatenate(_slopes([part], *joint), axis=1)[0]
                     given = (*(offset.place or (0.0,) * d), *(offset.turn or (0.0,) * TURNS[d]))
                     at_rest += [Quantity.of(x) * float(s) for x, s in zip(given, slope) if abs(s) > PARALLEL]
                 released.append(Release(part, key, int(axis), AffineSum.total(*at_rest)))
-    return tuple(held), tuple(released)
+    return tuple(part for part, _ in held), tuple(part for _, part in held), tuple(released)
 
 
 def _refuse_turned(key: str, is_held: np.ndarray, entry: str, offset: Offset) -> None:

@@ -293,7 +293,7 @@ class Continuation:
             worst = int(np.argmax(gap.max(axis=(0, 1))))
             if gap[..., worst].max() > SAME_BRANCH:
                 jacobian = closure.jacobian(self.poses[..., after[[worst]]])
-                _refuse_control(closure, self.theta[after[worst]], _singular_values(closure, jacobian)[0])
+                _refuse_control(closure, self.theta[after[worst]], closure.singular_values(jacobian)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,7 +309,7 @@ class _Front:
     def begun(cls, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> _Front:
         """Return a front at the assembled configuration."""
         jacobian = closure.jacobian(poses)
-        values = _singular_values(closure, jacobian)
+        values = closure.singular_values(jacobian)
         if values[0, -1] < SINGULAR_TOLERANCE * values[0, 0]:
             _refuse_control(closure, theta[0], values[0])
         return cls(closure, theta, poses, jacobian)
@@ -356,7 +356,7 @@ class _Front:
 
     def _check(self, n: int) -> None:
         """Refuse singular configurations among all but the first n, and between each and the one n before it."""
-        closure, values = self.closure, _singular_values(self.closure, self.jacobian[n:])
+        closure, values = self.closure, self.closure.singular_values(self.jacobian[n:])
         lost = values[:, -1] < SINGULAR_TOLERANCE * values[:, 0]
         turned = ~_keeps_orientation(closure, self.jacobian[n:], self.jacobian[:-n])
         for k in np.flatnonzero(lost | turned):
@@ -371,12 +371,12 @@ class _Front:
         """
         closure, before, poses, jacobian = self.closure, self.theta[k], self.poses[..., [k]], self.jacobian[[k]]
         # beside a singular configuration orientations are those of round-off: the most singular one met is the place
-        place, values = before, _singular_values(closure, jacobian)[0]
+        place, values = before, closure.singular_values(jacobian)[0]
         for _ in range(30):
             middle = 0.5 * (before + after)
             there = closure.close(poses, middle[None])
             now = closure.jacobian(there)
-            met = _singular_values(closure, now)[0]
+            met = closure.singular_values(now)[0]
             if met[-1] * values[0] < values[-1] * met[0]:
                 place, values = middle, met
             if _keeps_orientation(closure, now, jacobian)[0]:
@@ -405,11 +405,6 @@ def _leading(gap: np.ndarray, n: int) -> int:
     """Return how many steps of n configurations each are closed, up to the first that is not; gap has shape (m n,)."""
     closed = np.all(gap.reshape(-1, n) < CLOSURE_TOLERANCE, axis=1)
     return int(np.logical_and.accumulate(closed).sum())
-
-
-def _singular_values(closure: LoopClosure, jacobian: np.ndarray) -> np.ndarray:
-    """Return the singular values of the scaled J, descending, shape (n, n_dofs n_bodies)."""
-    return np.linalg.svd(closure.scaled(jacobian), compute_uv=False)
 
 
 def _keeps_orientation(closure: LoopClosure, jacobian: np.ndarray, other: np.ndarray) -> np.ndarray:

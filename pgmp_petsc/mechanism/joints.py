@@ -109,9 +109,7 @@ class Attachment:
         """Return the frame of a point of the ground, shape (n_pose, *trailing)."""
         frame = self.space.identity.copy()
         frame[: self.point.size] = self.point
-        found = np.empty((frame.size, *trailing))
-        found[:] = frame.reshape(-1, *(1,) * len(trailing))
-        return found
+        return np.multiply.outer(frame, np.ones(trailing))
 
 
 #: A statement, or a combination of several, with the attachments that it is about, a pair for each term.

@@ -79,8 +79,8 @@ class RigidKinematics:
 
     The mechanism is assembled near its first guess: at the lower end of one coordinate, of two at the configuration
     nearest to the first guess, or else at their lower ends or the middle of their range; of more where the bodies meet
-    next to the first guess. `coordinate` is the first of them, for what takes only one; `size` a typical length, m;
-    `n_redundant` counts constraints that follow from the others; `branch` is None where none was followed.
+    next to the first guess. `size` is a typical length, m; `n_redundant` counts constraints that follow from the
+    others; `branch` is None where none was followed.
 
     Raises `InputError` if the mechanism cannot be closed somewhere in the range, if the number of coordinates is not
     its number of degrees of freedom, or if the coordinates lose control of it (singular J).
@@ -89,7 +89,6 @@ class RigidKinematics:
     def __init__(self, mechanism: Mechanism, branch: PoseBranch | None = None, over_range: bool = False) -> None:
         self.mechanism = mechanism
         self.coordinates = mechanism.coordinates
-        self.coordinate = mechanism.coordinates[0]
         self.size = size_of(mechanism)
         self.branch, self._walk = branch, None
         if branch is None and (over_range or self.n_coordinates <= MOST_FOLLOWED):
@@ -124,7 +123,6 @@ class RigidKinematics:
             return RigidKinematics(mechanism)  # masses on rigid bodies are bodies of their own: nothing can be shared
         other = copy(self)
         other.mechanism, other.coordinates = mechanism, mechanism.coordinates
-        other.coordinate = mechanism.coordinates[0]
         for made in ("_closure", "_released", "constraints"):
             other.__dict__.pop(made, None)
         return other
@@ -280,11 +278,8 @@ class RigidKinematics:
 
     def _turns(self, theta: np.ndarray) -> np.ndarray:
         """Return how often periodic coordinates have turned at theta, both (n, n_theta)."""
-        turns = np.zeros_like(theta)
-        for k, coordinate in enumerate(self.coordinates):
-            if coordinate.periodic:
-                turns[:, k] = np.floor((theta[:, k] - coordinate.lower) / (2 * np.pi))
-        return turns
+        lower, periodic = np.array([(c.lower, c.periodic) for c in self.coordinates]).T
+        return np.where(periodic, np.floor((theta - lower) / (2 * np.pi)), 0.0)
 
     def _is_tabulated(self, inside: np.ndarray) -> bool:
         """Return whether the branch closes the loops at all configurations, taken to the first turn."""
@@ -308,19 +303,12 @@ class RigidKinematics:
         return self._closure.curvatures(poses, rates)
 
     def within_reach(self, theta: np.ndarray) -> np.ndarray:
-        """Return where the rigid mechanism can be placed: in the range, or a little (`REACH`) outside it.
-
-        Theta is of shape (..., n_theta); for one coordinate of any shape, and so is what is returned.
-        """
-        theta = np.asarray(theta)
-        if self.n_coordinates == 1:
-            return self._reaches(self.coordinate, theta)
-        parts = [self._reaches(coordinate, theta[..., k]) for k, coordinate in enumerate(self.coordinates)]
-        return np.logical_and.reduce(parts)
-
-    def residual(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Return closure and driving residuals, shape (n_constraints + n_theta, n)."""
-        return self._closure.residual(poses, self.configurations(theta))
+        """Return where the rigid mechanism can be placed, shape (...): at theta (..., n_theta) in the range, or a
+        little (`REACH`) outside it, of periodic coordinates up to `FURTHEST`."""
+        reach = [FURTHEST if c.periodic else REACH * c.scale(self.size) for c in self.coordinates]
+        ends = [(0.0, 0.0) if c.periodic else (c.lower, c.upper) for c in self.coordinates]
+        lower, upper = np.array(ends).T + [np.negative(reach), reach]
+        return np.all((theta >= lower) & (theta <= upper), axis=-1)
 
     def _axis(self, coordinate: Coordinate) -> np.ndarray:
         step = STEPS[self.n_coordinates - 1] * coordinate.scale(self.size)
@@ -479,7 +467,7 @@ class RigidKinematics:
     def _rank(self, poses: np.ndarray) -> int:
         """Return the number of independent constraints by joints at poses (n_bodies, n_pose, 1)."""
         rows = slice(self._closure.n_constraints)
-        values = np.linalg.svd(self._closure.scaled(self._closure.jacobian(poses)[:, rows])[0], compute_uv=False)
+        values = self._closure.singular_values(self._closure.jacobian(poses)[:, rows])[0]
         return int(np.sum(values > SINGULAR_TOLERANCE * values[0])) if values.size else 0
 
     def _elsewhere(self, poses: np.ndarray) -> np.ndarray:
@@ -487,13 +475,6 @@ class RigidKinematics:
         moved, d = np.random.default_rng(0).normal(scale=0.1, size=poses.shape), self.mechanism.space.dimension
         moved[:, :d] *= self.size
         return self._closure.closed_freely(poses + moved)
-
-    def _reaches(self, coordinate: Coordinate, theta: np.ndarray) -> np.ndarray:
-        """Return where values of one coordinate can be placed."""
-        if coordinate.periodic:
-            return np.abs(theta) <= FURTHEST
-        reach = REACH * coordinate.scale(self.size)
-        return (theta >= coordinate.lower - reach) & (theta <= coordinate.upper + reach)
 
 
 def measured(

@@ -145,12 +145,12 @@ class Mechanism:
     @cached_property
     def mass_weights(self) -> tuple[Monomial, ...]:
         """Weights of the affine mass terms, sorted."""
-        return tuple(sorted({m for body in self.bodies for m in body.mass_weights}))
+        return tuple(sorted({m for body in self.bodies for m in body.weights("mass")}))
 
     @cached_property
     def stiffness_weights(self) -> tuple[Monomial, ...]:
         """Weights of the affine stiffness terms, sorted."""
-        return tuple(sorted({m for body in self.bodies for m in body.stiffness_weights}))
+        return tuple(sorted({m for body in self.bodies for m in body.weights("stiffness")}))
 
     @cached_property
     def linear_fields(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:

@@ -100,14 +100,8 @@ def _part(found: dict[str, np.ndarray], received: str, scale: float) -> CadPart:
         for name, own in named.items()
     }
     mesh = solid_mesh(meshio.Mesh(scale * found["nodes"], blocks, cell_sets=sets), 3, received)
-    return CadPart(
-        mesh,
-        cylinders,
-        len(faces),
-        float(found["volume"]) * scale**3,
-        scale * _clean(found["centre"], round_off),
-        found["inertia"] * scale**5,
-    )
+    volume, centre = float(found["volume"]) * scale**3, scale * _clean(found["centre"], round_off)
+    return CadPart(mesh, cylinders, len(faces), volume, centre, found["inertia"] * scale**5)
 
 
 def _cylinders(found: dict[str, np.ndarray], scale: float, round_off: float) -> Iterator[Cylinder]:

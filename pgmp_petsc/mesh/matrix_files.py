@@ -281,30 +281,21 @@ def in_order_of_nodes(
 
 
 def _check(rows: np.ndarray, nodes: NodeFile, d: int, received: str, of_nodes: str) -> None:
-    internal, turning, across = rows[:, 0] < 1, rows[:, 1] > 3, rows[:, 1] > d
-    if internal.any():
-        raise InputError(
-            f"{received}: {internal.sum()} rows are of internal nodes, such as {rows[internal][0, 0]} (of incompatible "
-            "modes, multipliers or couplings), which have no place; write the matrices without what makes them"
-        )
-    scalar = rows[:, 1] == 0
-    if scalar.any():
-        raise InputError(
-            f"{received}: {scalar.sum()} rows are of scalar points, such as {rows[scalar][0, 0]}, as the modal "
-            "amplitudes of a Craig-Bampton reduction are; inertia forces of large rotations need the fields behind "
-            "these: write the matrices of all nodes, or add `modes`"
-        )
-    if turning.any():
-        node, direction = rows[turning][0]
-        raise InputError(
-            f"{received}: {turning.sum()} rows, the first of node {node}, direction {direction}, are of {TURNING}"
-        )
-    if across.any() or (rows[:, 1] < 1).any():
-        node, direction = rows[across | (rows[:, 1] < 1)][0]
-        raise InputError(
-            f"{received}: a row of node {node} has the direction {direction}; those of a solid{d}d body are 1 to {d}"
-        )
-    lost = np.unique(rows[nodes.places_of(rows[:, 0]) < 0, 0])
+    of, directions = rows.T
+    for wrong, words in (
+        (of < 1, "{n} rows are of internal nodes, such as {node} (of incompatible modes, multipliers or couplings), "
+         "which have no place; write the matrices without what makes them"),
+        (directions == 0, "{n} rows are of scalar points, such as {node}, as the modal amplitudes of a Craig-Bampton "
+         "reduction are; inertia forces of large rotations need the fields behind these: write the matrices of all "
+         "nodes, or add `modes`"),
+        (directions > 3, f"{{n}} rows, the first of node {{node}}, direction {{direction}}, are of {TURNING}"),
+        ((directions > d) | (directions < 1),
+         f"a row of node {{node}} has the direction {{direction}}; those of a solid{d}d body are 1 to {d}"),
+    ):  # fmt: skip
+        if wrong.any():
+            node, direction = rows[wrong][0]
+            raise InputError(f"{received}: {words.format(n=wrong.sum(), node=node, direction=direction)}")
+    lost = np.unique(of[nodes.places_of(of) < 0])
     if lost.size:
         raise InputError(
             f"{received}: it has rows of {lost.size} nodes that {of_nodes} does not hold, the first are "

@@ -23,24 +23,10 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-CORNERS_OF_TRIANGLE = ((0, 0), (1, 0), (0, 1))
-CORNERS_OF_QUAD = ((0, 0), (1, 0), (1, 1), (0, 1))
-CORNERS_OF_TETRA = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
-CORNERS_OF_HEXAHEDRON = tuple((*corner, z) for z in (0, 1) for corner in CORNERS_OF_QUAD)
-EDGES_OF_TRIANGLE = ((0, 1), (1, 2), (2, 0))
-EDGES_OF_QUAD = ((0, 1), (1, 2), (2, 3), (3, 0))
-EDGES_OF_TETRA = (*EDGES_OF_TRIANGLE, (0, 3), (1, 3), (2, 3))
-EDGES_OF_HEXAHEDRON = (
-    *EDGES_OF_QUAD, (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7),
-)  # fmt: skip
-# the corners of every face, seen from outside in the order that makes its normal point outwards
-FACES_OF_TETRA = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
-FACES_OF_HEXAHEDRON = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7))
-
-
 @dataclass(frozen=True)
 class _Shape:
-    """A shape of cells: its corners in meshio's order, its edges, and the corners of its faces (edges in the plane)."""
+    """A shape of cells: its corners in meshio's order, its edges, and the corners of its faces (edges in the plane),
+    seen from outside in the order that makes the normal point outwards."""
 
     corners: tuple[tuple[int, ...], ...]
     edges: tuple[tuple[int, int], ...]
@@ -48,10 +34,18 @@ class _Shape:
 
 
 _LINE = _Shape(((0,), (1,)), ((0, 1),), ((0,), (1,)))
-_TRIANGLE = _Shape(CORNERS_OF_TRIANGLE, EDGES_OF_TRIANGLE, EDGES_OF_TRIANGLE)
-_QUAD = _Shape(CORNERS_OF_QUAD, EDGES_OF_QUAD, EDGES_OF_QUAD)
-_TETRA = _Shape(CORNERS_OF_TETRA, EDGES_OF_TETRA, FACES_OF_TETRA)
-_HEXAHEDRON = _Shape(CORNERS_OF_HEXAHEDRON, EDGES_OF_HEXAHEDRON, FACES_OF_HEXAHEDRON)
+_TRIANGLE = _Shape(((0, 0), (1, 0), (0, 1)), *(((0, 1), (1, 2), (2, 0)),) * 2)
+_QUAD = _Shape(((0, 0), (1, 0), (1, 1), (0, 1)), *(((0, 1), (1, 2), (2, 3), (3, 0)),) * 2)
+_TETRA = _Shape(
+    ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    (*_TRIANGLE.edges, (0, 3), (1, 3), (2, 3)),
+    ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+)
+_HEXAHEDRON = _Shape(
+    tuple((*corner, z) for z in (0, 1) for corner in _QUAD.corners),
+    (*_QUAD.edges, (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+    ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
+)
 
 #: Shape, scikit-fem's element, the groups of corners that have a node in their middle after the corners themselves,
 #: degrees of exact quadrature of the stiffness and of the mass (of undistorted cells), the type of the faces. A mass of
@@ -106,14 +100,8 @@ def reference_element(kind: str) -> ReferenceElement:
     """Return the element on cells of one of meshio's types."""
     shape, _, middles, stiffness_degree, mass_degree, face_kind = _KINDS[kind]
     nodes = _nodes(shape, middles)
-    return ReferenceElement(
-        kind,
-        nodes.shape[1],
-        nodes,
-        _quadrature(kind, nodes, stiffness_degree),
-        _quadrature(kind, nodes, mass_degree),
-        face_kind,
-    )
+    quadratures = (_quadrature(kind, nodes, degree) for degree in (stiffness_degree, mass_degree))
+    return ReferenceElement(kind, nodes.shape[1], nodes, *quadratures, face_kind)
 
 
 def shape_gradients(kind: str, points: np.ndarray) -> np.ndarray:

@@ -45,25 +45,19 @@ from pgmp_petsc.mesh.solid_mesh import (
 
 
 def check_cells(kind: str, nodes: np.ndarray, cells: np.ndarray, received: str) -> None:
-    """Refuse repeated cells, separate pieces, and cells that are inverted or have no volume.
+    """Refuse repeated cells, separate pieces, and cells that are inverted or have no volume: with det J <= 0 at any
+    point of the mass quadrature or at any node.
 
-    Nodes are (n_nodes, d), finite, m; cells (n_cells, n_cell_nodes) of meshio's type `kind`. Messages
-    begin with `received`, the scene's entry and its value, and number cells and nodes in the file's order, from zero.
-    Raises `InputError`, naming what is wrong, and where.
-    """
-    check_repeated(kind, cells, received)
-    check_pieces(cells, received)
-    _check_shapes(kind, nodes, cells, received)
-
-
-def _check_shapes(kind: str, nodes: np.ndarray, cells: np.ndarray, received: str) -> None:
-    """Refuse det J <= 0 at any point of the mass quadrature or at any node.
+    Nodes are (n_nodes, d), finite, m; cells (n_cells, n_cell_nodes) of meshio's type `kind`. Messages begin with
+    `received`, the scene's entry and its value. Raises `InputError`, naming what is wrong, and where.
 
     Coordinates are known to `RELATIVE_TOLERANCE` times the mesh's extent. An error of this size in J changes det J by
     up to its product with the norm of J's cofactors, and below that a determinant has no certain sign. In other words,
     the smallest singular value of J, the thinnest measure of the cell, must be above the error of the coordinates,
     whatever the size of the cell and however slender it is.
     """
+    check_repeated(kind, cells, received)
+    check_pieces(cells, received)
     element = reference_element(kind)
     error = RELATIVE_TOLERANCE * np.ptp(nodes, axis=0).max()
     coordinates = nodes[cells].swapaxes(1, 2)

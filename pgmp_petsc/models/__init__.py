@@ -7,16 +7,16 @@ from pgmp_petsc.models.model import Model, OutputRecord
 from pgmp_petsc.models.reduced import Observing, ReducedModel
 
 #: Models over interpolated tables: terms, outputs and displacements follow from reduced coordinates and parameters.
-REDUCED = (ReducedModel, LengthLanes)
+Reduced = ReducedModel | LengthLanes
 
 __all__ = [
-    "REDUCED",
     "ComponentModel",
     "FullModel",
     "LengthLanes",
     "Model",
     "Observing",
     "OutputRecord",
+    "Reduced",
     "ReducedModel",
     "SeparateLengths",
     "of_samples",

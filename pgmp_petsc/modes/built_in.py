@@ -86,7 +86,7 @@ class Closing:
         """
         problem = self._problem
         poses = problem.kinematics.motion(modes.theta).poses
-        constraints = problem.constraints_at(poses)
+        constraints = problem.constraints.at(poses)
         moved = np.unique(constraints.indices)
         slopes = constraints[:, moved].toarray()
         placed = -np.linalg.lstsq(slopes, gaps, rcond=None)[0]
@@ -168,7 +168,7 @@ class BuiltIn:
         if not self._gaps:
             return np.zeros((len(modes.rigid), 0))
         poses = problem.kinematics.motion(modes.theta).poses
-        gaps = np.zeros((problem.constraints_at(poses).shape[0], len(self._gaps)))
+        gaps = np.zeros((problem.constraints.at(poses).shape[0], len(self._gaps)))
         for column, gap in zip(gaps.T, self._gaps):
             column[: self._n_held] = gap.at(poses)
         gaps[np.abs(gaps) < CLOSED * self._units] = 0.0  # what elastic joints take

@@ -34,8 +34,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import eigh
 
-from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.affine import Monomial, total_at
 from pgmp_petsc.bodies.beam3d import cross
+from pgmp_petsc.bodies.body import Pairs
 from pgmp_petsc.bodies.matrices import ThirdDerivative, director_inertia, weighted_sum
 from pgmp_petsc.mechanism.body_frames import ConstraintHessian, ConstraintHessians, linear_motion
 from pgmp_petsc.mechanism.constraint_set import RANK_TOLERANCE
@@ -47,8 +48,6 @@ from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 # squares of frequencies over that of the softest vectors: five times as fast, a vector is at rest for vibrations of
 # twice the softest frequency
 STIFF = 25.0
-
-Pairs = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +95,7 @@ class CurvatureProblem:
         i, j = pairs = i[known], j[known]
         everywhere = problem.all_rows(shape)
         third = self._third.times(everywhere, pairs)
-        forces = np.zeros((len(problem.rows), pairs[0].size))
-        for weight, part in third.items():
-            forces += float(weight.evaluate(problem.values)) * part
+        forces = np.zeros((len(problem.rows), i.size)) + total_at(third, problem.values)
         if loose.any():
             elastic = problem.all_rows(problem.times_stiffness(shape))
             forces -= self._turned_forces(modes, everywhere, elastic, loose, pairs)
@@ -177,7 +174,7 @@ class CurvatureProblem:
         kept: np.ndarray,
         shape: np.ndarray,
         answered: np.ndarray,
-        pairs: tuple[np.ndarray, np.ndarray],
+        pairs: Pairs,
         forces: np.ndarray,
         what: str,
         gaps: GapDerivatives | None = None,
@@ -191,7 +188,7 @@ class CurvatureProblem:
         hessians = self._joints.at(poses)
         if hessians or gaps is not None:
             reactions = problem.all_rows(answered - problem.times_stiffness(shape))
-            joints = _TurningJoints(problem.constraints_at(poses), hessians, problem.all_rows(shape), pairs, gaps)
+            joints = _TurningJoints(problem.constraints.at(poses), hessians, problem.all_rows(shape), pairs, gaps)
             own = slice(problem.rows.start, problem.rows.stop)
             chi = joints.displacements()[own]
             forces = forces + np.where(taken, joints.forces(reactions)[own], 0.0) + problem.times_stiffness(chi)
@@ -274,14 +271,11 @@ class _TurningJoints:
         jacobian: sp.csr_matrix,
         hessians: list[ConstraintHessian],
         shape: np.ndarray,
-        pairs: tuple[np.ndarray, np.ndarray],
+        pairs: Pairs,
         gaps: GapDerivatives | None,
     ) -> None:
-        self._touched = np.unique(jacobian.indices)
+        self._touched, self._hessians, self._shape, self._pairs = np.unique(jacobian.indices), hessians, shape, pairs
         self._jacobian = jacobian[:, self._touched].toarray()
-        self._hessians = hessians
-        self._shape = shape
-        self._pairs = pairs
         self._bends = np.zeros((0, 0, 0)) if gaps is None else gaps.bends
         slopes = () if gaps is None else gaps.slopes
         self._slopes = dict(enumerate((own[:, self._touched] for own in slopes), shape.shape[1] - len(slopes)))

@@ -90,7 +90,7 @@ class ModalProblem(AbstractContextManager):
 
     Of the `n_available` flexible modes of the mesh it has `n_modes` at most. Elastic joints allow `n_released` motions;
     with free coordinates there are `n_unstrained` vanishing eigenvalues. `clamped` are coordinates that follow given
-    motions.
+    motions; in the Jacobian of the `constraints` they are held.
 
     Raises `InputError` if the mesh has no flexible modes.
     """
@@ -111,8 +111,8 @@ class ModalProblem(AbstractContextManager):
         self._clamp_rows = slice(first, first + len(self.clamped))
         self.n_released = kinematics.motion(self._lowest()).released.shape[-1]
         self.n_unstrained = self.free.size + self.n_released
-        self._constraints = ConstraintJacobian(self.mechanism, self.clamped)
-        self._null_spaces = NullSpaces(self._constraints.pattern)
+        self.constraints = ConstraintJacobian(self.mechanism, self.clamped)
+        self._null_spaces = NullSpaces(self.constraints.pattern)
         self._last: dict[RigidMotion, NullSpace] = {}  # problems at other parameter values come to the same places
         loose = [c for c in self.mechanism.connections if c.released] + [
             c for c in self.mechanism.couplings if c.elastic
@@ -182,15 +182,11 @@ class ModalProblem(AbstractContextManager):
         self._known = ModeSet(theta, eigenvalues, rigid, curvature, flexible, self.free, released)
         return self._known
 
-    def constraints_at(self, poses: np.ndarray) -> sp.csr_matrix:
-        """Return the constraint Jacobian at poses (n_bodies, n_pose), prescribed coordinates clamped."""
-        return self._constraints.at(poses)
-
     def _null_space(self, theta: np.ndarray) -> NullSpace:
         motion = self.kinematics.motion(theta)
         if motion not in self._last:
             self._last.clear()
-            self._last[motion] = self._null_spaces.of(self._constraints.at(motion.poses).data)
+            self._last[motion] = self._null_spaces.of(self.constraints.at(motion.poses).data)
         return self._last[motion]
 
     def _move_to(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -250,7 +246,7 @@ class ModalProblem(AbstractContextManager):
     def independent(self, loads: np.ndarray) -> np.ndarray:
         """Leave out the loads, in body frames, local rows, shape (n_local, n_loads), that are combinations of those
         before them, or that clamped joints take up."""
-        clamps = self.constraints_at(self.mechanism.first_guess)[self._clamp_rows].toarray().T
+        clamps = self.constraints.at(self.mechanism.first_guess)[self._clamp_rows].toarray().T
         chosen = np.empty((len(loads), 0))
         for load in np.hstack([clamps[self.rows.start : self.rows.stop], loads]).T[..., None]:
             rest, whole = load, np.sqrt(self.inner(load, load)[0, 0])

@@ -63,9 +63,9 @@ def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np
         return np.empty((len(kept), 0))
     answers = problem.static_answers(kept, loads)
     sizes = problem.norms(answers)
-    basis, dependent = _extended(problem, kept, answers, sizes)
+    basis, dependent, _ = _extended(problem, kept, answers, sizes)
     if dependent.any():
-        basis, dependent = _extended(problem, kept, _limits(problem, modes, loads_at), sizes)
+        basis, dependent, _ = _extended(problem, kept, _limits(problem, modes, loads_at), sizes)
     if dependent.any():
         raise RunError(
             f"reduction.static_modes at {problem.kinematics.describe(modes.theta)}: a load's static "
@@ -84,30 +84,25 @@ def dependent_loads(problem: ModalProblem, modes: ModeSet, loads: np.ndarray) ->
 
 def _extended(
     problem: ModalProblem, kept: np.ndarray, answers: np.ndarray, sizes: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return vectors extended by orthonormal answers, and which answers depend on those before and are left out.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return vectors extended by orthonormal answers, which answers depend on those before and are left out, and what
+    is left of each beside these, (n_local, n_loads).
 
     Sizes (n_loads,) are those of which round-off leaves a share of `DEPENDENT_TOLERANCE`.
     """
-    basis, m_basis, dependent = kept, problem.times_mass(kept), np.zeros(len(sizes), dtype=bool)
+    rests, basis, m_basis, dependent = answers.copy(), kept, problem.times_mass(kept), np.zeros(len(sizes), dtype=bool)
     inverse, own = np.linalg.inv(problem.inner(kept, m_basis)), slice(kept.shape[1])
     for number, (rest, size) in enumerate(zip(answers.T[..., None], sizes)):
         for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
             shares = problem.inner(m_basis, rest)
             shares[own] = inverse @ shares[own]
             rest = rest - basis @ shares
-        m_rest = problem.times_mass(rest)
+        rests[:, number], m_rest = rest[:, 0], problem.times_mass(rest)
         left = np.sqrt(problem.inner(rest, m_rest)[0, 0])
         dependent[number] = not left > DEPENDENT_TOLERANCE * size
         if not dependent[number]:
             basis, m_basis = np.hstack([basis, rest / left]), np.hstack([m_basis, m_rest / left])
-    return basis, dependent
-
-
-def _beside(problem: ModalProblem, basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    for _ in range(2):
-        vectors = vectors - problem.onto(basis, vectors)
-    return vectors
+    return basis, dependent, rests
 
 
 def _limits(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np.ndarray:
@@ -134,15 +129,8 @@ def _left_at(problem: ModalProblem, modes: ModeSet, k: int, value: float, loads_
     theta = modes.theta.copy()
     theta[k] = value
     there = problem.solve(theta)
-    basis = there.eigenvectors
-    answers = problem.static_answers(basis, loads_at(problem, there))
-    for number in range(answers.shape[1]):
-        one = slice(number, number + 1)
-        answers[:, one] = _beside(problem, basis, answers[:, one])
-        size = problem.norms(answers[:, one])
-        if size > 0.0:
-            basis = np.hstack([basis, answers[:, one] / size])
-    return answers
+    answers = problem.static_answers(there.eigenvectors, loads_at(problem, there))
+    return _extended(problem, there.eigenvectors, answers, np.zeros(answers.shape[1]))[2]
 
 
 RESISTED = 1e-10  # stiffness of a rigid motion, as a share of what its springs would have without cancellation

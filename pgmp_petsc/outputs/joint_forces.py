@@ -42,9 +42,8 @@ from pgmp_petsc.mechanism.statements import MEET, Combination, Function, Stateme
 from pgmp_petsc.outputs.readings import AXES, Frames, Rate, Reading, Seen
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.joints import CouplingEntry
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import problem, unknown
 from pgmp_petsc.scene.outputs import OutputEntry
-from pgmp_petsc.scene.references import unknown
 from pgmp_petsc.scene.uses import slides
 
 UNDETERMINED = 1e-8  # share of a combination of multipliers that is round-off

@@ -20,10 +20,9 @@ from pgmp_petsc.base.units import UnknownUnit, measure
 from pgmp_petsc.lanes.rainflow import count
 from pgmp_petsc.outputs.readings import AnyReading, OfReading
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.fields import Pair, PositiveNumber, PositiveOrParameter, Table, Unit, named_numbers, refusal
+from pgmp_petsc.scene.fields import Pair, PositiveNumber, PositiveOrParameter, Table, Unit, Use, named_numbers, refusal
 from pgmp_petsc.scene.messages import Finding, doubt
 from pgmp_petsc.scene.outputs import OutputEntry, unit_of
-from pgmp_petsc.scene.uses import Use
 
 Values = Mapping[str, np.ndarray | float]
 
@@ -104,8 +103,7 @@ class Rainflow(OutputEntry):
 
     def uses(self, scene: Scene, entry: str) -> Iterator[Use]:
         yield from super().uses(scene, entry)
-        for key, *use in named_numbers(self.curve):
-            yield Use(f"{entry}.curve.{key}", *use)
+        yield from named_numbers(f"{entry}.curve", self.curve)
 
     def kinked_in(self, scene: Scene) -> bool:
         """Damages grow in parts."""

@@ -296,7 +296,7 @@ class RigidReference:
 
     def reached(self, frames: Frames) -> np.ndarray:
         """Return where it can be placed, shape (n,)."""
-        return self._reached(self._measured(frames))
+        return self._kinematics.within_reach(self._measured(frames))
 
     def poses(self, frames: Frames) -> np.ndarray:
         """Return its poses (n_bodies, n_pose, n), not a number where it cannot be placed."""
@@ -327,11 +327,8 @@ class RigidReference:
     def _measured(self, frames: Frames) -> np.ndarray:
         return np.stack([angle.value(frames) for angle in self._angles], axis=1)
 
-    def _reached(self, measured: np.ndarray) -> np.ndarray:
-        return self._kinematics.within_reach(measured).reshape(len(measured))
-
     def _poses(self, measured: np.ndarray) -> np.ndarray:
-        inside = self._reached(measured)
+        inside = self._kinematics.within_reach(measured)
         if inside.all():
             return self._kinematics.poses(measured, missing=True)
         mechanism = self._kinematics.mechanism

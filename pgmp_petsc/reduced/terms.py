@@ -56,7 +56,7 @@ class ReducedDamping:
         names = dict.fromkeys([*found.effects.values(), *(modal.effect for modal in found.modal)])
         if not names:
             return None
-        rayleigh = [found.rayleigh_of(number) for number in range(len(mechanism.bodies))]
+        rayleigh = found.rayleigh.tolist()
         common = min(alpha for _, alpha in rayleigh)
         # [d rho/d theta, Psi_flexible] in body frames at the samples, shape (n, n_dofs, n_eta)
         poses = kinematics.poses(rom.tables.samples.theta)

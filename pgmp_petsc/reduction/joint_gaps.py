@@ -144,7 +144,7 @@ def gap_answers_at(
     answer does not converge.
     """
     theta = modes.theta
-    gaps = np.zeros((problem.constraints_at(problem.kinematics.motion(theta).poses).shape[0], rows.size))
+    gaps = np.zeros((problem.constraints.at(problem.kinematics.motion(theta).poses).shape[0], rows.size))
     gaps[rows, np.arange(rows.size)] = -1.0
     found, _ = closing.at(modes, gaps, "static answers to gaps of joints")
     everywhere = problem.all_rows(found)

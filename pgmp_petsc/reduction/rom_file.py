@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.component import Component, LargeDeformation
 from pgmp_petsc.bodies.floating import FloatingBody, Recovery
 from pgmp_petsc.declare.records import Record, Result, array, attribute, run_record
 from pgmp_petsc.files.hdf5 import RunRecord
@@ -274,8 +274,6 @@ class ComponentFile(Record):
         """Return the component with some frames."""
         large = self.large
         if large is not None:
-            from pgmp_petsc.bodies.large_deformation import LargeDeformation  # builds alone have it
-
             third = _terms(large.third, large.third_weights)
             large = LargeDeformation(third, _terms(large.stretching, large.stretching_weights), large.slenderness)
         found = Component(

@@ -23,7 +23,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial, Place
 from pgmp_petsc.declare.records import Record, array, attribute
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.uses import length_names, length_range
+from pgmp_petsc.scene.uses import length_names
 
 Tables = TypeVar("Tables", bound=Record)
 EACH = "configuration"  # size of arrays with an entry for each
@@ -244,7 +244,7 @@ class LengthGrid:
     def of(cls, scene: Scene) -> LengthGrid:
         """Return the grid of a scene's lengths."""
         names = length_names(scene)
-        return cls(names, tuple(length_range(scene, name) for name in names), scene.reduction.length_points)
+        return cls(names, tuple(scene.parameters[name].range for name in names), scene.reduction.length_points)
 
     @property
     def nodes(self) -> np.ndarray:

@@ -16,6 +16,7 @@ from pgmp_petsc.base.units import LENGTHS
 
 ROUND_OFF = 1e-12  # of a quantity's size: what varies by less is the same throughout
 VANISHING = 1e-9  # of the largest output of its unit: an output that small is what round-off leaves of none
+Arrays = Mapping[str, np.ndarray]  # by the names of outputs or parameters
 DIGITS = 2  # of an interval's width that are shown
 PLAIN = (1e-4, 1e7)  # sizes that are written without a power of ten
 MOST = 100.0  # a share beyond it is of something that is hardly there

@@ -64,10 +64,7 @@ class SectionEntry(Table):
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
         if not SECTIONS.take(cls):
             return
-        try:
-            quantities_of(cls)
-        except ValueError as error:
-            raise refuse(cls, str(error)) from error
+        quantities_of(cls)
         if cls.coefficients is SectionEntry.coefficients:
             raise refuse(cls, "a section has the method coefficients(self, dimension, material, nominal, spans)")
         if bool(cls.sizes) != (cls.reach is not SectionEntry.reach):

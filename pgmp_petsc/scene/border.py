@@ -174,8 +174,5 @@ def _times(value: Any, factor: float) -> Any:
     """Return numbers times the factor; texts, flags and what is infinite as they are."""
     if isinstance(value, (list, tuple)):
         return type(value)(_times(one, factor) for one in value)
-    return (
-        times(value, factor)
-        if isinstance(value, np.ndarray) or isinstance(value, float) and is_number(value)
-        else value
-    )
+    has_numbers = isinstance(value, np.ndarray) or isinstance(value, float) and is_number(value)
+    return times(value, factor) if has_numbers else value

@@ -13,7 +13,6 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.declare.ideas import CONTROLLERS, Found, refuse
 from pgmp_petsc.scene.fields import (
     AnyScene,
@@ -23,15 +22,14 @@ from pgmp_petsc.scene.fields import (
     Table,
     Time,
     Unit,
+    Use,
     jumps_within,
     refusal,
     with_values,
 )
-from pgmp_petsc.scene.joints import MEASURED, joints_with
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import problem, unknown
 from pgmp_petsc.scene.outputs import circle_of, models_alone
 from pgmp_petsc.scene.references import joint_problems, motion_problems
-from pgmp_petsc.scene.uses import Use
 
 OWN = "of_"  # before names of a scene, in a law
 WHOLE = 1e-6  # of a step, that a sample time may be off a whole number of them
@@ -156,8 +154,7 @@ def controller_problems(scene: AnyScene) -> Iterator[str]:
         entry = f"controllers.{name}"
         if name in scene.effects:
             yield problem(entry, f"effects.{name} has this name; give the controller another one")
-        fitting = joints_with(*MEASURED, dimension=scene.dimension)
-        yield from joint_problems(scene, f"{entry}.joint", one.joint, fitting)
+        yield from joint_problems(scene, f"{entry}.joint", one.joint)
         yield from motion_problems(scene, entry, one, one.joints)
         for key, output in one.measured.items():
             where = "measures" if isinstance(one.measures, str) else f"measures.{key.removeprefix(OWN)}"
@@ -172,27 +169,17 @@ def controller_problems(scene: AnyScene) -> Iterator[str]:
 
 def _measure(scene: AnyScene, entry: str, measured: str, needs_rate: bool) -> Iterator[str]:
     if measured not in scene.outputs:
-        hint = nearest_name(measured, scene.outputs)
-        yield problem(entry, f"there is no such output{hint}", measured)
+        yield unknown(entry, "output", measured, scene.outputs)
     elif circle_of(scene, measured):
         return  # said elsewhere
-    elif models_alone(scene, measured):
-        yield problem(
-            entry,
-            f"outputs.{measured} reads stresses or forces, which hang on the controller's own force at the same "
-            "instant; measure a place, an angle or a speed",
-            measured,
-        )
     else:
-        order = scene.outputs[measured].derivatives_in(scene)
-        if order + needs_rate > 1:
-            what = "accelerations" if order > 1 else "speeds, and its rate accelerations"
-            cure = "measure a place, an angle or a speed" if order > 1 else "give a gain d a filter, or leave it out"
-            yield problem(
-                entry,
-                f"outputs.{measured} reads {what}, which hang on the controller's force at the same instant; {cure}",
-                measured,
-            )
+        order, alone = scene.outputs[measured].derivatives_in(scene), models_alone(scene, measured)
+        what = "stresses or forces" if alone else "accelerations" if order > 1 else "speeds, and its rate accelerations"
+        cure = "measure a place, an angle or a speed"
+        cure = cure if alone or order > 1 else "give a gain d a filter, or leave it out"
+        if alone or order + needs_rate > 1:
+            why = f"reads {what}, which hang on the controller's own force at the same instant"
+            yield problem(entry, f"outputs.{measured} {why}; {cure}", measured)
 
 
 def _limits(scene: AnyScene, entry: str, one: ControllerEntry) -> Iterator[str]:

@@ -7,6 +7,7 @@ evaluated.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
@@ -26,13 +27,14 @@ from pgmp_petsc.scene.fields import (
     PositiveOrParameter,
     Table,
     Unit,
+    Use,
     jumps_within,
     named_numbers,
     quantities_of,
     refusal,
     tried,
 )
-from pgmp_petsc.scene.uses import Use, motion_over
+from pgmp_petsc.scene.uses import motion_over
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.messages import Finding
@@ -137,8 +139,7 @@ class EffectEntry(Table):
 
     def uses(self, entry: str, turns: bool) -> Iterator[Use]:
         """Yield the entries that may name a parameter; `entry` is the effect's own, `turns` what it acts on."""
-        for key, *use in named_numbers(self, not turns):
-            yield Use(f"{entry}.{key}", *use)
+        yield from named_numbers(entry, self, not turns)
 
     def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         """Yield the entries that no parameter can be, and whose unit hangs on the scene; `entry` is the effect's."""
@@ -171,11 +172,7 @@ def _check(cls: type[EffectEntry]) -> None:
         raise refuse(cls, "what hangs on the force that its joint carries (by_load) has the entry joint")
     if issubclass(cls, OverTime) and not cls.strength_unit:
         raise refuse(cls, 'an effect over time says the unit of its values: strength_unit = "N m"')
-    try:
-        quantities = quantities_of(cls)
-    except ValueError as error:
-        raise refuse(cls, str(error)) from None
-    for key, (_, unit) in quantities.items():
+    for key, (_, unit) in quantities_of(cls).items():
         for one in filter(None, (unit.on_turning, unit.on_sliding)):
             try:
                 take_unit(one)
@@ -242,8 +239,7 @@ class OverTime(EffectEntry):
     def uses(self, entry: str, turns: bool) -> Iterator[Use]:
         """Yield the entries that may name a parameter; the factor of a table is a number, or has the table's unit."""
         for use in super().uses(entry, turns):
-            is_scale = use.entry == f"{entry}.scale"
-            yield Use(use.entry, use.value, use.sign, ("1", self.unit_of_values)) if is_scale else use
+            yield replace(use, units=("1", self.unit_of_values)) if use.entry == f"{entry}.scale" else use
         for key, value in self.values_over_time:
             yield Use(f"{entry}.{key}", value, "any", (self.unit_of_values,))
 

@@ -32,6 +32,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from pgmp_petsc.base.errors import visible
 from pgmp_petsc.base.units import QUANTITY, SI, UnknownUnit, number_of
+from pgmp_petsc.declare.ideas import refuse
 
 GROUND = "ground"
 #: Which numbers make sense in an entry. A spring may be negative: a magnet, or one past its dead point.
@@ -148,13 +149,13 @@ def notes_on(field: FieldInfo, kind: type[Note]) -> list[Note]:
 
 @cache
 def quantities_of(table: type[Table]) -> dict[str, tuple[Sign, Unit]]:
-    """Return the entries of a table that may name a parameter, with their signs and units; raises `ValueError` if one
+    """Return the entries of a table that may name a parameter, with their signs and units; raises `InputError` if one
     of them has no unit."""
     found = {}
     for name, field in table.model_fields.items():
         signs, units = notes_on(field, Quantified), notes_on(field, Unit)
         if signs and not units:
-            raise ValueError(f'{name} may name a parameter, and has no unit: write Annotated[..., Unit("N m")]')
+            raise refuse(table, f'{name} may name a parameter, and has no unit: write Annotated[..., Unit("N m")]')
         if signs:
             found[name] = signs[0].sign, units[0]
     return found
@@ -176,18 +177,36 @@ def tried(table: type[Table]) -> Any:
     return table.model_construct(**values)
 
 
-def named_numbers(table: Table, slides: bool = False) -> Iterator[tuple[str, float | str, Sign, tuple[str, ...]]]:
-    """Yield key, value, sign and units of each number of a table that may name a parameter, where it has one.
+@dataclass(frozen=True)
+class Use:
+    """One entry that may name a parameter."""
+
+    entry: str  # dotted name
+    value: float | str  # what it holds
+    sign: Sign  # which numbers make sense
+    #: what it is in, any of them; "1" is without a unit, none is any unit. The factor of a table is without one, or has
+    #: the table's.
+    units: tuple[str, ...]
+
+    @property
+    def parameter(self) -> str | None:
+        """Name of the parameter that it holds, or None."""
+        return self.value if isinstance(self.value, str) else None
+
+
+def named_numbers(entry: str, table: Table | None, slides: bool = False) -> Iterator[Use]:
+    """Yield each number of a table, whose own entry is given, that may name a parameter, where it has one.
 
     `slides` is whether they are of what slides; what is rigid, with an infinite stiffness, is none.
     """
-    for key, (sign, unit) in quantities_of(type(table)).items():
+    for key, (sign, unit) in quantities_of(type(table)).items() if table is not None else ():
         found, units = getattr(table, key), tuple(filter(None, (unit.where(slides),)))
         if isinstance(found, dict):
-            yield from ((f"{key}.{name}", value, sign, units) for name, value in found.items())
+            yield from (Use(f"{entry}.{key}.{name}", value, sign, units) for name, value in found.items())
         else:
             values = found if isinstance(found, tuple) else (found,)
-            yield from ((key, value, sign, units) for value in values if value is not None and value != math.inf)
+            numbers = (value for value in values if value is not None and value != math.inf)
+            yield from (Use(f"{entry}.{key}", value, sign, units) for value in numbers)
 
 
 def refusal(allowed: str, key: str = "") -> PydanticCustomError:
@@ -228,6 +247,12 @@ class at_most:  # noqa: N801, is among the other notes on a type and reads as th
         if value > self.limit:
             raise refusal(f"must be at most {self.limit:,}: {self.reason}")
         return value
+
+
+def raw_tables(data: dict[str, Any], key: str) -> dict[str, dict[str, Any]]:
+    """Return the tables [KEY.NAME] of raw tables by name; what is none is left for the validation to refuse."""
+    tables = data.get(key)
+    return {name: one for name, one in tables.items() if isinstance(one, dict)} if isinstance(tables, dict) else {}
 
 
 def split_point(point: str) -> tuple[str, str]:

@@ -15,7 +15,6 @@ import numpy as np
 from pydantic import Field, GetJsonSchemaHandler, field_validator
 from pydantic_core import CoreSchema
 
-from pgmp_petsc.base.errors import nearest_name
 from pgmp_petsc.declare.ideas import JOINTS, Found, refuse
 from pgmp_petsc.scene.fields import (
     AnyScene,
@@ -31,13 +30,14 @@ from pgmp_petsc.scene.fields import (
     StiffnessOrParameter,
     Table,
     Unit,
+    Use,
     directions_of,
     notes_on,
     quantities_of,
     refusal,
     tried,
 )
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import problem, unknown
 
 ORIGIN = "origin"
 MEASURED = ("turning", "sliding")
@@ -150,11 +150,11 @@ class Clearance(Table):
         if self.friction_speed is not None and not self.friction:
             raise refusal("without effect, as there is no friction; leave it out", "friction_speed")
 
-    def of_stiffness(self, entry: str, slides: bool) -> Iterator[tuple[str, Any, str]]:
+    def of_stiffness(self, entry: str, slides: bool) -> Iterator[Use]:
         """Yield the stiffness with its unit, as `JointTable.measured`; none where samples have their own exponents."""
         if not isinstance(self.exponent, str):
             unit = f"N/m^{self.exponent:g}" if slides else "N m"
-            yield f"{entry}.clearance.stiffness", self.stiffness, unit
+            yield Use(f"{entry}.clearance.stiffness", self.stiffness, "any", (unit,))
 
     @property
     def structure(self) -> tuple[Any, ...]:
@@ -176,11 +176,9 @@ class Clearance(Table):
             elif given in scene.parameters:
                 parameter, where = scene.parameters[given], f"parameters.{given}"
                 values = {f"{where}.nominal": parameter.nominal, f"{where}.value": parameter.current}
-                least, most = parameter.bounds or (low, high)
-                if parameter.distribution is not None:
-                    ends = parameter.distribution.support
-                    least, most = (max(least, ends[0]), min(most, ends[1])) if parameter.bounds else ends
-                values[f"{where}.bounds"] = least if least < low else most
+                if parameter.bounds is not None or parameter.distribution is not None:
+                    least, most = parameter.range
+                    values[f"{where}.bounds"] = least if least < low else most
             else:
                 continue
             for where, value in values.items():
@@ -325,9 +323,8 @@ class JointTable(Table):
         """Return the number of statements in the plane or in space."""
         raise NotImplementedError
 
-    def measured(self, scene: AnyScene, entry: str) -> Iterator[tuple[str, Any, str]]:
-        """Yield entries whose unit hangs on the rest of the scene: the dotted name, the value and the unit; `entry` is
-        the joint's."""
+    def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:
+        """Yield entries whose unit hangs on the rest of the scene; `entry` is the joint's."""
         yield from ()
 
     def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
@@ -382,7 +379,7 @@ class JointEntry(JointTable):
         of["description"] = f"{of['description']} {where.capitalize()}{free}."
         return found
 
-    def measured(self, scene: AnyScene, entry: str) -> Iterator[tuple[str, Any, str]]:
+    def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         if self.clearance is not None:
             yield from self.clearance.of_stiffness(entry, True)
 
@@ -486,7 +483,7 @@ class CouplingEntry(JointTable):
 
         return self.shares(motion)
 
-    def measured(self, scene: AnyScene, entry: str) -> Iterator[tuple[str, Any, str]]:
+    def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         if self.clearance is not None:
             yield from self.clearance.of_stiffness(entry, self.shares_in(scene)[0].motion == "sliding")
 
@@ -497,7 +494,7 @@ class CouplingEntry(JointTable):
             entry, joint = f"joints.{name}.{share.entry}", scene.joints.get(share.joint)
             moving = [other for other, one in scene.joints.items() if {*one.motions_in(scene.dimension)} & {*MEASURED}]
             if joint is None:
-                yield problem(entry, f"there is no such joint{nearest_name(share.joint, moving)}", share.joint)
+                yield unknown(entry, "joint", share.joint, moving)
                 continue
             free = [one for one in joint.motions_in(scene.dimension) if one in MEASURED]
             if share.motion is None and len(free) > 1:
@@ -550,12 +547,6 @@ def followed(scene: AnyScene) -> dict[tuple[str, str], str]:
 
 #: A table of ``[joints]``.
 Joint = Annotated[JointTable, Found(JOINTS)]
-
-
-def joints_with(*motions: str, dimension: int) -> tuple[type[JointTable], ...]:
-    """Return the kinds of joints that leave one of these motions free, in the plane or in space."""
-    kinds = (kind for kind in JOINTS.found() if dimension in kind.dimensions)
-    return tuple(kind for kind in kinds if not set(motions).isdisjoint(kind.motions_in(dimension)))
 
 
 class Coordinate(Table):

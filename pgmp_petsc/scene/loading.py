@@ -26,6 +26,7 @@ from pgmp_petsc.base.units import SAID, SI, UnitSystem, UnknownUnit
 from pgmp_petsc.files.claims import replacing
 from pgmp_petsc.files.seal import SIGNATURE, SIZE
 from pgmp_petsc.scene.border import in_own_units, in_si
+from pgmp_petsc.scene.fields import raw_tables
 from pgmp_petsc.scene.messages import DEEPEST, dotted_name, explain, problem, toml_text
 from pgmp_petsc.scene.parameters import add_field_parameters
 from pgmp_petsc.scene.schema import Scene
@@ -155,13 +156,9 @@ def _text_of(name: str, entry: str, directory: Path) -> str:
 
 def _read_tables(data: dict[str, Any], directory: Path) -> None:
     """Put the rows of files in the place of their names, in the tables of effects and of controllers' references."""
-    found = []
-    for group, *within in (("effects",), ("controllers", "reference")):
-        tables = data.get(group)
-        for name, table in (tables if isinstance(tables, dict) else {}).items():
-            for key in within:
-                table = table.get(key) if isinstance(table, dict) else None
-            found.append(((group, name, *within), table))
+    found = [(("effects", name), effect) for name, effect in raw_tables(data, "effects").items()]
+    for name, controller in raw_tables(data, "controllers").items():
+        found.append((("controllers", name, "reference"), controller.get("reference")))
     for place, table in found:
         given = table.get("table") if isinstance(table, dict) else None
         if isinstance(given, (str, dict)):
@@ -254,10 +251,8 @@ def scene_from_tables(
     check_tables(data)
     _read_tables(data, directory)
     add_field_parameters(data)
-    parameters = data.get("parameters")
-    for name, parameter in (parameters if isinstance(parameters, dict) else {}).items():
-        law = parameter.get("distribution") if isinstance(parameter, dict) else None
-        _read_law(law, f"parameters.{name}.distribution", directory)
+    for name, parameter in raw_tables(data, "parameters").items():
+        _read_law(parameter.get("distribution"), f"parameters.{name}.distribution", directory)
     header = data.get("scene")
     said = header.get("units") if isinstance(header, dict) else None
     system = SAID.get(said, SI) if isinstance(said, str) else SI

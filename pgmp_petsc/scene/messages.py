@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
@@ -12,7 +12,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from pgmp_petsc.base.errors import InputError, nearest_name, shortened
-from pgmp_petsc.base.units import SI, UnitSystem
+from pgmp_petsc.base.units import QUANTITY, SI, UnitSystem
 from pgmp_petsc.declare.ideas import Found
 from pgmp_petsc.scene.fields import NAMED, AnyScene, Quantified, notes_on
 
@@ -59,6 +59,13 @@ def input_error(problems: Sequence[str]) -> InputError:
 def problem(entry: str, allowed: str, received: object = _NOTHING) -> str:
     """Return the line about one entry."""
     return f"{entry}: {allowed}" if received is _NOTHING else f"{entry} = {toml_text(received)}: {allowed}"
+
+
+def unknown(entry: str, kind: str, name: str, known: Iterable[str]) -> str:
+    """Return the line about a name that nothing has."""
+    if kind == "parameter" and re.match(QUANTITY, name):
+        return problem(entry, "a number of any quantity is in the units of the scene; give it without quotes", name)
+    return problem(entry, f"there is no such {kind}{nearest_name(name, known)}", name)
 
 
 def toml_text(value: object) -> str:

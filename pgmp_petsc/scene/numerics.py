@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field
 
-from pgmp_petsc.base.errors import InputError, nearest_name
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene.fields import (
     AngleOrPlace,
     AnyScene,
@@ -25,7 +25,7 @@ from pgmp_petsc.scene.fields import (
     no_parameter,
     refusal,
 )
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import problem, unknown
 
 
 def count_steps(duration: float, step: float) -> int:
@@ -252,7 +252,6 @@ class Reference(Table):
     )
 
 
-Probability = Annotated[Number, Field(gt=0.0, lt=1.0)]
 Bins = Annotated[Integer, at_most(1_000_000, "every instant of every output has as many, of 8 bytes each")]
 Batch = Annotated[Integer, at_most(1_000_000, "a rank holds the states and tables of so many samples at once")]
 Instants = Annotated[Integer, at_most(100_000, "every sample of the bands has as many numbers of each output")]
@@ -282,6 +281,16 @@ class Event(Table):
         """The level that is exceeded, or fallen below."""
         return self.below if self.above is None else self.above
 
+    @property
+    def sign(self) -> float:
+        """1 of an output above the level, -1 below: ``sign (output - level)`` is positive in the event."""
+        return -1.0 if self.above is None else 1.0
+
+    @property
+    def extreme(self) -> str:
+        """Which extreme over time is the nearest to the event, or the farthest in it: ``max`` or ``min``."""
+        return "min" if self.above is None else "max"
+
 
 class Ensemble(Table):
     """Many runs with parameters drawn from their distributions."""
@@ -304,11 +313,11 @@ class Ensemble(Table):
     replicates: Replicates = Field(
         8, description="scrambled Sobol sequences that take turns; intervals follow from their differences"
     )
-    confidence: Probability = Field(0.95, description="level of all confidence intervals")
+    confidence: Share = Field(0.95, description="level of all confidence intervals")
     bins: Bins | None = Field(
         None, ge=1, description="number of bins of the estimated densities; as many as the samples tell if not given"
     )
-    quantiles: tuple[Probability, ...] = Field(
+    quantiles: tuple[Share, ...] = Field(
         (0.025, 0.25, 0.5, 0.75, 0.975), description="probabilities of the reported quantiles"
     )
     probabilities: dict[Name, Event] = Field({}, description="probabilities of events, by label")
@@ -360,8 +369,7 @@ def ensemble_problems(scene: AnyScene) -> Iterator[str]:
     for label, event in scene.ensemble.probabilities.items():
         entry = f"ensemble.probabilities.{label}"
         if event.output not in scene.outputs:
-            what = f"there is no such output{nearest_name(event.output, scene.outputs)}"
-            yield problem(f"{entry}.output", what, event.output)
+            yield unknown(f"{entry}.output", "output", event.output, scene.outputs)
         for kind in ("outputs", "parameters"):
             if label in getattr(scene, kind):
                 yield problem(entry, f"{kind}.{label} has the same name; give the event another one")

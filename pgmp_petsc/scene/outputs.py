@@ -12,26 +12,22 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pgmp_petsc.base.units import UnknownUnit, take_unit
 from pgmp_petsc.declare.ideas import OUTPUTS, Found, refuse
-from pgmp_petsc.scene.fields import AnyScene, Table, named_numbers
+from pgmp_petsc.scene.fields import AnyScene, Table, Use, named_numbers
 from pgmp_petsc.scene.messages import Finding
-from pgmp_petsc.scene.uses import Use
 
 Axis = Literal["x", "y", "z"]
+#: Quantities of beams that need the shape of the section.
+OF_FIBRES = ("stress_max", "stress_min")
+_OF_FIBRES = dict.fromkeys(OF_FIBRES, "Pa")
+_OF_SOLIDS = dict.fromkeys(("von_mises", "principal_max", "principal_min"), "Pa")
 #: Quantities of a stress output by the kind of element, with their units.
 STRESSES = {
-    "solid2d": dict.fromkeys(("von_mises", "principal_max", "principal_min"), "Pa"),
-    "solid3d": dict.fromkeys(("von_mises", "principal_max", "principal_min"), "Pa"),
-    "beam2d": {"axial_force": "N", "shear_force": "N", "bending_moment": "N m", "stress_max": "Pa", "stress_min": "Pa"},
-    "beam3d": {
-        "axial_force": "N",
-        "shear_force_2": "N",
-        "shear_force_3": "N",
-        "torsion_moment": "N m",
-        "bending_moment_2": "N m",
-        "bending_moment_3": "N m",
-        "stress_max": "Pa",
-        "stress_min": "Pa",
-    },
+    "solid2d": _OF_SOLIDS,
+    "solid3d": _OF_SOLIDS,
+    "beam2d": {"axial_force": "N", "shear_force": "N", "bending_moment": "N m"} | _OF_FIBRES,
+    "beam3d": dict.fromkeys(("axial_force", "shear_force_2", "shear_force_3"), "N")
+    | dict.fromkeys(("torsion_moment", "bending_moment_2", "bending_moment_3"), "N m")
+    | _OF_FIBRES,
 }
 #: All of them, each once.
 QUANTITIES = tuple(dict.fromkeys(chain(*STRESSES.values())))
@@ -39,8 +35,6 @@ QUANTITIES = tuple(dict.fromkeys(chain(*STRESSES.values())))
 READS = ("frames", "outputs", "time", "parameters", "stresses", "multipliers", "beside", "history")
 #: Entries that say of what, where others than the output itself read it.
 NAMING = {"stresses": ("body", "quantity", "at", "group", "region"), "beside": ("controller",)}
-#: Quantities of beams that need the shape of the section.
-OF_FIBRES = ("stress_max", "stress_min")
 
 
 class OutputEntry(Table):
@@ -158,8 +152,7 @@ class OutputEntry(Table):
 
     def uses(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         """Yield the entries that may name a parameter; `entry` is the output's own."""
-        for key, *use in named_numbers(self):
-            yield Use(f"{entry}.{key}", *use)
+        yield from named_numbers(entry, self)
 
     def measured(self, entry: str) -> Iterator[Use]:
         """Yield the entries that no parameter can be, and whose unit is not that of their field."""

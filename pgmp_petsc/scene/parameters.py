@@ -39,10 +39,11 @@ from pgmp_petsc.scene.fields import (
     Table,
     Unit,
     at_most,
+    raw_tables,
     refusal,
 )
 from pgmp_petsc.scene.laws import Discrete, Empirical, Mixture, Normal, Uniform, quick
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import problem, unknown
 
 if TYPE_CHECKING:
     from scipy.stats import rv_continuous
@@ -236,6 +237,13 @@ class Parameter(Table):
     def _limits(self) -> tuple[float, float]:
         return (-np.inf, np.inf) if self.bounds is None else self.bounds
 
+    @property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest value by its bounds and its distribution; infinite where neither says an end."""
+        (low, high), law = self._limits, self.distribution
+        least, most = (low, high) if law is None else law.support
+        return max(low, least), min(high, most)
+
     def check_entries(self) -> None:
         if self.bounds is None:
             return
@@ -420,10 +428,9 @@ class RandomField(Table):
 def add_field_parameters(data: dict[str, Any]) -> None:
     """Put the parameters of all fields into raw tables, where they are not; what is no field is left for the
     validation."""
-    fields, parameters = data.get("fields"), data.setdefault("parameters", {}) if data.get("fields") else None
-    if not isinstance(fields, dict) or not isinstance(parameters, dict):
-        return
-    for name, entry in fields.items():
+    fields = raw_tables(data, "fields")
+    parameters = data.setdefault("parameters", {}) if fields else None
+    for name, entry in fields.items() if isinstance(parameters, dict) else ():
         try:
             field = RandomField.model_validate(entry)
         except ValueError:  # pydantic's; names that are none raise it too
@@ -462,7 +469,7 @@ def field_problems(scene: AnyScene) -> Iterator[str]:
 def _of_body(scene: AnyScene, name: str, field: RandomField) -> Iterator[str]:
     entry, body = f"fields.{name}", scene.bodies.get(field.body)
     if body is None:
-        yield problem(f"{entry}.body", f"there is no such body{nearest_name(field.body, scene.bodies)}", field.body)
+        yield unknown(f"{entry}.body", "body", field.body, scene.bodies)
         return
     if not body.flexible:
         yield problem(f"{entry}.body", "is rigid; a field needs a flexible body", field.body)

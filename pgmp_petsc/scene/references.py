@@ -19,20 +19,18 @@ are looked at.
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pgmp_petsc.base.errors import nearest_name, shortened
-from pgmp_petsc.base.units import QUANTITY
 from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
 from pgmp_petsc.scene.fields import GROUND, AnyScene, split_point, with_values
-from pgmp_petsc.scene.joints import MEASURED, WHERE, CouplingEntry, JointEntry, joints_with
-from pgmp_petsc.scene.messages import COMPONENTS, MAX_RECEIVED, problem
+from pgmp_petsc.scene.joints import MEASURED, WHERE, CouplingEntry, JointEntry
+from pgmp_petsc.scene.messages import COMPONENTS, MAX_RECEIVED, problem, unknown
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry, circle_of
 from pgmp_petsc.scene.uses import motion_over, ordered_ends, slides, uses_of
 
@@ -68,8 +66,7 @@ def effect_problems(scene: AnyScene) -> Iterator[str]:
 def _place_problems(scene: AnyScene, entry: str, table: EffectEntry | OutputEntry) -> Iterator[str]:
     """Yield a line for each joint and point that an effect or an output is at, and its axis, that there is not."""
     if table.joints and table.joint is not None:
-        fitting = joints_with(*table.joints, dimension=scene.dimension)
-        yield from joint_problems(scene, f"{entry}.joint", table.joint, fitting)
+        yield from joint_problems(scene, f"{entry}.joint", table.joint, table.joints)
         yield from motion_problems(scene, entry, table, table.joints)
     elif table.joints and getattr(table, "motion", None) is not None:
         yield problem(f"{entry}.motion", "without effect, as no joint is named; leave it out", table.motion)
@@ -84,13 +81,15 @@ def _place_problems(scene: AnyScene, entry: str, table: EffectEntry | OutputEntr
         yield problem(f"{entry}.axis", "x or y is needed in the plane", "z")
 
 
-def joint_problems(scene: AnyScene, entry: str, joint: str, allowed: tuple[type, ...]) -> Iterator[str]:
-    """Yield a line if there is no such joint, or it is of a kind that is not allowed."""
+def joint_problems(scene: AnyScene, entry: str, joint: str, motions: tuple[str, ...] = MEASURED) -> Iterator[str]:
+    """Yield a line if there is no such joint, or it is of a kind that leaves none of these motions free."""
+    kinds = [kind for kind in JOINTS.found() if scene.dimension in kind.dimensions]
+    allowed = tuple(kind for kind in kinds if {*motions} & {*kind.motions_in(scene.dimension)})
     fitting = [name for name, candidate in scene.joints.items() if isinstance(candidate, allowed)]
     *others, last = (kind.model_fields["type"].annotation.__args__[0] for kind in allowed)
     named = f"{', '.join(others)} or {last}" if others else last
     if joint not in scene.joints:
-        yield problem(entry, f"there is no such {named} joint{nearest_name(joint, fitting)}", joint)
+        yield unknown(entry, f"{named} joint", joint, fitting)
     elif joint not in fitting:
         allowed_ones = f"(allowed: {', '.join(fitting) or 'none is defined'})"
         found = f"a {named} joint is needed, this one is a {scene.joints[joint].type} {allowed_ones}"
@@ -103,7 +102,7 @@ def over_problems(scene: AnyScene, entry: str, effect: Any) -> Iterator[str]:
         if effect.over_motion is not None:
             yield problem(f"{entry}.over_motion", "needs over, the joint that has it", effect.over_motion)
         return
-    known = list(joint_problems(scene, f"{entry}.over", effect.over, joints_with(*MEASURED, dimension=scene.dimension)))
+    known = list(joint_problems(scene, f"{entry}.over", effect.over))
     motion = motion_over(scene, effect)
     yield from known or _not_free(scene, f"{entry}.over_motion", effect.over, MEASURED, motion, motion is None)
 
@@ -151,13 +150,6 @@ def point_problems(scene: AnyScene, entry: str, point: str, ground_allowed: bool
         yield unknown(entry, "point", point, [f"{owner}:{known}" for known in rigid.places])
 
 
-def unknown(entry: str, kind: str, name: str, known: Iterable[str]) -> str:
-    """Return the line about a name that nothing has."""
-    if kind == "parameter" and re.match(QUANTITY, name):
-        return problem(entry, "a number of any quantity is in the units of the scene; give it without quotes", name)
-    return problem(entry, f"there is no such {kind}{nearest_name(name, known)}", name)
-
-
 def points_problems(scene: AnyScene, entry: str, points: tuple[str, str]) -> Iterator[str]:
     """Yield a line for each of two points that there is not, and if their distance cannot change."""
     for point in points:
@@ -200,8 +192,7 @@ def _impulse_problems(scene: AnyScene, entry: str, effect: OverTime) -> Iterator
     run = scene.simulation
     if run.tolerance is not None:
         return  # the step is not known yet
-    n_steps = max(1, math.ceil(run.duration / run.step * (1 - 1e-12)))
-    found = impulse_of(effect.table, run.duration, n_steps)
+    found = impulse_of(effect.table, run.duration, run.n_steps)
     # what sets in within a step is seen half a step early or late; that is as it should be
     tolerated = max(LOST_IMPULSE * found.whole, 0.5 * run.step * found.largest)
     if abs(found.seen - found.exact) > tolerated:
@@ -329,20 +320,15 @@ def stress_problems(scene: AnyScene, name: str, output: OutputEntry) -> Iterator
 
 def points_used(scene: AnyScene, body: str) -> dict[str, str]:
     """Return the points of a body that the scene names, each with the entry that names it first."""
-    addresses: list[tuple[str, str]] = []
-    for name, joint in scene.joints.items():
-        addresses += [(address, f"joints.{name}.connect") for address in joint.connect]
-    for table in ("coordinates", "effects", "outputs"):
-        for name, entry in getattr(scene, table).items():
-            for key in ("point", "points", "towards"):
-                value = getattr(entry, key, None)
-                named = (value,) if isinstance(value, str) else value or ()
-                addresses += [(address, f"{table}.{name}.{key}") for address in named]
     found: dict[str, str] = {}
-    for address, entry in addresses:
-        owner, point = split_point(address)
-        if owner == body:
-            found.setdefault(point, entry)
+    for table in ("joints", "coordinates", "effects", "outputs"):
+        for name, entry in getattr(scene, table).items():
+            for key in ("connect", "point", "points", "towards"):
+                value = getattr(entry, key, None)
+                for address in (value,) if isinstance(value, str) else value or ():
+                    owner, point = split_point(address)
+                    if owner == body:
+                        found.setdefault(point, f"{table}.{name}.{key}")
     return found
 
 
@@ -353,7 +339,7 @@ DEGREES, FEW_TURNS = 5.0, 25.0  # angles in degrees are multiples of 5 as a rule
 def reference_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each entry that does not fit the others."""
     checks = (_bodies, _joints, _coordinates, effect_problems, _outputs, _names_of_results, _initial_states)
-    for check in (*checks, _parameter_uses, _vectors, _in_space if scene.dimension == 3 else _in_the_plane):
+    for check in (*checks, _parameter_uses, _vectors, _of_one_space):
         yield from check(scene)
 
 
@@ -472,8 +458,7 @@ def _joint_of_coordinate(
 ) -> Iterator[str]:
     """Yield a line if a coordinate's joint does not have its motion, or another one has the same."""
     entry, key = f"coordinates.{name}", (coordinate.joint, slides(scene, coordinate))
-    fitting = joints_with(*MEASURED, dimension=scene.dimension)
-    yield from joint_problems(scene, f"{entry}.joint", coordinate.joint, fitting)
+    yield from joint_problems(scene, f"{entry}.joint", coordinate.joint)
     yield from motion_problems(scene, entry, coordinate, all_said=True)
     if key in taken:
         words = f"coordinates.{taken[key]} has the same joint and motion; each motion may serve one coordinate"
@@ -513,6 +498,9 @@ def _outputs(scene: AnyScene) -> Iterator[str]:
 
 def _initial_states(scene: AnyScene) -> Iterator[str]:
     for name, state in scene.simulation.initial.items():
+        if name not in scene.coordinates:
+            what = f"there is no such coordinate{nearest_name(name, scene.coordinates)}"
+            yield problem(f"simulation.initial.{name}", what)
         if scene.initial.equilibrium and state.velocity != 0.0:
             yield problem(
                 f"simulation.initial.{name}.velocity",
@@ -520,10 +508,6 @@ def _initial_states(scene: AnyScene) -> Iterator[str]:
                 "run the coordinate up (effects of type prescribed_motion, spin_up), or leave the equilibrium out",
                 state.velocity,
             )
-    for name in scene.simulation.initial:
-        if name not in scene.coordinates:
-            what = f"there is no such coordinate{nearest_name(name, scene.coordinates)}"
-            yield problem(f"simulation.initial.{name}", what)
     for name, coordinate in scene.coordinates.items():
         (low, high), position = coordinate.range, scene.initial_state(name).position
         if name not in scene.driven and not (coordinate.periodic or low <= position <= high):
@@ -573,16 +557,13 @@ def _vectors(scene: AnyScene) -> Iterator[str]:
             yield problem(entry, COMPONENTS[n], list(value))
 
 
-def _in_the_plane(scene: AnyScene) -> Iterator[str]:
+def _of_one_space(scene: AnyScene) -> Iterator[str]:
+    in_plane = scene.dimension == 2
+    turned, cure = (
+        ("rotation", "mechanisms in space; give angle") if in_plane else ("angle", "the plane; give rotation")
+    )
     for name, body in scene.bodies.items():
-        if body.placement is not None and body.placement.rotation is not None:
-            rotation = list(body.placement.rotation)
-            yield problem(f"bodies.{name}.placement.rotation", "for mechanisms in space; give angle", rotation)
-
-
-def _in_space(scene: AnyScene) -> Iterator[str]:
-    for name, body in scene.bodies.items():
-        if body.dimension == 2:
+        if body.dimension < scene.dimension:
             others = ", ".join(f"{one} ({entry.kind})" for one, entry in scene.bodies.items() if entry.dimension == 3)
             if body.rigid is not None:
                 words = f"is one number, for the plane, but {others} in space; there it has six entries"
@@ -590,5 +571,5 @@ def _in_space(scene: AnyScene) -> Iterator[str]:
                 continue
             words = f"in the plane, but {others} in space; all bodies are beam2d and solid2d, or beam3d and solid3d"
             yield problem(f"bodies.{name}.element", words, body.element)
-        if body.placement is not None and body.placement.angle:
-            yield problem(f"bodies.{name}.placement.angle", "for the plane; give rotation", body.placement.angle)
+        if given := getattr(body.placement, turned, None):
+            yield problem(f"bodies.{name}.placement.{turned}", f"for {cure}", given)

@@ -18,14 +18,14 @@ from pgmp_petsc.scene import numerics
 from pgmp_petsc.scene.bodies import Body, Material
 from pgmp_petsc.scene.controllers import Controller, controller_problems
 from pgmp_petsc.scene.effects import Driving, Effect
-from pgmp_petsc.scene.fields import Name, Number, OneLine, Table
+from pgmp_petsc.scene.fields import Name, Number, OneLine, Sign, Table
 from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
 from pgmp_petsc.scene.messages import input_error
 from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter, RandomField, correlation_problems, field_problems
 from pgmp_petsc.scene.references import part_problems, parts_of, reference_problems
 from pgmp_petsc.scene.units import text_problems, unit_problems
-from pgmp_petsc.scene.uses import Sign, length_problems, uses_of
+from pgmp_petsc.scene.uses import length_problems, uses_of
 
 ANGLES_OF_SEVERAL = {2: 24, 3: 16}  # along each of several coordinates, where a scene does not say
 MOST_OF_SEVERAL = {2: 10_000, 3: 100_000}  # configurations: adaptive sampling begins with twice as many along each
@@ -134,9 +134,8 @@ class Scene(Table):
 
         One that says none is computed with its numbers as they are, and shown with the names of `number_units`.
         """
-        return (
-            SAID[self.scene.units] if self.scene.units else replace(self.number_units, length=1.0, mass=1.0, time=1.0)
-        )
+        said = self.scene.units
+        return SAID[said] if said else replace(self.number_units, length=1.0, mass=1.0, time=1.0)
 
     @property
     def number_units(self) -> UnitSystem:

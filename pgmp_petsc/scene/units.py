@@ -30,10 +30,10 @@ from pgmp_petsc.base.units import (
     si_name,
     times,
 )
-from pgmp_petsc.scene.fields import AnyScene, is_number
+from pgmp_petsc.scene.fields import AnyScene, Use, is_number, raw_tables
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.parameters import OWN
-from pgmp_petsc.scene.uses import Use, measured_uses, uses_of
+from pgmp_petsc.scene.uses import measured_uses, uses_of
 
 
 def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, str]:
@@ -43,12 +43,9 @@ def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, st
     What is no number, or has an unknown unit, is left for the validation to refuse. Raises `InputError` if a number is
     a text with another unit than the rest of its parameter.
     """
-    parameters = data.get("parameters")
     given: dict[str, str] = {}
     own_names = {"", "-"} | {plain(system.unit(label)) for label in UNITS}
-    for name, parameter in parameters.items() if isinstance(parameters, dict) else ():
-        if not isinstance(parameter, dict):
-            continue
+    for name, parameter in raw_tables(data, "parameters").items():
         found: list[object] = []
         converted(parameter, found.append)
         texts = [value for value in found if isinstance(value, str) and re.match(QUANTITY, value)]
@@ -70,7 +67,7 @@ def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, st
         # numbers beside a text are in the scene's units, where the parameter says no other
         factor = factor / system.size(dimension) if "unit" in parameter else 1.0
         numbers = converted(parameter, lambda value, factor=factor: _number(value, factor, system))
-        parameters[name] = numbers | {"unit": label}
+        data["parameters"][name] = numbers | {"unit": label}
     return given
 
 

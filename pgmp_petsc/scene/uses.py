@@ -10,34 +10,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
 
 from pgmp_petsc.base.errors import shortened
-from pgmp_petsc.scene.fields import AnyScene, Sign, named_numbers
+from pgmp_petsc.scene.fields import AnyScene, Use, named_numbers
 from pgmp_petsc.scene.joints import MEASURED, CouplingEntry
 from pgmp_petsc.scene.messages import problem
 
 SomeScene = TypeVar("SomeScene")
-
-
-@dataclass(frozen=True)
-class Use:
-    """One entry that may name a parameter."""
-
-    entry: str  # dotted name
-    value: float | str  # what it holds
-    sign: Sign  # which numbers make sense
-    #: what it is in, any of them; "1" is without a unit, none is any unit. The factor of a table is without one, or has
-    #: the table's.
-    units: tuple[str, ...]
-
-    @property
-    def parameter(self) -> str | None:
-        """Name of the parameter that it holds, or None."""
-        return self.value if isinstance(self.value, str) else None
 
 
 def length_uses(scene: AnyScene) -> Iterator[Use]:
@@ -50,7 +33,7 @@ def length_uses(scene: AnyScene) -> Iterator[Use]:
             yield Use(f"ground.points.{name}.{axis}", value, "any", ("m",))
     for name, joint in scene.joints.items():
         if isinstance(joint, CouplingEntry):
-            yield from _of_table(f"joints.{name}", joint)
+            yield from named_numbers(f"joints.{name}", joint)
 
 
 def velocity_names(scene: AnyScene) -> dict[str, str]:
@@ -63,7 +46,7 @@ def uses_of(scene: AnyScene) -> Iterator[Use]:
     """Yield every entry that may name a parameter."""
     yield from length_uses(scene)
     for name, material in scene.materials.items():
-        yield from _of_table(f"materials.{name}", material)
+        yield from named_numbers(f"materials.{name}", material)
     for name, field in scene.fields.items():
         for parameter in field.names(name):
             yield Use(f"fields.{name}", parameter, "any", ("1",))
@@ -76,7 +59,7 @@ def uses_of(scene: AnyScene) -> Iterator[Use]:
     for name, joint in scene.joints.items():
         slid = isinstance(joint, CouplingEntry) and joint.shares_in(scene)[0].motion == "sliding"
         for table in ("elastic", "offset", "clearance"):
-            yield from _of_table(f"joints.{name}.{table}", getattr(joint, table), slid)
+            yield from named_numbers(f"joints.{name}.{table}", getattr(joint, table), slid)
     for name, effect in scene.effects.items():
         yield from effect.uses(f"effects.{name}", not slides(scene, effect))
     for name, controller in scene.controllers.items():
@@ -85,19 +68,14 @@ def uses_of(scene: AnyScene) -> Iterator[Use]:
         yield from output.uses(scene, f"outputs.{name}")
 
 
-def _of_table(entry: str, table: Any, slides: bool = False) -> Iterator[Use]:
-    for key, *use in named_numbers(table, slides) if table is not None else ():
-        yield Use(f"{entry}.{key}", *use)
-
-
 def _of_body(entry: str, body: Any) -> Iterator[Use]:
-    yield from _of_table(entry, body)
+    yield from named_numbers(entry, body)
     if body.rigid is not None:
         yield Use(f"{entry}.rigid.mass", body.rigid.mass, "positive", ("kg",))
         for key, moment in body.rigid.moments.items():
             yield Use(f"{entry}.rigid.inertia.{key}", moment, "positive" if key[1] == key[2] else "any", ("kg m2",))
-    yield from _of_table(f"{entry}.matrices", body.matrices)
-    for use in _of_table(f"{entry}.section", body.section):
+    yield from named_numbers(f"{entry}.matrices", body.matrices)
+    for use in named_numbers(f"{entry}.section", body.section):
         yield replace(use, sign="positive") if body.flexible else use
 
 
@@ -113,8 +91,7 @@ def measured_uses(scene: AnyScene) -> Iterator[Use]:
     for name, effect in scene.effects.items():
         yield from effect.measured(scene, f"effects.{name}")
     for name, joint in scene.joints.items():
-        for entry, value, unit in joint.measured(scene, f"joints.{name}"):
-            yield Use(entry, value, "any", (unit,))
+        yield from joint.measured(scene, f"joints.{name}")
     for name, output in scene.outputs.items():
         yield from output.measured(f"outputs.{name}")
     for label, event in scene.ensemble.probabilities.items():
@@ -126,14 +103,14 @@ def measured_uses(scene: AnyScene) -> Iterator[Use]:
 def offset_names(scene: AnyScene) -> set[str]:
     """Return the parameters that are offsets of joints."""
     offsets = (joint.offset for joint in scene.joints.values() if joint.offset is not None)
-    return {value for offset in offsets for _, value, *_ in named_numbers(offset) if isinstance(value, str)}
+    return {use.parameter for offset in offsets for use in named_numbers("", offset)} - {None}
 
 
 def offset_directions(scene: AnyScene) -> tuple[str | None, ...]:
     """Return what joints are off by, each by its own amount: the parameters, sorted, and None for numbers if any is
     not zero."""
     offsets = (joint.offset for joint in scene.joints.values() if joint.offset is not None)
-    numbers = any(value for offset in offsets for _, value, *_ in named_numbers(offset) if not isinstance(value, str))
+    numbers = any(use.value for offset in offsets for use in named_numbers("", offset) if use.parameter is None)
     return (*sorted(offset_names(scene)), *((None,) if numbers else ()))
 
 
@@ -187,20 +164,9 @@ def length_names(scene: AnyScene) -> tuple[str, ...]:
     return tuple(sorted({use.parameter for use in length_uses(scene) if use.parameter is not None}))
 
 
-def length_range(scene: AnyScene, name: str) -> tuple[float, float]:
-    """Return the smallest and largest value (m or 1) of a parameter; infinite where nothing says an end."""
-    parameter, (low, high) = scene.parameters[name], (-np.inf, np.inf)
-    if parameter.bounds is not None:
-        low, high = parameter.bounds
-    if parameter.distribution is not None:
-        least, most = parameter.distribution.support
-        low, high = max(low, least), min(high, most)
-    return float(low), float(high)
-
-
 def extremes(scene: AnyScene) -> Iterator[dict[str, float]]:
     """Yield the ends of every length with nominal others, and those of all together, where there are several."""
-    ranges = {name: length_range(scene, name) for name in length_names(scene)}
+    ranges = {name: scene.parameters[name].range for name in length_names(scene)}
     nominal = {name: scene.nominal[name] for name in ranges}
     for name, ends in ranges.items():
         for end in ends:
@@ -271,7 +237,7 @@ def _of_parameter(scene: AnyScene, name: str, use: Use, other: Use | None) -> It
     if other is not None:
         words = f"{use.entry} and {other.entry} use it; what is a length, a place or a ratio cannot be anything else"
         yield problem(entry, f"{words}, so take a parameter for each")
-    low, high = length_range(scene, name)
+    low, high = parameter.range
     if not (math.isfinite(low) and math.isfinite(high)):
         in_unit = f" ({scene.system.unit('m')})" if use.units == ("m",) else ""
         why = f"missing; {use.entry} uses it, and the reduced model is built between its ends"

@@ -13,9 +13,8 @@ Pairs of every eigensolver have to pass checks of their residuals, and that none
 ``A - sigma B`` is factorised by MUMPS, in memory or in files: for answers, or to count eigenvalues. What a factor takes
 is known to MUMPS after its analysis. Where that is more than it may have, it ends there, and the factor is made once
 more and kept in files ("out of core"): the same to round-off, and every solve has to read it. A factor that only counts
-the eigenvalues below sigma (Sylvester's law of inertia: as many as there are negative pivots) is not kept at all; MUMPS
-drops what no later pivot needs, and takes a fraction of the memory. Block low-rank factors are no alternative here: see
-docs/solids.md.
+the eigenvalues below sigma is not kept at all; MUMPS drops what no later pivot needs, and takes a fraction of the
+memory. Block low-rank factors are no alternative here: see docs/solids.md.
 
 Factors that do not fit into memory have a folder, one a rank; MUMPS writes and reads them there. It is made where
 MUMPS' own variable ``MUMPS_OOC_TMPDIR`` says, else where temporary files go (``TMPDIR``), and is gone when the factor

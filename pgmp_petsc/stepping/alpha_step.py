@@ -131,7 +131,7 @@ class AlphaStep:
         self.count(taken.n_corrections, -(-taken.n_corrections // REFRESH_EVERY), taken.n_calls)
         if self._projects:
             state = taken.states.at(0)
-            self._project(float(ends[0]), state, step, samples & ~taken.lost)
+            self._system.project(float(ends[0]), state, step, samples & ~taken.lost)
             taken.auxiliary[0] = _following(scheme, moment.auxiliary, state.a, moment.state.a)
         return taken
 
@@ -163,7 +163,7 @@ class AlphaStep:
             self._system.restore(state, predicted, lost)
             lost = self._iterate_carefully(end, state, scheme, lost)
         if self._projects:
-            self._project(end, state, step, samples & ~lost)
+            self._system.project(end, state, step, samples & ~lost)
         self._system.count_turns(state)
         follows = _following(scheme, moment.auxiliary, state.a, moment.state.a)
         return Moment(state, follows, moment.state.a.copy(), known), lost
@@ -206,11 +206,6 @@ class AlphaStep:
     def count(self, n_corrections: np.ndarray | int, n_fresh: np.ndarray | int, n_calls: int) -> None:
         """Count corrections, those with a matrix of their own, and calls of the system."""
         self.counted += (np.sum(n_corrections), np.sum(n_fresh), n_calls)
-
-    def _project(self, end: float, state: State, step: float, samples: np.ndarray) -> None:
-        """Make velocities and accelerations of some samples consistent with the constraints."""
-        self._system.project(end, state, step, samples)
-        self._system.count_turns(state)
 
     def _iterate_carefully(self, time: float, state: State, scheme: Scheme, alive: np.ndarray) -> np.ndarray:
         """Run Newton's iteration with limited corrections, in place; return the samples that failed.

@@ -144,7 +144,7 @@ def _bodies(mechanism: Mechanism) -> list[str]:
     lines, system = [], mechanism.scene.system
     for body in mechanism.bodies:
         if not body.flexible:
-            weights = ", ".join(map(str, sorted(body.mass_weights)))
+            weights = ", ".join(map(str, sorted(body.weights("mass"))))
             given = _given(mechanism.scene, body.name)
             said = "" if given is None else f", {_properties_text(given, mechanism.scene)}"
             lines.append(f"  body          {body.name}: rigid{said}, weights of its mass {weights}")

@@ -16,12 +16,12 @@ petsc4py.init([])
 from mpi4py import MPI  # noqa: E402
 
 from pgmp_petsc.base.errors import RunError  # noqa: E402
-from pgmp_petsc.bodies.affine import Monomial  # noqa: E402
+from pgmp_petsc.bodies.affine import Monomial, total_at  # noqa: E402
 from pgmp_petsc.bodies.component import Component, linear_fields  # noqa: E402
 from pgmp_petsc.bodies.matrices import weighted_sum  # noqa: E402
 from pgmp_petsc.bodies.solid import FaceFrame  # noqa: E402
 from pgmp_petsc.components import component_modes  # noqa: E402
-from pgmp_petsc.components.component_modes import condense, weighted_sum_dense  # noqa: E402
+from pgmp_petsc.components.component_modes import condense  # noqa: E402
 from pgmp_petsc.mesh.solid_mesh import reference_element  # noqa: E402
 
 KINDS, LENGTHS, DENSITY, N_MODES = ("quad8", "hexahedron20"), (0.6, 0.06, 0.04), 7800.0, 6
@@ -31,7 +31,7 @@ OTHER = (1.3e11, 2.65e11)  # Pa, where the subspace of two materials was not mad
 @lru_cache
 def condensed(kind: str, two_materials: bool = False) -> tuple[Component, np.ndarray]:
     solid, frames, points = rod(kind, two_materials)
-    return condense(solid, frames, points, N_MODES, MPI.COMM_SELF)[:2]
+    return condense(solid, frames, points, N_MODES, MPI.COMM_SELF)
 
 
 class Both:
@@ -46,8 +46,8 @@ class Both:
         self.stiffness = weighted_sum(solid.stiffness(range(n_nodes)), values)
         self.mass = weighted_sum(solid.mass(range(n_nodes)), values)
         self.means = np.vstack([frame.functionals(n_nodes).toarray() for frame in frames.values()])
-        self.small_stiffness = weighted_sum_dense(self.component.stiffness, values)
-        self.small_mass = weighted_sum_dense(self.component.mass, values)
+        self.small_stiffness = total_at(self.component.stiffness, values)
+        self.small_mass = total_at(self.component.mass, values)
 
     def eigenvalues(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the eigenvalues of the modes asked for, rigid ones first: of the mesh and condensed."""
@@ -159,7 +159,7 @@ def test_modes_that_no_frame_feels_are_kept(kind: str) -> None:
     solid, frames, points = rod(kind)
     faces = np.vstack([solid.mesh.groups[name] for name in frames])
     frame = FaceFrame.of(solid.mesh.nodes, faces, reference_element(kind).face_kind)
-    component, recovery, _ = condense(solid, {"ends": frame}, points, 10, MPI.COMM_SELF)
+    component, recovery = condense(solid, {"ends": frame}, points, 10, MPI.COMM_SELF)
     full, _ = Both(kind).eigenvalues()
     n_rigid = full.size - N_MODES
     found, modes = eigh(component.stiffness[Monomial()], component.mass[Monomial()])
@@ -180,7 +180,7 @@ def test_many_modes_settle_and_a_mesh_with_fewer_is_kept_whole(
     mesh = mesh_of("quad8", counts, lengths)
     frames = {name: FaceFrame.of(mesh.nodes, mesh.groups[name], "line3") for name in ("left", "right")}
     solid = body_of(mesh, 210e9, DENSITY)
-    component, *_ = condense(solid, frames, [{}], n_modes, MPI.COMM_SELF)
+    component, _ = condense(solid, frames, [{}], n_modes, MPI.COMM_SELF)
     assert component.n == component.n_mesh_dofs == 16 if counts == (1, 1) else component.n < component.n_mesh_dofs
     stiffness, mass = matrices_of(solid)
     full = eigh(stiffness.toarray(), mass.toarray(), eigvals_only=True)[3 : 3 + n_modes]

@@ -15,12 +15,11 @@ from solids import body_of, fields_on, matrices_of, mesh_of, rod, third_of
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity, evaluate_weights
 from pgmp_petsc.bodies.component import Component, linear_fields
-from pgmp_petsc.bodies.large_deformation import LongAxis
 from pgmp_petsc.bodies.profile import SectionScale
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.components.condensing import condensed
-from pgmp_petsc.components.large_deformation import FieldsOnRanks, contraction_of, with_second_order
+from pgmp_petsc.components.large_deformation import FieldsOnRanks, LongAxis, contraction_of, with_second_order
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.checkpoint import BuildCheckpoint
 
@@ -30,7 +29,7 @@ COUNTS, LENGTHS, NU = (3, 2, 2), (0.6, 0.06, 0.04), 0.3
 
 def of_second_order(solid: Solid, frames: dict, points: list, n_modes: int) -> tuple[Component, np.ndarray]:
     """Return a condensed body with what is of second order in it, and its displacement fields."""
-    component, recovery, _ = condense(solid, frames, points, n_modes, MPI.COMM_SELF, large=True)
+    component, recovery = condense(solid, frames, points, n_modes, MPI.COMM_SELF, large=True)
     return with_second_order(component, solid, recovery, MPI.COMM_SELF, points[0]), recovery
 
 
@@ -95,7 +94,7 @@ def test_terms_of_two_materials_are_affine() -> None:
 @pytest.mark.parametrize("kind", ["quad8", "hexahedron20"])
 def test_the_moments_make_the_mass_and_turn_with_the_body(kind: str) -> None:
     solid, frames, points = rod(kind)
-    component, recovery, _ = condense(solid, frames, points, 3, MPI.COMM_SELF)
+    component, recovery = condense(solid, frames, points, 3, MPI.COMM_SELF)
     (moments,), (own,), d = component.moments.values(), component.mass.values(), solid.mesh.dimension
     np.testing.assert_allclose(np.trace(moments), own, rtol=0, atol=1e-12 * np.abs(own).max())
     mass, n = matrices_of(solid)[1], component.n
@@ -143,7 +142,7 @@ def test_condensed_bodies_answer_the_inertia_forces_of_rigid_motion(kind: str) -
     """Forces as of linear fields, balanced by those of rigid accelerations, against the whole mesh."""
     solid, frames, points = rod(kind)
     component, recovery = of_rod(kind)
-    bare, *_ = condense(solid, frames, points, 3, MPI.COMM_SELF)
+    bare, _ = condense(solid, frames, points, 3, MPI.COMM_SELF)
     assert component.n > bare.n
     stiffness, mass = (matrix.toarray() for matrix in matrices_of(solid))
     fields = linear_fields(solid.mesh.nodes)

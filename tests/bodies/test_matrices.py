@@ -307,7 +307,7 @@ def test_mass_and_inertia_are_those_of_a_box(kind: str) -> None:
 def test_a_body_in_the_plane_is_a_mass_on_a_node() -> None:
     body = RigidBody.of_component("bar", rigid_component(framed("quad8")))
     assert not body.flexible and body.n_nodes == 1 and body.n_internal == 0
-    assert body.mass_weights == {DENSITY.monomial} and body.stiffness_weights == set()
+    assert body.weights("mass") == {DENSITY.monomial} and body.weights("stiffness") == set()
     assert body.shape.points == {"left": 0, "right": 1}
 
 

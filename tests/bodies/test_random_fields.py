@@ -181,8 +181,8 @@ def test_matrices_of_beams_in_space_are_scaled_element_by_element() -> None:
         for one in (body, uniform)
     )
     np.testing.assert_allclose(found, factor[:, None, None] * expected, rtol=1e-12)
-    assert set(body.stiffness_weights) == set(body.of_elements("stiffness", every))
-    assert set(body.mass_weights) == set(uniform.mass_weights)
+    assert set(body.weights("stiffness")) == set(body.of_elements("stiffness", every))
+    assert set(body.weights("mass")) == set(uniform.weights("mass"))
 
 
 def test_matrices_of_cells_are_those_of_a_mesh_with_a_region_for_every_cell() -> None:

@@ -6,7 +6,7 @@ from scipy import stats
 
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.failures import failure_remarks, has_steps_left, step_remarks
-from pgmp_petsc.ensemble.rare_events import find
+from pgmp_petsc.ensemble.rare_events import Level, RareSamples, find
 from pgmp_petsc.ensemble.rare_run import rare_remarks, with_failed
 from pgmp_petsc.stepping.status import Status
 
@@ -96,13 +96,24 @@ def test_plain_samples_that_failed_may_all_be_in_the_event() -> None:
     """Weights say nothing of them where weighted samples do not come."""
     rounds = [np.full(100, 1e-4), np.full(200, 1e-4)]
     ends = intervals.of_weighted(rounds, 0.95)
-    np.testing.assert_allclose(intervals.with_failed(ends, rounds, 0, 250, 0.95), ends)
+
+    def found(n_failed: int, n_in: int, n_of_chains: int) -> np.ndarray:
+        before = np.repeat([np.inf, -1.0, 1.0], [n_failed, n_in, 250 - n_failed - n_in])
+        values = np.concatenate(
+            [np.where(np.isinf(before), np.nan, before), np.full(n_of_chains, np.nan), np.zeros(300)]
+        )
+        levels = (Level(0.0, 0.1, 1.0, before),)
+        samples = RareSamples(levels, np.full((values.size, 1), 3.5), values, np.concatenate(rounds), (100, 200))
+        return with_failed(samples, 0.95)
+
+    np.testing.assert_allclose(found(0, 0, 1), ends)
     upper = stats.binomtest(3, 250).proportion_ci(0.95, "exact").high
-    np.testing.assert_allclose(intervals.with_failed(ends, rounds, 3, 250, 0.95), [ends[0], upper])
+    np.testing.assert_allclose(found(3, 0, 0), [ends[0], upper])
     upper = stats.binomtest(7, 250).proportion_ci(0.95, "exact").high  # four that came true among the first samples
-    np.testing.assert_allclose(intervals.with_failed([0.0, 0.01], rounds[:1], 3, 250, 0.95, 4), [0.0, upper])
-    not_reached = intervals.with_failed(np.full(2, np.nan), [], 0, 250, 0.95)
-    np.testing.assert_allclose(not_reached, [0.0, 1 - 0.025 ** (1 / 250)])
+    np.testing.assert_allclose(found(3, 4, 0), [ends[0], upper])
+    values = np.where(np.arange(250) < 1, np.nan, 1.0)
+    not_reached = with_failed(RareSamples((), np.zeros((250, 1)), values, np.zeros(0), ()), 0.95)
+    np.testing.assert_allclose(not_reached, [0.0, stats.binomtest(1, 250).proportion_ci(0.95, "exact").high])
     assert np.isnan(intervals.of_weighted([np.zeros(4)], 0.95)).all()
 
 

@@ -263,7 +263,7 @@ def test_few_samples_for_many_parameters_end_with_a_bound(d: int, n: int) -> Non
 
     assert rare_events.find(steps, d, n, 1).limit_state.size <= n
     assert not rare_events._Chains(plane(2, 3.0), 1, 2, 7).weigh(
-        np.ones((3, 2)), np.ones(3), np.arange(3), np.ones((0, 2)), 0.0, None
+        importance.Cloud(np.ones((3, 2)), np.ones(3), np.arange(3), np.ones(3)), np.ones((0, 2)), 0.0, None
     )
 
 

@@ -16,7 +16,15 @@ import pgmp_petsc.estimates.reference_motion as module
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.estimates import starts
 from pgmp_petsc.estimates.checking_model import CheckingModel
-from pgmp_petsc.estimates.own_error import OwnErrors, large_errors, not_estimated, not_known, of_figures, of_statistics
+from pgmp_petsc.estimates.error_indicator import Estimate
+from pgmp_petsc.estimates.own_error import (
+    errors_of_runs,
+    large_errors,
+    not_estimated,
+    not_known,
+    of_figures,
+    of_statistics,
+)
 from pgmp_petsc.estimates.reference_motion import (
     DAMPED,
     FINER,
@@ -24,7 +32,6 @@ from pgmp_petsc.estimates.reference_motion import (
     MOST,
     ReferenceMotion,
     differences,
-    kept_steps,
     places_of,
     schedules,
 )
@@ -92,12 +99,12 @@ def test_figures_are_told_from_a_share_of_their_size_on() -> None:
 
 def test_errors_that_are_not_estimated_are_said_to_be_unknown() -> None:
     model = reduced_model(slider_crank())  # without outputs
-    assert OwnErrors.of_runs(model, [model.scene.values]) is None
+    assert errors_of_runs(model, [model.scene.values]) is None
     said = not_known(model, "derivatives")
     assert said.kind == "note" and "errors of the reduced model do to derivatives is not known: errors" in said.text
     model, time = reduced_model(slider_crank("outputs.angle={type='angle', joint='crank_hinge'}")), np.arange(3.0)
     history = time, {"angle": 0.1 * time, "force": np.full(3, np.nan)}
-    found = OwnErrors({}, [history], {"angle": ("",), "force": ("two estimates disagree",)})
+    found = Estimate({}, {}, [history], {"angle": ("",), "force": ("two estimates disagree",)})
     assert np.array_equal(found.over(time[1:], ["angle"])["angle"], [0.1, 0.2])
     assert found.over(time, ["angle", "force"]) is None
     assert (
@@ -111,7 +118,7 @@ def test_a_run_without_an_estimate_is_named() -> None:
     free = "coordinates.theta.periodic=false", "coordinates.theta.range=[-1.0, 0.5]", "simulation.duration=0.02"
     model = reduced_model(slider_crank(angle, speed, *free, "simulation.initial.theta.velocity='speed'"))
     points = [model.scene.values | {"speed": value} for value in (1.0, 1e3, 2.0)]
-    found = OwnErrors.of_runs(model, points)
+    found = errors_of_runs(model, points)
     assert np.array_equal(np.isfinite(found.at_end["angle"]), [True, False, True])
     assert "is not known: the run at speed = 1000 stopped at 0." in not_known(model, "it", found, ["angle"]).text
 
@@ -227,7 +234,7 @@ def test_an_output_without_an_estimate_says_why(tmp_path: Path) -> None:
 def test_schedules_are_even_and_end_with_the_run(n_steps: int) -> None:
     """Intervals are whole numbers of steps and all the same, but the first may be short."""
     found = schedules(n_steps, 3.0)
-    kept = kept_steps([one.steps for one in found])
+    kept = np.unique(np.concatenate([one.steps for one in found]))
     assert [one.steps.size for one in found] == sorted(one.steps.size for one in found)
     for one in found:
         assert (one.steps[0], one.steps[-1]) == (0, FINER * n_steps) and one.steps.size <= MOST + 1
@@ -360,19 +367,20 @@ def test_accelerations_of_bodies_that_are_shaken_hard(turning: float) -> None:
         scale = np.abs(pushed).max()
         # BEND by which bodies bend on the path, times the turn meanwhile, 1e-4 rad; the mechanism's turn alone sets
         # a path on which it is 0.03 to 3
-        np.testing.assert_allclose(motion.at(number).a, pushed + curved, rtol=0, atol=5e-5 * scale)
+        np.testing.assert_allclose(motion.over(number, 1)[2, 0], pushed + curved, rtol=0, atol=5e-5 * scale)
 
 
 def test_instants_do_not_depend_on_what_is_computed_together(model: ReducedModel, monkeypatch) -> None:
     states = states_of(model)
     together = motion_of(model, states)
-    expected = [together.at(number) for number in range(len(states))]
+    expected = [together.over(number, 1)[:, 0] for number in range(len(states))]
     monkeypatch.setattr(module, "LARGEST", 1)
     alone = motion_of(model, states)
     for number in (0, 1, 5, 2):
-        np.testing.assert_array_equal(alone.at(number).q, expected[number].q)
-        np.testing.assert_allclose(alone.at(number).a, expected[number].a, rtol=1e-12)
-    np.testing.assert_array_equal(alone.over(1, 4)[0], [expected[number].q for number in range(1, 5)])
+        found = alone.over(number, 1)[:, 0]
+        np.testing.assert_array_equal(found[0], expected[number][0])
+        np.testing.assert_allclose(found[2], expected[number][2], rtol=1e-12)
+    np.testing.assert_array_equal(alone.over(1, 4)[0], [expected[number][0] for number in range(1, 5)])
     np.testing.assert_array_equal(alone.over(3, 2)[2], alone.over(2, 4)[2, 1:3])
 
 

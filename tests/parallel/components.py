@@ -22,7 +22,7 @@ def run(directory: Path, kind: str) -> None:
     """Condense one body and write it from the first rank."""
     comm = MPI.COMM_WORLD
     solid, frames, points = rod(kind, two_materials=True)
-    component, recovery, _ = condense(solid, frames, points, 6, comm)
+    component, recovery = condense(solid, frames, points, 6, comm)
     everywhere = np.concatenate(comm.allgather(recovery))
     same = comm.allreduce(float(np.ptp(comm.allgather(component.probes), axis=0).max()), op=MPI.MAX)
     if comm.rank == 0:

@@ -28,7 +28,7 @@ from pgmp_petsc.models import LengthLanes, ReducedModel, SeparateLengths, of_sam
 from pgmp_petsc.reduction import length_family
 from pgmp_petsc.reduction.rom import LengthCheck, ReducedOrderModel, check_samples, check_served, served_ranges
 from pgmp_petsc.reduction.sample_grid import LengthGrid
-from pgmp_petsc.scene.uses import length_names, length_range
+from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.inputs import with_meshes
@@ -78,9 +78,9 @@ def test_polynomials_through_the_points_are_exact_for_their_degree_in_both_forms
 def test_the_range_of_a_length_is_what_bounds_and_distribution_have_in_common() -> None:
     scene = long_crank("parameters.rod_length.bounds=[0.6, 0.72]")
     assert length_names(scene) == ("rod_length",)
-    assert length_range(scene, "rod_length") == pytest.approx((LOW, 0.72))
+    assert scene.parameters["rod_length"].range == pytest.approx((LOW, 0.72))
     beta = 'parameters.rod_length={nominal=0.7, distribution={name="beta", a=2.0, b=2.0, loc=0.65, scale=0.1}}'
-    assert length_range(long_crank(beta), "rod_length") == pytest.approx((0.65, 0.75))
+    assert long_crank(beta).parameters["rod_length"].range == pytest.approx((0.65, 0.75))
 
 
 @pytest.mark.parametrize(

@@ -327,7 +327,7 @@ def test_the_cubic_energy_is_that_of_the_mesh(made: tuple[Callable, Callable]) -
     meshes, bodies = made[1](scene), {}
     for name, mesh in meshes.items():
         meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, mesh, points_used(scene, name))
-        component, recovery, _ = condense(meshed.solid, meshed.frames, [{}], 6, MPI.COMM_SELF, large=True)
+        component, recovery = condense(meshed.solid, meshed.frames, [{}], 6, MPI.COMM_SELF, large=True)
         bodies[name] = (meshed.solid, with_second_order(component, meshed.solid, recovery, MPI.COMM_SELF, {}), recovery)
     mechanism = Mechanism.from_scene(scene, {name: part[1] for name, part in bodies.items()})
     kinematics, theta = RigidKinematics(mechanism), np.array([1.0])

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies import beam2d, beam3d
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.body import Body, Entries, ThirdPart, element_dofs
+from pgmp_petsc.bodies.body import Body, Entries, Pairs, ThirdPart, element_dofs
 from pgmp_petsc.bodies.profile import UNIFORM, Profiles
 from pgmp_petsc.bodies.random_fields import profiles_of
 from pgmp_petsc.bodies.sections.section import BeamSection
@@ -215,9 +215,7 @@ class _Third(ThirdPart):
         terms = body.sections("stiffness")
         self.weights, self.terms = list(terms), [coefficients[chosen].T for coefficients in terms.values()]
 
-    def forces(
-        self, terms: Iterable[np.ndarray], vectors: np.ndarray, pairs: tuple[np.ndarray, np.ndarray]
-    ) -> Iterable[np.ndarray]:
+    def forces(self, terms: Iterable[np.ndarray], vectors: np.ndarray, pairs: Pairs) -> Iterable[np.ndarray]:
         """Yield the forces on the strains for sections, each of shape (n_elements n_strains, n_pairs)."""
         strains = (self._strains @ vectors).reshape(self._lengths.size, self._n, vectors.shape[1])
         one, other = strains[..., pairs[0]], strains[..., pairs[1]]

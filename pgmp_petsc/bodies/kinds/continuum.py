@@ -10,7 +10,7 @@ import numpy as np
 
 from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.body import Body, Entries, ThirdPart, dense_entries, frame_mesh
+from pgmp_petsc.bodies.body import Body, Entries, Pairs, ThirdPart, dense_entries, frame_mesh
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
@@ -126,10 +126,6 @@ class CondensedBody(Recovered, Body):
     n_internal = property(attrgetter("component.n_internal"))
     extent = property(attrgetter("component.extent"))
 
-    @property
-    def has_long_axis(self) -> bool:
-        return self.component.large is None or self.component.large.slender
-
     probes = property(attrgetter("component.probes"))
 
     @property
@@ -175,9 +171,7 @@ class _Third(ThirdPart):
         third = body.component.large.third
         self.weights, self.terms = list(third), list(third.values())
 
-    def forces(
-        self, terms: Iterable[np.ndarray], vectors: np.ndarray, pairs: tuple[np.ndarray, np.ndarray]
-    ) -> Iterable[np.ndarray]:
+    def forces(self, terms: Iterable[np.ndarray], vectors: np.ndarray, pairs: Pairs) -> Iterable[np.ndarray]:
         """Yield the forces on the body's own rows, each of shape (n_own, n_pairs)."""
         own = vectors[self._dofs]
         for third in terms:

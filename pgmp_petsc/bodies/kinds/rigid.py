@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.affine import Monomial, Quantity, total_at
 from pgmp_petsc.bodies.body import Body, Entries, LumpedMass, Lumps, dense_entries, frame_mesh
 from pgmp_petsc.bodies.component import (
     Component,
@@ -125,8 +125,8 @@ class RigidBody(Body):
 
     def mass_at(self, values: Mapping[str, float]) -> float:
         """Return the mass at parameter values, kg."""
-        lumped = sum(float(w.evaluate(values)) * lump.mass for w, lump in self.lumps.get(0, {}).items())
-        return lumped + sum(float(w.evaluate(values)) * float(m[0, 0]) for w, m in self._mass.items())
+        lumped = {weight: lump.mass for weight, lump in self.lumps.get(0, {}).items()}
+        return total_at(lumped, values) + total_at({weight: float(m[0, 0]) for weight, m in self._mass.items()}, values)
 
     def carrying(self, node: int, lumps: Lumps, name: str) -> tuple[RigidBody, RigidBody]:
         """Return the body, and a point mass at a node of `shape` as a body of its own, to be welded to it: the mass
