@@ -23,7 +23,7 @@ from conftest import ROOT, TIMEOUT_SECONDS
 from handbook_blocks import Block, blocks_of, commands_of, merged, notebook_of, pages, shell_of, without_launcher
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.cli.main import COMMANDS
+from pgmp_petsc.cli.main import COMMANDS, load
 from pgmp_petsc.scene import load_scene, scene_from_tables
 from pgmp_petsc.scene.loading import template_names
 from pgmp_petsc.scene.reference_page import editor_schema, reference_page
@@ -39,7 +39,7 @@ BASE = ROOT / "scenes" / "slider_crank.toml"
 
 @cache
 def command(name: str) -> click.Command:
-    return COMMANDS[name].load()
+    return load(COMMANDS[name])
 
 
 def is_pgmp(words: list[str]) -> bool:

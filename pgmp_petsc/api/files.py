@@ -179,24 +179,20 @@ def describe(found: Contents, path: Path | None = None, said: object = (), scene
 def _estimates(found: Contents) -> list[str]:
     """Return the figures of an ensemble, estimated errors, validity, and its balance of energy; a remark says what is
     not there."""
-    from pgmp_petsc.results import Ensemble, RareEvent, Tradeoff, Trajectory
+    from pgmp_petsc.results import READERS
     from pgmp_petsc.texts import ensemble_table, models, studies
 
-    path = found.path
-    if found.kind == "ensemble":
-        ensemble = Ensemble.read(path)
-        of_errors = models.of_ensemble(ensemble)
-        return [*ensemble_table.lines_of(ensemble), *of_errors, *models.of_balance(ensemble)]
-    if found.kind == "rare_event":
-        return ensemble_table.lines_of_rare_event(RareEvent.read(path))
-    if found.kind in ("sensitivities", "fit", "design"):
-        return studies.lines_of_file(path, found.kind)
-    if found.kind == "tradeoff":
-        return ["summary", indent(studies.summary(Tradeoff.read(path)), "  ")]
-    known = ("/validity/", "/errors/")
-    if found.kind != "trajectory" or not any(name.startswith(known) for name in found.datasets):
-        return []
-    return models.of_run(Trajectory.read(path))
+    lines_of = {
+        "ensemble": ensemble_table.lines_with_estimates,
+        "rare_event": ensemble_table.lines_of_rare_event,
+        "sensitivities": studies.lines_of,
+        "fit": studies.fit_lines,
+        "design": studies.design_lines,
+        "tradeoff": lambda study: ["summary", indent(studies.summary(study), "  ")],
+    }
+    if any(name.startswith(("/validity/", "/errors/")) for name in found.datasets):
+        lines_of["trajectory"] = models.of_run
+    return list(lines_of[found.kind](READERS[found.kind].read(found.path))) if found.kind in lines_of else []
 
 
 def _datasets(found: Contents) -> str:

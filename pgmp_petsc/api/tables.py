@@ -59,13 +59,12 @@ class PointSet:
         name differ in length or labels, or there are no points."""
         taken = {name: one for name, one in self.places.items() if name in set(parameters) and one.ndim}
         found = replace(self, arrays={**self.arrays, **{k: v for k, v in taken.items() if k not in self.arrays}})
+        shapes = ", ".join(f"{name} {dict(one.sizes)}" for name, one in found.arrays.items())
         try:
             needs_xarray("parameters").align(*found.arrays.values(), join="exact")
         except ValueError as error:
-            shapes = ", ".join(f"{name} {dict(one.sizes)}" for name, one in found.arrays.items())
             raise InputError(f"parameters: dimensions differ in length or labels: {shapes}") from error
         if not found.arrays or 0 in found.dimensions.values():
-            shapes = ", ".join(f"{name} {dict(one.sizes)}" for name, one in found.arrays.items())
             raise InputError(
                 f"parameters: there are no points in {shapes or 'it'}; give each parameter a number at least"
             )

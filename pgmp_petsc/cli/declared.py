@@ -66,9 +66,9 @@ def say(context: click.Context, text: str) -> None:
 
 #: What is coloured in lines, and how.
 _COLOURS = (
-    (re.compile(rb"^(pgmp: )?error:"), {"fg": "red", "bold": True}),
-    (re.compile(rb"^ *(pgmp: )?warning:|not decided by this model|NOT MET|\b[1-9]\d* failed"), {"fg": "yellow"}),
-    (re.compile(rb"^ *note:"), {"dim": True}),
+    (re.compile(rb"(?m)^(pgmp: )?error:"), {"fg": "red", "bold": True}),
+    (re.compile(rb"(?m)^ *(pgmp: )?warning:|not decided by this model|NOT MET|\b[1-9]\d* failed"), {"fg": "yellow"}),
+    (re.compile(rb"(?m)^ *note:"), {"dim": True}),
     (re.compile(rb"P\([^()]*\)\s+=\s[^;\]]*\]"), {"fg": "green"}),
 )
 _KEPT = re.compile(r"^ *warning:|not decided by this model|NOT MET|\d failed")  # of what a terminal shows in short
@@ -86,8 +86,7 @@ def painter(is_terminal: bool) -> Callable[[bytes], bytes] | None:
 
     def paint(lines: bytes) -> bytes:
         for words, look in _COLOURS:
-            multiline = re.compile(words.pattern, re.MULTILINE)
-            lines = multiline.sub(lambda found: click.style(found[0].decode(errors="replace"), **look).encode(), lines)
+            lines = words.sub(lambda found: click.style(found[0].decode(errors="replace"), **look).encode(), lines)
         return lines
 
     return paint

@@ -17,7 +17,6 @@ import time
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass
 from typing import NoReturn
 
 import click
@@ -32,28 +31,20 @@ from pgmp_petsc.cli.declared import Session, at_terminal, complain, painter
 from pgmp_petsc.ranks.ending import LastingOutput, descriptor_of, ending_on_signals, release_petsc, what_is_kept
 from pgmp_petsc.ranks.petsc import PREFIXES, start_mpi, unused_options
 
-
-@dataclass(frozen=True)
-class LazyCommand:
-    """A command that is found, and what the group's help says of it."""
-
-    #: where its declaration is, its line of help, and whether PETSc is started before the module is imported
-    head: Found
-
-    def load(self) -> click.Command:
-        """Import the module and return the command."""
-        # what commands need takes a noticeable time, for which `pgmp --help` does not wait
-        from pgmp_petsc.api.declared import found_command
-        from pgmp_petsc.cli.declared import Declared
-
-        command = Declared(found_command(self.head))
-        gc.freeze()  # modules live to the end: later collections need not look through them
-        gc.enable()
-        return command
-
-
 #: All commands by name, in the order of the group's help.
-COMMANDS = {one.name: LazyCommand(one) for one in found() if one.name}
+COMMANDS = {one.name: one for one in found() if one.name}
+
+
+def load(head: Found) -> click.Command:
+    """Import the module of a command that was found, and return it."""
+    # what commands need takes a noticeable time, for which `pgmp --help` does not wait
+    from pgmp_petsc.api.declared import found_command
+    from pgmp_petsc.cli.declared import Declared
+
+    command = Declared(found_command(head))
+    gc.freeze()  # modules live to the end: later collections need not look through them
+    gc.enable()
+    return command
 
 
 class LazyGroup(click.Group):
@@ -70,24 +61,24 @@ class LazyGroup(click.Group):
         command = COMMANDS[cmd_name]
         session = ctx.find_object(Session)
         if ctx.resilient_parsing:
-            return command.load()  # a shell asks for what may follow: nothing runs
+            return load(command)  # a shell asks for what may follow: nothing runs
         check_variables()
-        if command.head.petsc is True and session is not None:
+        if command.petsc is True and session is not None:
             session.start_petsc()
         elif session is not None and session.petsc_options:
             given = f"was given PETSc options after '--': {' '.join(session.petsc_options)}"
             raise click.UsageError(f"'{cmd_name}' does not use PETSc, but {given}", ctx)
-        return command.load()
+        return load(command)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Complete the names of commands without importing them, and the options of the group."""
-        begun = {name: command.head.help for name, command in COMMANDS.items() if name.startswith(incomplete)}
+        begun = {name: command.help for name, command in COMMANDS.items() if name.startswith(incomplete)}
         names = [CompletionItem(name, help=about) for name, about in begun.items()]
         return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
-            formatter.write_dl([(name, command.head.help) for name, command in COMMANDS.items()])
+            formatter.write_dl([(name, command.help) for name, command in COMMANDS.items()])
 
 
 INTERRUPTED = 130

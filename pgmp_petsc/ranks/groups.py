@@ -44,7 +44,7 @@ class RankGroup(AbstractContextManager):
     def split(cls, world: Comm, ranks_per_group: int, option: str = "--ranks-per-angle") -> RankGroup:
         """Split all ranks into groups; ranks left over join the last group. Collective on `world`.
 
-        Who splits closes. `option` is what asks for it, in messages. Raises `InputError` if a group needs more ranks
+        `option` is what asks for it, in messages. Raises `InputError` if a group needs more ranks
         than there are.
         """
         if not 1 <= ranks_per_group <= world.size:
@@ -59,14 +59,11 @@ class RankGroup(AbstractContextManager):
             roots.Free()
         return cls(world, comm, roots if comm.rank == 0 else None, index, count)
 
-    def close(self) -> None:
+    def __exit__(self, *_: object) -> None:
         """Free the communicators of this rank. Collective on each of them."""
         for comm in (self.roots, self.comm):
             if comm is not None:
                 comm.Free()
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def arcs(self, n: int) -> list[range]:
         """Return the groups' contiguous shares of n configurations; groups beyond the n-th have none."""

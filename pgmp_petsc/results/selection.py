@@ -13,6 +13,8 @@ import numpy as np
 from pgmp_petsc.declare.records import JSON, Record, array, attribute
 from pgmp_petsc.results.trajectory import Frames
 
+_TEXTS = (json.dumps, lambda text: tuple(json.loads(text)))
+
 
 @dataclass(frozen=True)
 class EffectSize(Record):
@@ -42,9 +44,8 @@ class EffectSizes(Record):
     )
     exchanged: float = attribute("effects/shares@exchanged", unit="J", about="energy moved around")
     warnings: tuple[str, ...] = attribute(
-        "effects/shares@warnings", code=(json.dumps, lambda text: tuple(json.loads(text))),
-        about="what the scene leaves out that exceeds the tolerance (JSON)",
-    )  # fmt: skip
+        "effects/shares@warnings", code=_TEXTS, about="what the scene leaves out that exceeds the tolerance (JSON)"
+    )
     units: dict[str, str] = attribute(
         "effects/shares@units", code=JSON, absent={}, about="unit of each coordinate, rad where it is not said (JSON)"
     )
@@ -94,7 +95,6 @@ def spans_in(tables: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
 
 GROUP = "selection"
 _MAPPING = (lambda values: json.dumps(dict(values)), json.loads)
-_TEXTS = (json.dumps, lambda text: tuple(json.loads(text)))
 
 
 def _mapping(name: str, about: str, **how: Any) -> Any:

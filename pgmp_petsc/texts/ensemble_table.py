@@ -10,10 +10,7 @@ import numpy as np
 from pgmp_petsc.base.errors import Remark, counted
 from pgmp_petsc.results import Ensemble, RareEvent
 from pgmp_petsc.results.ensemble import ShardSamples
-from pgmp_petsc.results.numbers import axis_unit, behind, plain, share_text
-from pgmp_petsc.results.numbers import interval_text as _interval
-from pgmp_petsc.results.numbers import number_text as _number
-from pgmp_petsc.results.numbers import percent as _percent
+from pgmp_petsc.results.numbers import axis_unit, behind, interval_text, number_text, percent, plain, share_text
 from pgmp_petsc.texts.models import closing, of_balance, of_ensemble
 
 SHOWN = 12  # parameters of a design point
@@ -22,9 +19,7 @@ SHOWN = 12  # parameters of a design point
 def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return what is known of the outputs and parameters, what is not, and the estimated errors."""
     first = f"{path}: {ensemble.model} model, {counted(len(ensemble.status), 'sample')}; {ensemble.answer()}"
-    lines = [first, *lines_of(ensemble)]
-    lines += [*of_ensemble(ensemble), *of_balance(ensemble)]
-    return "\n".join([*lines, *closing(ensemble.record, said)])
+    return "\n".join([first, *lines_with_estimates(ensemble), *closing(ensemble.record, said)])
 
 
 def report_of_shard(shard: ShardSamples, path: Path, said: Sequence[Remark] = ()) -> str:
@@ -39,17 +34,21 @@ def report_of_shard(shard: ShardSamples, path: Path, said: Sequence[Remark] = ()
     return "\n".join([*lines, *closing(shard.record, said)])
 
 
+def lines_with_estimates(ensemble: Ensemble) -> list[str]:
+    return [*lines_of(ensemble), *of_ensemble(ensemble), *of_balance(ensemble)]
+
+
 def lines_of(ensemble: Ensemble) -> list[str]:
     lines = list(_moments(ensemble))
     if ensemble.outputs:
         lines += _quantiles(ensemble)
     if ensemble.probabilities:
         level = next(iter(ensemble.probabilities.values())).confidence
-        lines.append(f"  probabilities, {_percent(level)} intervals")
+        lines.append(f"  probabilities, {percent(level)} intervals")
         for label, chance in ensemble.probabilities.items():
             shown = f"{'unknown':>14s}" if np.isnan(chance.estimate) else f"{chance.estimate:14.4g}"
             what = f"{chance.event}, {chance.count} of {chance.of}"
-            lines.append(f"  {label:24s}{shown} {_interval(chance.interval):26s}{what}")
+            lines.append(f"  {label:24s}{shown} {interval_text(chance.interval):26s}{what}")
             if not (np.isnan(chance.estimate) or chance.is_decided()):
                 lines.append(f"  {'':24s}{chance.doubt()}")
     lines += _corrected(ensemble)
@@ -66,13 +65,14 @@ def lines_of(ensemble: Ensemble) -> list[str]:
 def _moments(ensemble: Ensemble) -> Iterator[str]:
     if not ensemble.statistics:
         return
-    interval = f"{_percent(next(iter(ensemble.statistics.values())).confidence)} interval"
+    interval = f"{percent(next(iter(ensemble.statistics.values())).confidence)} interval"
     yield f"  {'':24s}{'mean':>14s} {interval:26s}{'deviation':>12s} {interval:26s}{'samples':>9s}"
     for name, s in ensemble.statistics.items():
         title = f"{name}: first passage" if name in ensemble.first_passages else name
         factor, unit = _unit(ensemble, name)
-        mean = f"{_number(factor * s.mean, factor * s.mean_interval, 7):>14s} {_interval(factor * s.mean_interval):26s}"
-        std = f"{_number(factor * s.std, factor * s.std_interval, 6):>12s} {_interval(factor * s.std_interval):26s}"
+        ends, spread = factor * s.mean_interval, factor * s.std_interval
+        mean = f"{number_text(factor * s.mean, ends, 7):>14s} {interval_text(ends):26s}"
+        std = f"{number_text(factor * s.std, spread, 6):>12s} {interval_text(spread):26s}"
         if s.constant:
             mean, std = f"{factor * s.mean:14.7g} {'':26s}", f"{'constant':>12s} {'':26s}"
         elif not s.count:
@@ -86,12 +86,12 @@ def _quantiles(ensemble: Ensemble) -> Iterator[str]:
     bounded = [name for name, s in known if failed and np.isfinite(s.quantile_bounds).any()]
     known = [(name, s) for name, s in known if name in bounded or (s.count and not s.constant)]
     if known and known[0][1].probabilities.size:
-        yield f"  quantiles at the end, {_percent(known[0][1].confidence)} intervals of sampling"
+        yield f"  quantiles at the end, {percent(known[0][1].confidence)} intervals of sampling"
     for name, s in known:
         factor, unit = _unit(ensemble, name)
         for k, (probability, quantile, ends) in enumerate(zip(s.probabilities, s.quantiles, s.quantile_intervals)):
             quantile, ends = factor * quantile, factor * ends
-            shown = f"{_number(quantile, ends, 6):>14s} {_interval(ends, quantile):26s} {unit}"
+            shown = f"{number_text(quantile, ends, 6):>14s} {interval_text(ends, quantile):26s} {unit}"
             low, high = factor * s.quantile_bounds[k]
             below = "no bound below" if np.isinf(low) else f"at least {low:.6g}"
             above = "no bound above" if np.isinf(high) else f"at most {high:.6g}"
@@ -101,7 +101,7 @@ def _quantiles(ensemble: Ensemble) -> Iterator[str]:
 
 def _sobol(ensemble: Ensemble) -> Iterator[str]:
     for number, (name, found) in enumerate(ensemble.sobol.items()):
-        interval = f"{_percent(found.confidence)} interval"
+        interval = f"{percent(found.confidence)} interval"
         if not number:
             total = "" if found.total is None else f"{'total':>9s} {interval}"
             yield f"  {'Sobol indices':24s}{'':24s}{'first':>9s} {interval:26s}{total}".rstrip()
@@ -117,7 +117,7 @@ def _corrected(ensemble: Ensemble) -> Iterator[str]:
     joined = ensemble.joined
     if joined is None or not joined.corrected:
         return
-    best, interval = joined.models[0], f"{_percent(joined.confidence)} interval"
+    best, interval = joined.models[0], f"{percent(joined.confidence)} interval"
     for key, title in (("mean", "mean"), ("std", "deviation"), ("bias", f"{joined.models[-1]} less {best}"),
                        ("estimate", "probability")):  # fmt: skip
         having = {name: one for name, one in joined.corrected.items() if key in one.figures}
@@ -130,7 +130,7 @@ def _corrected(ensemble: Ensemble) -> Iterator[str]:
             figure = one.figures[key]
             factor, unit = (1.0, "") if key == "estimate" else _unit(ensemble, name)
             estimate, ends = factor * figure.estimate, factor * figure.interval
-            shown = f"{_number(estimate, ends, 7):>14s} {_interval(ends):26s}"
+            shown = f"{number_text(estimate, ends, 7):>14s} {interval_text(ends):26s}"
             times = "" if np.isnan(figure.narrower) else _times(figure.narrower)
             yield f"  {name:24s}{shown}{unit:6s}{times}".rstrip()
 

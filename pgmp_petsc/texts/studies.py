@@ -19,13 +19,6 @@ REASONS_SHOWN = 5
 NOTHING = 1e-9  # share of what a constraint had at the start
 
 
-def lines_of_file(path: Path, kind: str) -> list[str]:
-    """Return the table of a file of a kind: sensitivities, a fit or a design."""
-    if kind == "fit":
-        return list(fit_lines(Fit.read(path)))
-    return list(design_lines(Design.read(path)) if kind == "design" else lines_of(Derivatives.read(path)))
-
-
 def report_of_derivatives(found: Derivatives, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return what each parameter does to each figure, and all remarks."""
     lines = [f"{path}: {len(found.time) - 1} steps to {found.time[-1]:g} s", *lines_of(found)]

@@ -18,7 +18,7 @@ from pgmp_petsc.api.arguments import Range
 from pgmp_petsc.api.declared import Argument, Command, command, found_command, interface
 from pgmp_petsc.api.ranks import tell
 from pgmp_petsc.cli.declared import Declared, Session
-from pgmp_petsc.cli.main import COMMANDS
+from pgmp_petsc.cli.main import COMMANDS, load
 
 HEADS = {one.name: one for one in found() if one.name}
 FUNCTIONS = [name for name in pgmp.__all__ if inspect.isfunction(getattr(pgmp, name))]
@@ -44,7 +44,7 @@ def test_help_shows_all_arguments_with_their_meaning(name: str) -> None:
 @pytest.mark.parametrize("name", HEADS)
 def test_every_option_says_what_it_does(name: str) -> None:
     """In words of the command line: no name of an argument in backticks is left."""
-    made = COMMANDS[name].load()
+    made = load(COMMANDS[name])
     for option in made.params:
         said = "A word." if isinstance(option, click.Argument) else option.help
         assert said[0].isupper() and "`" not in said
@@ -80,7 +80,7 @@ def test_files_are_named_by_the_scene(line, monkeypatch) -> None:
     called, *words = words.split()
     given = {}
     monkeypatch.setattr("pgmp_petsc.cli.declared.run_command", lambda context, command, found: given.update(found))
-    done = CliRunner().invoke(COMMANDS[called].load(), words, standalone_mode=False, obj=Session(MPI.COMM_SELF))
+    done = CliRunner().invoke(load(COMMANDS[called]), words, standalone_mode=False, obj=Session(MPI.COMM_SELF))
     if name.startswith("-"):
         assert str(done.exception) == "--output: missing; the name of the file to write is needed here"
     else:

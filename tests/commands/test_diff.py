@@ -13,11 +13,11 @@ from refusals import refusal
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.cli.declared import Session
-from pgmp_petsc.cli.main import COMMANDS
+from pgmp_petsc.cli.main import COMMANDS, load
 
 
 def diff(*words: object) -> tuple[int, str]:
-    done = CliRunner().invoke(COMMANDS["diff"].load(), [str(word) for word in words], obj=Session(MPI.COMM_SELF))
+    done = CliRunner().invoke(load(COMMANDS["diff"]), [str(word) for word in words], obj=Session(MPI.COMM_SELF))
     return done.exit_code, f"{done.output}{'' if done.exception is None else done.exception}"
 
 

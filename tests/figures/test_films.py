@@ -20,7 +20,7 @@ from runs import reduced_model, rom_of
 
 from pgmp_petsc.base.errors import InputError, Remark
 from pgmp_petsc.cli.declared import Session
-from pgmp_petsc.cli.main import COMMANDS
+from pgmp_petsc.cli.main import COMMANDS, load
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.motion import motion_of, scale_of, vibration_of
 from pgmp_petsc.figures.solids import Pace, Stage, drawing, solids, view_of
@@ -38,7 +38,7 @@ def coloured(picture: np.ndarray) -> np.ndarray:
 
 def command(*arguments: object) -> Result:
     """Run ``pgmp animate`` in this process."""
-    return CliRunner().invoke(COMMANDS["animate"].load(), [str(word) for word in arguments], obj=Session(MPI.COMM_SELF))
+    return CliRunner().invoke(load(COMMANDS["animate"]), [str(word) for word in arguments], obj=Session(MPI.COMM_SELF))
 
 
 def refused(*arguments: object) -> str:

@@ -21,7 +21,6 @@ from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.cli import main as frame
 from pgmp_petsc.cli.declared import say
-from pgmp_petsc.cli.main import LazyCommand
 from pgmp_petsc.files.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.petsc import petsc_solver
@@ -169,18 +168,16 @@ STARTED = (petsc, using, solving)
 OTHERS = (fine, agreeing, failing, alone, crashing, interrupted, waiting, some_failed, options, modules, refused)
 
 
-class Own(LazyCommand):
-    """A command of this module, which click made or a declaration."""
-
-    def load(self) -> click.Command:
-        found = globals()[self.head.function]
-        return found if isinstance(found, click.Command) else super().load()
+def load_own(head: Found, load: Callable[[Found], click.Command] = frame.load) -> click.Command:
+    """Return a command of this module, which click made or a declaration, or one of the package."""
+    found = globals()[head.function] if head.module == __name__ else None
+    return found if isinstance(found, click.Command) else load(head)
 
 
 for _command in (*STARTED, *OTHERS):
     _name = _command.__name__ if _command is options else _command.callback.__name__
-    _head = Found(__name__, _name, _name, "For a test.", 0, _command in STARTED)
-    frame.COMMANDS[_name] = Own(_head)
+    frame.COMMANDS[_name] = Found(__name__, _name, _name, "For a test.", 0, _command in STARTED)
+frame.load = load_own
 
 
 def each(commands: list[list[str]]) -> None:

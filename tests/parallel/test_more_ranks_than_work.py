@@ -20,7 +20,7 @@ from runs import PGMP, in_turn, overridden, rom_of
 
 from benchmarks.scaling.case import FRESH, ScalingCase
 from pgmp_petsc.cli.declared import Session
-from pgmp_petsc.cli.main import COMMANDS
+from pgmp_petsc.cli.main import COMMANDS, load
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
 from scenes import slider_crank
@@ -224,6 +224,6 @@ def test_one_rank_draws(tmp_path: Path) -> None:
     assert done.stderr.count("--mode 99") == 1 and done.stderr.count("nothing of this run is known") == 1
     assert not (tmp_path / "none.gif").exists()
     words = [*commands[0][1:-1], str(tmp_path / "one.gif")]
-    one = CliRunner().invoke(COMMANDS["animate"].load(), words, obj=Session(MPI.COMM_SELF))
+    one = CliRunner().invoke(load(COMMANDS["animate"]), words, obj=Session(MPI.COMM_SELF))
     assert one.exit_code == 0
     assert (tmp_path / "several.gif").read_bytes() == (tmp_path / "one.gif").read_bytes()
