@@ -175,18 +175,17 @@ def kept(name: str, key: str, beside: Path, text: Callable[[], str]) -> types.Mo
     """Return the module of a name of printed code, of which the text depends on the key alone: from a file, or printed
     and kept in one.
 
-    Files lie where numba's cache is: in ``NUMBA_CACHE_DIR`` if that is set, otherwise in the folder ``__pycache__``
-    beside the file that declares it, or in the user's cache. Where none can be written, the module has no file, and
-    numba says so. Several processes may print the same one at once: each writes a file of its own and moves it into
-    place.
+    What is in the folder ``__pycache__`` beside the file that declares it is taken from there. New files lie where
+    numba's cache is: in ``NUMBA_CACHE_DIR`` if that is set, otherwise beside, or in the user's cache. Where none can be
+    written, the module has no file, and numba says so. Several processes may print the same one at once: each writes a
+    file of its own and moves it into place.
     """
     stem = f"pgmp_printed_{name}_{hashlib.sha256(key.encode()).hexdigest()[:16]}"
     if stem in sys.modules:
         return sys.modules[stem]
-    folders = [beside.parent / "__pycache__", Path.home() / ".cache" / "pgmp_petsc"]
-    if "NUMBA_CACHE_DIR" in os.environ:
-        folders = [Path(os.environ["NUMBA_CACHE_DIR"])]
-    for folder in folders:
+    source, chosen = beside.parent / "__pycache__", os.environ.get("NUMBA_CACHE_DIR")
+    folders = [Path(chosen)] if chosen else [source, Path.home() / ".cache" / "pgmp_petsc"]
+    for folder in (source, *folders):
         found = _loaded(stem, folder / f"{stem}.py")
         if found is not None:
             return found

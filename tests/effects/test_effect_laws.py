@@ -256,25 +256,34 @@ def test_an_action_gives_its_law_all_parameters() -> None:
 
 PRINTED = """
 import sys
-from pgmp_petsc.effects.action import FRICTION
-print(FRICTION.code.__file__, "sympy" in sys.modules)
+from pgmp_petsc.effects.law import Law
+print(Law("kept", ("k",), "-k * s").code.__file__, "sympy" in sys.modules)
 """
 
 
-def printing(folder: Path) -> subprocess.Popen:
-    environment = {"NUMBA_CACHE_DIR": str(folder), "PATH": "", "PYTHONPATH": ":".join(sys.path)}
-    return subprocess.Popen([sys.executable, "-c", PRINTED], env=environment, stdout=subprocess.PIPE, text=True)
+def printing(folder: Path, kept_in: Path) -> subprocess.Popen:
+    """Print a law that is declared in a folder, with another one for what is compiled."""
+    environment = {"NUMBA_CACHE_DIR": str(kept_in), "PATH": "", "PYTHONPATH": ":".join(sys.path)}
+    command = [sys.executable, "-c", PRINTED]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True, cwd=folder)
 
 
 def test_what_is_printed_is_kept_by_several_processes_and_printed_anew_if_damaged(tmp_path: Path) -> None:
-    path = tmp_path / Path(FRICTION.code.__file__).name
-    path.write_text(Path(FRICTION.code.__file__).read_text()[:200])
-    both = [printing(tmp_path) for _ in range(2)]
-    said = [one.communicate(timeout=TIMEOUT_SECONDS)[0].split() for one in both]
-    assert all(one[0] == str(path) for one in said) and [str(path), "True"] in said
-    assert [*tmp_path.glob("pgmp_printed_friction*.py")] == [path]
-    last = printing(tmp_path).communicate(timeout=TIMEOUT_SECONDS)[0].split()
-    assert last == [str(path), "False"], "sympy is for printing alone"
+    def said(n_processes: int, kept_in: Path) -> list[list[str]]:
+        started = [printing(tmp_path, kept_in) for _ in range(n_processes)]
+        return [one.communicate(timeout=TIMEOUT_SECONDS)[0].split() for one in started]
+
+    [[name, _]] = said(1, tmp_path)
+    path = Path(name)
+    path.write_text(path.read_text()[:200])
+    both = said(2, tmp_path)
+    assert all(one[0] == str(path) for one in both) and [str(path), "True"] in both
+    assert [*tmp_path.glob("pgmp_printed_kept*.py")] == [path]
+    assert said(1, tmp_path) == [[str(path), "False"]], "sympy is for printing alone"
+    beside = tmp_path / "__pycache__" / path.name
+    beside.parent.mkdir(exist_ok=True)
+    path.rename(beside)
+    assert said(1, tmp_path / "another") == [[str(beside), "False"]], "what set-up left is taken"
 
 
 RANDOM = np.random.default_rng(8)
