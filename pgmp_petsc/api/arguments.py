@@ -285,7 +285,7 @@ _KINDS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "Overrides": (overrides_of, ""),
     "Parameters": (settings_of, ""),
     "Points": (points_of, ""),
-    "Columns": (columns_of, "a DataFrame, a Dataset, or a mapping of parameters' names to columns of numbers"),
+    "Arrays": (columns_of, "a DataFrame, a Dataset, or a mapping of parameters' names to columns of numbers"),
     "Mapping[str, float]": (_mapping, "a mapping of names to numbers"),
     "Mapping[str, Any]": (_mapping, "a mapping of tables"),
     "Sequence[str]": (_list_of(_text), "a list of texts"),
