@@ -38,4 +38,4 @@ def small_scene(*overrides: str, outputs: str = OUTPUTS) -> Scene:
 
 def study(scene: Scene, sweep: Sweep = TINY, n_samples: int = 1000, comm: MPI.Comm = MPI.COMM_SELF) -> Tradeoff | None:
     """Measure the trade-off of a scene with meshes made in memory. Collective on `comm`."""
-    return measure_tradeoff(scene, meshes_of(scene), sweep, n_samples, comm, print)
+    return measure_tradeoff(scene, meshes_of(scene), sweep, n_samples, comm, lambda text: None)
