@@ -604,7 +604,9 @@ def merge(
             if comm.rank == 0:
                 shards = [opened.enter_context(read_shard(path)) for path in paths]
                 found = describe_shards(Shards(paths, shards, place.resolve().parent), place)
-        return keeper.result(found, on_root(comm, lambda: scene_from_toml(found.record.scene_toml, paths[0].parent)))
+        # no run before this one has said the scene's remarks
+        scene = on_root(comm, lambda: scene_from_toml(found.record.scene_toml, paths[0].parent).with_remarks(()))
+        return keeper.result(found, scene)
 
 
 def _check_sharing(ranks_per_sample: int, model: str) -> None:
