@@ -106,7 +106,8 @@ def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
         field = parent.model_fields[location[-1]]
         about = field.description or ""
         if notes_on(field, Quantified) and "parameter" not in about:
-            about += f", {NAMED}"
+            what, mark, more = about.partition(";")
+            about = f"{what}, {NAMED}{mark}{more}"
         return problem(entry, f"missing; needed: {about}" if about else "missing")
     if kind in ("union_tag_invalid", "union_tag_not_found"):  # of the key that says which kind of table it is
         key, allowed = context["discriminator"].strip("'"), [_tag(member) for member in members]
