@@ -106,7 +106,7 @@ def seconds_a_step(model: Model) -> tuple[float, float]:
         start = process_time()
         run = integrate(system, model.scene.simulation)
         times.append(process_time() - start)
-    return min(times[1:]) / (run.n_steps * N_SAMPLES), run.n_iterations / (run.n_steps * N_SAMPLES)
+    return min(times[1:]) / (run.n_steps * N_SAMPLES), run.counted[0] / (run.n_steps * N_SAMPLES)
 
 
 def measure(

@@ -92,7 +92,7 @@ def run(path: Path, n_samples: int) -> None:
             ours.append(1e6 * (process_time() - start) / (n_samples * done.n_steps))
             for loop in loops:
                 floors[loop.lanes].append(loop.time())
-    corrections = done.n_iterations / (n_samples * done.n_steps)
+    corrections = done.counted[0] / (n_samples * done.n_steps)
     for lanes, times in floors.items():
         print(f"C, {lanes} lanes, one correction: {min(times):.3f} us a step and sample")
     least = corrections * min(min(times) for times in floors.values())

@@ -90,7 +90,7 @@ def test_component_runs_with_bodies_from_matrices_have_no_better_model() -> None
     scene, said = scene_of("matrices", "torque"), []
     job = SimpleNamespace(scene=scene, model="components", n_steps=10, comm=SELF)
     job._made_from, job._is_finished, job._better = lambda: "", lambda name, known: False, lambda: _Job._better(job)
-    job._say = lambda *words: said.append(words)
+    job._say, job._of = lambda *words: said.append(words), lambda name: None
     _Job.compare(job)
     assert said == [("compare", "left out: there is no full-order model with bodies.rod.matrices")]
 

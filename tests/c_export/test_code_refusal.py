@@ -59,7 +59,7 @@ def test_tables_too_large(model, monkeypatch) -> None:
     with pytest.raises(InputError, match=r"it: the tables have \d+ numbers; at most 10 are written\. Build with fewer"):
         constants_of(model, "it")
     with pytest.raises(InputError, match=r"12 numbers; at most 10 are written\. Most say where the rigid mechanism is"):
-        constants.check_size({"terms_table": np.zeros(4), "branch_table": np.zeros(8)}, "it")
+        constants.check_size({"terms_table": ("4", np.zeros(4)), "branch_table": ("8", np.zeros(8))}, "it")
 
 
 @pytest.mark.parametrize("version", fmu.VERSIONS)
