@@ -16,6 +16,7 @@ from time import process_time
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.called import Called
 from benchmarks.tables import Table, number
 from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.errors import InputError
@@ -74,7 +75,7 @@ def instants_of(model: ReducedModel, n: int) -> int:
     def look(number: int, time: float, state: State) -> None:
         seen.append(system.depths(time, state) > 0.0)
 
-    integrate(system, model.scene.simulation, observer=look)
+    integrate(system, model.scene.simulation, observer=Called(look))
     return int(np.count_nonzero(np.diff(np.array(seen), axis=0)))
 
 

@@ -126,7 +126,7 @@ def run(path: Path, n_samples: int, overrides: Sequence[str]) -> None:
             start = process_time()
             done = integrate(system, scene.simulation)
             times.append((process_time() - start) / (done.n_steps * n_samples))
-    corrections = done.n_iterations / (done.n_steps * n_samples)
+    corrections = done.counted[0] / (done.n_steps * n_samples)
     operations, rate = of_step(system, corrections), largest_rate()
     kept = 8 * (4 * system.n_dofs + system.n_constraints + 1)
     print(f"{path.stem}, {system.n_dofs} unknowns, {n_samples} samples, {corrections:.2f} corrections a step")

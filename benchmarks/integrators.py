@@ -28,6 +28,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.integrate import solve_ivp
 
+from benchmarks.called import Called
 from benchmarks.effectivity import MOTOR, TORQUES
 from benchmarks.exact_oscillators import ExactOscillators, Variant, sinc
 from benchmarks.on_model import main
@@ -164,8 +165,8 @@ def by_alpha(
         if number % every == 0:
             rows.append(state.q.copy())
 
-    run = integrate(model.batch(values, n), model.scene.simulation.in_steps(n_steps), observer=record)
-    return outputs_of(model, np.array(rows)), run.n_iterations / (n * run.n_steps)
+    run = integrate(model.batch(values, n), model.scene.simulation.in_steps(n_steps), observer=Called(record))
+    return outputs_of(model, np.array(rows)), run.counted[0] / (n * run.n_steps)
 
 
 def by_prototype(

@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-from called import Called
 
+from benchmarks.called import Called
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.outputs.rainflow import counted_after

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from called import Called
 from mpi4py import MPI
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
+from benchmarks.called import Called
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import LineMesh

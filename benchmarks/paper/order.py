@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.called import Called
 from benchmarks.tables import Table
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -123,7 +124,7 @@ def history(model: FullModel, case: Case, step: float, spectral_radius: float) -
         if number % every == 0:
             frames.append(model.observed(system, state))
 
-    run = integrate(system, simulation, observer=record)
+    run = integrate(system, simulation, observer=Called(record))
     if run.status[0]:
         raise RunError(f"{case.words}: the run with a step of {step:g} s failed at {run.failure_time[0]:g} s")
     return model.outputs.evaluate(np.concatenate(frames, axis=-1))

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from called import Called
 from conftest import ROOT
 from runs import components_model, run_model, samples
 from spatial_beams import slider_crank_of_beams
 
+from benchmarks.called import Called
 from pgmp_petsc.full.joint_systems import JointBatch
 from pgmp_petsc.full.joint_tree import BY_AXES
 from pgmp_petsc.full.kernel import count_turns

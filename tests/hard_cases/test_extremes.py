@@ -4,7 +4,6 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from called import Called
 from mechanisms import (
     GRAVITY,
     QUIET,
@@ -19,6 +18,7 @@ from mechanisms import (
 )
 from runs import assert_close, full_model, quick_return, rom_of, samples
 
+from benchmarks.called import Called
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.models import FullModel, Model, ReducedModel

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from called import Called
 from elimination import Beams, chain, circle
 from mechanisms import accurate, both, nominal_rom, run_for, start
 from runs import assert_close, full_model, history, reduced_model, samples
 
+from benchmarks.called import Called
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene

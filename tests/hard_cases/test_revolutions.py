@@ -7,11 +7,11 @@ from functools import lru_cache
 import numpy as np
 import pytest
 import scipy.integrate
-from called import Called
 from conftest import ROOT
 from mechanisms import GRAVITY, OUTPUTS, QUIET, run_for, start
 from runs import history, rom_of, samples
 
+from benchmarks.called import Called
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.terms import coupling_of

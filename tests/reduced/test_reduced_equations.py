@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from called import Called
 from frames import to_inertial
 from runs import place_in, quick_return, reduced_model, rom_of
 from scipy.spatial.transform import Rotation
 
+from benchmarks.called import Called
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_velocities

@@ -1,9 +1,9 @@
 """Steps that end where a law has an edge: a bar that bounces between its stops."""
 
 import numpy as np
-from called import Called
 from effect_scenes import BAR, BAR_INERTIA, line_model, scene_of
 
+from benchmarks.called import Called
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from scenes import tables

@@ -9,9 +9,9 @@ import pytest
 import scipy.integrate
 import scipy.linalg
 from alike import assert_order, orders
-from called import Called
 from mpi4py import MPI
 
+from benchmarks.called import Called
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.reduced import system as reduced_system
 from pgmp_petsc.reduced.system import ReducedSystem

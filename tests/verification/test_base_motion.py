@@ -58,7 +58,9 @@ def test_an_oscillator_on_a_base_that_is_accelerated(model: str) -> None:
     np.testing.assert_allclose(found["x"], exact, rtol=0, atol=3e-4 * np.abs(exact).max())
 
 
-@pytest.mark.parametrize(("table", "moved", "said"), [("[[0.0,3.0]]", 3.0, True), ("[[0.0,0.0],[0.1,0.0]]", 0.0, False)])
+@pytest.mark.parametrize(
+    ("table", "moved", "said"), [("[[0.0,3.0]]", 3.0, True), ("[[0.0,0.0],[0.1,0.0]]", 0.0, False)]
+)
 def test_an_equilibrium_on_a_base_that_is_accelerated_is_said(table: str, moved: float, said: bool) -> None:
     """x = -a m / k from the start on."""
     scene = rail(

@@ -5,7 +5,6 @@ from collections.abc import Callable
 import cantilevers
 import numpy as np
 import pytest
-from called import Called
 from cantilevers import SPINS
 from conftest import ROOT
 from effect_scenes import CANTILEVER, line_meshes, scene_of
@@ -14,6 +13,7 @@ from solid_scenes import solid_meshes, solid_slider_crank
 from spatial import slider_crank_in_space
 from spatial_beams import slider_crank_of_beams
 
+from benchmarks.called import Called
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mesh.line_mesh import straight_beam

@@ -5,10 +5,10 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from called import Called
 from runs import components_model, full_model, history, reduced_model, rom_of, samples
 from spatial_beams import SLIDER_CRANK as IN_SPACE
 
+from benchmarks.called import Called
 from pgmp_petsc.bodies.random_fields import checked_expansion, correlation
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from called import Called
 from runs import components_model, history, samples
 from scipy.integrate import solve_ivp
 
+from benchmarks.called import Called
 from pgmp_petsc.bodies.floating import first_moments, second_moments
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel

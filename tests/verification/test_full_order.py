@@ -4,12 +4,12 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from called import Called
 from effect_scenes import CANTILEVER, line_model, scene_of
 from elimination import Beams, Eliminated, chain, circle
 from mpi4py import MPI
 from runs import full_model, history, paper_scene, quick_return, run_model, samples
 
+from benchmarks.called import Called
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.effects.motion import driven
 from pgmp_petsc.full.systems import FullBatch

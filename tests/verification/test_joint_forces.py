@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from alike import assert_groups_alike, assert_samples_are_those_alone
-from called import Called
 from conftest import ROOT
 from differences import SHARES, ToRoundOff, compare
 from offset_scenes import clamped_beam, clamped_stiffness, offset
@@ -15,6 +14,7 @@ from runs import full_model, motion, reduced_model, rom_of, trajectory
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from spatial_beams import slider_crank_of_beams
 
+from benchmarks.called import Called
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import solids
 from pgmp_petsc.figures.loads import Load, arrows_of, joint_forces, loads

@@ -4,9 +4,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from called import Called
 from runs import reduced_model, samples
 
+from benchmarks.called import Called
 from pgmp_petsc.effects.joint_effects import STOP as STOPS
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.models import ReducedModel

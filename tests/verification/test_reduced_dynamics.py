@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import runs
 from alike import assert_alike
-from called import Called
 from runs import full_model, history, reduced_model, samples, with_step
 from scrambling import scrambled
 from two_coordinates import double_pendulum
 
+from benchmarks.called import Called
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.lagrangian import reduced_energy
 from pgmp_petsc.reduction.rom import ReducedOrderModel

@@ -4,13 +4,13 @@ import os
 
 import numpy as np
 import pytest
-from called import Called
 from equations import evaluated
 from mpi4py import MPI
 from runs import full_model, motion
 from spatial import DENSITY, SECOND_AXIS, TURN
 from spatial_beams import HEIGHT, SLIDER_CRANK, WIDTH, beam, pendulum_in_space, slider_crank_of_beams
 
+from benchmarks.called import Called
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.beam3d import at_rest, natural_mass
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum

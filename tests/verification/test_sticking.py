@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from alike import assert_samples_are_those_alone
-from called import Called
 from effect_scenes import BLOCK, run_distributed, scene_of
 from exported import assert_same_in_c, needs_compiler
 from runs import full_model, motion, reduced_model, rom_of, samples
 from scipy.integrate import solve_ivp
 
+from benchmarks.called import Called
 from pgmp_petsc.declare.formulas import declared
 from pgmp_petsc.effects.action import FRICTION, SPRING_DAMPER
 from pgmp_petsc.effects.formula import WORDS, known, law_of
