@@ -36,6 +36,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.called import Called
 from benchmarks.tables import Table
 from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, component_model, distance_from_mesh
 from pgmp_petsc.ensemble.sampling import draw
@@ -170,7 +171,7 @@ def _history_of(model: Model, system: SecondOrderSystem, every: int) -> Historie
         if number % every == 0:
             rows.append(model.outputs.evaluate(model.observed(system, state)))
 
-    run = integrate(system, model.scene.simulation, observer=record)
+    run = integrate(system, model.scene.simulation, observer=Called(record))
     fine = run.status == Status.FINE
     return {name: np.where(fine, [row[name] for row in rows], np.nan) for name in model.outputs.functions}
 

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.called import Called
 from benchmarks.tables import Table
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
@@ -104,7 +105,7 @@ def _history(model: ReducedModel) -> dict[str, np.ndarray]:
     def record(step: int, at: float, state: State) -> None:
         rows.append(model.outputs.evaluate(model.observed(system, state)))
 
-    integrate(system, model.scene.simulation, observer=record)
+    integrate(system, model.scene.simulation, observer=Called(record))
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
