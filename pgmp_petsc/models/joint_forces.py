@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bodies.stresses import Values
+from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.controllers.running import BEFORE
 from pgmp_petsc.controllers.running import rows_of as rows_of_beside
 from pgmp_petsc.effects import Effect, Motion, actions_of

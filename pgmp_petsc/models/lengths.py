@@ -14,8 +14,8 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.shape import at_lengths
-from pgmp_petsc.bodies.stresses import Values
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.mechanism.statements import ANGLE
 from pgmp_petsc.models.full import ComponentModel, FullModel

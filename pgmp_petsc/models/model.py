@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.bodies.stresses import Values
+from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.controllers.acting import are_stated, measured_by
 from pgmp_petsc.controllers.running import rows_of
 from pgmp_petsc.declare.ideas import refuse

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bodies.stresses import Values
+from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.controllers.running import AFTER, Controls
 from pgmp_petsc.effects import actions_of, effects_of, motions_of, start_of
 from pgmp_petsc.effects.effect import Effect

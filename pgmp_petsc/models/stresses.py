@@ -25,10 +25,11 @@ from dataclasses import replace
 import numpy as np
 import scipy.spatial.transform
 
+from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.floating import products
-from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, Strains, Values
+from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, Strains
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.outputs.outputs import OutputSet

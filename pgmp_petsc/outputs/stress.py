@@ -16,8 +16,9 @@ import numpy as np
 from pydantic import Field
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.stresses import BeamLaw, BodyStresses, SolidLaw, Strains, Values
+from pgmp_petsc.bodies.stresses import BeamLaw, BodyStresses, SolidLaw, Strains
 from pgmp_petsc.mechanism.composition import bodies_of
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh

@@ -44,8 +44,7 @@ class RankGroup(AbstractContextManager):
     def split(cls, world: Comm, ranks_per_group: int, option: str = "--ranks-per-angle") -> RankGroup:
         """Split all ranks into groups; ranks left over join the last group. Collective on `world`.
 
-        `option` is what asks for it, in messages. Raises `InputError` if a group needs more ranks
-        than there are.
+        `option` is what asks for it, in messages. Raises `InputError` if a group needs more ranks than there are.
         """
         if not 1 <= ranks_per_group <= world.size:
             raise InputError(
