@@ -151,7 +151,7 @@ outputs.elbow: type = "angle"; joint = "elbow"
 outputs.slide: type = "sliding"; joint = "slider"
 outputs.length: type = "distance"; points = ["ground:post", "rod:tip"]
 coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; periodic = true
-simulation: duration = 0.05; step = 1e-3; spectral_radius = 1.0
+simulation: duration = 0.05; step = 1e-3; spectral_radius = 0.99
 simulation.initial.theta: position = 0.3; velocity = 2.0
 """)
 
