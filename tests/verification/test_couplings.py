@@ -30,6 +30,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel, SeparateLengths, of_samples
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
+from pgmp_petsc.reduction import tables as tables_of_reduction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.inputs import with_meshes
@@ -202,9 +203,11 @@ def test_effects_on_motors_that_turn_too_far_between_places_are_warned_of() -> N
     assert re.search(r"body 'rotor' turns by 0.94 rad .* may be off by 0.2 %", found)
 
 
-def test_a_spring_on_a_motor_is_one_on_the_slow_side_of_its_gear() -> None:
+def test_a_spring_on_a_motor_is_one_on_the_slow_side_of_its_gear(monkeypatch: pytest.MonkeyPatch) -> None:
     """Between places 0.42 rad of the motor apart directors err by 8e-5, to both sides: less than a hundredth acts."""
+    monkeypatch.setattr(tables_of_reduction, "N_FINE_OF_MORE", 96)  # of half the range
     moving = ("simulation={duration=0.2,step=1e-3,initial={shoulder={velocity=2.0}}}",
+              "coordinates.shoulder.range=[-0.1,0.5]",
               "effects.elbow={type='spring_damper',joint='elbow',stiffness=2e4}")  # fmt: skip
     slow = "effects.hold={type='spring_damper',joint='shoulder',stiffness=40.0}"
     quick = _geared_arm(120.0, *moving, f"effects.hold.stiffness={40.0 / 120.0**2!r}")
