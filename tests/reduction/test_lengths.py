@@ -144,7 +144,7 @@ def test_component_ensembles_and_more_builds_than_are_made_are_refused() -> None
 
 def test_samples_of_lengths_take_several_times_a_batch_s_but_those_on_cells() -> None:
     place = 'parameters.height={nominal=0.0,unit="m",bounds=[-0.01,0.01],distribution={name="norm",loc=0.0,scale=1e-3}}'
-    for name, least, most in (("slider_crank", 3.0, 8.0), ("slider_crank_solid2d", 0.9, 1.6)):  # measured, `bench.prices`
+    for name, least, most in (("slider_crank", 3.0, 8.0), ("slider_crank_solid2d", 0.9, 1.6)):
         given = (place, "ground.points.guide=[0.0,'height']", "joints.slider.connect=['ground:guide','rod:tip']")
         scene, meshes = read_scene(ROOT / "scenes" / f"{name}.toml", given, (), MPI.COMM_SELF, Purpose.CHECK)
         bodies = Mechanism.from_scene(scene, meshes).bodies
