@@ -24,7 +24,8 @@ others and optimised there once more: code that is five calls deep is optimised 
 function is linked with what it calls, and that is all until somebody asks for its address.
 
 Before that numba passes over all of a function for each of its variables, which takes it a third of the time of a long
-one. Here it passes over the blocks that have the variable, and finds the same.
+one. Here it passes over the blocks that have the variable, and finds the same. It also asks LLVM for the size of each
+variable that is made, with a module for each question; here once for each type.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from __future__ import annotations
 import ctypes
 import fcntl
 import functools
+import gc
 import hashlib
 import inspect
 import itertools
@@ -52,6 +54,7 @@ import numpy as np
 from llvmlite import binding, ir
 from numba.core import (
     analysis,
+    base,
     cgutils,
     codegen,
     environment,
@@ -73,6 +76,9 @@ from pgmp_petsc.base.progress import waits_for
 CURE = "set NUMBA_CACHE_DIR to a folder with space that can be written"
 COMPILING = "compiling, once for scenes of this kind"
 PATIENCE = 300.0  # s, for what another process compiles
+# Python looks through what was made for what it may collect after so many new objects, ten and so many such times: what
+# numba makes stays until a function is compiled, and looking took a twelfth of the time
+COLLECTIONS = (100_000, 20, 50)
 MAKE = "pgmp_make"  # what compiled code has a function apart made by
 PACKAGE = Path(__file__).parent.parent
 #: Of a wheel with compiled code: the version of numba, and processors as numba's cache names them, the best one first.
@@ -608,9 +614,16 @@ class Library(codegen.JITCodeLibrary):
 
 
 def _shorten_analyses() -> None:
-    """Let numba look for a variable where it is, and nowhere else."""
+    """Let numba look for a variable where it is, and nowhere else, and ask for the size of a type once."""
     live_map, in_ssa, rewritten = analysis.compute_live_map, ssa._run_ssa, ssa._run_block_rewrite
+    size_of, sizes = base.BaseContext.get_abi_sizeof, dict[ir.Type, int]()
     names: dict[int, set[str]] = {}  # of the variables of each block
+
+    def get_abi_sizeof(context: Any, kind: ir.Type) -> int:
+        """Return how many bytes a variable of a type takes."""
+        if kind not in sizes:
+            sizes[kind] = size_of(context, kind)
+        return sizes[kind]
 
     def compute_live_map(graph: Any, blocks: dict, used: dict[int, set], defined: dict[int, set]) -> dict[int, set]:
         """Return the variables that live on into each block; such are used in a block that does not define them."""
@@ -630,18 +643,25 @@ def _shorten_analyses() -> None:
         return blocks | rewritten(own, states, handler)
 
     analysis.compute_live_map, ssa._run_ssa, ssa._run_block_rewrite = compute_live_map, run_ssa, rewrite
+    base.BaseContext.get_abi_sizeof = get_abi_sizeof
 
 
 class _Compiling(event.Listener):
-    """Tells the counts of progress when something is compiled, and when it is done."""
+    """Tells the counts of progress when something is compiled, and lets Python seldom collect meanwhile."""
+
+    def __init__(self) -> None:
+        self._usual: list[tuple[int, int, int]] = []  # of each function that is being compiled, within one another
 
     def on_start(self, _: event.Event) -> None:
         """Say that it began."""
         waits_for(COMPILING)
+        self._usual.append(gc.get_threshold())
+        gc.set_threshold(*COLLECTIONS)
 
     def on_end(self, _: event.Event) -> None:
         """Say no more."""
         waits_for(None)
+        gc.set_threshold(*self._usual.pop())
 
 
 event.register("numba:compile", _Compiling())

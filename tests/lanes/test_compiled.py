@@ -1,6 +1,7 @@
 """The cache of compiled functions: its loss costs time, never a run."""
 
 import ast
+import gc
 import importlib.util
 import json
 import os
@@ -18,7 +19,7 @@ import pytest
 import warm_start
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from llvmlite import binding
-from numba.core import ssa
+from numba.core import event, ssa, types
 from numba.core.compiler import run_frontend
 from numba.core.postproc import VariableLifetime
 
@@ -504,3 +505,26 @@ def test_variables_are_found_where_numba_finds_them() -> None:
     texts = [[(label, [str(each) for each in block.body]) for label, block in one.items()] for one in (found, expected)]
     assert texts[0] == texts[1]
     assert sum("phi(" in each for _, body in texts[0] for each in body) > 50
+
+
+def test_python_collects_as_before_once_a_function_is_compiled_or_cannot_be() -> None:
+    usual, seen = gc.get_threshold(), []
+
+    class Watching(event.Listener):
+        def on_start(self, _: event.Event) -> None:
+            seen.append(gc.get_threshold())
+
+        on_end = on_start
+
+    with event.install_listener("numba:compile", Watching()):
+        compiled.njit()(lambda x: x + 1)(1)
+        with pytest.raises(numba.TypingError):
+            compiled.njit()(lambda x: x.nothing)(1)
+    assert compiled.COLLECTIONS in seen and gc.get_threshold() == usual != compiled.COLLECTIONS
+
+
+def test_a_type_has_the_size_that_llvm_says() -> None:
+    context = numba.njit(lambda: 0).targetctx
+    for kind in (types.float64, types.boolean, types.Array(types.float64, 3, "C"), types.UniTuple(types.int32, 3)):
+        found = context.get_value_type(kind)
+        assert [context.get_abi_sizeof(found) for _ in range(2)] == [found.get_abi_size(context.target_data)] * 2
