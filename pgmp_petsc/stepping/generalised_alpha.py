@@ -163,7 +163,7 @@ class GeneralisedAlpha:
         shown = shown[(shown % every == 0) | (shown == end)]
         trail, scheme = system.trail(self.state, shown.size), self._stepper.scheme(self._step)
         if system.beside is not None:
-            trail.forces = system.beside.open(self.instants[shown])
+            trail.forces = system.beside.open(self.instants[shown], self._step)
         self._stand(trail, ~todo)
         while todo.any():
             first = int(at[todo].min())
