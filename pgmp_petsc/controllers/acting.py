@@ -8,6 +8,7 @@ that moves, none are taken, and the iteration of a step finds the force without 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -150,6 +151,7 @@ def control_of(scene: Scene, entry: ControllerEntry) -> Control:
     return Control(law, parameters, over_time, takes_rate and not entry.sample_time)
 
 
+@lru_cache(32)
 def rounded(lines: TimeFunction, width: float) -> TimeFunction:
     """Return lines over time whose corners are parabolas of a width (s), within half of the lines that meet there.
 

@@ -76,7 +76,6 @@ class Running:
     about: np.ndarray
     before: np.ndarray  # the force of that with its slopes, as `force`
     lines: TimeFunction | None  # the reference as a scene has it, whose corners are `rounded`; None where they are not
-    width: float = 0.0  # over which they are, s
     kappa: float = 0.0
 
     @classmethod
@@ -253,8 +252,7 @@ class Controls:
 
         Of several samples, those that were seen before the last ones are forgotten."""
         for one in self.each:
-            if one.lines is not None and one.width != step:
-                one.reference, one.width = rounded(one.lines, step), step
+            one.reference = one.reference if one.lines is None else rounded(one.lines, step)
         if self._n_samples > 1 and self._times:
             del self._times[: -max(self._n_last, 1)], self._seen[: -max(self._n_last, 1)]
         self.now[:, BEFORE] = self.now[:, AFTER]  # what they jumped to is what they are up to the next jump

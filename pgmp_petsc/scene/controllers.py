@@ -208,8 +208,5 @@ def _sampling(scene: AnyScene, entry: str, one: ControllerEntry) -> Iterator[str
         words = f"is shorter than simulation.step = {run.step:g} s; take smaller steps, or 0 for a continuous one"
         yield problem(f"{entry}.sample_time", words, one.sample_time)
     elif abs(ratio - round(ratio)) > WHOLE * ratio:
-        words = (
-            f"must be a whole number of steps of {step:.6g} s, and is {ratio:.6g} of them; take a "
-            "simulation.step that divides it and simulation.duration"
-        )
+        words = f"must be a whole number of steps of {step:.6g} s, and is {ratio:.6g} of them; take one that divides it"
         yield problem(f"{entry}.sample_time", words, one.sample_time)
