@@ -14,15 +14,13 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from mpi4py import MPI
 
 from benchmarks.called import Called
+from benchmarks.programs import end, guarded, reduced_model
 from benchmarks.tables import Table, number
-from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
@@ -39,7 +37,7 @@ def out_of_reach(path: Path) -> list[str]:
     InputError
         If it has none.
     """
-    effects = read_rom(path, (), (), MPI.COMM_SELF)[0].effects
+    effects = reduced_model(path).scene.effects
     stops = {name: entry for name, entry in effects.items() if entry.type == "end_stop"}
     if not stops:
         raise InputError(f"{path}: the scene has no end_stop; give a ROM of one that has")
@@ -50,11 +48,6 @@ def out_of_reach(path: Path) -> list[str]:
         for key, far in ends
         if getattr(stop, key) is not None
     ]
-
-
-def model_of(path: Path, overrides: Sequence[str]) -> ReducedModel:
-    """Return the reduced model with other entries of its scene."""
-    return ReducedModel(*read_rom(path, overrides, (), MPI.COMM_SELF))
 
 
 def seconds_of(model: ReducedModel, n: int) -> tuple[float, int]:
@@ -81,7 +74,7 @@ def instants_of(model: ReducedModel, n: int) -> int:
 
 def measure(path: Path, sizes: Sequence[int]) -> Table:
     """Return the costs of batches of some sizes."""
-    model, free = model_of(path, ()), model_of(path, out_of_reach(path))
+    model, free = reduced_model(path), reduced_model(path, out_of_reach(path))
     rows = []
     for n in sizes:
         (seconds, n_steps), without, instants = seconds_of(model, n), seconds_of(free, n)[0], instants_of(model, n)

@@ -18,10 +18,9 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from mpi4py import MPI
 
 from benchmarks.on_model import main
-from pgmp_petsc.api.sources import read_rom
+from benchmarks.programs import reduced_model
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.plan import Piece, checked, pieces
 from pgmp_petsc.ensemble.sampling import draw
@@ -74,8 +73,7 @@ def in_rounds(times: Sequence[float], n_ranks: int) -> float:
 
 def run(path: Path, n_samples: int) -> None:
     """Measure a reduced model and print a line for every number of ranks."""
-    scene, rom = read_rom(path, (), (), MPI.COMM_SELF)
-    model = ReducedModel(scene, rom)
+    model = reduced_model(path)
     watching = Watching(model)
     plain = Cost.measured(model, watching, SIZES, False)
     estimate = Cost.measured(model, watching, SIZES_CHECKED, True) if watching.share > 0.0 else Cost(0.0, 0.0)

@@ -37,13 +37,13 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.called import Called
+from benchmarks.programs import end, guarded
 from benchmarks.tables import Table
 from pgmp_petsc.bench.reference import Demand, Subject, choose_reference, component_model, distance_from_mesh
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
-from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.reduction.build import build_rom

@@ -24,6 +24,7 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 from benchmarks.limit_states import limit_states
+from benchmarks.programs import end, guarded
 from benchmarks.tables import Table
 from pgmp_petsc.bodies.random_fields import expansion
 from pgmp_petsc.ensemble.integration import run_batch
@@ -34,7 +35,6 @@ from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.ensemble.watchers import Watching
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.reduction.build import build_rom

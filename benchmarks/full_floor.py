@@ -21,6 +21,7 @@ from time import process_time
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.programs import end, guarded
 from pgmp_petsc.bodies import beam2d
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.full.systems import FullBatch
@@ -29,7 +30,6 @@ from pgmp_petsc.lanes.lane_items import aligned, fused, items, width_of
 from pgmp_petsc.lanes.vectors import LANES
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.inputs import read_scene

@@ -14,19 +14,17 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from mpi4py import MPI
 
 from benchmarks.on_model import main
-from pgmp_petsc.api.sources import read_rom
+from benchmarks.programs import reduced_model
 from pgmp_petsc.gradients.differentiated import differentiate
-from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 
 
 def run(rom: Path, n: int) -> None:
     """Print the table."""
-    scene, tables = read_rom(rom, (), (), MPI.COMM_SELF)
-    model = ReducedModel(scene, tables)
+    model = reduced_model(rom)
+    scene = model.scene
     values = {name: np.array([value]) for name, value in scene.values.items()}
 
     def plain() -> None:

@@ -18,13 +18,12 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.api.sources import read_rom
+from benchmarks.programs import end, guarded, reduced_model
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.effects.loads import Force, Torque
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import Harmonic
@@ -70,7 +69,8 @@ def main() -> int:
 
 def print_errors(given: argparse.Namespace) -> None:
     """Run both models under all loads and print how far they are apart."""
-    scene, rom = read_rom(given.rom, [], [], MPI.COMM_SELF)
+    model = reduced_model(given.rom)
+    scene, rom = model.scene, model.rom
     _, meshes = read_scene(given.scene, [], [], MPI.COMM_SELF, Purpose.FULL)
     values, n_samples = {given.parameter: np.array(given.values)}, len(given.values)
     n_steps = scene.simulation.n_steps

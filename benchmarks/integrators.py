@@ -25,15 +25,14 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from mpi4py import MPI
 from scipy.integrate import solve_ivp
 
 from benchmarks.called import Called
 from benchmarks.effectivity import MOTOR, TORQUES
 from benchmarks.exact_oscillators import ExactOscillators, Variant, sinc
 from benchmarks.on_model import main
+from benchmarks.programs import reduced_model
 from benchmarks.tables import Table, number
-from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.cases import Load
 from pgmp_petsc.ensemble.sampling import draw
@@ -265,9 +264,8 @@ def equal_table(results: Sequence[Result], cost: Prices) -> Table:
 
 def run(path: Path, n_samples: int) -> None:
     """Measure a reduced model, and print both tables."""
-    scene, rom = read_rom(path, (), (), MPI.COMM_SELF)
-    model = ReducedModel(scene, rom)
-    layout = model.terms.layout
+    model = reduced_model(path)
+    scene, layout = model.scene, model.terms.layout
     if len(layout.rigid) != 1 or layout.damping < layout.end or MOTOR not in scene.effects:
         raise InputError(f"{path}: needed are one coordinate, no damping and a torque '{MOTOR}'")
     values, cost = draw(scene, 0, 0, n_samples), prices(model)

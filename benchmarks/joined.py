@@ -22,15 +22,14 @@ from mpi4py import MPI
 from numpy.polynomial import chebyshev
 from scipy import stats
 
+from benchmarks.programs import end, guarded, reduced_model
 from benchmarks.tables import Table
-from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.ensemble import intervals, joined, sampling
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.joined import corrected
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.ensemble.stopping import Rule, Seen, Stop, level_of_each, stages
-from pgmp_petsc.models import FullModel, Model, ReducedModel
-from pgmp_petsc.ranks.ending import end, guarded
+from pgmp_petsc.models import FullModel, Model
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.scene.parameters import uncertain_names
 
@@ -171,13 +170,14 @@ class Curve:
 
 def models(path: Path, n_best: int, n_cheap: int, sobol: bool) -> Iterator[Table]:
     """Yield how often corrected figures of a reduced model hold the full-order ones, and how narrow they are."""
-    scene, rom = read_rom(path, ("ensemble.bands=0",), (), MPI.COMM_SELF)
+    model = reduced_model(path, ("ensemble.bands=0",))
+    scene = model.scene
     name, *others = uncertain_names(scene)
     if others:
         raise SystemExit("models: a reduced model of a scene with one uncertain parameter is needed")
     quantiles = scene.parameters[name].quantiles
     low, high = quantiles(np.array([1e-9, 1.0 - 1e-9]))
-    full, reduced = (Curve(model, low, high) for model in (FullModel(scene, rom.meshes), ReducedModel(scene, rom)))
+    full, reduced = (Curve(model, low, high) for model in (FullModel(scene, model.meshes), model))
     nodes = (np.arange(200_000) + 0.5) / 200_000  # the mean over the probability, to 1e-7 of the deviation
     for output in scene.outputs:
         exact, random = full(output, quantiles(nodes)), np.random.default_rng(1)

@@ -20,12 +20,12 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.called import Called
+from benchmarks.programs import end, guarded
 from benchmarks.tables import Table
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import Model, ReducedModel, of_samples
-from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.reduction.build import build_rom

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from pgmp_petsc.ranks.ending import end, guarded
+from benchmarks.programs import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 
 

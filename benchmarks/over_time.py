@@ -18,10 +18,9 @@ from tempfile import TemporaryDirectory
 from time import process_time
 
 import numpy as np
-from mpi4py import MPI
 
+from benchmarks.programs import end, guarded, reduced_model
 from benchmarks.tables import Table
-from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.description import describe_ensemble
@@ -30,7 +29,6 @@ from pgmp_petsc.ensemble.plan import Batch, Piece, Plan
 from pgmp_petsc.ensemble.sampling import Sampler, draw
 from pgmp_petsc.ensemble.watchers import Watching, watch_over_time
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.results.estimates import VALIDITY
 from pgmp_petsc.scene import scene_to_toml
@@ -47,7 +45,7 @@ ASKED = {
 
 def model_of(path: Path, overrides: Sequence[str]) -> ReducedModel:
     """Return the reduced model with other figures asked for."""
-    return ReducedModel(*read_rom(path, [UNCHECKED, *overrides], (), MPI.COMM_SELF))
+    return reduced_model(path, (UNCHECKED, *overrides))
 
 
 def cost(path: Path) -> Table:

@@ -21,12 +21,12 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.effectivity import FACTOR, Case, compare, refer
+from benchmarks.programs import end, guarded
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.reduction.build import build_rom

@@ -16,16 +16,15 @@ from unittest.mock import patch
 from mpi4py import MPI
 
 from benchmarks.on_model import main
-from pgmp_petsc.api.sources import read_rom
+from benchmarks.programs import reduced_model
 from pgmp_petsc.base.resources import Timings
-from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.studies import simulate
 
 
 def run(path: Path, n: int) -> None:
     """Time a model's run, and print what its parts take."""
-    scene, rom = read_rom(path, (), (), MPI.COMM_SELF)
-    model, best = ReducedModel(scene, rom), {}
+    model, best = reduced_model(path), {}
+    scene = model.scene
 
     def once() -> dict[str, float]:
         start = time.process_time()

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.programs import end, guarded
 from benchmarks.tables import Table
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.reduction.build import build_rom

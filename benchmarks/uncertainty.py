@@ -24,18 +24,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 from scipy import stats
 
+from benchmarks.programs import end, guarded, reduced_model
 from benchmarks.tables import Table
-from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler, saltelli, sobol
 from pgmp_petsc.ensemble.statistics import describe, of_blocks, of_event, of_given
-from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.results import Ensemble
 
@@ -161,8 +158,8 @@ def indices() -> Table:
 
 def samplers(path: Path) -> Iterator[Table]:
     """Yield, for every output, the errors of means of scrambled Sobol points, and what independent samples need."""
-    scene, rom = read_rom(path, ['ensemble.sampler="sobol"'], (), MPI.COMM_SELF)
-    model = ReducedModel(scene, rom)
+    model = reduced_model(path, ['ensemble.sampler="sobol"'])
+    scene = model.scene
 
     def outputs(seed: int, n: int) -> dict[str, np.ndarray]:
         sampler, parts = Sampler(scene, Plan(n, seed)), []

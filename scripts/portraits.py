@@ -23,12 +23,12 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from PIL import Image
 
+from benchmarks.programs import guarded
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures.mechanism import Shapes, TimeColours
 from pgmp_petsc.figures.motion import motion_of
 from pgmp_petsc.figures.solids import COLOURS, Stage, bounds_of, has_solids
 from pgmp_petsc.figures.style import QUIET, axis_label, axis_unit, new_figure, round_below, save, styled, top_legend
-from pgmp_petsc.ranks.ending import guarded
 from pgmp_petsc.results import Trajectory
 
 WIDTH, HEIGHT = 5.4, 2.65

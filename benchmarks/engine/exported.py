@@ -21,10 +21,9 @@ from mpi4py import MPI
 
 from benchmarks.engine.floor import compiler
 from benchmarks.on_model import main
-from pgmp_petsc.api.sources import read_rom
+from benchmarks.programs import reduced_model
 from pgmp_petsc.c_export.constants import MOST_CORRECTIONS, Constants, constants_of
 from pgmp_petsc.c_export.source import compiled_of, write_sources
-from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.studies.simulate import simulate
 
 NEVER_MET = {name: -1.0 for name in ("NEWTON_TOLERANCE", "TOLERANCE_OF_TRIALS", "ROUND_OFF")}
@@ -33,8 +32,7 @@ SHARE_OF_MOST = 100  # of the steps, those that are timed with all corrections
 
 def run(path: Path, n_steps: int) -> None:
     """Time the steps of a model, and print what they take."""
-    scene, rom = read_rom(path, (), (), MPI.COMM_SELF)
-    model = ReducedModel(scene, rom)
+    model = reduced_model(path)
     constants = constants_of(model, "the model")
     with TemporaryDirectory() as folder:
         endless = replace(constants, settings={**constants.settings, **NEVER_MET})

@@ -18,14 +18,12 @@ from tempfile import TemporaryDirectory
 from time import process_time
 
 import numpy as np
-from mpi4py import MPI
 
 from benchmarks.on_model import main
-from pgmp_petsc.api.sources import read_rom
+from benchmarks.programs import reduced_model
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.lanes.vectors import CACHE_LINE, N_POWERS, N_POWERS_OF_RIGID
-from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.stepping.generalised_alpha import integrate
 
 WIDTHS = (4, 8)
@@ -76,8 +74,8 @@ def compiler() -> str:
 
 def run(path: Path, n_samples: int) -> None:
     """Time a reduced model beside the C loop, and print both."""
-    scene, rom = read_rom(path, (), (), MPI.COMM_SELF)
-    model = ReducedModel(scene, rom)
+    model = reduced_model(path)
+    scene = model.scene
     values, layout = draw(scene, 0, 0, n_samples), model.terms.layout
     m = layout.n_eta - 1
     if len(layout.rigid) != 1 or layout.damping < layout.end:

@@ -10,12 +10,12 @@ from time import process_time
 from mpi4py import MPI
 
 from benchmarks.paper.results import MODELS, PaperResults
+from benchmarks.programs import reduced_model
 from benchmarks.tables import Table, number
-from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.models import FullModel, Model
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.studies.inputs import read_scene
 
@@ -58,16 +58,16 @@ def measure(scene: Path, directory: Path) -> list[Cost]:
     for n_elements, overrides in ((5, ()), (40, FINE)):
         loaded, meshes = read_scene(scene, overrides, (), MPI.COMM_SELF, Purpose.FULL)
         full = FullModel(loaded, meshes)
-        reduced_scene, rom = read_rom(directory / ROMS[n_elements], (), (), MPI.COMM_SELF)
+        reduced = reduced_model(directory / ROMS[n_elements])
         mechanism = full.kinematics.mechanism
         n_unknowns = mechanism.n_dofs + mechanism.n_constraints
         costs.append(
             Cost(
                 n_elements,
                 n_unknowns,
-                rom.tables.n_modes,
+                reduced.rom.tables.n_modes,
                 seconds_a_sample(full),
-                seconds_a_sample(ReducedModel(reduced_scene, rom)),
+                seconds_a_sample(reduced),
             )
         )
     return costs

@@ -19,8 +19,8 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.paper.cost import FINE, ROMS
+from benchmarks.programs import reduced_model
 from benchmarks.tables import Table, number
-from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.bench.history import errors_between, floors_of, run_history
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -80,7 +80,7 @@ def compare(scene: Path, overrides: Sequence[str], n_elements: int, roms: Mappin
             found.append(Run(n_steps, error, seconds_a_sample(model, n_steps, n_batch)))
         return found
 
-    reduced = {name: ReducedModel(*read_rom(path, (), (), MPI.COMM_SELF)) for name, path in roms.items()}
+    reduced = {name: reduced_model(path) for name, path in roms.items()}
     return Comparison(n_elements, runs(full, N_FULL), {name: runs(model, N_REDUCED) for name, model in reduced.items()})
 
 

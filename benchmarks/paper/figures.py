@@ -19,12 +19,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy import stats
 
+from benchmarks.programs import guarded
 from pgmp_petsc.figures.ensembles import densities
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.style import REDUCED_COLOUR, axis_unit, save, styled
 from pgmp_petsc.figures.trajectories import paired, trajectories
-from pgmp_petsc.ranks.ending import guarded
 from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
 
 RADII = ("0.9", "1.0", "1.1")  # of the crank, over the nominal one

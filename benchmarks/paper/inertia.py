@@ -9,8 +9,8 @@ from mpi4py import MPI
 
 from benchmarks.paper.published import LARGEST_ERROR_PERCENT, NOMINAL
 from benchmarks.paper.results import PaperResults
+from benchmarks.programs import reduced_model
 from benchmarks.tables import Table, percent
-from pgmp_petsc.api.sources import read_rom
 from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import interpolant
@@ -20,9 +20,9 @@ from pgmp_petsc.studies.simulate import simulate
 
 def inertia_table(results: PaperResults) -> Table:
     """Compare the reduced model's largest errors with the coupling and without it, nominal radius."""
-    scene, rom = read_rom(results.directory / "rom.h5", (), (), MPI.COMM_SELF)
-    tables = uncoupled(rom.tables, scene.reduction.interpolation)
-    without = simulate(ReducedModel(scene, replace(rom, tables=tables)), MPI.COMM_SELF)
+    model = reduced_model(results.directory / "rom.h5")
+    tables = uncoupled(model.rom.tables, model.scene.reduction.interpolation)
+    without = simulate(ReducedModel(model.scene, replace(model.rom, tables=tables)), MPI.COMM_SELF)
     if without.status:
         raise RunError(without.record.remarks[0].text)
     rows = []

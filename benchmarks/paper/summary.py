@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.paper.results import PaperResults
+from benchmarks.programs import end, guarded
 from benchmarks.tables import Table, number
 from pgmp_petsc import __version__
-from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 
 if TYPE_CHECKING:

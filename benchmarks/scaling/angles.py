@@ -17,12 +17,12 @@ from time import perf_counter
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.programs import end, guarded
 from benchmarks.scaling.fine_beams import refined
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes import problem as problems
 from pgmp_petsc.modes.pencils import MOST_UNKNOWNS
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.scene.schema import Scene
 

@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.programs import end, guarded
 from benchmarks.scaling import case as phases
 from benchmarks.scaling.case import ScalingCase
 from pgmp_petsc.base.errors import InputError, RunError
@@ -37,7 +38,6 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.agreement import on_root
-from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.reduction.build import build_rom

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from benchmarks.programs import guarded
 from benchmarks.scaling import case as phases
 from benchmarks.scaling.case import ScalingCase, exponent, over_unknowns
 from pgmp_petsc.base.errors import InputError
@@ -28,7 +29,6 @@ from pgmp_petsc.figures.style import (
     styled,
     top_legend,
 )
-from pgmp_petsc.ranks.ending import guarded
 
 PARTS = (phases.ASSEMBLY, phases.FACTORISATION, phases.EIGENSOLVER, phases.ANSWERS, phases.PROJECTION)
 ALLOWED = 1.5  # power of the unknowns

@@ -23,13 +23,13 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.programs import end, guarded
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.files.claims import check_output, replacing
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.ranks.ending import end, guarded
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.studies.inputs import read_scene

@@ -14,13 +14,13 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from benchmarks.programs import guarded
 from benchmarks.scaling import case as phases
 from benchmarks.scaling.case import ScalingCase, exponent, over_unknowns
 from benchmarks.scaling.fine_beams import TOLERANCE, FineBeams
 from benchmarks.tables import Table, number
 from pgmp_petsc import __version__
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.ranks.ending import guarded
 from pgmp_petsc.results.trajectory import Trajectory
 
 LIMIT = 1.5  # allowed exponent of the cost with the unknowns

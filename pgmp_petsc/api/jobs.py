@@ -346,7 +346,7 @@ class _Job:
             mechanism = component_model(self.scene, self.meshes, comm, None, self.kinematics).kinematics.mechanism
         else:
             mechanism = self.kinematics.mechanism
-        price = Price(step_of_samples(self.scene, step_seconds(mechanism)), self.n_steps * n_samples)
+        price = Price(step_of_samples(self.scene, step_seconds(mechanism), mechanism.bodies), self.n_steps * n_samples)
         text = f"{n_samples} samples are predicted to take {price} of processor time, reference.budget = {limit:g} s"
         fine = price.seconds <= limit
         self._say("ensemble", text if fine else f"left out: {text}; take fewer with -n, or raise it")

@@ -141,19 +141,6 @@ def kind_of(source: AnySource) -> str | None:
     return kind if kind in NAME_OF else None
 
 
-def read_rom(
-    path: Path, overrides: Sequence[str], settings: Sequence[str], comm: Comm
-) -> tuple[Scene, ReducedOrderModel]:
-    """Read a ROM and its scene, changed where a change leaves the tables valid. Collective on `comm`. Raises
-    `InputError` if the file is not a whole ROM, or an entry is overridden that the tables were built from."""
-
-    def read() -> tuple[Scene, ReducedOrderModel]:
-        rom = ReducedOrderModel.read(path)
-        return scene_of_built(rom, path.parent, overrides, settings, path), rom
-
-    return on_root(comm, read)
-
-
 def scene_of_built(
     made: ReducedOrderModel | ComponentsFile,
     directory: Path,

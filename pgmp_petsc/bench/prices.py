@@ -27,11 +27,12 @@ prediction is of their size, and `pgmp tradeoff` measures those of a scene.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.controllers.acting import are_stated
 from pgmp_petsc.effects import Effect, actions_of
@@ -53,7 +54,8 @@ LOCAL_EFFECT = 1.5e-6  # s, of a step of a sample, Newton corrections included
 # s, of a step of a sample of a component model: a pair of a body's amplitudes, a body in space, and of the matrix
 PAIR, BODY, CUBE = 1.1e-8, 1.2e-6, 3.3e-11
 # s, of a step of a full-order or component sample: a controller, or friction by the force carried, which are found
-# beside it; and where lengths are drawn, which part samples: how often what it takes in a batch
+# beside it; and where lengths are drawn, which part samples: how often what it takes in a batch, but for cells of the
+# mesh (3 to 7 were measured, and 1 to 1.5 with cells)
 BESIDE, APART = OF_BESIDE / 1e6, 4.0
 # s, of a step of a sample whose outputs are forces in joints, by the dimension of space: of the mesh and of components,
 # and in the lanes of a reduced model
@@ -108,14 +110,15 @@ def step_seconds(mechanism: Mechanism, by_itself: bool = False) -> float:
     )
 
 
-def step_of_samples(scene: Scene, step: float) -> float:
-    """Return what a step takes in an ensemble of full-order or component samples, s, that takes `step` in a batch: with
-    lengths that are drawn each sample is set up by itself, and taken by itself."""
+def step_of_samples(scene: Scene, step: float, bodies: Iterable[Body] = ()) -> float:
+    """Return what a step takes in an ensemble of samples on the mesh of bodies, or of a component model, s, that takes
+    `step` in a batch: with lengths that are drawn each sample is set up by itself, and taken by itself."""
     if not {*uncertain_names(scene)} & {*length_names(scene)}:
         return step
     n_steps = scene.simulation.n_steps
     by_itself = SETTING_UP[scene.dimension] / n_steps + _forces(scene, FORCES_APART)
-    return (1.0 if scene.beside else APART) * step + by_itself
+    one_by_one = scene.beside or any(body.blocks("cells") for body in bodies)
+    return (1.0 if one_by_one else APART) * step + by_itself
 
 
 def component_step(mechanism: Mechanism, fields: Mapping[str, int]) -> float:
@@ -207,7 +210,8 @@ def prospects(scene: Scene, meshes: Shapes, mechanism: Mechanism, n_flexible: in
     found = [
         Prospect(
             "mesh", why_refused(scene, Purpose.FULL, meshes), mechanism.n_dofs, 0.0,
-            step_of_samples(scene, step_seconds(mechanism)), 0.0, "errors are those of the elements and of the step",
+            step_of_samples(scene, step_seconds(mechanism), mechanism.bodies), 0.0,
+            "errors are those of the elements and of the step",
         ),
         Prospect(
             "components",

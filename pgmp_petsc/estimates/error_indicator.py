@@ -3,7 +3,7 @@
 - The error of the time step is that between the run and one of the same reduced model with smaller steps (`FINER` of
   them in one): it goes through stops, friction and all that is nonlinear as the run itself does.
 - `checking_model`: all that the full-order equations say against that run. This is what the reduction leaves out
-  (modes, terms, parameters, interpolation). `sampled_load`: what loads do between two steps.
+  (modes, terms, parameters, interpolation). What loads do between two steps is added.
 
 The equations are solved at two sets of instants and more, until two of them agree (`reference_motion`), and outputs are
 evaluated at ``q_reduced - error``; where no two agree, the output has no estimate (docs/method.md, error indicator).

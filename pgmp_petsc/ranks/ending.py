@@ -35,7 +35,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, NoReturn, TextIO
 
-from pgmp_petsc.base.errors import PgmpError
 from pgmp_petsc.base.progress import clear_beat
 from pgmp_petsc.base.surroundings import Comm
 
@@ -150,24 +149,6 @@ def release_petsc(comm: Comm) -> None:
         gc.collect()
         for where in (comm, PETSc.COMM_SELF):
             PETSc.garbage_cleanup(where)
-
-
-def guarded(work: Callable[[], None]) -> int:
-    """Run a program's work and return its exit status; errors of the user's go to stderr."""
-    try:
-        work()
-    except PgmpError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_status
-    return 0
-
-
-def end(status: int) -> NoReturn:
-    """Exit from a script of one's own; collective on COMM_WORLD."""
-    from pgmp_petsc.ranks.petsc import start_mpi  # reading a scene needs none of it
-
-    release_petsc(start_mpi())
-    sys.exit(status)
 
 
 _OBEYED = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]")  # by terminals, in UTF-8

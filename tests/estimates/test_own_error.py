@@ -35,7 +35,7 @@ from pgmp_petsc.estimates.reference_motion import (
     places_of,
     schedules,
 )
-from pgmp_petsc.estimates.sampled_load import SampledLoad
+from pgmp_petsc.estimates.checking_model import SampledLoad
 from pgmp_petsc.estimates.starts import growth_of, spread_remarks
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import EstimatedErrors, Trajectory

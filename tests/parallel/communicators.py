@@ -6,7 +6,7 @@ Handles are given anew once they are free, so that one that is never freed shows
 from mpi4py import MPI
 from runs import full_model, paper_scene
 
-from pgmp_petsc.ranks.ending import end
+from benchmarks.programs import end
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.ranks.petsc import start_petsc
 from pgmp_petsc.studies.simulate import simulate

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cantilevers import BEAM_IN_SPACE, IN_SPACE, cantilever
+from conftest import ROOT
 from length_scenes import CRANK, GUIDE, HIGH, LOW, SMALL, long_crank
 from mpi4py import MPI
 from refusals import cases, refusal
@@ -14,7 +15,7 @@ from runs import built_rom, full_model, rom_of, samples, still
 from sealed import resealed
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.bench.prices import prospects, step_seconds
+from pgmp_petsc.bench.prices import prospects, step_of_samples, step_seconds
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.affine import Monomial, Place, evaluate_weights
 from pgmp_petsc.ensemble.failures import failure_remarks
@@ -32,7 +33,7 @@ from pgmp_petsc.reduction.sample_grid import LengthGrid
 from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.check import describe_scene
-from pgmp_petsc.studies.inputs import with_meshes
+from pgmp_petsc.studies.inputs import read_scene, with_meshes
 from scenes import mechanism_of, meshes_of
 
 TWO = LengthGrid(("a", "b"), np.array([0.6, -1.0]), np.array([0.8, 2.0]), 4)
@@ -139,6 +140,15 @@ def test_component_ensembles_and_more_builds_than_are_made_are_refused() -> None
         "reduction.length_points = 5: of 4 lengths, places and ratios .* make 625 builds; at most",
         refusal(long_crank, 'ground.points={guide=["x", "y"], a=["z", 0.0]}', *spans),
     )
+
+
+def test_samples_of_lengths_take_several_times_a_batch_s_but_those_on_cells() -> None:
+    place = 'parameters.height={nominal=0.0,unit="m",bounds=[-0.01,0.01],distribution={name="norm",loc=0.0,scale=1e-3}}'
+    for name, least, most in (("slider_crank", 3.0, 8.0), ("slider_crank_solid2d", 0.9, 1.6)):
+        given = (place, "ground.points.guide=[0.0,'height']", "joints.slider.connect=['ground:guide','rod:tip']")
+        scene, meshes = read_scene(ROOT / "scenes" / f"{name}.toml", given, (), MPI.COMM_SELF, Purpose.CHECK)
+        bodies = Mechanism.from_scene(scene, meshes).bodies
+        assert least < step_of_samples(scene, 1.0, bodies) < most
 
 
 def test_nothing_is_served_outside_the_range_of_a_length(rom: ReducedOrderModel) -> None:
