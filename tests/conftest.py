@@ -157,8 +157,9 @@ def run_mpi(n: int, *command: object, check_status: int | None = 0) -> subproces
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what `THOROUGH` names; setup.cfg leaves it out. Folders whose files take longest come first, so that no
-    process is left with one of these when the others have done."""
-    items.sort(key=lambda item: not item.nodeid.removeprefix("tests/").startswith(LONG))
+    process is left with one of these when the others have done; by the names of their files, as three of those with
+    many ranks at once would have seven ranks wait for their turn on two cores at every message."""
+    items.sort(key=lambda item: (not item.nodeid.removeprefix("tests/").startswith(LONG), item.path.name))
     for item in items:
         if item.nodeid.removeprefix("tests/").startswith(THOROUGH):
             item.add_marker("thorough")
