@@ -107,7 +107,6 @@ THOROUGH = (
     "verification/test_scenes.py::test_the_reduced_model_follows_the_full_order_one[spatial_mixed]",
     "verification/test_three_coordinates.py::test_a_robot_moves_as_its_mesh[scara-5-0.005]",
     "verification/test_three_coordinates.py::test_interpolation_over_three_coordinates_is_of_order_four",
-    "verification/test_spatial_dynamics.py::test_stiff_bars_move_as_rigid_ones[force on the crank]",
     "verification/test_tolerance.py::test_a_thousandth_of_the_rigid_motion_with_the_step_of_the_scene",
     "verification/test_tolerance.py::test_the_reduction_keeps_its_tolerance_on_the_mesh[own load-two",
     "verification/test_tolerance.py::test_the_reduction_keeps_its_tolerance_on_the_mesh[another load-two",
