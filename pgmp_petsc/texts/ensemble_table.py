@@ -193,7 +193,7 @@ def _most_likely(result: RareEvent) -> Iterator[str]:
     """Yield beta of every design point, and of the first one the values and shares of parameters, the largest first."""
     found = result.most_likely
     if found is None:
-        yield "  design point            none: no search for it ended (no derivatives, or too few samples left)"
+        yield "  design point            none found (no derivatives, too few samples left, or values that step)"
         return
     how = "exact derivatives" if found.is_exact else "differences"
     for beta, chance in zip(found.beta, found.probability):
