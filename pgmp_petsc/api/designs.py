@@ -92,8 +92,7 @@ def fit(
         duration = scene.simulation.duration
         history = on_root(comm, read_history, Path(measured), prepared.outputs, duration, scene.system)
         deviations = {name: scene.system.size_of(units.get(name, "1")) * one for name, one in (noise or {}).items()}
-        found = fitted(prepared, history, tuple(names), deviations, comm)
-        return keeper.result(found, prepared.scene)
+        return keeper.result(fitted(prepared, history, tuple(names), deviations, comm), prepared.scene)
 
 
 def _status_of_design(found: Design) -> int:

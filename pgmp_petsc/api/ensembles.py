@@ -404,8 +404,7 @@ def retry_failed(
         _say_if_small(prepared, ranks_per_sample, comm)
         earlier = on_root(comm, read_earlier, Path(failed), prepared)
         plan = Plan(earlier.n_samples, earlier.seed, place, resume, earlier.file)
-        found = run_ensemble(prepared, plan, group, earlier=earlier)
-        return _kept(keeper, found, plan, prepared.scene)
+        return _kept(keeper, run_ensemble(prepared, plan, group, earlier=earlier), plan, prepared.scene)
 
 
 @interface(
@@ -574,8 +573,7 @@ def montecarlo(
             asked.check_design(prepared.scene, file)
             stop = asked.stopping.stop(prepared.scene, start)
         better = better_models(asked.correct, prepared, origin, comm)
-        found = run_ensemble(prepared, plan, group, stop, better)
-        return _kept(keeper, found, plan, prepared.scene)
+        return _kept(keeper, run_ensemble(prepared, plan, group, stop, better), plan, prepared.scene)
 
 
 @command(

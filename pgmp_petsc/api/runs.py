@@ -336,8 +336,7 @@ def _run(
     def taking_the_samples() -> tuple[ShardSamples, tuple[Remark, ...]]:
         data = replace(found, columns=dict(found.columns), bands=dict(found.bands))
         unchecked = () if model.scene.ensemble.checked_share else (note(UNCHECKED),)
-        remarks = (*file.remarks, *_failures(data.status), *model.kinematics.remarks, *unchecked)
-        return data, remarks
+        return data, (*file.remarks, *_failures(data.status), *model.kinematics.remarks, *unchecked)
 
     taken = on_root(comm, taking_the_samples)
     tell_remarks(comm, taken[1], RESULT)

@@ -357,5 +357,4 @@ def polynomial_fields(places: np.ndarray, comm: Comm) -> np.ndarray:
     along = [[legval(x, np.eye(DEGREE + 1)[k]) for k in range(DEGREE + 1)] for x in scaled.T]
     powers = [power for power in product(range(DEGREE + 1), repeat=d) if sum(power) <= DEGREE]
     scalars = [np.prod([along[i][k] for i, k in enumerate(power)], axis=0) for power in powers]
-    fields = np.einsum("fn,ij->nifj", np.array(scalars).reshape(len(powers), n), np.eye(d))
-    return fields.reshape(n * d, -1)
+    return np.einsum("fn,ij->nifj", np.array(scalars).reshape(len(powers), n), np.eye(d)).reshape(n * d, -1)

@@ -441,8 +441,7 @@ def _turned_sections(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarray
             for coefficient, t in zip(coefficients[number, 1:], across):
                 if not coefficient:
                     continue
-                along = spins[nodes] @ t
-                mixed = np.einsum("ai,ajl->lij", along, spins[nodes])
+                mixed = np.einsum("ai,ajl->lij", spins[nodes] @ t, spins[nodes])
                 # 1/2 (a x (b x t) + b x (a x t)) = 1/2 ((a.t) b + (b.t) a) - (a.b) t
                 turned = 0.5 * (mixed + mixed.swapaxes(1, 2)) - np.multiply.outer(t, products[nodes].sum(axis=0))
                 part = 0.5 * coefficient * length * np.multiply.outer(t[:d], turned[:d])

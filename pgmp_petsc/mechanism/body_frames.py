@@ -166,8 +166,7 @@ class ConstraintJacobian:
         if self._last[0] is not poses:
             pattern, values = self.pattern, self.pattern.data.copy()
             values[: self._own.rows.size] = self._own.values(poses)
-            found = sp.csr_matrix((values, pattern.indices, pattern.indptr), shape=pattern.shape)
-            self._last = poses, found
+            self._last = poses, sp.csr_matrix((values, pattern.indices, pattern.indptr), shape=pattern.shape)
         return self._last[1]
 
 

@@ -60,8 +60,7 @@ class Stresses:
         nodes = self.nodal.nodes
         order, counts = np.argsort(nodes, kind="stable"), np.bincount(nodes)
         starts = np.cumsum(counts) - counts
-        each = np.minimum(np.arange(counts.max())[:, None], counts - 1)
-        return order[starts + each]
+        return order[starts + np.minimum(np.arange(counts.max())[:, None], counts - 1)]
 
 
 @dataclass(frozen=True, eq=False)

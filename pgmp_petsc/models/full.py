@@ -225,8 +225,7 @@ class FullModel(Model):
     def _settled(self, values: Mapping[str, float], comm: Comm) -> Settled:
         """Return the static equilibrium of one sample. Collective on `comm`."""
         theta = self._start[0]
-        held = self.kinematics.held()
-        equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm)
+        equations = self._equations(self.kinematics.held(), values, (theta, np.zeros_like(theta)), comm)
         with FullStatics(equations, comm) as statics:
             settled = settle(statics, theta[None], search_of(self.scene, self.kinematics.mechanism))
         if self.is_off and not settled.reasons:
@@ -403,8 +402,7 @@ class FullModel(Model):
         from pgmp_petsc.models.body_fields import FieldSet, FullFields  # of single runs
 
         unknowns = Unknowns(self.kinematics.mechanism)
-        seen = FieldSet.of(self.scene, unknowns.bodies, self.scene.simulation.frames)
-        return FullFields(seen, unknowns)
+        return FullFields(FieldSet.of(self.scene, unknowns.bodies, self.scene.simulation.frames), unknowns)
 
 
 class ComponentModel(FullModel):

@@ -132,8 +132,7 @@ def search_of(scene: Scene, mechanism: Mechanism) -> Search:
     """Return how far a scene's coordinates may go to find their static equilibrium."""
     coordinates = mechanism.coordinates
     free = scene.initial.coordinates == "free"
-    bounds = [(-np.inf, np.inf) if c.periodic else (c.lower, c.upper) for c in coordinates]
-    lower, upper = np.array(bounds).T
+    lower, upper = np.array([(-np.inf, np.inf) if c.periodic else (c.lower, c.upper) for c in coordinates]).T
     return Search(
         tuple(map(int, mechanism.free)) if free else (),
         coordinates,

@@ -322,8 +322,7 @@ class ReducedMultipliers:
         kept: list[np.ndarray | None] = [np.full((n_samples, n_own), np.nan), None]
 
         def multipliers(time: float, state: State, loads: np.ndarray) -> np.ndarray:
-            times = np.full(n_samples, time)
-            found = self._with(system, loads, times, state, every, [acting(state)])
+            found = self._with(system, loads, np.full(n_samples, time), state, every, [acting(state)])
             same = (kept[0] == state.a).all(axis=1)
             if same.any():
                 found[:, same] = kept[1][:, same]

@@ -85,8 +85,7 @@ class InJoint(OutputEntry):
         if self.component not in ("axial", "magnitude"):
             words = f"{self.joint} is {joint.type}, which acts along motions: take axial or magnitude"
             yield problem(f"{entry}.component", words, self.component)
-        shares = joint.shares_in(scene)
-        share = _share_of(joint, shares, self.of)
+        share = _share_of(joint, joint.shares_in(scene), self.of)
         if share.motion is not None and (share.motion == "turning") != self.turning:
             other = "joint_force" if self.turning else "joint_torque"
             words = f"what {self.joint} couples there is the {share.motion} of {share.joint}: take {other}"

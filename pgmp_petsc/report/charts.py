@@ -306,8 +306,7 @@ def fit(found: Fit) -> list[Chart]:
 
 def accuracy_and_time(study: Tradeoff, output: str) -> Chart:
     """Return the errors of an output over the time of a sample, one colour a family of settings."""
-    column = study.outputs.index(output)
-    errors, times = study.errors[:, column], study.times.batch
+    errors, times = study.errors[:, study.outputs.index(output)], study.times.batch
     families = [("reduced", PALETTE[1]), ("components", PALETTE[0]), ("full", "#4D4D4D"), ("surface", PALETTE[2])]
     names = {"full": "full order", "surface": "response surface", "components": "component modes"}
 

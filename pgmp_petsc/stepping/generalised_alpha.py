@@ -361,8 +361,7 @@ def integrate_with_smaller_steps(
     for divisor in divisors:
         # the first step as it is: a quotient of a product may differ in the last bit
         step = simulation.step if divisor == 1 else simulation.duration / (n_steps * divisor)
-        attempt = Attempt(samples, alive[samples], simulation.model_copy(update={"step": step}), divisor)
-        done = run(attempt)
+        done = run(Attempt(samples, alive[samples], simulation.model_copy(update={"step": step}), divisor))
         before = status[samples]
         status[samples], failure_time[samples], divided[samples] = done.status, done.failure_time, divisor
         unchanged = (done.status == Status.BROKE_DOWN) & (before == Status.BROKE_DOWN)

@@ -114,8 +114,7 @@ class _Part:
 
     @staticmethod
     def _outputs(model: Model, time: np.ndarray, observed: np.ndarray) -> dict[str, np.ndarray]:
-        found = model.outputs.evaluate(observed)
-        return counted_after(model.outputs.counts, time, found, model.scene.values)
+        return counted_after(model.outputs.counts, time, model.outputs.evaluate(observed), model.scene.values)
 
     @property
     def reach(self) -> float:

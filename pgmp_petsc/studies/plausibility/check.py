@@ -126,8 +126,7 @@ def setting_findings(scene: Scene, sizes: Mapping[str, bodies.Size], first: Freq
     for name, state in scene.simulation.initial.items():
         position = state.position
         if isinstance(position, float) and position % DEGREES == 0.0 and abs(position) > WHOLE_TURN:
-            where = f"simulation.initial.{name}.position"
-            yield doubt(where, _in_turns(position), position)
+            yield doubt(f"simulation.initial.{name}.position", _in_turns(position), position)
     yield from _tables(scene)
     yield from _breaks(scene)
     yield from _without_effect(scene)
