@@ -443,8 +443,7 @@ def rare_event(
 
     with keeping(RareEvent.kind, comm, output, on_all_ranks, (origin.path,)) as keeper:
         prepared = origin.settled(comm, check, many=True)
-        found = run_rare_event(prepared, event_of(event, prepared.scene), n, seed, comm)
-        return keeper.result(found, prepared.scene)
+        return keeper.result(run_rare_event(prepared, event_of(event, prepared.scene), n, seed, comm), prepared.scene)
 
 
 def choose(given: Mapping[str, Any], comm: Comm) -> Callable[..., Result]:

@@ -185,8 +185,7 @@ def fields(rom: Rom, run: Result, times: Sequence[float], *, comm: Comm | None =
             raise wrong("run", run, "a run, as from pgmp.simulate or pgmp.read")
 
     def finding_the_fields() -> dict[str, BodyField]:
-        settings = settings_of(run.record.parameters)
-        scene = scene_of_built(rom.data.rom, rom.directory, (), settings, "the reduced model")
+        scene = scene_of_built(rom.data.rom, rom.directory, (), settings_of(run.record.parameters), "the reduced model")
         found = fields_at(ReducedModel(scene, rom.data.rom), run.data.in_si_units(), times)
         return {name: field.converted(scene.system.converting) for name, field in found.items()}
 
@@ -259,8 +258,7 @@ def histories(
         uncertain = uncertain_names(prepared.scene)
         drawn = [name for name, values in data.parameters.items() if name in uncertain or np.ptp(values) > 0.0]
         of_samples = si_values(prepared.scene, {name: columns[name] for name in drawn})
-        file = SampleFile(Path("samples"), of_samples, "histories")
-        found = _run(prepared, file, place, comm, on_all_ranks)
+        found = _run(prepared, SampleFile(Path("samples"), of_samples, "histories"), place, comm, on_all_ranks)
     if found is None:
         return None
     (run, remarks), system = found, prepared.scene.system

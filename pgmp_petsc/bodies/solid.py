@@ -146,8 +146,7 @@ class Solid:
                 for weight in sorted(profile.weights({factor.monomial})):
                     terms.setdefault(weight, np.zeros((pattern.n_blocks, d, d)))
                 for chosen in _shares(region.cells[pattern.touches(region.cells)], d * self.mesh.cells.shape[1]):
-                    places = self.mesh.nodes[self.mesh.cells[chosen]]
-                    own = {factor.monomial: factor.coefficient * entries(places)}
+                    own = {factor.monomial: factor.coefficient * entries(self.mesh.nodes[self.mesh.cells[chosen]])}
                     for weight, values in profile.over(own, chosen).items():
                         pattern.add(terms[weight], self.mesh.cells[chosen], values)
         return {weight: pattern.matrix(data) for weight, data in terms.items()}

@@ -79,8 +79,7 @@ class SolidStrains:
     def within(self, materials: Sequence[np.ndarray], cells: np.ndarray) -> SolidStrains:
         """Return the points whose material is that of some cells, shape (n,)."""
         chosen = np.flatnonzero(np.isin(self.material, _owners(self.mesh, materials)[cells]))
-        kept = {name: getattr(self, name)[chosen] for name in ("weights", "material", "nodes")}
-        return replace(self, **kept)
+        return replace(self, **{name: getattr(self, name)[chosen] for name in ("weights", "material", "nodes")})
 
     @classmethod
     def at_nodes(cls, mesh: SolidMesh, materials: Sequence[np.ndarray], nodes: np.ndarray) -> SolidStrains:

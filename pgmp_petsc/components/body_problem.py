@@ -108,8 +108,7 @@ class Subspace:
 
     def norms(self, columns: np.ndarray) -> np.ndarray:
         """Return the M-norms of local columns (n_local, k), shape (k,)."""
-        squares = np.einsum("ik,ik->k", columns, times(self._mass, columns))
-        return np.sqrt(self.comm.allreduce(squares))
+        return np.sqrt(self.comm.allreduce(np.einsum("ik,ik->k", columns, times(self._mass, columns))))
 
     def _beside(self, columns: np.ndarray, momenta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return columns, and their products with the mass, without their parts in the basis."""

@@ -380,8 +380,7 @@ def foreshortened(
     """
     d, curved = {3: 2, 6: 3}[shapes.shape[1]], dict(sections or {})
     for weight, part in moments.items():
-        own = np.einsum("klm,mij->klij", second_moments(part, d)[1], curvature)
-        curved[weight] = curved.get(weight, 0.0) + own
+        curved[weight] = curved.get(weight, 0.0) + np.einsum("klm,mij->klij", second_moments(part, d)[1], curvature)
     bent = np.einsum("fkm,mij->fkij", shapes[:, :d], curvature)
     return _without_least(bent), {weight: _without_least(part) for weight, part in curved.items()}
 

@@ -245,8 +245,7 @@ def floating_shapes(
                 # not the mechanism's own, whose mesh has the cross-section of one sample already
                 found[body.name] = _of_solid(scene, framed_solid(scene, body.name, shapes[body.name]))
             else:
-                own_alone = replace(body.alone(), lumps={})
-                found[body.name] = _of_beams(scene, own_alone, points_used(scene, body.name))
+                found[body.name] = _of_beams(scene, replace(body.alone(), lumps={}), points_used(scene, body.name))
             bar.update()
     done = dict(shapes)
     for part in comm.allgather(found):

@@ -81,8 +81,7 @@ def declared(text: str, names: Mapping[str, str], words: str) -> tuple[str, set[
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         why = error.msg if isinstance(error, SyntaxError) else "nested too deeply"
-        at = (getattr(error, "offset", None) or 1) - 1
-        raise FormulaError(f"is no formula ({why}); {allowed}", at) from None
+        raise FormulaError(f"is no formula ({why}); {allowed}", (getattr(error, "offset", None) or 1) - 1) from None
     used: set[str] = set()
 
     def number(node: ast.expr) -> str:

@@ -203,8 +203,7 @@ class FullModel(Model):
         positions, rates = sized.start_of_samples(values, 1)
         start = (positions, rates.reshape(-1)) if settled is None else (settled.theta[0], np.zeros(len(positions)))
         built_in = sized._built_in(values, start[1], comm) if settled is None and sized.is_off else None
-        equations = sized._equations(sized.kinematics, values, start, comm)
-        system = FullDistributed(equations, comm, sized._motions)
+        system = FullDistributed(sized._equations(sized.kinematics, values, start, comm), comm, sized._motions)
         system.settled, system.built_in = settled, built_in
         return sized.controlled(system, {name: np.array([value]) for name, value in values.items()})
 

@@ -110,8 +110,7 @@ class ReducedModel(Observing):
         self._check_start(rom.tables.samples)
         self.outputs = OutputSet.of(scene, self.kinematics, self.start[0])
         self.measures = Measures(scene, self.kinematics, self.start[0]) if scene.beside else None
-        damping = ReducedDamping.of(self.effects, self.kinematics, rom)
-        self.terms = ReducedTerms.of(rom, self.kinematics, scene, damping)
+        self.terms = ReducedTerms.of(rom, self.kinematics, scene, ReducedDamping.of(self.effects, self.kinematics, rom))
         actions = actions_of(self.effects)
         self.places = places or grid_of_places(rom.tables.samples, self.kinematics, actions)[0]
         self.actions = ReducedActions.of(
@@ -284,8 +283,7 @@ class ReducedMultipliers:
             for first in range(0, n, together):
                 some = slice(first, first + together)
                 loads.append(self._node_loads(system, times[some], _part(states, some)))
-            every = np.concatenate(loads)
-            found[self.rows] = -self.gaps.at(times, states, own, self._effects, every, n_samples)
+            found[self.rows] = -self.gaps.at(times, states, own, self._effects, np.concatenate(loads), n_samples)
         together = min(together, AT_ONCE)  # of what is not side by side too
         for first in range(0, n if self._drives else 0, together):
             some = slice(first, min(first + together, n))
@@ -494,8 +492,7 @@ def _controls(
 
     carried = (system.carried if of_lanes else carry) if measures.carried else None
     chosen = moved if measures.known else measure
-    controls = Controls(model.scene, values, n_samples, chosen, system.put_forces, carried)
-    return controls, origins if of_lanes else None
+    return Controls(model.scene, values, n_samples, chosen, system.put_forces, carried), origins if of_lanes else None
 
 
 class _Reader:

@@ -165,8 +165,7 @@ class DriveTorque(OfDrive):
     unit = "N m"
 
     def unit_in(self, scene: Scene) -> str:
-        coordinate = scene.coordinates[self.of_coordinate(scene)]
-        return "N" if slides(scene, coordinate) else "N m"
+        return "N" if slides(scene, scene.coordinates[self.of_coordinate(scene)]) else "N m"
 
 
 class Power(OfDrive):
@@ -337,8 +336,7 @@ class OfConnection(ForceOutput):
         return np.einsum("k,kcn->cn", self.connection.axes[0][:, 0], a[d:].reshape(d, d, n))
 
     def _natural(self, side: Attachment, frames: Frames, n: int) -> np.ndarray:
-        frame = side.ground_frame((n,)) if side.on_ground else side.frame_of(frames[side.node])
-        return self.space.natural(frame)
+        return self.space.natural(side.ground_frame((n,)) if side.on_ground else side.frame_of(frames[side.node]))
 
 
 @dataclass(frozen=True, eq=False)

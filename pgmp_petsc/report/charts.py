@@ -277,12 +277,11 @@ def loads(run: Trajectory) -> list[Chart]:
     for diagram in DIAGRAMS.values():
         for load in diagram.of(run):
             titles: list[str] = []
-            tall = 1.35 * HEIGHT if diagram.axes else HEIGHT
             drawn = chart(
                 lambda axes: titles.append(diagram.draw(axes, run, load)),
                 f"{diagram.title}: {load.title}",
                 diagram.about,
-                tall,
+                1.35 * HEIGHT if diagram.axes else HEIGHT,
                 kind=diagram.axes,
             )
             found.append(replace(drawn, title=f"{titles[0]}{diagram.words}"))

@@ -101,8 +101,7 @@ Frequency = Callable[[], float | None]
 def setting_findings(scene: Scene, sizes: Mapping[str, bodies.Size], first: Frequency) -> Iterator[Finding]:
     """Yield settings that do not go together; `first` returns the first frequency of the mechanism, Hz, if it can be
     had."""
-    simulation = scene.simulation
-    if not simulation.is_chosen:
+    if not scene.simulation.is_chosen:
         yield from _steps(scene, sizes, first)
     couplings = (joint.shares_in(scene) for joint in scene.joints.values() if isinstance(joint, CouplingEntry))
     geared = {share.joint for shares in couplings for share in shares}  # these turn often
