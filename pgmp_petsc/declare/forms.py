@@ -281,7 +281,8 @@ class Loops:
         found = []
         for target, source, factor, fresh in self.outputs(term, bound):
             if factor:
-                found.append(_Sum(target, value if source == "value" else slopes, source == "drift", factor, fresh))
+                drifting = source == "drift"
+                found.append(_Sum(target, value if source == "value" else slopes, drifting, factor, fresh))
         texts, sources = self.entries[term.table], {one.source for one in found}
         if isinstance(texts, str) and {value, slopes} <= sources:
             return [f"{value}, {slopes} = {texts.format(place)}"], found

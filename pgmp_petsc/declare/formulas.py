@@ -81,7 +81,8 @@ def declared(text: str, names: Mapping[str, str], words: str) -> tuple[str, set[
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         why = error.msg if isinstance(error, SyntaxError) else "nested too deeply"
-        raise FormulaError(f"is no formula ({why}); {allowed}", (getattr(error, "offset", None) or 1) - 1) from None
+        at = (getattr(error, "offset", None) or 1) - 1
+        raise FormulaError(f"is no formula ({why}); {allowed}", at) from None
     used: set[str] = set()
 
     def number(node: ast.expr) -> str:
