@@ -26,7 +26,7 @@ def test_the_decay_of_a_mode(name: str) -> None:
             break
     assert omega == pytest.approx(7.8532**2, rel=0.1), "(k h)^2 / 8"
     small, rate = 1e-5, decay(omega)
-    run = recorded(scene, small * shape, alone="ratios" not in name)
+    run = recorded(scene, small * shape)
     damped = np.sqrt(omega**2 - rate**2)
     expected = small * shape[-2] / damped * np.exp(-rate * run.time) * np.sin(damped * run.time)
     # the phase is late by (omega h)^2 / 12 of omega t at most, 1.6e-3
@@ -43,7 +43,7 @@ def test_a_rotation_is_not_damped(damping: str) -> None:
     scene = scene_of(
         SPINNER, f'[effects.loss]\ntype = "structural_damping"\n{damping}\n' + run_of(2.0, 5e-3, 0.8, velocity=3.0)
     )
-    run = recorded(scene, alone=True)
+    run = recorded(scene)
     turned = run.angle[-1] - run.angle[0]
     # it stretches by rho Omega^2 L^2 / 12 EA or so, 1e-5, and turns slower by twice that; half of (Omega h)^2 by the
     # scheme
@@ -54,7 +54,7 @@ def test_a_rotation_is_not_damped(damping: str) -> None:
 
 def test_mass_damping_brakes_a_rotation() -> None:
     effects = '[effects.loss]\ntype = "structural_damping"\nmass = 1.5\n'
-    run = recorded(scene_of(SPINNER, effects + run_of(1.0, 1e-2, velocity=3.0)), alone=True)
+    run = recorded(scene_of(SPINNER, effects + run_of(1.0, 1e-2, velocity=3.0)))
     # half of (Omega h)^2 of the turn
     np.testing.assert_allclose(run.angle, 3.0 / 1.5 * -np.expm1(-1.5 * run.time), rtol=0, atol=3e-4)
 
@@ -75,7 +75,7 @@ def test_a_prescribed_motion_is_followed(name: str, flexible: bool) -> None:
     drive = f'[effects.drive]\ntype = "prescribed_motion"\ncoordinate = "theta"\n{MOTIONS[name]}\n'
     base = CANTILEVER.split("[effects.hold]")[0] if flexible else BAR
     scene, finer = (scene_of(base, drive + WEIGHT + run_of(0.8, step, 0.8)) for step in (2e-3, 1e-3))
-    run = recorded(scene, alone=flexible or name != "table")
+    run = recorded(scene)
     motion = scene.effects["drive"].motion("drive")
     angles, speeds, accelerations = np.array([motion.at(t) for t in run.time]).T
     np.testing.assert_allclose(run.angle, angles, rtol=0, atol=1e-11)

@@ -266,7 +266,7 @@ def test_instances_in_threads(fmus, tmp_path, version, sanitizer) -> None:
     with zipfile.ZipFile(fmus[version]) as archive:
         archive.extractall(tmp_path)
     sources = sorted((tmp_path / "sources").glob("*.c"))
-    options = [f"-fsanitize={sanitizer}", "-fno-sanitize-recover=all", "-O0", "-g", f"-DVERSION={version}", "-pthread"]
+    options = [f"-fsanitize={sanitizer}", "-fno-sanitize-recover=all", "-O0", f"-DVERSION={version}", "-pthread"]
     command = [COMPILER, *options, "-I", tmp_path / "sources", THREADS, *sources, "-lm", "-o", tmp_path / "run"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
     if "cannot find" in done.stderr:

@@ -57,7 +57,7 @@ def oscillation(time: np.ndarray, inertia: float) -> np.ndarray:
 @pytest.mark.parametrize("model", ["full", "reduced"])
 def test_the_period_of_an_oscillator_through_a_gap(model: str) -> None:
     if model == "full":
-        run = recorded(bar(PLAY, 0.9, velocity=SPEED), alone=True)
+        run = recorded(bar(PLAY, 0.9, velocity=SPEED))
         time, angle, inertia = run.time, run.angle, BAR_INERTIA
     else:
         found = run_of(PLAY, 0.9, velocity=SPEED)

@@ -436,28 +436,6 @@ def test_a_reduced_model_against_the_full_order_one(case: str) -> None:
     assert_groups_alike(*both, allowed, ("pin_x", "pin_y"), ("x", "y"), ("n",), *driven)
 
 
-SHIPPED = {
-    "four_bar": (("crank_hinge", "knee", "rocker_hinge"), (), 1e-3),  # of first order 9e-3
-    # its motion is of first order; forces of first order are off by 1.5e-1, in the small one on the guide
-    "machine_on_mounts": (("main_bearing", "crank_pin", "guide"), ("simulation.duration=1.5",), 2e-3),
-    "geared_four_bar": (("shaft", "elbow", "knee", "pivot"), (), 3e-4),
-    # with stretching that is dynamic it is 7e-2, by the cubic energy of its seventh vector
-    "geared_five_bar": (("input", "knee", "tool"), ("reduction.modes=8",), 4e-3),
-}
-
-
-@pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_scenes_have_forces_of_second_order(name: str) -> None:
-    """Of the largest force in a joint, at default settings; `benchmarks.joint_forces` has all scenes."""
-    joints, shorter, allowed = SHIPPED[name]
-    groups = [[f"{joint}_{axis}" for axis in "xy"] for joint in joints]
-    wanted = [
-        one for joint, names in zip(joints, groups) for one in outputs(joint, **dict(zip(names, along(*"xy").values())))
-    ]
-    scene = load_scene(ROOT / f"scenes/{name}.toml", (*wanted, *shorter))
-    assert_groups_alike(*(motion(kind, scene).outputs for kind in ("full", "reduced")), allowed, *groups)
-
-
 @pytest.mark.parametrize("added", [(), STIFFENED])
 def test_derivatives_of_forces_are_central_differences(added: tuple[str, ...]) -> None:
     loads = ("parameters.pull={nominal=1.0}", 'effects.motor.scale="pull"', "simulation.duration=0.05")

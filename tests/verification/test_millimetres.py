@@ -218,7 +218,7 @@ OF_PARAMETERS = ("sensitivities", "design", "measured", "fit")
 SEEN_ONCE = ("run as JSON", "samples as JSON", "samples in components", "pictures", "picture")
 CASES = {
     "four bar": Case(FOUR_BAR, "thick", "minimise max(abs(stress))",
-                     ("check", "code", "unit", "trade-off", *OF_CHOICE)),
+                     ("check", "run as JSON", "samples as JSON", "code", "unit", "trade-off", *OF_CHOICE)),
     "four bar, chosen": Case(FOUR_BAR, "thick", "minimise max(abs(stress))", ("code", "unit", "trade-off")),
     "cart": Case(CART, without=tuple(set(STEPS) - {*"check effects full build run code unit".split()})),
     "cart, all": Case(CART, "drag", "minimise max(abs(x))", (*SEEN_ONCE, "fit", *OF_CHOICE, "trade-off")),

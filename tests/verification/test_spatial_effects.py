@@ -109,7 +109,7 @@ def _mount(angle: float, speed: float) -> float:
 def test_effects_on_a_bar_about_an_axis_in_space(name: str) -> None:
     effect, torque = EFFECTS[name]
     errors, balances = [], []
-    for step in (2e-3, 1e-3):
+    for step in (2e-3, 1e-3) if "stop" in name else (4e-3, 2e-3):
         found = run(bar(0.3, step, effect, position=0.4, velocity=3.0))
         expected = turning(torque, found.time, 0.4, 3.0, INERTIA)
         errors.append(np.abs(found.outputs["angle"] - expected).max())
@@ -151,7 +151,7 @@ outputs.elbow: type = "angle"; joint = "elbow"
 outputs.slide: type = "sliding"; joint = "slider"
 outputs.length: type = "distance"; points = ["ground:post", "rod:tip"]
 coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; periodic = true
-simulation: duration = 0.05; step = 1e-3; spectral_radius = 1.0
+simulation: duration = 0.05; step = 1e-3; spectral_radius = 0.99
 simulation.initial.theta: position = 0.3; velocity = 2.0
 """)
 

@@ -26,7 +26,7 @@ BAR = PENDULUM.replace("radius = 2e-4", "radius = 5e-3").replace(
     "modes = 2\nangles = 6", 'modes = 5\nangles = 24\nstatic_modes = true\ninterpolation = "spectral"'
 )
 GRAVITY = '\n[effects.weight]\ntype = "gravity"\n'
-RUN = "\n[simulation]\nduration = 0.1\nstep = 1e-3\nspectral_radius = 1.0\n"
+RUN = "\n[simulation]\nduration = 0.1\nstep = 1e-3\nspectral_radius = 0.99\n"
 LINK = SLIDER_CRANK.replace('"0.3:1.0:5"', '"0.3:1.0:16"').replace("angles = 24", "angles = 24\nstatic_modes = true")
 LINK = LINK[: LINK.index("[effects.motor]")] + LINK[LINK.index("[reduction]") :]
 HINGED = '\n[effects.spring]\ntype = "spring_damper"\njoint = "hinge"\nstiffness = 4.0\ndamping = 0.1\nrest = 0.3\n'

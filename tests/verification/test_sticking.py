@@ -165,12 +165,16 @@ LEVELLING = {
 }
 
 
+def levelling(name: str) -> str:
+    """Return a force of size 5 within a rate v0."""
+    return f"5.0 * ({LEVELLING[name].replace('v', '(v / v0)')})".replace("(abs((v / v0))", "(abs(v / v0)")
+
+
 @pytest.mark.parametrize("step", [1e-3, 5e-5])
 @pytest.mark.parametrize("name", LEVELLING)
 def test_formulas_that_level_off_stop_no_run(name: str, step: float) -> None:
     """Of 5 N m within 1 mrad/s on the light node of a bar that turns; taken up from nowhere, they all stopped."""
-    force = f"5.0 * ({LEVELLING[name].replace('v', '(v / v0)')})".replace("(abs((v / v0))", "(abs(v / v0)")
-    rub = f"effects.f={{type='law', joint='j', force='{force}', constants={{v0=1e-3}}}}"
+    rub = f"effects.f={{type='law', joint='j', force='{levelling(name)}', constants={{v0=1e-3}}}}"
     entries = rub, f"simulation.step={step}", "simulation.initial.q.velocity=20.0"
     status, end = at_end(scene_from_toml(HINGE, ".", entries))
     assert not status.any()
@@ -197,8 +201,9 @@ def test_friction_that_falls_with_the_rate_stops_no_run(force: str, tmp_path: Pa
         for step, duration in ((1e-3, 0.15), (1e-4, 0.15), (2e-5, 0.06)):
             entries = *falls, f"simulation.step={step}", f"simulation.duration={duration}"
             motion(kind, scene_from_toml(HINGE, ".", entries))
-    model = reduced_model(scene_from_toml(HINGE, ".", (*falls, "simulation.duration=0.05")))
-    assert_same_in_c(model, tmp_path, 1e-7)
+    if force == FALLING[0]:
+        model = reduced_model(scene_from_toml(HINGE, ".", (*falls, "simulation.duration=0.05")))
+        assert_same_in_c(model, tmp_path, 1e-7)
 
 
 SPEED_UP = "controllers.c={type='formula', measures='w', joint='j', reference=20.0, output='%s'}"
@@ -231,7 +236,8 @@ def test_drives_that_level_off_stop_no_run(name: str, tmp_path: Path) -> None:
     assert ends["reduced", 1e-3] == pytest.approx(ends["full", 1e-3], rel=1e-3)
     model = reduced_model(scene_from_toml(HINGE, ".", entries))
     assert_samples_are_those_alone(model, (0, 2), gain=np.array([10.0, 20.0, 30.0]))
-    assert_same_in_c(model, tmp_path, 1e-8)
+    if name in ("with limits", "from nothing on"):  # of gains, and of formulas
+        assert_same_in_c(model, tmp_path, 1e-8)
 
 
 def test_a_light_hinge_converges_with_the_second_order() -> None:
@@ -344,17 +350,17 @@ def test_a_law_is_taken_up_from_where_it_changes_fastest_if_an_iterate_crosses_t
 
 @pytest.mark.parametrize("name", LEVELLING)
 def test_iterations_from_any_rate_find_the_balance(name: str) -> None:
-    """``A v - F(v) = b`` from either branch, for inertias over nine decades and forces about the limit."""
-    law = law_of(declared(LEVELLING[name], known(()), WORDS)[0], ())
+    """``5 A v - F(v) = 5 b`` from either branch, for inertias over nine decades and forces about the limit."""
+    law = law_of(declared(levelling(name), known(("v0",)), WORDS)[0], ("v0",))
     for inertia in 10.0 ** np.arange(-8.0, 2.0):
         for force in (-3.0, -1.0 - 1e-3, -0.9, 0.0, 1e-3, 0.5, 1.0, 1.1, 40.0):
             for start in (-1e6, -50.0, -1.0, 0.0, 3.0, 1e4):
                 v, about = start, np.nan
                 for _ in range(40):
-                    found = law.evaluate((), 0.0, v, about=about)
-                    change = (inertia * v - found.force - force) / (inertia + found.damping)
+                    found = law.evaluate((1.0,), 0.0, v, about=about)
+                    change = (inertia * v - found.force / 5.0 - force) / (inertia + found.damping / 5.0)
                     v, about = v - change, found.about
                     if abs(change) < 1e-15 * abs(v):
                         break
-                left = inertia * v - law.evaluate((), 0.0, v).force - force
+                left = inertia * v - law.evaluate((1.0,), 0.0, v).force / 5.0 - force
                 assert abs(left) < 1e-9 * max(1.0, abs(force)), (inertia, force, start, v)
