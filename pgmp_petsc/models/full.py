@@ -365,12 +365,8 @@ class FullModel(Model):
         q = v = a = None
         if self._stresses is not None or self.outputs.order:
             q, v, a = system.unknowns_over(states)
-        multipliers = None
-        if self.outputs.forces:
-            multipliers = system.joint_multipliers(times, states)
-        beside = None
-        if self.outputs.beside:
-            beside = system.beside.forces(np.array(times), AFTER)[:, 0].T
+        multipliers = system.joint_multipliers(times, states) if self.outputs.forces else None
+        beside = system.beside.forces(np.array(times), AFTER)[:, 0].T if self.outputs.beside else None
         time, values = np.repeat(times, system.n_samples), system.values
         if system.n_samples > 1:
             values = {name: np.tile(value, len(times)) for name, value in values.items()}

@@ -286,9 +286,7 @@ def instants(duration: float, n_steps: int) -> np.ndarray:
 
 def stops_of(n_steps: int, at_once: int, prefix: str) -> np.ndarray:
     """Return the numbers of the steps at which PETSc's TS sees the state, 0 and the last one included."""
-    if options_of(prefix):
-        return np.arange(n_steps + 1)
-    return np.append(np.arange(0, n_steps, at_once), n_steps)
+    return np.arange(n_steps + 1) if options_of(prefix) else np.append(np.arange(0, n_steps, at_once), n_steps)
 
 
 def integrate(

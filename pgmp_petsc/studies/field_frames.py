@@ -273,10 +273,7 @@ def _displacements(field: FieldPoints, body: Body, moved: np.ndarray) -> np.ndar
     if body.flexible:
         return body.displacements(own[:, None])
     d, arms = field.mesh.nodes.shape[1], field.mesh.nodes - body.mesh.nodes[0]
-    if d == 2:
-        turned = own[2] * np.column_stack([-arms[:, 1], arms[:, 0]])
-    else:
-        turned = np.cross(own[3:], arms)
+    turned = own[2] * np.column_stack([-arms[:, 1], arms[:, 0]]) if d == 2 else np.cross(own[3:], arms)
     return (own[:d] + turned)[:, :, None]
 
 
