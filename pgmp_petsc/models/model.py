@@ -153,11 +153,6 @@ def _before(entry: OutputEntry, reading: AnyReading) -> AnyReading:
     return reading.of if order else reading
 
 
-#: Multipliers of joints, (n_held + n_driven, n_samples), at a time (s), for a state, and forces (n_carried, n_samples)
-#: that joints were taken to carry.
-MultipliersOf = Callable[[float, State, np.ndarray], np.ndarray]
-
-
 class Measures:
     """The motions that a scene's controllers measure, with their rates.
 

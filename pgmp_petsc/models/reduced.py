@@ -19,7 +19,7 @@ from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models.model import Measures, Model, MultipliersOf, require_lengths, search_of, velocities_of
+from pgmp_petsc.models.model import Measures, Model, require_lengths, search_of, velocities_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.readings import AnyReading, Seen
@@ -311,10 +311,11 @@ class ReducedMultipliers:
 
     def in_steps(
         self, values: Mapping[str, np.ndarray], n_samples: int, acting: Callable[[State], np.ndarray]
-    ) -> MultipliersOf:
-        """Return what finds the multipliers of samples as an iteration goes on, under what controllers give then
-        (`Controls.acting`); a sample that does not move keeps what it had, so that what is beside it changes no more
-        than round-off."""
+    ) -> Callable[[float, State, np.ndarray], np.ndarray]:
+        """Return what finds the multipliers (n_held + n_driven, n_samples) at a time (s), for a state and forces
+        (n_carried, n_samples) that joints were taken to carry, as an iteration goes on, under what controllers give
+        then (`Controls.acting`); a sample that does not move keeps what it had, so that what is beside it changes no
+        more than round-off."""
         every = {name: np.broadcast_to(one, n_samples) for name, one in values.items()}
         system, n_own = self._system(n_samples, every), self._terms.layout.n_eta
         kept: list[np.ndarray | None] = [np.full((n_samples, n_own), np.nan), None]
