@@ -91,17 +91,9 @@ class GeneralisedAlpha:
     """
 
     def __init__(
-        self,
-        system: SecondOrderSystem,
-        spectral_radius: float,
-        duration: float,
-        n_steps: int,
-        alive: np.ndarray,
-        stops: np.ndarray,
-        observer: Observer | None,
-        pulse: Callable[[float], object] | None,
-        parts: int = 1,
-    ) -> None:
+        self, system: SecondOrderSystem, spectral_radius: float, duration: float, n_steps: int, alive: np.ndarray,
+        stops: np.ndarray, observer: Observer | None, pulse: Callable[[float], object] | None, parts: int = 1,
+    ) -> None:  # fmt: skip
         self.system, self._parts = system, parts
         start = system.start()
         self.status = np.where(alive, Status.FINE, Status.UNPHYSICAL)
@@ -163,7 +155,7 @@ class GeneralisedAlpha:
         shown = shown[(shown % every == 0) | (shown == end)]
         trail, scheme = system.trail(self.state, shown.size), self._stepper.scheme(self._step)
         if system.beside is not None:
-            trail.forces = system.beside.open(self.instants[shown])
+            trail.forces = system.beside.open(self.instants[shown], self._step)
         self._stand(trail, ~todo)
         while todo.any():
             first = int(at[todo].min())
@@ -290,13 +282,9 @@ def stops_of(n_steps: int, at_once: int, prefix: str) -> np.ndarray:
 
 
 def integrate(
-    system: SecondOrderSystem,
-    simulation: Simulation,
-    alive: np.ndarray | None = None,
-    observer: Observer | None = None,
-    prefix: str = PREFIX,
-    pulse: Callable[[float], object] | None = None,
-) -> Run:
+    system: SecondOrderSystem, simulation: Simulation, alive: np.ndarray | None = None,
+    observer: Observer | None = None, prefix: str = PREFIX, pulse: Callable[[float], object] | None = None,
+) -> Run:  # fmt: skip
     """Integrate a system over a scene's duration, all its samples or those `alive`, (n_samples,). Collective on
     ``system.comm``.
 
