@@ -156,8 +156,7 @@ class ForceInC:
         a, b = Side.of(joint.a, slots), Side.of(joint.b, slots)
         for row, (part, own) in zip(force.rows, force.held):
             for (statement, function), first in zip(part.terms, own[::2]):
-                held = StatementInC(statement, Side.of(first, slots), b)
-                terms.append(TermInC(gaps.index(row), held, function))
+                terms.append(TermInC(gaps.index(row), StatementInC(statement, Side.of(first, slots), b), function))
         for number, pull in zip(behind(*force.pulls), force.pulls):
             for statement, function in pull.action.statement.terms:
                 terms.append(TermInC(number, StatementInC(statement, a, b), function))
@@ -244,8 +243,7 @@ class Combiner:
                 self.lines.append(f"double {name}[3] = {{{drive}{speed}}};")
                 return name
             case Absolute(of=place):
-                own = self.of(place)
-                parts = [own + "[j]"]
+                parts = [self.of(place) + "[j]"]
                 for k, (direction, factor, course) in enumerate(self._bases):
                     share, begun = float(direction[place.axis] * factor.coefficient), course.at_start
                     gone = f"(bases[{k}][j] - (j ? 0.0 : {begun!r}))" if reading.from_start else f"bases[{k}][j]"

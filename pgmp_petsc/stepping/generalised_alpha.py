@@ -278,9 +278,7 @@ def instants(duration: float, n_steps: int) -> np.ndarray:
 
 def stops_of(n_steps: int, at_once: int, prefix: str) -> np.ndarray:
     """Return the numbers of the steps at which PETSc's TS sees the state, 0 and the last one included."""
-    if options_of(prefix):
-        return np.arange(n_steps + 1)
-    return np.append(np.arange(0, n_steps, at_once), n_steps)
+    return np.arange(n_steps + 1) if options_of(prefix) else np.append(np.arange(0, n_steps, at_once), n_steps)
 
 
 def integrate(
@@ -349,8 +347,7 @@ def integrate_with_smaller_steps(
     for divisor in divisors:
         # the first step as it is: a quotient of a product may differ in the last bit
         step = simulation.step if divisor == 1 else simulation.duration / (n_steps * divisor)
-        attempt = Attempt(samples, alive[samples], simulation.model_copy(update={"step": step}), divisor)
-        done = run(attempt)
+        done = run(Attempt(samples, alive[samples], simulation.model_copy(update={"step": step}), divisor))
         before = status[samples]
         status[samples], failure_time[samples], divided[samples] = done.status, done.failure_time, divisor
         unchanged = (done.status == Status.BROKE_DOWN) & (before == Status.BROKE_DOWN)

@@ -158,8 +158,7 @@ def report_of_rare_event(result: RareEvent, path: Path, said: Sequence[Remark] =
 
 def lines_of_rare_event(result: RareEvent) -> list[str]:
     """Return the levels and the probability of a rare event."""
-    unit = behind(result.unit)
-    found = [*_levels(result, unit), *_probability(result), *_most_likely(result)]
+    found = [*_levels(result, behind(result.unit)), *_probability(result), *_most_likely(result)]
     return [f"  rare event              {result.event}", *found]
 
 
