@@ -107,7 +107,6 @@ THOROUGH = (
     "verification/test_scenes.py::test_the_reduced_model_follows_the_full_order_one[spatial_mixed]",
     "verification/test_three_coordinates.py::test_a_robot_moves_as_its_mesh[scara-5-0.005]",
     "verification/test_three_coordinates.py::test_interpolation_over_three_coordinates_is_of_order_four",
-    "verification/test_spatial_dynamics.py::test_stiff_bars_move_as_rigid_ones[force on the crank]",
     "verification/test_tolerance.py::test_a_thousandth_of_the_rigid_motion_with_the_step_of_the_scene",
     "verification/test_tolerance.py::test_the_reduction_keeps_its_tolerance_on_the_mesh[own load-two",
     "verification/test_tolerance.py::test_the_reduction_keeps_its_tolerance_on_the_mesh[another load-two",
@@ -158,8 +157,9 @@ def run_mpi(n: int, *command: object, check_status: int | None = 0) -> subproces
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what `THOROUGH` names; setup.cfg leaves it out. Folders whose files take longest come first, so that no
-    process is left with one of these when the others have done."""
-    items.sort(key=lambda item: not item.nodeid.removeprefix("tests/").startswith(LONG))
+    process is left with one of these when the others have done; by the names of their files, as three of those with
+    many ranks at once would have seven ranks wait for their turn on two cores at every message."""
+    items.sort(key=lambda item: (not item.nodeid.removeprefix("tests/").startswith(LONG), item.path.name))
     for item in items:
         if item.nodeid.removeprefix("tests/").startswith(THOROUGH):
             item.add_marker("thorough")

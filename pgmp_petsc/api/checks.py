@@ -105,8 +105,7 @@ def check(
     inputs = () if isinstance(scene, Scene) else (Path(fspath(scene)),)
     if target is not None:
         on_root(comm, check_output, target, "picture", inputs)
-    purpose = Purpose.SIZES if effects else Purpose.CHECK
-    loaded, meshes = read_scene(scene, overrides, parameters, comm, purpose)
+    loaded, meshes = read_scene(scene, overrides, parameters, comm, Purpose.SIZES if effects else Purpose.CHECK)
     text = on_root(comm, describe_scene, loaded, meshes)
     tell(comm, text)
     tell_remarks(comm, loaded.remarks)

@@ -96,10 +96,9 @@ class Argument:
             for item, part in self.parts.items()
         }
         word = self.word or name.rpartition(".")[2].upper()
-        required = self.required or by_place and not self.by_last_place
         return replace(
             self, name=name, option=option, kinds=kinds_of(annotation), default=default, parts=parts, word=word,
-            required=required,
+            required=self.required or by_place and not self.by_last_place,
         )  # fmt: skip
 
     def check(self, value: object, others: Mapping[str, object]) -> None:
@@ -263,8 +262,7 @@ def interface(gives: str = "", /, **arguments: Argument) -> Callable[[Function],
         for name, entry in signature.items():
             by_place = (entry.default is entry.empty or said[name].by_last_place) and not said[name].option
             declared[name] = said[name].filled(name, str(entry.annotation), entry.default, by_place)
-        names = dict(pair for argument in declared.values() for pair in _names_of(argument))
-        call = checked(function, declared, names)
+        call = checked(function, declared, dict(pair for argument in declared.values() for pair in _names_of(argument)))
         call.declared, call.described = declared, inspect.getdoc(function) or ""
         call.__doc__ = _docstring(call.described, declared, inspect.signature(function).return_annotation, gives)
         return call

@@ -89,11 +89,9 @@ def fit(
     with keeping("fit", comm, output, on_all_ranks, (origin.path, measured), plot) as keeper:
         prepared = origin.settled(comm)
         scene, units = prepared.scene, prepared.outputs.units
-        duration = scene.simulation.duration
-        history = on_root(comm, read_history, Path(measured), prepared.outputs, duration, scene.system)
+        history = on_root(comm, read_history, Path(measured), prepared.outputs, scene.simulation.duration, scene.system)
         deviations = {name: scene.system.size_of(units.get(name, "1")) * one for name, one in (noise or {}).items()}
-        found = fitted(prepared, history, tuple(names), deviations, comm)
-        return keeper.result(found, prepared.scene)
+        return keeper.result(fitted(prepared, history, tuple(names), deviations, comm), prepared.scene)
 
 
 def _status_of_design(found: Design) -> int:

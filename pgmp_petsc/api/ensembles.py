@@ -404,8 +404,7 @@ def retry_failed(
         _say_if_small(prepared, ranks_per_sample, comm)
         earlier = on_root(comm, read_earlier, Path(failed), prepared)
         plan = Plan(earlier.n_samples, earlier.seed, place, resume, earlier.file)
-        found = run_ensemble(prepared, plan, group, earlier=earlier)
-        return _kept(keeper, found, plan, prepared.scene)
+        return _kept(keeper, run_ensemble(prepared, plan, group, earlier=earlier), plan, prepared.scene)
 
 
 @interface(
@@ -444,8 +443,7 @@ def rare_event(
 
     with keeping(RareEvent.kind, comm, output, on_all_ranks, (origin.path,)) as keeper:
         prepared = origin.settled(comm, check, many=True)
-        found = run_rare_event(prepared, event_of(event, prepared.scene), n, seed, comm)
-        return keeper.result(found, prepared.scene)
+        return keeper.result(run_rare_event(prepared, event_of(event, prepared.scene), n, seed, comm), prepared.scene)
 
 
 def choose(given: Mapping[str, Any], comm: Comm) -> Callable[..., Result]:
@@ -574,8 +572,7 @@ def montecarlo(
             asked.check_design(prepared.scene, file)
             stop = asked.stopping.stop(prepared.scene, start)
         better = better_models(asked.correct, prepared, origin, comm)
-        found = run_ensemble(prepared, plan, group, stop, better)
-        return _kept(keeper, found, plan, prepared.scene)
+        return _kept(keeper, run_ensemble(prepared, plan, group, stop, better), plan, prepared.scene)
 
 
 @command(

@@ -42,8 +42,7 @@ def read(path: str | PathLike[str], *, comm: Comm | None = None) -> Result:
     if kind in MODELS:
         # its modules need PETSc, which all ranks start together
         solving_ranks_of(comm)
-    data = on_root(comm, _read, path, kind)
-    return (Rom if kind in MODELS else Result)(kind, data, comm, path.parent, path)
+    return (Rom if kind in MODELS else Result)(kind, on_root(comm, _read, path, kind), comm, path.parent, path)
 
 
 def stopped_runs(*paths: Path) -> list[str]:

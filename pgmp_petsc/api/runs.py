@@ -185,8 +185,7 @@ def fields(rom: Rom, run: Result, times: Sequence[float], *, comm: Comm | None =
             raise wrong("run", run, "a run, as from pgmp.simulate or pgmp.read")
 
     def finding_the_fields() -> dict[str, BodyField]:
-        settings = settings_of(run.record.parameters)
-        scene = scene_of_built(rom.data.rom, rom.directory, (), settings, "the reduced model")
+        scene = scene_of_built(rom.data.rom, rom.directory, (), settings_of(run.record.parameters), "the reduced model")
         found = fields_at(ReducedModel(scene, rom.data.rom), run.data.in_si_units(), times)
         return {name: field.converted(scene.system.converting) for name, field in found.items()}
 
@@ -259,8 +258,7 @@ def histories(
         uncertain = uncertain_names(prepared.scene)
         drawn = [name for name, values in data.parameters.items() if name in uncertain or np.ptp(values) > 0.0]
         of_samples = si_values(prepared.scene, {name: columns[name] for name in drawn})
-        file = SampleFile(Path("samples"), of_samples, "histories")
-        found = _run(prepared, file, place, comm, on_all_ranks)
+        found = _run(prepared, SampleFile(Path("samples"), of_samples, "histories"), place, comm, on_all_ranks)
     if found is None:
         return None
     (run, remarks), system = found, prepared.scene.system
@@ -336,8 +334,7 @@ def _run(
     def taking_the_samples() -> tuple[ShardSamples, tuple[Remark, ...]]:
         data = replace(found, columns=dict(found.columns), bands=dict(found.bands))
         unchecked = () if model.scene.ensemble.checked_share else (note(UNCHECKED),)
-        remarks = (*file.remarks, *_failures(data.status), *model.kinematics.remarks, *unchecked)
-        return data, remarks
+        return data, (*file.remarks, *_failures(data.status), *model.kinematics.remarks, *unchecked)
 
     taken = on_root(comm, taking_the_samples)
     tell_remarks(comm, taken[1], RESULT)

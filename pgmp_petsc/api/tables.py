@@ -91,8 +91,7 @@ def points_of(value: object) -> object:
         return NotImplemented
     xarray, fixed = needs_xarray("parameters"), {name: one for name, one in value.items() if _is_one(one)}
     arrays = {name: _array(xarray, name, value[name]) for name in _names(value) if name not in fixed}
-    places = {key: one for array in arrays.values() for key, one in array.coords.items()}
-    return PointSet(arrays, places, fixed)
+    return PointSet(arrays, {key: one for array in arrays.values() for key, one in array.coords.items()}, fixed)
 
 
 def columns_of(value: object) -> object:

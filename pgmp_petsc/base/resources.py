@@ -77,8 +77,7 @@ def _ranks_of_node(comm: Comm) -> int:
 
 def free_memory() -> float | None:
     """Return what new allocations may take on this machine and within the job's limit, bytes; None if unknown."""
-    bounds = [bound for bound in (_of_machine(), _of_job()) if bound is not None]
-    return min(bounds, default=None)
+    return min([bound for bound in (_of_machine(), _of_job()) if bound is not None], default=None)
 
 
 def give_back() -> None:

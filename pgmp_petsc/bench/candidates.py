@@ -151,8 +151,7 @@ class Limits:
         clamped = [coordinate for coordinate in coordinates if coordinate.prescribed]
         n_free = null_space(constraint_jacobian(mechanism, pose, clamped)).independent.size
         n_modes = n_free - (len(coordinates) - len(clamped)) - n_released
-        of_cells = any(body.dense for body in mechanism.bodies)
-        served = n_condensed if of_cells and n_modes > n_condensed else None
+        served = n_condensed if any(body.dense for body in mechanism.bodies) and n_modes > n_condensed else None
         matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
         n_static = patterns_of(effects_of(scene, mechanism), matrices).n
         n_terms = len({*mechanism.mass_weights, *mechanism.stiffness_weights})

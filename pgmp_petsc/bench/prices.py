@@ -300,8 +300,7 @@ def n_strains(scene: Scene, mechanism: Mechanism) -> int:
     for name, entry in scene.outputs.items():
         if "stresses" in entry.reads and entry.body in bodies:
             body = bodies[entry.body]
-            points = points_of(scene, name, body.stresses(scene))
-            found += points.n_points * body.dimension * (body.dimension + 1) // 2
+            found += points_of(scene, name, body.stresses(scene)).n_points * body.dimension * (body.dimension + 1) // 2
     return found
 
 

@@ -390,8 +390,7 @@ class _Study:
         for refinement in refinements:
             run = self._measured.get(Setting("full", n, refinement), self._finest)
             known = exact is not None and run.history is not None
-            errors = largest_errors(run.history, exact, self.bench.floors) if known else np.full(n_outputs, np.nan)
-            rows.append(errors)
+            rows.append(largest_errors(run.history, exact, self.bench.floors) if known else np.full(n_outputs, np.nan))
         cells = [self.bench.n_cells(refinement) for refinement in refinements]
         return MeshErrors(np.array(refinements), np.array(cells), np.array(rows))
 
@@ -465,8 +464,7 @@ def _reduced_settings(own: Setting, scene: Scene, sweep: Sweep, limits: Limits) 
     few = own  # with a tolerance angles are added until it holds, which splines alone can do
     if own.reduction.sampling_tolerance is None:
         few = own.with_reduction(angles=min(sweep.tensor_angles, own.reduction.angles), interpolation="spline")
-    coarse = _steps(scene, 0, 1)
-    for modes, value, steps in product(_within(sweep.tensor_modes, limits), static, coarse):
+    for modes, value, steps in product(_within(sweep.tensor_modes, limits), static, _steps(scene, 0, 1)):
         plain = {"inertia_modes": False, "parameter_modes": 0}
         settings.append(replace(few, n_steps=steps).with_reduction(modes=modes, static_modes=value, **plain))
     return settings

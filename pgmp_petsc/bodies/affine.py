@@ -116,9 +116,7 @@ class Quantity:
     @classmethod
     def of(cls, entry: float | str) -> Quantity:
         """Make a quantity from a scene entry: a number, or a parameter's name."""
-        if isinstance(entry, str):
-            return cls(1.0, Monomial(((entry, 1),)))
-        return cls(float(entry))
+        return cls(1.0, Monomial(((entry, 1),))) if isinstance(entry, str) else cls(float(entry))
 
     def at(self, values: Values) -> np.ndarray | float:
         """Return the quantity at the given parameter values."""

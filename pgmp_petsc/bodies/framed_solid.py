@@ -113,8 +113,7 @@ def framed_solid(scene: Scene, name: str, mesh: SolidMesh | Assembled) -> Framed
     points = points_used(scene, name)
     if isinstance(mesh, Assembled):
         return FramedSolid.assembled(name, scene.bodies[name], mesh, points)
-    profiles = profiles_of(scene, name, mesh)
-    return FramedSolid.of(name, scene.bodies[name], scene.materials, mesh, points, profiles)
+    return FramedSolid.of(name, scene.bodies[name], scene.materials, mesh, points, profiles_of(scene, name, mesh))
 
 
 def _carrying(frame: FaceFrame, nodes: np.ndarray, what: str) -> FaceFrame:

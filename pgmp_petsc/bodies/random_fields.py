@@ -179,8 +179,7 @@ def _expansion(
     roots = np.sqrt(weights)
 
     def column(k: int) -> np.ndarray:
-        distances = np.linalg.norm(at - at[k], axis=1) / length
-        return roots * roots[k] * correlation(kernel, distances, smoothness)
+        return roots * roots[k] * correlation(kernel, np.linalg.norm(at - at[k], axis=1) / length, smoothness)
 
     factor = _pivoted_cholesky(column, weights, max(n_terms + OVERSAMPLING, NUMBERS // weights.size))
     values, vectors = np.linalg.eigh(factor.T @ factor)

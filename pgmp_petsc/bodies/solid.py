@@ -104,8 +104,7 @@ class Solid:
     @property
     def volume(self) -> float:
         """Volume of the mesh, m3 (in the plane its area, m2)."""
-        places = self.mesh.nodes[self.mesh.cells]
-        return float(elasticity.volumes_of(places, self._element.mass).sum())
+        return float(elasticity.volumes_of(self.mesh.nodes[self.mesh.cells], self._element.mass).sum())
 
     def weights(self, kind: str) -> set[Monomial]:
         """Return the weights of the affine terms of ``"mass"`` or ``"stiffness"``."""
@@ -147,8 +146,7 @@ class Solid:
                 for weight in sorted(profile.weights({factor.monomial})):
                     terms.setdefault(weight, np.zeros((pattern.n_blocks, d, d)))
                 for chosen in _shares(region.cells[pattern.touches(region.cells)], d * self.mesh.cells.shape[1]):
-                    places = self.mesh.nodes[self.mesh.cells[chosen]]
-                    own = {factor.monomial: factor.coefficient * entries(places)}
+                    own = {factor.monomial: factor.coefficient * entries(self.mesh.nodes[self.mesh.cells[chosen]])}
                     for weight, values in profile.over(own, chosen).items():
                         pattern.add(terms[weight], self.mesh.cells[chosen], values)
         return {weight: pattern.matrix(data) for weight, data in terms.items()}
@@ -190,8 +188,7 @@ class BlockPattern:
         row, column = np.divmod(self._blocks, self._n_nodes)
         starts = np.searchsorted(row, np.arange(len(self._nodes) + 1))
         d = data.shape[1]
-        shape = (d * len(self._nodes), d * self._n_nodes)
-        return sp.bsr_matrix((data, column, starts), shape=shape).tocsr()
+        return sp.bsr_matrix((data, column, starts), shape=(d * len(self._nodes), d * self._n_nodes)).tocsr()
 
     def _mine(self, nodes: np.ndarray) -> np.ndarray:
         return (nodes >= self._nodes.start) & (nodes < self._nodes.stop)

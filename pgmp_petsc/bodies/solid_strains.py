@@ -79,8 +79,7 @@ class SolidStrains:
     def within(self, materials: Sequence[np.ndarray], cells: np.ndarray) -> SolidStrains:
         """Return the points whose material is that of some cells, shape (n,)."""
         chosen = np.flatnonzero(np.isin(self.material, _owners(self.mesh, materials)[cells]))
-        kept = {name: getattr(self, name)[chosen] for name in ("weights", "material", "nodes")}
-        return replace(self, **kept)
+        return replace(self, **{name: getattr(self, name)[chosen] for name in ("weights", "material", "nodes")})
 
     @classmethod
     def at_nodes(cls, mesh: SolidMesh, materials: Sequence[np.ndarray], nodes: np.ndarray) -> SolidStrains:
@@ -122,8 +121,7 @@ class SolidStrains:
         nodal = cls.at_nodes(mesh, materials, mesh.cells[cell])
         chosen = np.flatnonzero(nodal.material == owner[cell])
         order = chosen[[int(np.flatnonzero(nodal.nodes[chosen] == node)[0]) for node in mesh.cells[cell]]]
-        values = shape_values(mesh.kind, at[None])
-        weights = sp.csr_matrix(values) @ nodal.weights[order]
+        weights = sp.csr_matrix(shape_values(mesh.kind, at[None])) @ nodal.weights[order]
         return cls(
             mesh, nodal.cells, nodal.gradients, weights.tocsr(), np.array([owner[cell]]), np.array([-1], dtype=int)
         )
@@ -132,8 +130,7 @@ class SolidStrains:
 @cache
 def sampling_points(kind: str) -> np.ndarray:
     """Return where an element knows its strains best, shape (n_g, d), in reference coordinates."""
-    element = reference_element(kind)
-    d, linear = element.dimension, kind in ("triangle", "quad", "tetra", "hexahedron")
+    d, linear = reference_element(kind).dimension, kind in ("triangle", "quad", "tetra", "hexahedron")
     simplex = kind.startswith("t")
     if linear:
         return np.full((1, d), 1.0 / (d + 1) if simplex else 0.5)
@@ -161,8 +158,7 @@ def _polynomials(kind: str, places: np.ndarray, n: int) -> np.ndarray:
         return np.ones((len(places), 1))
     if kind.startswith("t"):
         return np.column_stack([np.ones(len(places)), places])
-    exponents = np.indices((2,) * d).reshape(d, -1)
-    return np.prod(places[:, :, None] ** exponents, axis=1)
+    return np.prod(places[:, :, None] ** np.indices((2,) * d).reshape(d, -1), axis=1)
 
 
 def _gradients(mesh: SolidMesh, cells: np.ndarray) -> np.ndarray:

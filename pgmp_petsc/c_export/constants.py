@@ -220,7 +220,6 @@ def shared_of(
     controls = statements.controls_in_c(scene, parameters, settings["STEP"])
     control_actions = [k for k, action in enumerate(actions) if action.law is ACTING_LAW]
     strengths = {name: _unit_of_strength(name, scene) for name in over_time}
-    carried_actions = [k for k, action in enumerate(actions) if action.law.loaded]
     found = Constants(
         name=scene.name,
         system=scene.system,
@@ -244,7 +243,7 @@ def shared_of(
         control_actions=control_actions,
         control_origins=[] if model.measures is None else model.measures.origins.tolist(),
         action_slots=[slots[node] for node in held],
-        carried_actions=carried_actions,
+        carried_actions=[k for k, action in enumerate(actions) if action.law.loaded],
         outputs=outputs,
         output_units={name: scene.system.unit(unit) for name, unit in model.outputs.units.items()},
         strength_units={name: scene.system.unit(unit) for name, unit in strengths.items()},

@@ -9,13 +9,13 @@ import numpy as np
 
 from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.controllers.acting import ACTING_LAW, control_of
+from pgmp_petsc.controllers.acting import ACTING_LAW, control_of, rounded
 from pgmp_petsc.controllers.law import ControlLaw
 from pgmp_petsc.declare.expressions import printed, symbolic
 from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
-from pgmp_petsc.effects.time_function import Piece, amplitude_of
+from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.mechanism.joints import Attached, Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate
@@ -156,8 +156,7 @@ class ForceInC:
         a, b = Side.of(joint.a, slots), Side.of(joint.b, slots)
         for row, (part, own) in zip(force.rows, force.held):
             for (statement, function), first in zip(part.terms, own[::2]):
-                held = StatementInC(statement, Side.of(first, slots), b)
-                terms.append(TermInC(gaps.index(row), held, function))
+                terms.append(TermInC(gaps.index(row), StatementInC(statement, Side.of(first, slots), b), function))
         for number, pull in zip(behind(*force.pulls), force.pulls):
             for statement, function in pull.action.statement.terms:
                 terms.append(TermInC(number, StatementInC(statement, a, b), function))
@@ -244,8 +243,7 @@ class Combiner:
                 self.lines.append(f"double {name}[3] = {{{drive}{speed}}};")
                 return name
             case Absolute(of=place):
-                own = self.of(place)
-                parts = [own + "[j]"]
+                parts = [self.of(place) + "[j]"]
                 for k, (direction, factor, course) in enumerate(self._bases):
                     share, begun = float(direction[place.axis] * factor.coefficient), course.at_start
                     gone = f"(bases[{k}][j] - (j ? 0.0 : {begun!r}))" if reading.from_start else f"bases[{k}][j]"
@@ -326,10 +324,11 @@ def controls_in_c(scene: Scene, tunable: Container[str], step: float) -> list[Co
     """Return the controllers, whose parameters are numbers but for those that a model in C takes, `tunable`."""
     found, column, row = [], 0, 0
     for entry in scene.controllers.values():
-        law, own, reference = control_of(scene, entry)
-        given = [*own.values(), 0.0 if reference.changes else reference.constant]
+        law, own, reference, takes_rate = control_of(scene, entry)
+        changes = entry.reference.constant is None
+        pieces = (rounded(reference, step) if takes_rate else reference).pieces if changes else ()
+        given = [*own.values(), 0.0 if changes else reference]
         parameters = [v if not isinstance(v, str) or v in tunable else scene.values[v] for v in given]
-        pieces = amplitude_of(reference).pieces if reference.changes else ()
         found.append(ControlInC(law, parameters, pieces, column, row, round(entry.sample_time / step)))
         column, row = column + 3 * len(law.states) + 1, row + max(1, law.n_motions)
     return found

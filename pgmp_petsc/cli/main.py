@@ -243,8 +243,7 @@ def _close(closing: Comm, status: int, message: str | None) -> int:
         deadline = time.monotonic() + GRACE_SECONDS
         while not request.Test():
             if time.monotonic() > deadline:
-                alone = f"pgmp: error: rank {closing.rank} failed alone: {message}"
-                print(alone, file=sys.stderr, flush=True)
+                print(f"pgmp: error: rank {closing.rank} failed alone: {message}", file=sys.stderr, flush=True)
                 closing.Abort(status)
             time.sleep(0.001)
     if message is not None and closing.rank == -highest[1]:

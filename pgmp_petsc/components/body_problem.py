@@ -108,8 +108,7 @@ class Subspace:
 
     def norms(self, columns: np.ndarray) -> np.ndarray:
         """Return the M-norms of local columns (n_local, k), shape (k,)."""
-        squares = np.einsum("ik,ik->k", columns, times(self._mass, columns))
-        return np.sqrt(self.comm.allreduce(squares))
+        return np.sqrt(self.comm.allreduce(np.einsum("ik,ik->k", columns, times(self._mass, columns))))
 
     def _beside(self, columns: np.ndarray, momenta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return columns, and their products with the mass, without their parts in the basis."""
@@ -357,5 +356,4 @@ def polynomial_fields(places: np.ndarray, comm: Comm) -> np.ndarray:
     along = [[legval(x, np.eye(DEGREE + 1)[k]) for k in range(DEGREE + 1)] for x in scaled.T]
     powers = [power for power in product(range(DEGREE + 1), repeat=d) if sum(power) <= DEGREE]
     scalars = [np.prod([along[i][k] for i, k in enumerate(power)], axis=0) for power in powers]
-    fields = np.einsum("fn,ij->nifj", np.array(scalars).reshape(len(powers), n), np.eye(d))
-    return fields.reshape(n * d, -1)
+    return np.einsum("fn,ij->nifj", np.array(scalars).reshape(len(powers), n), np.eye(d)).reshape(n * d, -1)

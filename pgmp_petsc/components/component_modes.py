@@ -270,8 +270,7 @@ def _moments(mass: PETSc.Mat, vectors: np.ndarray, d: int, comm: Comm) -> np.nda
     along[:, :, 0] = np.moveaxis(by_node, 1, 0)  # each component as one in the first direction
     along = along.reshape(d, rows, n)
     pushed = [times(mass, fields) for fields in along]
-    found = np.array([[fields.T @ force for force in pushed] for fields in along])
-    return comm.allreduce(found)
+    return comm.allreduce(np.array([[fields.T @ force for force in pushed] for fields in along]))
 
 
 def _frame_shapes(stiffness: np.ndarray, frame_of: np.ndarray) -> np.ndarray:
@@ -280,8 +279,7 @@ def _frame_shapes(stiffness: np.ndarray, frame_of: np.ndarray) -> np.ndarray:
     n_frame, n = frame_of.shape
     scale = np.linalg.norm(stiffness) / np.linalg.norm(frame_of) ** 2  # both parts of one size, for the pivots' sake
     saddle = np.block([[stiffness, scale * frame_of.T], [scale * frame_of, np.zeros((n_frame, n_frame))]])
-    right = np.vstack([np.zeros((n, n_frame)), scale * np.eye(n_frame)])
-    return np.linalg.solve(saddle, right)[:n]
+    return np.linalg.solve(saddle, np.vstack([np.zeros((n, n_frame)), scale * np.eye(n_frame)]))[:n]
 
 
 DEGREE = 24  # of polynomials along the axis, for modes with up to half as many waves
@@ -382,8 +380,7 @@ def foreshortened(
     """
     d, curved = {3: 2, 6: 3}[shapes.shape[1]], dict(sections or {})
     for weight, part in moments.items():
-        own = np.einsum("klm,mij->klij", second_moments(part, d)[1], curvature)
-        curved[weight] = curved.get(weight, 0.0) + own
+        curved[weight] = curved.get(weight, 0.0) + np.einsum("klm,mij->klij", second_moments(part, d)[1], curvature)
     bent = np.einsum("fkm,mij->fkij", shapes[:, :d], curvature)
     return _without_least(bent), {weight: _without_least(part) for weight, part in curved.items()}
 

@@ -245,8 +245,7 @@ def floating_shapes(
                 # not the mechanism's own, whose mesh has the cross-section of one sample already
                 found[body.name] = _of_solid(scene, framed_solid(scene, body.name, shapes[body.name]))
             else:
-                own_alone = replace(body.alone(), lumps={})
-                found[body.name] = _of_beams(scene, own_alone, points_used(scene, body.name))
+                found[body.name] = _of_beams(scene, replace(body.alone(), lumps={}), points_used(scene, body.name))
             bar.update()
     done = dict(shapes)
     for part in comm.allgather(found):
@@ -441,8 +440,7 @@ def _turned_sections(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarray
             for coefficient, t in zip(coefficients[number, 1:], across):
                 if not coefficient:
                     continue
-                along = spins[nodes] @ t
-                mixed = np.einsum("ai,ajl->lij", along, spins[nodes])
+                mixed = np.einsum("ai,ajl->lij", spins[nodes] @ t, spins[nodes])
                 # 1/2 (a x (b x t) + b x (a x t)) = 1/2 ((a.t) b + (b.t) a) - (a.b) t
                 turned = 0.5 * (mixed + mixed.swapaxes(1, 2)) - np.multiply.outer(t, products[nodes].sum(axis=0))
                 part = 0.5 * coefficient * length * np.multiply.outer(t[:d], turned[:d])

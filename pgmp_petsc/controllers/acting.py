@@ -8,6 +8,8 @@ that moves, none are taken, and the iteration of a step finds the force without 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -18,10 +20,12 @@ from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.effects.law import Law
+from pgmp_petsc.effects.time_function import Piece, TimeFunction, amplitude_of
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_powers
-from pgmp_petsc.scene.controllers import ControllerEntry, Setpoint
+from pgmp_petsc.scene.controllers import ControllerEntry
+from pgmp_petsc.scene.fields import with_values
 from pgmp_petsc.scene.outputs import unit_of
 from pgmp_petsc.scene.uses import slides
 
@@ -124,7 +128,8 @@ class Control(NamedTuple):
 
     law: ControlLaw  # of the motions that it measures
     parameters: dict[str, float | str]  # of the law, and its limits, in their order: numbers or parameters' names
-    reference: Setpoint
+    reference: TimeFunction | float | str  # over time, a number, or a parameter's name
+    takes_rate: bool = False  # whether its force or its states jump with the rate of the reference; see `rounded`
 
 
 def control_of(scene: Scene, entry: ControllerEntry) -> Control:
@@ -132,11 +137,34 @@ def control_of(scene: Scene, entry: ControllerEntry) -> Control:
     found, reference, power_of = measured_by(scene, entry), entry.reference, scene.system.power_of
     law = entry.law().measuring(found.seen, len(found.motions), found.constants)
     limits = dict(zip(LIMITS, entry.limits or (-np.inf, np.inf)))
-    named = entry.parameters() | limits | ({} if reference.changes else {"r": reference.constant})
+    named = entry.parameters() | limits | ({} if reference.constant is None else {"r": reference.constant})
     force = power_of("N" if slides(scene, entry) else "N m")
     known = {name: power_of(unit_of(scene, output)) for name, output in entry.measured.items()}
     known |= own_powers(scene, named)
     law, in_si = law.in_si(known, force)
     given = entry.parameters() | dict(found.constants) | limits
     parameters = {name: in_si.number(name, given[name]) for name in (*law.parameters, *LIMITS)}
-    return Control(law, parameters, reference.changed(lambda value: in_si.number("r", value)))
+    if reference.constant is not None:
+        return Control(law, parameters, in_si.number("r", reference.constant))
+    over_time = amplitude_of(with_values(reference, lambda value: in_si.number("r", value)))
+    takes_rate = any("reference_rate" in text for text in (law.force, *law.states.values()))
+    return Control(law, parameters, over_time, takes_rate and not entry.sample_time)
+
+
+@lru_cache(32)
+def rounded(lines: TimeFunction, width: float) -> TimeFunction:
+    """Return lines over time whose corners are parabolas of a width (s), within half of the lines that meet there.
+
+    Of a width of a step, rates at the ends of steps are means over a step. So a force that goes with the rate has the
+    impulse that it should have, wherever in a step the corner is, and errors fall as the square of the step.
+    """
+    pieces, corners = list(lines.pieces[:1]), [piece.begin for piece in lines.pieces]
+    for (before, after), end in zip(pairwise(lines.pieces), [*corners[2:], np.inf]):
+        corner, (a, b) = after.begin, ((*piece.cubic, 0.0)[1] for piece in (before, after))
+        if corner > 0.0:  # a run begins behind a corner at its start
+            reach = 0.5 * min(width, corner - max(before.begin, 0.0), end - corner)
+            bend = 0.25 * (b - a) / reach
+            pieces.append(Piece(corner - reach, corner, (after.cubic[0] + bend * reach**2, 0.5 * (a + b), bend)))
+            after = after._replace(begin=corner + reach)
+        pieces.append(after)
+    return TimeFunction(*pieces)

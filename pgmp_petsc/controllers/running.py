@@ -33,9 +33,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.controllers.acting import control_of, measured_by
+from pgmp_petsc.controllers.acting import control_of, measured_by, rounded
 from pgmp_petsc.controllers.law import GIVEN, ControlLaw, Room, begin_all, respond, respond_all
-from pgmp_petsc.effects.time_function import TimeFunction, amplitude_of
+from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import WHOLE, ControllerEntry
@@ -75,6 +75,7 @@ class Running:
     #: about: x of the iterate before in the same step, not a number where there is none
     about: np.ndarray
     before: np.ndarray  # the force of that with its slopes, as `force`
+    lines: TimeFunction | None  # the reference as a scene has it, whose corners are `rounded`; None where they are not
     kappa: float = 0.0
 
     @classmethod
@@ -82,21 +83,19 @@ class Running:
         cls, scene: Scene, entry: ControllerEntry, every: Mapping[str, Any], n_samples: int, column: int, motion: int
     ) -> Running:
         """Return one of a scene, for values of parameters; `column` and `motion` are its first ones."""
-        law, parameters, setpoint = control_of(scene, entry)
+        law, parameters, reference, takes_rate = control_of(scene, entry)
         n, k = len(law.states), law.n_motions
         p = np.empty((n_samples, len(parameters)))
         for into, value in zip(p.T, parameters.values()):
             into[:] = every[value] if isinstance(value, str) else value
-        if setpoint.changes:
-            reference = amplitude_of(setpoint)
-        else:
-            constant = setpoint.constant
-            known = every[constant] if isinstance(constant, str) else constant
+        lines = reference if takes_rate else None
+        if not isinstance(reference, TimeFunction):
+            known = every[reference] if isinstance(reference, str) else reference
             reference = np.array(np.broadcast_to(np.asarray(known, dtype=float), (n_samples,)))
         room = (np.zeros((n_samples, m)) for m in (len(GIVEN) + 2 * k, n, 1 + 2 * k, n, n))
         columns, motions = slice(column, column + 3 * n + 1), slice(motion, motion + k)
         last = (np.full((n_samples, m), np.nan) for m in (len(GIVEN) + 2 * k, 1 + 2 * k))
-        return cls(entry, law, p, reference, columns, motions, *room, Room.of([law]), *last)
+        return cls(entry, law, p, reference, columns, motions, *room, Room.of([law]), *last, lines)
 
     def respond(self) -> None:
         """Solve for the states, and find the force."""
@@ -247,10 +246,13 @@ class Controls:
         due = (any(one.is_due(self.clock(end)) for one in self.each) for end in ends.tolist())
         return next((number for number, jumps in enumerate(due, 1) if jumps), ends.size)
 
-    def open(self, times: np.ndarray) -> np.ndarray:
-        """Make room for the forces at times (n_t,) that are to be seen, (n_t, n_samples, 2, n_names); return it.
+    def open(self, times: np.ndarray, step: float) -> np.ndarray:
+        """Make room for the forces at times (n_t,) that are to be seen, (n_t, n_samples, 2, n_names); return it. Steps
+        from here on are that long, s.
 
         Of several samples, those that were seen before the last ones are forgotten."""
+        for one in self.each:
+            one.reference = one.reference if one.lines is None else rounded(one.lines, step)
         if self._n_samples > 1 and self._times:
             del self._times[: -max(self._n_last, 1)], self._seen[: -max(self._n_last, 1)]
         self.now[:, BEFORE] = self.now[:, AFTER]  # what they jumped to is what they are up to the next jump

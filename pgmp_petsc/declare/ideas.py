@@ -63,8 +63,7 @@ def blaming(cls: type) -> Iterator[None]:
     except (ArithmeticError, AttributeError, LookupError, NotImplementedError, TypeError, ValueError) as error:
         if cls.__module__.startswith(PACKAGE):
             raise
-        blamed = to_blame(error, [str(place_of(cls)[0])])
-        raise blamed or refuse(cls, f"{type(error).__name__}: {error}") from error
+        raise to_blame(error, [str(place_of(cls)[0])]) or refuse(cls, f"{type(error).__name__}: {error}") from error
 
 
 def _plugin(cls: type) -> Plugin:
@@ -137,8 +136,7 @@ def look_through() -> None:
     """Import the ideas of the package, and behind them those of installed ones, whichever group names their modules."""
     waiting = [family for family in FAMILIES if not family._looked_through]
     for family in waiting:
-        room = import_module(family.room)
-        for module in iter_modules(room.__path__, f"{family.room}."):
+        for module in iter_modules(import_module(family.room).__path__, f"{family.room}."):
             import_module(module.name)
     for family in waiting:
         for point in sorted(_installed().select(group=f"pgmp.{family.group}"), key=lambda point: point.name):

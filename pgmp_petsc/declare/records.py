@@ -607,8 +607,7 @@ class _Reader(NamedTuple):
             n_dimensions = 2 if isinstance(first.entry.part, int) else 1 + len(first.entry.sizes)
             whole = replace(first.entry, sizes=("row",) * n_dimensions, code=None)
             is_text = isinstance(first.entry.part, str)
-            read = first._replace(entry=whole, value=tuple if is_text else np.ndarray)
-            data = self.array(read, self.group, path, "")
+            data = self.array(first._replace(entry=whole, value=tuple if is_text else np.ndarray), self.group, path, "")
             if is_text:
                 texts = [json.loads(text) for text in data]
                 columns |= {own.name: [text[own.entry.part] for text in texts] for own in holdings}

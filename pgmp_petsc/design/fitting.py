@@ -365,8 +365,7 @@ class _Fitting:
         if known is None:
             return (not_known(self._model, "the estimates", own, self._n),)
         row = np.concatenate([known[name][self._history.there(name)] / one for name, one in zip(self._n, sigma)])
-        scaled = np.concatenate(slopes) * self._scale
-        moved = np.linalg.lstsq(scaled, row, rcond=NO_DIRECTION)[0] * self._scale
+        moved = np.linalg.lstsq(np.concatenate(slopes) * self._scale, row, rcond=NO_DIRECTION)[0] * self._scale
         # y - e follows the data with values that differ by the step that e asks for
         figures = []
         for name, step, error in zip(self._names, moved, errors):

@@ -112,8 +112,7 @@ def turns_of(rows: Rows) -> int | None:
         return 0
     closed = value == final
     if not closed and not isinstance(value, str) and not isinstance(final, str):
-        largest = max(abs(one) for _, one in rows if not isinstance(one, str))
-        closed = abs(final - value) <= CLOSED * largest
+        closed = abs(final - value) <= CLOSED * max(abs(one) for _, one in rows if not isinstance(one, str))
     return turns if closed else None if turns == 1 else 0
 
 

@@ -125,8 +125,7 @@ class Force(OverTime):
                 statement = along(np.array(self.direction))
                 if point.at_node and self.over is None:
                     at_point = (c for c in mechanism.connections if c.b.node == point.node)
-                    guided = any(not share_position(c.statements) for c in at_point)
-                    return FixedForce(name, self, other, point, guided)
+                    return FixedForce(name, self, other, point, any(not share_position(c.statements) for c in at_point))
             place = {"statement": statement, "a": other, "b": point}
         if self.over is not None:
             return load_over_joint(name, self, mechanism, place, scale)

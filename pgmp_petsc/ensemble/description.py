@@ -185,8 +185,7 @@ class _Samples:
         found = describe(values[known], asked.bins, asked.quantiles, n_missing, self._level, numbers, size)
         if self._is_hiding and n_missing:  # bounds hide nothing
             known = self.fine & self._described & np.isfinite(values)
-            bounds = quantile_bounds(values[known], found.probabilities, n_missing)
-            found = replace(found, quantile_bounds=bounds)
+            found = replace(found, quantile_bounds=quantile_bounds(values[known], found.probabilities, n_missing))
         return replace(found, confidence=asked.confidence)
 
     def sobol(self, constant: Collection[str], n_replicates: int | None) -> dict[str, Sensitivity]:
@@ -354,8 +353,7 @@ def _estimate_remarks(
         yield from own_error.large_errors(estimates["errors"], sizes, origin.units, model, system, length)
     if estimates["errors"] and (origin.model == "reduced" or not own_error.too_few_steps(n_steps, scene)):
         chosen = np.zeros(status.size, dtype=bool)
-        block = block_of(scene, origin.model)
-        for first, last in checked(origin.checked_share, status.size, block):
+        for first, last in checked(origin.checked_share, status.size, block_of(scene, origin.model)):
             chosen[first:last] = status[first:last] == Status.FINE
         unknown = int(np.sum(chosen & np.any([~np.isfinite(v) for v in estimates["errors"].values()], axis=0)))
         if unknown:

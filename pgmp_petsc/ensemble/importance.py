@@ -329,8 +329,7 @@ def levelled(points: np.ndarray, weights: np.ndarray, random: np.random.Generato
     """
     n_clusters = max(1, min(CLUSTERS[-1], len(points) // FEWEST))
     labels = _labels(points, weights, n_clusters, random)
-    totals = np.bincount(labels, weights=weights, minlength=n_clusters)
-    return weights / totals[labels]
+    return weights / np.bincount(labels, weights=weights, minlength=n_clusters)[labels]
 
 
 def lie_apart(points: np.ndarray, weights: np.ndarray, random: np.random.Generator) -> bool:

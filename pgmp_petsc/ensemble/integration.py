@@ -134,14 +134,9 @@ class Integration:
 
 
 def run_batch(
-    model: Model,
-    values: Arrays,
-    first: int = 0,
-    watchers: Sequence[Watcher] = (),
-    comm: Comm | None = None,
-    pulse: Callable[[float], object] | None = None,
-    divisors: tuple[int, ...] = DIVISORS,
-) -> Batch:
+    model: Model, values: Arrays, first: int = 0, watchers: Sequence[Watcher] = (), comm: Comm | None = None,
+    pulse: Callable[[float], object] | None = None, divisors: tuple[int, ...] = DIVISORS,
+) -> Batch:  # fmt: skip
     """Integrate samples first, first + 1, ... as one system, those that fail again with smaller steps.
 
     Values of all parameters have shape (n,). Several ranks share one sample. What the watchers find is added, NaN where
@@ -208,8 +203,7 @@ def _with_outputs(
     if not fine.size:
         return done
     with np.errstate(all="ignore"):
-        observed = model.observed(system, done.state, attempt.simulation.duration)
-        found = model.outputs.evaluate(observed[..., fine])
+        found = model.outputs.evaluate(model.observed(system, done.state, attempt.simulation.duration)[..., fine])
     found |= {name: values[fine] for name, values in counted.items()}
     lost = fine[~np.all([np.isfinite(values) for values in found.values()] or [np.ones(fine.size)], axis=0)]
     status, failure_time = done.status.copy(), done.failure_time.copy()
@@ -269,8 +263,7 @@ def run_ensemble(
         if history:
             found = stopped(found, model.scene, plan, stop, history)
         if earlier is not None:
-            remarks = (*found.record.remarks, earlier.remark)
-            found = replace(found, record=replace(found.record, remarks=remarks))
+            found = replace(found, record=replace(found.record, remarks=(*found.record.remarks, earlier.remark)))
         if better:
             parts = {one.name: part.checkpoint.up_to(k).columns() for one, part, k in zip(better, others, given)}
             columns = {**parts, model.name: own.checkpoint.up_to(n).columns()}

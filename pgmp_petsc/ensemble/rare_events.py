@@ -313,8 +313,7 @@ def _levels(chains: _Chains) -> tuple[list[Level], list[np.ndarray], importance.
         families = own[passed][np.arange(size) % passed.size]
         points, g, accepted = chains.go_on(points[passed], g[passed], threshold, size)
         own = np.arange(size) % passed.size
-        cloud = importance.Cloud(points, np.ones(size), own, g)
-        directions.append(directions_of(cloud, chains.random()))
+        directions.append(directions_of(importance.Cloud(points, np.ones(size), own, g), chains.random()))
         levels.append(Level(threshold, share, accepted, before, is_afar, variation))
         if threshold == 0.0:
             break
@@ -510,8 +509,7 @@ class _Chains:
                 own *= own.sum() / np.sum(own**2)  # how many equally weighted ones they are worth
                 cloud = importance.Cloud(inside, own, len(last.points) + np.arange(len(inside)), g_inside)
                 if own.sum() < ENOUGH:  # chains supply what is missing
-                    missing = of_chains._replace(weights=(ENOUGH - own.sum()) * of_chains.weights)
-                    cloud = cloud.with_further(missing)
+                    cloud = cloud.with_further(of_chains._replace(weights=(ENOUGH - own.sum()) * of_chains.weights))
         roots = np.sqrt(np.arange(1, ROUNDS))
         roots /= np.average(roots, weights=sizes[1:])  # so that the mean of all weighted samples is the probability
         return [root * of_round for root, of_round in zip(roots, weights[1:])]

@@ -116,8 +116,7 @@ class _Runs:
 
     def values_of(self, points: np.ndarray) -> dict[str, np.ndarray]:
         """Return the values of all parameters, each (n,), that points (n, d) mean."""
-        uniform = ndtr(np.clip(points, -FURTHEST, FURTHEST))
-        return values_of(self._model.scene, self.names, uniform, self._mixing)
+        return values_of(self._model.scene, self.names, ndtr(np.clip(points, -FURTHEST, FURTHEST)), self._mixing)
 
     def slopes(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return g of points (n, d) and its exact derivatives, shapes (n,) and (n, d); NaN where there are none."""

@@ -61,8 +61,7 @@ def read_samples(path: Path | Arrays, scene: Scene, n_samples: int | None) -> Sa
             content = hashlib.file_digest(stream, "sha256").hexdigest()
     except (OSError, UnicodeDecodeError, csv.Error, RuntimeError) as error:
         raise InputError(f"{where}: it cannot be read as CSV or HDF5: {error}") from error
-    place = "sample" if is_hdf5 else "line"
-    return _checked(path, columns, lines, others, content, scene, n_samples, where, place)
+    return _checked(path, columns, lines, others, content, scene, n_samples, where, "sample" if is_hdf5 else "line")
 
 
 def of_columns(

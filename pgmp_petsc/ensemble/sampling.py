@@ -152,8 +152,7 @@ def latin_hypercube(seed: int, d: int, n: int) -> Design:
     within = independent(seed, d)
 
     def uniform(first: int, last: int) -> np.ndarray:
-        slices = np.array([order[first:last] for order in orders], dtype=float).T
-        return (slices + within(first, last)) / n
+        return (np.array([order[first:last] for order in orders], dtype=float).T + within(first, last)) / n
 
     return uniform
 

@@ -323,8 +323,7 @@ def of_blocks(values: np.ndarray, names: list[str], confidence: float, n_replica
     Blocks with a sample that failed (NaN) are left out. None where too few are left of a replicate, or one does not
     vary.
     """
-    d = len(names)
-    blocks = values.reshape(-1, d + 2)
+    blocks = values.reshape(-1, len(names) + 2)
     known = np.isfinite(blocks).all(axis=1)
     parts = [k + n_replicates * np.flatnonzero(known[k::n_replicates]) for k in range(n_replicates)]
     if min(map(len, parts)) < FEWEST_OF_REPLICATE or any(is_constant(blocks[part]) for part in parts):

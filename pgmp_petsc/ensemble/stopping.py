@@ -110,8 +110,7 @@ class Reader:
         if name in labels:
             return name, None
         side = "above" if self._sign("<", ">") == ">" else "below"
-        level = times(self._number(), self._size(name))
-        return "", Event(output=name, when="ever" if ever else "end", **{side: level})
+        return "", Event(output=name, when="ever" if ever else "end", **{side: times(self._number(), self._size(name))})
 
     def end(self) -> None:
         """Refuse what is left."""
@@ -240,8 +239,7 @@ def see(rules: tuple[Rule, ...], scene: Scene, sampler: Sampler, kept: Kept, n: 
             estimates.append(getattr(found, rule.kind))
             ends.append(getattr(found, f"{rule.kind}_interval"))
             continue
-        event = rule.event or scene.ensemble.probabilities[rule.quantity]
-        true = came_true(event, rule.quantity, outputs, passages)
+        true = came_true(rule.event or scene.ensemble.probabilities[rule.quantity], rule.quantity, outputs, passages)
         count, n_fine, of_both = of_event(true, chosen, described & ~fine, replicates, level)
         estimates.append(count / n_fine if n_fine else np.nan)
         ends.append(of_both)

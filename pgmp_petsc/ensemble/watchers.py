@@ -218,8 +218,7 @@ class Watching:
         self.share, self.block = share_of(model), block_of(model.scene, model.name)
         self._errors: list[Watcher] = []
         if self.share > 0.0:
-            reduced = isinstance(model, Reduced)
-            self._errors = [watch_errors(indicator_of(model)) if reduced else watch_coarser(model)]
+            self._errors = [watch_errors(indicator_of(model)) if isinstance(model, Reduced) else watch_coarser(model)]
         self._others: list[Watcher] = [watch_balance()] if model.scene.ensemble.balance else []
         if isinstance(model, Reduced):
             self._others.append(watch_validity(model))

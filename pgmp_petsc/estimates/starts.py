@@ -139,8 +139,7 @@ def growth_of(model: ReducedModel, simulation: Simulation, eta: np.ndarray, outp
     scene = model.scene
     smooth = [k for k, one in scene.outputs.items() if not (models_alone(scene, k) or one.derivatives_in(scene))]
     size = model.kinematics.size
-    values = {name: np.array([value]) for name, value in model.scene.values.items()}
-    system = model.batch(values, 1)
+    system = model.batch({name: np.array([value]) for name, value in model.scene.values.items()}, 1)
     start = system.start()
     q = start.q.copy()
     q[:, : system.n_moving] += OFF * np.ptp(eta, axis=0)[: system.n_moving]

@@ -190,8 +190,7 @@ def short_names(files: Sequence[Path]) -> list[str]:
 
 def _differing(scenes: Sequence[Any], prefix: str = "") -> Iterator[tuple[str, list[Any]]]:
     """Yield dotted names of entries in which scenes differ, with every scene's value; a missing table as a whole."""
-    names = dict.fromkeys(name for scene in scenes for name in scene)
-    for name in names:
+    for name in dict.fromkeys(name for scene in scenes for name in scene):
         values = [scene.get(name, _ABSENT) for scene in scenes]
         if all(isinstance(value, dict) for value in values):
             yield from _differing(values, f"{prefix}{name}.")

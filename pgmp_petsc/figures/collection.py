@@ -153,8 +153,7 @@ def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pict
         return {}, [f"{option}: without effect, as there is no trajectory" for option, given in asked.items() if given]
     files, found = {id(run): path for path, run in runs}, [run for _, run in runs]
     comparisons = paired(found)
-    labels = labels_of(comparisons, files)
-    pictures: Pictures = {"trajectories": partial(trajectories, comparisons, labels=labels)}
+    pictures: Pictures = {"trajectories": partial(trajectories, comparisons, labels=labels_of(comparisons, files))}
     label_of: dict[int, str] = {}  # what tells runs of one model from each other
     for model in MODELS:
         chosen = [run for run in found if run.model == model]

@@ -303,8 +303,7 @@ def pairs_of(probabilities: np.ndarray) -> tuple[list[tuple[int, int]], int | No
     """Return pairs of places from the outermost probabilities inwards, and the place of the one that is left."""
     order = [int(place) for place in np.argsort(probabilities)]
     n = len(order)
-    pairs = [(order[k], order[n - 1 - k]) for k in range(n // 2)]
-    return pairs, order[n // 2] if n % 2 else None
+    return [(order[k], order[n - 1 - k]) for k in range(n // 2)], order[n // 2] if n % 2 else None
 
 
 HEIGHT = 0.36  # of a bar, where the distance of parameters is 1

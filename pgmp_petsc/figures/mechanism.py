@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import product
 from typing import Any
 
 import matplotlib
@@ -19,7 +18,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Stroke
 from matplotlib.text import Annotation
-from matplotlib.transforms import Bbox
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import captions, style
@@ -349,25 +347,30 @@ class _Label:
 
 @dataclass
 class _Hidden:
-    """Things that labels should not hide: points (n, 2) along bodies and leaders, and of marks, boxes of labels; all in
-    pixels."""
+    """Things that labels should not hide: points (n, 2) along bodies and leaders, and of marks, lower and upper corners
+    (n, 2, 2) of labels, and those of the picture (2, 2); all in pixels."""
 
     lines: np.ndarray
-    labels: list[Bbox]
-    inside: Bbox
+    labels: np.ndarray
+    inside: np.ndarray
 
-    def cost(self, box: Bbox, leader: np.ndarray) -> float:
-        """Return what a label at a place hides, together with the line that leads to it."""
-        outside = not all(self.inside.contains(*corner) for corner in (box.min, box.max))
-        shared = filter(None, (Bbox.intersection(box, other) for other in self.labels))
-        cost = 1e6 * outside + ON_LABEL * sum(one.width * one.height for one in shared)
-        cost += ON_LINE * box.padded(6).count_contains(self.lines)
-        return cost + ON_LINE * sum(other.count_contains(leader) for other in self.labels)
+    def costs(self, boxes: np.ndarray, leaders: np.ndarray) -> np.ndarray:
+        """Return what labels with such corners (m, 2, 2) hide, each with the line (n, 2) of points that leads to it."""
+        low, high = boxes[:, None, 0], boxes[:, None, 1]
+        outside = np.any((boxes[:, 0] < self.inside[0]) | (boxes[:, 1] > self.inside[1]), axis=1)
+        shared = np.minimum(high, self.labels[:, 1]) - np.maximum(low, self.labels[:, 0])
+        hidden = _within(self.lines, low - 6.0, high + 6.0).sum(axis=1)
+        crossed = _within(leaders[:, None], self.labels[:, None, 0], self.labels[:, None, 1]).sum(axis=(1, 2))
+        return 1e6 * outside + ON_LABEL * shared.clip(0.0).prod(axis=2).sum(axis=1) + ON_LINE * (hidden + crossed)
 
-    def add(self, box: Bbox, leader: np.ndarray) -> None:
+    def add(self, box: np.ndarray, leader: np.ndarray) -> None:
         """Take in a label that is written."""
-        self.labels.append(box.padded(3))
+        self.labels = np.concatenate([self.labels, [box + [[-3.0], [3.0]]]])
         self.lines = np.concatenate([self.lines, leader])
+
+
+def _within(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    return np.all((low < points) & (points < high), axis=-1)
 
 
 @style.styled
@@ -450,7 +453,8 @@ def _place_labels(
     """Write every label at the place, of those around its point, where it hides least."""
     across = np.indices((3, 3)).reshape(2, -1).T - 1.0
     marks = [axes.transData.transform(label.place) + MARK * axes.figure.dpi / 72.0 * across for label in labels]
-    hidden = _Hidden(np.concatenate([_pixels(axes, shapes), *marks]), [], axes.get_window_extent())
+    lines, inside = np.concatenate([_pixels(axes, shapes), *marks]), axes.get_window_extent().get_points()
+    hidden = _Hidden(lines, np.zeros((0, 2, 2)), inside)
     for name, place, colour in names:
         _write(axes, place, name, {"color": colour, "weight": "bold", "fontsize": 10.0}, hidden)
     for label in sorted(labels, key=lambda label: not label.joints):
@@ -470,18 +474,14 @@ def _write(axes: Axes, place: np.ndarray, text: str, look: dict, hidden: _Hidden
     scale, box = figure.dpi / 72.0, super(Annotation, note).get_window_extent(figure.canvas.get_renderer())
     half, shares = 0.5 * np.array([box.width, box.height]), np.linspace(0.15, 0.7, 8)[:, None]
 
-    def covered(offset: np.ndarray) -> tuple[Bbox, np.ndarray]:
-        """Return the box of the text whose middle is at an offset from its place, and points (n, 2) along the line
-        between both, but for its ends; pixels."""
-        return Bbox([at + offset - half, at + offset + half]), at + shares * offset
-
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    ways = product(RINGS, np.column_stack([np.cos(angles), np.sin(angles)]))
-    offsets = [way * (scale * ring + half) for ring, way in ways]
-    best = min(offsets, key=lambda offset: hidden.cost(*covered(offset)) + np.hypot(*offset) / scale)
-    note.set_position(best / scale)
-    note.set_anncoords("offset points")
-    hidden.add(*covered(best))
+    ways = np.column_stack([np.cos(angles), np.sin(angles)])
+    offsets = np.concatenate([ways * (scale * ring + half) for ring in RINGS])
+    boxes = (at + offsets)[:, None] + [-half, half]
+    leaders = at + shares * offsets[:, None]  # points on the lines, but for their ends
+    best = np.argmin(hidden.costs(boxes, leaders) + np.hypot(*offsets.T) / scale)
+    note.set(position=offsets[best] / scale, anncoords="offset points")
+    hidden.add(boxes[best], leaders[best])
 
 
 def _pixels(axes: Axes, shapes: Shapes) -> np.ndarray:

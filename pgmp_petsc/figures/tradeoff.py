@@ -156,9 +156,8 @@ def _draw_output(axes: Axes, study: Tradeoff, cost: np.ndarray, column: int) -> 
     for colour, family in FRONTS.items():
         rows = _front(study, cost, column, family)
         axes.step(cost[rows], error[rows], where="post", color=colour, linewidth=5.0, alpha=0.22, zorder=1.5)
-    step = study.columns["step"]
     for rows, colour, order in (
-        (_rows(known, study, "full", own_mesh=True), style.FULL_COLOUR, step),
+        (_rows(known, study, "full", own_mesh=True), style.FULL_COLOUR, study.columns["step"]),
         (_rows(known, study, "surface", own_mesh=True), SURFACE_COLOUR, study.columns["nodes"]),
     ):
         rows = rows[np.argsort(order[rows])]

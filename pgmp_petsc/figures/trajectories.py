@@ -172,8 +172,7 @@ def labels_of(comparisons: Sequence[Comparison], files: Mapping[int, Path] | Non
     nodes = [None if run.frames is None else sum(map(len, run.frames.nodes.values())) for run in last]
     if len({*nodes} - {None}) > 1:  # pgmp run cuts lines, which scenes do not say
         kinds = [", ".join(filter(None, (kind, f"{n} nodes" if n else ""))) for kind, n in zip(kinds, nodes)]
-    names = [(files or {}).get(id(run)) for run in last]
-    return tell_apart([run.record for run in last], kinds, names)
+    return tell_apart([run.record for run in last], kinds, [(files or {}).get(id(run)) for run in last])
 
 
 def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: str) -> None:

@@ -333,8 +333,7 @@ class Steps:
     def was_begun(self, name: str, key: str) -> bool:
         """Return whether the step was begun with the same key and not finished: its pieces may be taken up."""
         entry = self._read().get(name, {})
-        pieces = (self.folder / f"{name}.partial").is_dir()
-        return pieces and entry.get("key") == key and "sha256" not in entry
+        return (self.folder / f"{name}.partial").is_dir() and entry.get("key") == key and "sha256" not in entry
 
     def replaced(self, name: str) -> str | None:
         """Return the changes of the scene that a file is of which a step would replace, empty where there are none;

@@ -100,8 +100,7 @@ class Seal:
         if len(head) < SIZE:
             raise BrokenSeal(f"it is cut off after {len(head)} bytes")
         try:
-            entries = json.loads(head[len(MAGIC) :])
-            seal = cls(**entries)
+            seal = cls(**json.loads(head[len(MAGIC) :]))
             if seal.packed() != head:
                 raise ValueError
         except (ValueError, TypeError, RecursionError):
@@ -113,8 +112,7 @@ def seal(path: Path, kind: str, format_version: int, run: str = "") -> None:
     """Seal a finished file whose first `SIZE` bytes are free, and push it to the disk; raises `OSError` if the system
     fails to read or write."""
     with open(path, "r+b") as stream:
-        n_bytes = stream.seek(0, os.SEEK_END)
-        unsigned = Seal(kind, format_version, run, n_bytes)
+        unsigned = Seal(kind, format_version, run, stream.seek(0, os.SEEK_END))
         stream.seek(SIZE)
         signed = replace(unsigned, sha256=_checksum(unsigned, stream))
         stream.seek(0)

@@ -48,8 +48,7 @@ class FullDistributed(FullSystem):
     """
 
     def __init__(self, equations: FullEquations, comm: Comm, motions: Mapping[int, Motion]) -> None:
-        sources = Sources(equations.loads, equations.actions, tuple(motions.values()))
-        super().__init__(equations, comm, 1, sources)
+        super().__init__(equations, comm, 1, Sources(equations.loads, equations.actions, tuple(motions.values())))
         self.rows, layout, self._problem = equations.rows, equations.layout, equations.problem
         n, n_all = layout.n_unknowns, layout.needed.size
         self._n, self._own = n, np.searchsorted(layout.needed, np.arange(self.rows.start, self.rows.stop))
@@ -96,8 +95,7 @@ class FullDistributed(FullSystem):
         A correction longer than `LONGEST`, in units of the mechanism's size or of 1 rad, is shortened to it. Returned
         is the size before, (1,), the same on all ranks. Collective on `comm`.
         """
-        static = (0.0, 0.0, 1.0)
-        step, multipliers = self._solve(0.0, state, static, self._typical_stiffness, self._itself, True, share)
+        step, multipliers = self._solve(0.0, state, (0.0, 0.0, 1.0), self._typical_stiffness, self._itself, True, share)
         size = self._size_of(step)
         if np.isfinite(size):
             shortened = min(1.0, LONGEST / size) if size > 0.0 else 1.0

@@ -146,8 +146,7 @@ class JointEquations:
             weights=np.zeros_like(bound.weights), pairs=(np.zeros_like(pairs[0]), *pairs[1:]),
         )  # fmt: skip
         starts, _, unknowns = bound.rows.entries
-        firsts = np.searchsorted(bound.places, np.arange(chosen.size + 1))
-        row_starts = starts[firsts]
+        row_starts = starts[np.searchsorted(bound.places, np.arange(chosen.size + 1))]
         n_own = self.set.n_constraints - self.set.n_driven
         lengths = self.set.lengths_among(np.concatenate([chosen, n_own + self.driven[:, 1]]))
         weights = np.where(lengths, 1.0, equations.size**2)

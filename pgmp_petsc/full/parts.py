@@ -147,8 +147,7 @@ def spatial_beams(share: Share) -> tuple[Beams, Pattern]:
         table[np.unique(own), N_SECTION:] = _coefficients(share, beam, "mass")
     dofs, lengths, axes, owners = map(np.concatenate, zip(*parts))
     low = np.tril_indices(n)
-    section = share.blocks.pack(table)
-    beams = Beams(dofs, lengths, axes, owners, section, np.zeros(0, dtype=int), share.owns(dofs[:, 0]))
+    beams = Beams(dofs, lengths, axes, owners, share.blocks.pack(table), np.zeros(0, dtype=int), share.owns(dofs[:, 0]))
     return beams, (dofs[:, low[0]], dofs[:, low[1]])
 
 

@@ -270,8 +270,7 @@ class FullBatch(FullSystem):
     ) -> None:
         blocks = self._blocks = SampleBlocks.of(n_samples)
         equations = FullEquations(kinematics, effects, values, blocks, initial, in_joints=in_joints)
-        sources = equations.sources(effects, tuple(motions.values()))
-        super().__init__(equations, alone(), n_samples, sources)
+        super().__init__(equations, alone(), n_samples, equations.sources(effects, tuple(motions.values())))
         self.n_events = len(equations.edges)
         self._bound_calls()
         n = self.n_dofs + self.n_constraints
@@ -373,8 +372,7 @@ class FullBatch(FullSystem):
         q, v, a, multipliers, turns = states.parts()
         trial = q.copy(), v.copy(), np.zeros_like(a), multipliers.copy(), np.ascontiguousarray(turns)
         everyone, size = np.ones(self.n_samples, dtype=bool), np.empty((len(times), *self._typical_mass.shape))
-        residual = self.pack(drift, 1)
-        self._correct_over(np.array(times), trial, (0.0, 1.0, 0.0), residual, everyone, True, size)
+        self._correct_over(np.array(times), trial, (0.0, 1.0, 0.0), self.pack(drift, 1), everyone, True, size)
         return replace(states, a=trial[2], multipliers=trial[3])
 
     def limited(self) -> np.ndarray:

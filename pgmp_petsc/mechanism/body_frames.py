@@ -107,8 +107,7 @@ class BodyStatements:
         row, self._nodes = np.divmod(pairs, max(len(sides), 1))
         # poses that no mechanism comes to
         generic = np.random.default_rng(0).normal(size=(len(mechanism.bodies), space.n_pose, 1))
-        slopes = self._slopes(space.straightened(generic)[..., 0], True)
-        self._felt = np.nonzero(np.abs(slopes) > ROUND_OFF)
+        self._felt = np.nonzero(np.abs(self._slopes(space.straightened(generic)[..., 0], True)) > ROUND_OFF)
         self.rows = row[self._felt[0]]
         self.dofs = self.nodal.reshape(-1, space.n_dofs)[self._nodes][self._felt]
 
@@ -141,8 +140,7 @@ class BodyStatements:
         of a node); `generic` as of `StatementRows.jacobian_values`."""
         space, values = self._space, self._rows.jacobian_values(self._frames(poses), generic)
         in_frames = np.bincount(self._places, values, space.n_pose * len(self._nodes))
-        turns = space.frame_gradients(poses[self._bodies[self._nodes]])
-        return (in_frames.reshape(-1, 1, space.n_pose) @ turns)[:, 0]
+        return (in_frames.reshape(-1, 1, space.n_pose) @ space.frame_gradients(poses[self._bodies[self._nodes]]))[:, 0]
 
 
 class ConstraintJacobian:
@@ -166,8 +164,7 @@ class ConstraintJacobian:
         if self._last[0] is not poses:
             pattern, values = self.pattern, self.pattern.data.copy()
             values[: self._own.rows.size] = self._own.values(poses)
-            found = sp.csr_matrix((values, pattern.indices, pattern.indptr), shape=pattern.shape)
-            self._last = poses, found
+            self._last = poses, sp.csr_matrix((values, pattern.indices, pattern.indptr), shape=pattern.shape)
         return self._last[1]
 
 

@@ -238,8 +238,7 @@ class ConstraintSet:
     def rows_among(self, chosen: np.ndarray) -> ChosenRows:
         """Return the joints' and the driven statements among constraints with given numbers, increasing, shape (n,)."""
         own, parts, wanted, motions = self.statements_among(chosen)
-        n_joints = self._joints.n
-        if own.size == n_joints and (motions < 0).all():
+        if own.size == self._joints.n and (motions < 0).all():
             rows = self._joints
         elif own.size == self.n_driven and (motions >= 0).all():
             rows = self._drives

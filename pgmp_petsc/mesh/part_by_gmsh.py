@@ -262,8 +262,7 @@ def main(path: str, size: float, coarser: float, output: str) -> None:
         tag: number[gmsh.model.mesh.getElementsByType(9, tag)[1].astype(int).reshape(-1, 6)]
         for _, tag in gmsh.model.getEntities(2)
     }
-    normals = outward_normals(nodes, cells, faces)
-    whole = cylinders(faces, nodes, normals, extent)
+    whole = cylinders(faces, nodes, outward_normals(nodes, cells, faces), extent)
     centre = np.array(gmsh.model.occ.getCenterOfMass(3, solid))
     arrays = {f"face{tag}": own for tag, own in faces.items()}
     arrays |= {f"named{tag}": np.array(name_of(2, tag)) for tag in faces}

@@ -119,8 +119,7 @@ def full(path: str, kind: str) -> dict[str, np.ndarray]:
     if held:
         cure = "a body is free: write it without D, CP and CE"
         raise Refused(f"{held} of {len(rows)} rows are held by constraints; {cure}")
-    one = sp.coo_matrix({"stiffness": stiffness, "mass": mass}[kind])
-    return entries(one, np.asarray(rows) + [0, 1])
+    return entries(sp.coo_matrix({"stiffness": stiffness, "mass": mass}[kind]), np.asarray(rows) + [0, 1])
 
 
 def deck(path: str, kind: str) -> dict[str, np.ndarray]:

@@ -289,8 +289,7 @@ def kind_of(name: str) -> str | None:
 
 
 def _set(sets: dict[str, list[int]], name: str) -> list[int]:
-    known = next((own for own in sets if own.upper() == name.upper()), name)
-    return sets.setdefault(known, [])
+    return sets.setdefault(next((own for own in sets if own.upper() == name.upper()), name), [])
 
 
 def _members_of_set(

@@ -196,8 +196,7 @@ def compact_order(n_nodes: int, cells: np.ndarray) -> np.ndarray:
         end = int(breadth_first_order(graph, end, return_predecessors=False)[-1])
     # scipy starts where there are fewest edges, which for cells with nodes on their edges may be halfway along a body.
     # One more vertex that hangs on the end, and a loop on every other one, make it start there.
-    loops = np.tile(np.arange(start), (2, 1))
-    graph = undirected_graph(np.hstack([edges, loops, [[end], [start]]]), start + 1)
+    graph = undirected_graph(np.hstack([edges, np.tile(np.arange(start), (2, 1)), [[end], [start]]]), start + 1)
     order = reverse_cuthill_mckee(graph, symmetric_mode=True)
     return order[order < n_nodes].astype(int)
 

@@ -60,8 +60,7 @@ class Stresses:
         nodes = self.nodal.nodes
         order, counts = np.argsort(nodes, kind="stable"), np.bincount(nodes)
         starts = np.cumsum(counts) - counts
-        each = np.minimum(np.arange(counts.max())[:, None], counts - 1)
-        return order[starts + each]
+        return order[starts + np.minimum(np.arange(counts.max())[:, None], counts - 1)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +181,7 @@ class FullFields:
             return carried(space, field, body, frames[body.nodes.start])
         if body.n_amplitudes:
             moved = body.displacements(q[body.internal])[:, : space.dimension]
-            places = placed(space, frames[body.nodes.stop - 1], undeformed(field) + moved)
+            places = placed(space, frames[body.nodes.stop - 1], field.mesh.nodes[:, :, None] + moved)
         else:
             places = body.moving_nodes(q, frames)[:, : space.dimension]
         return with_stresses(
@@ -217,7 +216,7 @@ class ReducedFields:
                 found[name] = carried(space, field, body, self._rigid[number].frames(eta)[0])
                 continue
             moved = body.displacements(coordinates[number])[:, : space.dimension]
-            places = placed(space, poses[number], undeformed(field) + moved)
+            places = placed(space, poses[number], field.mesh.nodes[:, :, None] + moved)
 
             def strains(points: Strains, field: FieldPoints = field) -> np.ndarray:
                 y, unmet = strained[field.number], missed.get(field.number)
@@ -239,11 +238,6 @@ def with_stresses(
     """Return a flexible body at places (n_nodes, d, n), with the stresses of the strains of points."""
     own = field.stresses
     return BodyValues(places, own.at_nodes(strains(own.nodal), values), own.at_cells(strains(own.inner), values))
-
-
-def undeformed(field: FieldPoints) -> np.ndarray:
-    """Return a body's nodes in its frame, shape (n_nodes, d, 1)."""
-    return field.mesh.nodes[:, :, None]
 
 
 def placed(space: Space, pose: np.ndarray, points: np.ndarray) -> np.ndarray:

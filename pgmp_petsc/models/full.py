@@ -203,8 +203,7 @@ class FullModel(Model):
         positions, rates = sized.start_of_samples(values, 1)
         start = (positions, rates.reshape(-1)) if settled is None else (settled.theta[0], np.zeros(len(positions)))
         built_in = sized._built_in(values, start[1], comm) if settled is None and sized.is_off else None
-        equations = sized._equations(sized.kinematics, values, start, comm)
-        system = FullDistributed(equations, comm, sized._motions)
+        system = FullDistributed(sized._equations(sized.kinematics, values, start, comm), comm, sized._motions)
         system.settled, system.built_in = settled, built_in
         return sized.controlled(system, {name: np.array([value]) for name, value in values.items()})
 
@@ -225,8 +224,7 @@ class FullModel(Model):
     def _settled(self, values: Mapping[str, float], comm: Comm) -> Settled:
         """Return the static equilibrium of one sample. Collective on `comm`."""
         theta = self._start[0]
-        held = self.kinematics.held()
-        equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm)
+        equations = self._equations(self.kinematics.held(), values, (theta, np.zeros_like(theta)), comm)
         with FullStatics(equations, comm) as statics:
             settled = settle(statics, theta[None], search_of(self.scene, self.kinematics.mechanism))
         if self.is_off and not settled.reasons:
@@ -367,12 +365,8 @@ class FullModel(Model):
         q = v = a = None
         if self._stresses is not None or self.outputs.order:
             q, v, a = system.unknowns_over(states)
-        multipliers = None
-        if self.outputs.forces:
-            multipliers = system.joint_multipliers(times, states)
-        beside = None
-        if self.outputs.beside:
-            beside = system.beside.forces(np.array(times), AFTER)[:, 0].T
+        multipliers = system.joint_multipliers(times, states) if self.outputs.forces else None
+        beside = system.beside.forces(np.array(times), AFTER)[:, 0].T if self.outputs.beside else None
         time, values = np.repeat(times, system.n_samples), system.values
         if system.n_samples > 1:
             values = {name: np.tile(value, len(times)) for name, value in values.items()}
@@ -403,8 +397,7 @@ class FullModel(Model):
         from pgmp_petsc.models.body_fields import FieldSet, FullFields  # of single runs
 
         unknowns = Unknowns(self.kinematics.mechanism)
-        seen = FieldSet.of(self.scene, unknowns.bodies, self.scene.simulation.frames)
-        return FullFields(seen, unknowns)
+        return FullFields(FieldSet.of(self.scene, unknowns.bodies, self.scene.simulation.frames), unknowns)
 
 
 class ComponentModel(FullModel):

@@ -269,8 +269,7 @@ class _JointAngles:
         return self._sum("gradient", eta)
 
     def _sum(self, what: str, eta: np.ndarray) -> np.ndarray:
-        lanes = self._lanes
-        return lanes._sum(lambda one: getattr(one.joint_angles, what)(eta).T, len(eta), self._values).T
+        return self._lanes._sum(lambda one: getattr(one.joint_angles, what)(eta).T, len(eta), self._values).T
 
 
 def _of_others(scene: Scene, name: str) -> AnyReading:

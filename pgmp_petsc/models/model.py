@@ -132,8 +132,7 @@ def search_of(scene: Scene, mechanism: Mechanism) -> Search:
     """Return how far a scene's coordinates may go to find their static equilibrium."""
     coordinates = mechanism.coordinates
     free = scene.initial.coordinates == "free"
-    bounds = [(-np.inf, np.inf) if c.periodic else (c.lower, c.upper) for c in coordinates]
-    lower, upper = np.array(bounds).T
+    lower, upper = np.array([(-np.inf, np.inf) if c.periodic else (c.lower, c.upper) for c in coordinates]).T
     return Search(
         tuple(map(int, mechanism.free)) if free else (),
         coordinates,
@@ -152,11 +151,6 @@ def _before(entry: OutputEntry, reading: AnyReading) -> AnyReading:
         words = f"it reads a derivative of order {order}, and says {entry.derivative}"
         raise refuse(type(entry), f"{words}; controllers that measure it go by its attribute derivative")
     return reading.of if order else reading
-
-
-#: Multipliers of joints, (n_held + n_driven, n_samples), at a time (s), for a state, and forces (n_carried, n_samples)
-#: that joints were taken to carry.
-MultipliersOf = Callable[[float, State, np.ndarray], np.ndarray]
 
 
 class Measures:

@@ -19,7 +19,7 @@ from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models.model import Measures, Model, MultipliersOf, require_lengths, search_of, velocities_of
+from pgmp_petsc.models.model import Measures, Model, require_lengths, search_of, velocities_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.readings import AnyReading, Seen
@@ -110,8 +110,7 @@ class ReducedModel(Observing):
         self._check_start(rom.tables.samples)
         self.outputs = OutputSet.of(scene, self.kinematics, self.start[0])
         self.measures = Measures(scene, self.kinematics, self.start[0]) if scene.beside else None
-        damping = ReducedDamping.of(self.effects, self.kinematics, rom)
-        self.terms = ReducedTerms.of(rom, self.kinematics, scene, damping)
+        self.terms = ReducedTerms.of(rom, self.kinematics, scene, ReducedDamping.of(self.effects, self.kinematics, rom))
         actions = actions_of(self.effects)
         self.places = places or grid_of_places(rom.tables.samples, self.kinematics, actions)[0]
         self.actions = ReducedActions.of(
@@ -284,8 +283,7 @@ class ReducedMultipliers:
             for first in range(0, n, together):
                 some = slice(first, first + together)
                 loads.append(self._node_loads(system, times[some], _part(states, some)))
-            every = np.concatenate(loads)
-            found[self.rows] = -self.gaps.at(times, states, own, self._effects, every, n_samples)
+            found[self.rows] = -self.gaps.at(times, states, own, self._effects, np.concatenate(loads), n_samples)
         together = min(together, AT_ONCE)  # of what is not side by side too
         for first in range(0, n if self._drives else 0, together):
             some = slice(first, min(first + together, n))
@@ -313,17 +311,17 @@ class ReducedMultipliers:
 
     def in_steps(
         self, values: Mapping[str, np.ndarray], n_samples: int, acting: Callable[[State], np.ndarray]
-    ) -> MultipliersOf:
-        """Return what finds the multipliers of samples as an iteration goes on, under what controllers give then
-        (`Controls.acting`); a sample that does not move keeps what it had, so that what is beside it changes no more
-        than round-off."""
+    ) -> Callable[[float, State, np.ndarray], np.ndarray]:
+        """Return what finds the multipliers (n_held + n_driven, n_samples) at a time (s), for a state and forces
+        (n_carried, n_samples) that joints were taken to carry, as an iteration goes on, under what controllers give
+        then (`Controls.acting`); a sample that does not move keeps what it had, so that what is beside it changes no
+        more than round-off."""
         every = {name: np.broadcast_to(one, n_samples) for name, one in values.items()}
         system, n_own = self._system(n_samples, every), self._terms.layout.n_eta
         kept: list[np.ndarray | None] = [np.full((n_samples, n_own), np.nan), None]
 
         def multipliers(time: float, state: State, loads: np.ndarray) -> np.ndarray:
-            times = np.full(n_samples, time)
-            found = self._with(system, loads, times, state, every, [acting(state)])
+            found = self._with(system, loads, np.full(n_samples, time), state, every, [acting(state)])
             same = (kept[0] == state.a).all(axis=1)
             if same.any():
                 found[:, same] = kept[1][:, same]
@@ -495,8 +493,7 @@ def _controls(
 
     carried = (system.carried if of_lanes else carry) if measures.carried else None
     chosen = moved if measures.known else measure
-    controls = Controls(model.scene, values, n_samples, chosen, system.put_forces, carried)
-    return controls, origins if of_lanes else None
+    return Controls(model.scene, values, n_samples, chosen, system.put_forces, carried), origins if of_lanes else None
 
 
 class _Reader:

@@ -153,8 +153,7 @@ class ReducedStatics:
         lost, reached = put_on(begin, converge, samples)
         self._share[samples] = reached[samples]
         state = self._state(eta)
-        left = -(self._system.residual(0.0, state) + force)[:, :r]
-        return left, lost
+        return -(self._system.residual(0.0, state) + force)[:, :r], lost
 
     def _state(self, eta: np.ndarray) -> State:
         return State(eta.copy(), np.zeros_like(eta), np.zeros_like(eta), np.zeros(0))

@@ -210,8 +210,7 @@ def _strained(shapes: Interpolant, rom: ReducedOrderModel, body: Body, scheme: s
     whole[packed] = whole[packed[::-1]] = of_pairs
     found, pairs = np.empty((n, m * (m + 1) // 2, n_dofs)), np.tril_indices(m)
     for modes, own in zip(projection, found):
-        half = np.tensordot(modes.T, whole, 1)
-        own[:] = np.einsum("maj,an->mnj", half, modes, optimize=True)[pairs]
+        own[:] = np.einsum("maj,an->mnj", np.tensordot(modes.T, whole, 1), modes, optimize=True)[pairs]
     rows[..., m:, :] += interpolant(rom.tables.samples, found, scheme).rows
     return replace(shapes, rows=rows)
 

@@ -124,8 +124,7 @@ def close_revolution(
     holonomy = rotations[0].T @ back
     closed, closures, flipped = rotations.copy(), [], []
     for number, group in enumerate(groups):
-        block = np.ix_(group, group)
-        own = holonomy[block]
+        own = holonomy[np.ix_(group, group)]
         closure = Closure.of(own) if beside is None else Closure.beside(own, beside.closures[number])
         closed[..., group] = rotations[..., group] @ closure.rotations(np.arange(len(rotations)) / len(rotations))
         if closure.flipped >= 0:

@@ -71,8 +71,7 @@ class CurvatureProblem:
 
     def __init__(self, problem: ModalProblem, static_stretching: bool = False, built_in: BuiltIn | None = None) -> None:
         self._problem, self._built_in = problem, built_in
-        bodies = problem.mechanism.bodies
-        self._third = ThirdDerivative(bodies, problem.rows)
+        self._third = ThirdDerivative(problem.mechanism.bodies, problem.rows)
         self.rotary = RotaryCurvature(problem.mechanism)
         self._joints = ConstraintHessians(problem.mechanism, problem.clamped)
         self._axial = weighted_sum(problem.matrices.stretching, problem.values) if static_stretching else None

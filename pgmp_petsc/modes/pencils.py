@@ -373,8 +373,7 @@ class SparsePencil:
     def move_to(self, null: NullSpace) -> None:
         """Refill N, ``N^T K N`` and ``N^T M N``; symbolic work is repeated only where N's pattern changes."""
         self._factored = False
-        n_local = self._mass.getLocalSize()[0]
-        rows = slice(self._first, self._first + n_local)
+        rows = slice(self._first, self._first + self._mass.getLocalSize()[0])
         lo, hi = np.searchsorted(null.independent, (rows.start, rows.stop))
         local = null.matrix[rows].tocsr()
         signature = null.matrix.indptr.tobytes() + null.matrix.indices.tobytes()

@@ -352,9 +352,7 @@ class ModalProblem(AbstractContextManager):
 
     def all_rows(self, columns: np.ndarray) -> np.ndarray:
         """Gather local columns (n_local, k) of all ranks, shape (n_dofs, k)."""
-        if self.comm.size == 1:
-            return columns
-        return np.concatenate(self.comm.allgather(columns))
+        return columns if self.comm.size == 1 else np.concatenate(self.comm.allgather(columns))
 
     def keep(self, reduction: Reduction, n_static: int = 0) -> bool:
         """Find as many modes as a basis has beside static ones, and return whether they are fewer than all.
@@ -387,9 +385,7 @@ class ModalProblem(AbstractContextManager):
 
     def _deflate(self, vectors: np.ndarray, rigid: np.ndarray) -> np.ndarray:
         """Make vectors M-orthogonal to the free rigid motion to the last digits."""
-        if not rigid.shape[1]:
-            return vectors
-        return vectors - self.onto(rigid, vectors)
+        return vectors if not rigid.shape[1] else vectors - self.onto(rigid, vectors)
 
     def _check_rigid(self, values: np.ndarray, zeros: np.ndarray, rigid: np.ndarray, where: str) -> None:
         n_free = zeros.shape[1]

@@ -269,14 +269,12 @@ class VibrationProblem(ModalProblem):
         self._pencil.set_stiffness(matrix)
         own = self._move_to(theta)[0]
         rigid = np.hstack([own[:, self.free], self.released_motion(theta, own)])
-        pairs = self._pairs(any(is_negative(block) for block in blocks), where)
-        vectors = pairs.vectors
+        vectors = self._pairs(any(is_negative(block) for block in blocks), where).vectors
         values = self._refined(vectors, rigid, blocks)
         # no more of them vanish than there are rigid motions
         scale = np.sort(np.abs(values))[: self.n_unstrained + 1][-1]
         values[np.abs(values) < ROUND_OFF * scale] = 0.0
-        order = np.argsort(np.abs(values), kind="stable")
-        zero, others = np.split(order, [self.n_rigid])
+        zero, others = np.split(np.argsort(np.abs(values), kind="stable"), [self.n_rigid])
         self._check_rigid(np.append(values[zero], scale), vectors[:, zero], rigid, where)
         return np.sort(values[others])[: self.n_modes]
 

@@ -85,8 +85,7 @@ class InJoint(OutputEntry):
         if self.component not in ("axial", "magnitude"):
             words = f"{self.joint} is {joint.type}, which acts along motions: take axial or magnitude"
             yield problem(f"{entry}.component", words, self.component)
-        shares = joint.shares_in(scene)
-        share = _share_of(joint, shares, self.of)
+        share = _share_of(joint, joint.shares_in(scene), self.of)
         if share.motion is not None and (share.motion == "turning") != self.turning:
             other = "joint_force" if self.turning else "joint_torque"
             words = f"what {self.joint} couples there is the {share.motion} of {share.joint}: take {other}"
@@ -166,8 +165,7 @@ class DriveTorque(OfDrive):
     unit = "N m"
 
     def unit_in(self, scene: Scene) -> str:
-        coordinate = scene.coordinates[self.of_coordinate(scene)]
-        return "N" if slides(scene, coordinate) else "N m"
+        return "N" if slides(scene, scene.coordinates[self.of_coordinate(scene)]) else "N m"
 
 
 class Power(OfDrive):
@@ -338,8 +336,7 @@ class OfConnection(ForceOutput):
         return np.einsum("k,kcn->cn", self.connection.axes[0][:, 0], a[d:].reshape(d, d, n))
 
     def _natural(self, side: Attachment, frames: Frames, n: int) -> np.ndarray:
-        frame = side.ground_frame((n,)) if side.on_ground else side.frame_of(frames[side.node])
-        return self.space.natural(frame)
+        return self.space.natural(side.ground_frame((n,)) if side.on_ground else side.frame_of(frames[side.node]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -153,8 +153,7 @@ class Reading:
         return order
 
     def jet(self, seen: Seen, order: int) -> Jet:
-        value = self.value(seen.frames[0], seen.poses)
-        return [value, *(self._changes(seen, order)[1:] if order else ())]
+        return [self.value(seen.frames[0], seen.poses), *(self._changes(seen, order)[1:] if order else ())]
 
     def value(self, frames: Frames, rigid: np.ndarray | None = None) -> np.ndarray:
         """Return the number, shape (n,), for frames, and poses of the rigid mechanism (n_bodies, n_pose, n)."""

@@ -377,8 +377,7 @@ class ReducedSystem(SecondOrderSystem):
         state = (*_parts(moment.state), moment.auxiliary, moment.before, moment.contraction[:, None], beside)
         control, strengths = self._control, self._strengths.over(stretch.ends)
         if beside.shape[1] not in self._clocks:
-            clocks = Clocks.of(self.n_eta, beside.shape[1], strengths, self.n_events)
-            self._clocks[beside.shape[1]] = Reference(clocks)
+            self._clocks[beside.shape[1]] = Reference(Clocks.of(self.n_eta, beside.shape[1], strengths, self.n_events))
         if self.carries:
             control = control.over_steps(self.beside, stretch.ends, stretch.trail.forces)
         advance(

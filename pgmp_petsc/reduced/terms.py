@@ -62,8 +62,7 @@ class ReducedDamping:
         # [d rho/d theta, Psi_flexible] in body frames at the samples, shape (n, n_dofs, n_eta)
         poses = kinematics.poses(rom.tables.samples.theta)
         at = zip(np.moveaxis(poses, -1, 0), np.moveaxis(kinematics.rates(poses), -1, 0))
-        velocities = [rigid_velocities(mechanism, *one) for one in at]
-        shapes = np.concatenate([np.array(velocities), rom.projection], axis=2)
+        shapes = np.concatenate([np.array([rigid_velocities(mechanism, *one) for one in at]), rom.projection], axis=2)
         r, n_eta = rom.tables.n_coordinates, shapes.shape[2]
         terms: dict[Monomial, np.ndarray] = {}
 

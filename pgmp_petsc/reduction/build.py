@@ -506,8 +506,7 @@ class Manifold:
             if weight in lost:
                 inertia[t] += problem.inner(lost[weight][:, k, j], curvature.chi)
             if given.size:
-                fields = motion.velocities[..., given]
-                momenta[t, given] += self._curvature.rotary.work(fields, vectors, pairs, weight)
+                momenta[t, given] += self._curvature.rotary.work(motion.velocities[..., given], vectors, pairs, weight)
         both = thirds, problem.inner(self._loads.at(theta), curvature.chi), inertia, momenta
         n_own = m * (m + 1) // 2
         cubic, *own = (unpacked(table[..., :n_own]) for table in both)

@@ -264,9 +264,7 @@ def compression_of(
     if not n_parameter:
         return before or Compression(np.empty((n_snapshots, 0)), np.empty((len(joined.flipped), 0), dtype=bool))
     grams, flipped = _grams(mechanism, nominal, joined), joined.flipped[:, joined.snapshots]
-    if before is not None and before.holds(grams):
-        return before
-    return Compression.of(grams, flipped, n_parameter)
+    return before if before is not None and before.holds(grams) else Compression.of(grams, flipped, n_parameter)
 
 
 def _unevenness(roots: np.ndarray, inverse: np.ndarray, samples: SampleGrid) -> float:

@@ -140,8 +140,7 @@ class _Gauge:
     @classmethod
     def of(cls, scene: Scene, model: ReducedOrderModel) -> _Gauge:
         mechanism = Mechanism.from_scene(scene, model.meshes)
-        masses = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)).mass
-        return cls(model, weighted_sum(masses, scene.nominal))
+        return cls(model, weighted_sum(AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)).mass, scene.nominal))
 
     def check(self, scene: Scene, member: ReducedOrderModel) -> None:
         """Raise `RunError` if the basis of a model of other lengths, whose scene is given, has another number of

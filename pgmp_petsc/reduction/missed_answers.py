@@ -57,8 +57,7 @@ class MissedAnswers(Record):
     def turned(self, rotations: np.ndarray) -> MissedAnswers:
         """Express the flexible coordinates in another basis of the same space, ``Psi_new = Psi Q``, Q (n, m, m)."""
         n_terms, whole = self.forces.shape[1], beside_rigid(rotations, self.forces.shape[-1] - rotations.shape[1])
-        rows = n_terms * whole.shape[1]
-        parts = np.split(self.answers, [rows], axis=1)
+        parts = np.split(self.answers, [n_terms * whole.shape[1]], axis=1)
         parts = [
             np.einsum("nij,ntik->ntjk", by, part.reshape(len(by), -1, by.shape[1], part.shape[-1])).reshape(part.shape)
             for by, part in zip((whole, rotations), parts)

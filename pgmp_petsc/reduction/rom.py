@@ -93,8 +93,7 @@ class ReducedOrderModel(Tabulated):
 
     def _stored(self, kind: type[ModelFile], **more: Any) -> ModelFile:
         """Return the model without record and family as a kind of file has it."""
-        mesh = {name: BodyFile.of(shape) for name, shape in self.meshes.items()}
-        return kind(**_alike(self), mesh=mesh, **more)
+        return kind(**_alike(self), mesh={name: BodyFile.of(shape) for name, shape in self.meshes.items()}, **more)
 
     @classmethod
     def read(cls, path: str | Path) -> ReducedOrderModel:
@@ -115,8 +114,7 @@ class ReducedOrderModel(Tabulated):
 
     @classmethod
     def _of(cls, found: ModelFile, record: RunRecord) -> ReducedOrderModel:
-        meshes = {name: body.shape for name, body in found.mesh.items()}
-        return cls(**_alike(found), meshes=meshes, record=record)
+        return cls(**_alike(found), meshes={name: body.shape for name, body in found.mesh.items()}, record=record)
 
 
 @dataclass(frozen=True, eq=False)

@@ -106,8 +106,7 @@ class CellsFile(MeshFile):
     @classmethod
     def of(cls, recovery: Recovery) -> Self:
         """Return it as a file has it."""
-        shapes = np.ascontiguousarray(recovery.shapes)
-        return cls.of_mesh(recovery.carrier, answered=recovery.answered, shapes=shapes)
+        return cls.of_mesh(recovery.carrier, answered=recovery.answered, shapes=np.ascontiguousarray(recovery.shapes))
 
     @property
     def recovery(self) -> Recovery:

@@ -297,8 +297,7 @@ class LengthGrid(Record):
             powers = np.array([at**k for k in exponents])
             if place.name == by:
                 powers = np.array([k * at ** max(k - 1, 0) for k in exponents]) / place.half
-            own = np.tensordot(self._inverse.T, powers, 1)
-            found = (found[:, None] * own).reshape(-1, *found.shape[1:])
+            found = (found[:, None] * np.tensordot(self._inverse.T, powers, 1)).reshape(-1, *found.shape[1:])
         return found
 
     def height(self, values: Mapping[str, float]) -> float:

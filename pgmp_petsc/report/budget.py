@@ -108,8 +108,7 @@ def _measured(comparisons: Sequence[Comparison], estimated: ModelError | None) -
             if alike:
                 how += " and at the same time step; the time-step error is not included"
             datums = {name: Datum(v, share_text(v)) for name, v in shares.items()}
-            known = estimated if alike else None
-            return ModelError(shares, how, datums, known, at_end, whole=comparison.is_whole)
+            return ModelError(shares, how, datums, estimated if alike else None, at_end, whole=comparison.is_whole)
     return None
 
 
@@ -135,11 +134,10 @@ def _share(source: Source, name: str) -> Datum:
 def error_budget(sources: Sequence[Source], error: ModelError | None) -> list[Line]:
     """Return the lines of the budget of one scene."""
     studies = of_kind(sources, Tradeoff)
-    builds = [source.result for source in sources if isinstance(source.result, Build)]
     return [
         *_of_model(sources, error),
         *_of_steps(sources),
-        *_of_parts(builds),
+        *_of_parts([source.result for source in sources if isinstance(source.result, Build)]),
         *_of_mesh(sources, studies),
         *_of_sampling(sources),
         *_of_balance(sources),
@@ -170,8 +168,7 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
         else:
             yield Line("model", [], f"add a full-order run of the same scene: nothing tells it of {kinds}")
     for source in of_kind(sources, Ensemble):
-        result = source.result
-        for name, values in result.errors.items():
+        for name, values in source.result.errors.items():
             known = values[np.isfinite(values)]
             if not known.size:
                 continue
@@ -348,8 +345,7 @@ def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
     events = [(label, chance.is_decided(known)) for label, chance, known in chances]
     events += [(source.result.event, source.result.reached) for source in of_kind(sources, RareEvent)]
     if not events:
-        asks = any(scene_of(source.record).get("ensemble", {}).get("probabilities") for source in sources)
-        if asks:
+        if any(scene_of(source.record).get("ensemble", {}).get("probabilities") for source in sources):
             return Decision("unasked", "No probability known", "no samples are here: add a file of pgmp montecarlo")
         return Decision("unasked", "No probability asked for", "the scene has no ensemble.probabilities")
     doubtful = [label for label, decided in events if not decided]

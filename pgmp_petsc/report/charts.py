@@ -277,12 +277,11 @@ def loads(run: Trajectory) -> list[Chart]:
     for diagram in DIAGRAMS.values():
         for load in diagram.of(run):
             titles: list[str] = []
-            tall = 1.35 * HEIGHT if diagram.axes else HEIGHT
             drawn = chart(
                 lambda axes: titles.append(diagram.draw(axes, run, load)),
                 f"{diagram.title}: {load.title}",
                 diagram.about,
-                tall,
+                1.35 * HEIGHT if diagram.axes else HEIGHT,
                 kind=diagram.axes,
             )
             found.append(replace(drawn, title=f"{titles[0]}{diagram.words}"))
@@ -306,8 +305,7 @@ def fit(found: Fit) -> list[Chart]:
 
 def accuracy_and_time(study: Tradeoff, output: str) -> Chart:
     """Return the errors of an output over the time of a sample, one colour a family of settings."""
-    column = study.outputs.index(output)
-    errors, times = study.errors[:, column], study.times.batch
+    errors, times = study.errors[:, study.outputs.index(output)], study.times.batch
     families = [("reduced", PALETTE[1]), ("components", PALETTE[0]), ("full", "#4D4D4D"), ("surface", PALETTE[2])]
     names = {"full": "full order", "surface": "response surface", "components": "component modes"}
 

@@ -199,8 +199,7 @@ def _parameters(scene: Mapping[str, Any], source: Source) -> Table:
     rows = []
     for name, value in source.record.parameters.items():
         entry = scene.get("parameters", {}).get(name, {})
-        unit = str(entry.get("unit", "1"))
-        factor, shown = axis_unit(unit, np.array([value]))
+        factor, shown = axis_unit(str(entry.get("unit", "1")), np.array([value]))
         shown = behind(shown)
         law = entry.get("distribution")
         drawn = "fixed"

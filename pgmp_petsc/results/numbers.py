@@ -103,9 +103,7 @@ def one_unit_each(largest: Mapping[str, float]) -> Iterator[None]:
 
 def number_text(value: float, ends: np.ndarray, most: int) -> str:
     """Return a figure with as many digits as its interval leaves it, `most` at most; 5 where that says nothing."""
-    if np.isnan(value):
-        return "unknown"
-    return plain(value, _digits(value, _width(ends, value), most))
+    return "unknown" if np.isnan(value) else plain(value, _digits(value, _width(ends, value), most))
 
 
 def interval_text(ends: np.ndarray, value: float = np.nan) -> str:

@@ -170,8 +170,7 @@ def _joined(joined: Joined) -> dict[str, Any]:
 
 def _stopping(stopping: Stopping) -> dict[str, Any]:
     looks = (stopping.rules, stopping.met, stopping.estimates[:, -1], stopping.intervals[:, -1])
-    rules = _rows("rule met estimate interval", *looks)
-    return {"why": stopping.why, "samples": stopping.samples[-1], "rules": rules}
+    return {"why": stopping.why, "samples": stopping.samples[-1], "rules": _rows("rule met estimate interval", *looks)}
 
 
 def _statistics(s: Statistics) -> dict[str, Any]:

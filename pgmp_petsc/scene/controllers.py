@@ -6,7 +6,7 @@ z' = g(z, measure, reference, t), in the same steps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from fractions import Fraction
 from math import lcm
 from typing import Annotated, Any, ClassVar, Literal
@@ -25,7 +25,6 @@ from pgmp_petsc.scene.fields import (
     Use,
     jumps_within,
     refusal,
-    with_values,
 )
 from pgmp_petsc.scene.messages import problem, unknown
 from pgmp_petsc.scene.outputs import circle_of, models_alone
@@ -60,15 +59,6 @@ class Setpoint(Table):
         if named:
             words = f"{named[0]}: over time numbers are needed; a reference that is always the same may be a parameter"
             raise refusal(words)
-
-    @property
-    def changes(self) -> bool:
-        """Whether it is over time."""
-        return self.constant is None
-
-    def changed(self, value: Callable[[Any], Any]) -> Setpoint:
-        """Return the same with other values."""
-        return with_values(self, value) if self.changes else Setpoint(constant=value(self.constant))
 
 
 class ControllerEntry(Table):
@@ -138,7 +128,7 @@ class ControllerEntry(Table):
 
     def uses(self, entry: str) -> Iterator[Use]:
         """Yield the entries that may name a parameter; a controller's may be of any unit."""
-        if not self.reference.changes:
+        if self.reference.constant is not None:
             yield Use(f"{entry}.reference", self.reference.constant, "any", ())
         for k, limit in enumerate(self.limits or ()):
             yield Use(f"{entry}.limits[{k}]", limit, "any", ())
@@ -218,8 +208,5 @@ def _sampling(scene: AnyScene, entry: str, one: ControllerEntry) -> Iterator[str
         words = f"is shorter than simulation.step = {run.step:g} s; take smaller steps, or 0 for a continuous one"
         yield problem(f"{entry}.sample_time", words, one.sample_time)
     elif abs(ratio - round(ratio)) > WHOLE * ratio:
-        words = (
-            f"must be a whole number of steps of {step:.6g} s, and is {ratio:.6g} of them; take a "
-            "simulation.step that divides it and simulation.duration"
-        )
+        words = f"must be a whole number of steps of {step:.6g} s, and is {ratio:.6g} of them; take one that divides it"
         yield problem(f"{entry}.sample_time", words, one.sample_time)

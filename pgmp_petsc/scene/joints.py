@@ -260,8 +260,7 @@ def frame_problems(springs: Any, dimension: int, entry: str) -> Iterator[str]:
     if len(given) != n - 1 or any(len(axis) != n for axis in given):
         yield problem(f"{entry}.reference", f"{wanted} for example, is needed {WHERE[n]}", given)
     elif n == 3 and are_parallel(*given):
-        words = "the axes must not be parallel; the second one is at a right angle"
-        yield problem(f"{entry}.reference", words, given)
+        yield problem(f"{entry}.reference", "the axes must not be parallel; the second one is at a right angle", given)
     counts = dict(zip(SPRINGS, (n, n, TURNS[n], TURNS[n])))
     yield from _count_problems(springs, entry, n, ", one for each axis,", **counts)
 

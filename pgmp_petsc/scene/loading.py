@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
@@ -22,7 +23,7 @@ import tomli_w
 from pydantic import ValidationError
 
 from pgmp_petsc.base.errors import InputError, irregular, nearest_name, shortened
-from pgmp_petsc.base.units import SAID, SI, UnitSystem, UnknownUnit
+from pgmp_petsc.base.units import SAID, SI, UnitSystem, UnknownUnit, measure
 from pgmp_petsc.files.claims import replacing
 from pgmp_petsc.files.seal import SIGNATURE, SIZE
 from pgmp_petsc.scene.border import in_own_units, in_si
@@ -154,7 +155,7 @@ def _text_of(name: str, entry: str, directory: Path) -> str:
         raise InputError(problem(entry, f"the file cannot be read ({reason}); {sought}", name)) from error
 
 
-def _read_tables(data: dict[str, Any], directory: Path) -> None:
+def _read_tables(data: dict[str, Any], directory: Path, system: UnitSystem) -> None:
     """Put the rows of files in the place of their names, in the tables of effects and of controllers' references."""
     found = [(("effects", name), effect) for name, effect in raw_tables(data, "effects").items()]
     for name, controller in raw_tables(data, "controllers").items():
@@ -162,46 +163,60 @@ def _read_tables(data: dict[str, Any], directory: Path) -> None:
     for place, table in found:
         given = table.get("table") if isinstance(table, dict) else None
         if isinstance(given, (str, dict)):
-            table["table"] = _rows_of(given, f"{dotted_name(place)}.table", directory)
+            table["table"] = _rows_of(given, f"{dotted_name(place)}.table", directory, system)
 
 
-def _rows_of(given: str | dict[str, Any], entry: str, directory: Path) -> list[list[float]]:
-    """Return the rows [x, y] of a CSV file: of two columns, or of those that are named."""
+def _rows_of(given: str | dict[str, Any], entry: str, directory: Path, system: UnitSystem) -> list[list[float | str]]:
+    """Return the rows [x, y] of a CSV file: of two columns, or of those that are named. Where the name of a column ends
+    with another unit than the scene's, its numbers have that."""
+
+    def wrong(words: str) -> InputError:
+        return InputError(problem(entry, words, given))
+
     asked = {"file": given} if isinstance(given, str) else given
     names = [asked.get(key) for key in ("x", "y")]
     texts = [asked.get("file"), *(name for name in names if name is not None)]
     if not {*asked} <= {"file", "x", "y"} or not all(isinstance(one, str) for one in texts) or names.count(None) == 1:
         needed = 'rows, the name of a CSV file of two columns, or { file = "NAME.csv", x = "COLUMN", y = "COLUMN" }'
-        raise InputError(problem(entry, f"needed are {needed}", given))
-    rows: list[list[float]] = []
-    places, begun = (0, 1), False
-    for line, cells in _cells_of(asked["file"], entry, directory):
-        is_first, begun = not begun, True
-        if is_first and names[0] is not None:
+        raise wrong(f"needed are {needed}")
+    rows, before, places, units = list[list[float | str]](), -math.inf, (0, 1), ["", ""]
+    for number, (line, cells) in enumerate(_cells_of(asked["file"], entry, directory)):
+        has_names = number == 0 and (names[0] is not None or all(_finite(cell) is None for cell in cells))
+        if has_names and names[0] is not None:
             missing = next((name for name in names if name not in cells), None)
             if missing is not None:
-                words = f"there is no column '{shortened(missing)}' in its first line{nearest_name(missing, cells)}"
-                raise InputError(problem(entry, words, given))
+                raise wrong(
+                    f"there is no column '{shortened(missing)}' in its first line{nearest_name(missing, cells)}"
+                )
             places = tuple(map(cells.index, names))
+        elif names[0] is None and len(cells) != 2:
+            raise wrong(f"line {line} has {len(cells)} columns; two are needed, or say which: {{ file, x, y }}")
+        if has_names:
+            units = [_unit_in(cells[place], system) for place in places]
             continue
-        if names[0] is None and len(cells) != 2:
-            words = f"line {line} has {len(cells)} columns; two are needed, or say which: {{ file, x, y }}"
-            raise InputError(problem(entry, words, given))
         row = [_finite(cells[place]) if place < len(cells) else None for place in places]
-        if is_first and all(_finite(cell) is None for cell in cells):
-            continue  # the names of the columns
         if None in row:
             shown = shortened(", ".join(cells), 40)
-            raise InputError(problem(entry, f"line {line} is '{shown}'; two finite numbers are needed", given))
-        if rows and not rows[-1][0] < row[0]:
-            words = f"line {line}: {row[0]:g} follows {rows[-1][0]:g}; the first column must increase"
-            raise InputError(problem(entry, words, given))
-        rows.append(row)
+            raise wrong(f"line {line} is '{shown}'; two finite numbers are needed")
+        if not before < row[0]:
+            raise wrong(f"line {line}: {row[0]:g} follows {before:g}; the first column must increase")
+        before = row[0]
+        rows.append([f"{number!r} {unit}" if unit else number for number, unit in zip(row, units)])
         if len(rows) > MOST_ROWS:
-            raise InputError(problem(entry, f"has more than {MOST_ROWS:,} rows; take fewer", given))
+            raise wrong(f"has more than {MOST_ROWS:,} rows; take fewer")
     if not rows:
-        raise InputError(problem(entry, "there are no numbers in the file", given))
+        raise wrong("there are no numbers in the file")
     return rows
+
+
+def _unit_in(name: str, system: UnitSystem) -> str:
+    """Return the unit in brackets at the end of a column's name; empty where it is the system's, or none is there."""
+    found = re.search(r"[\[(]([^\[\]()]*)[\])]$", name)
+    try:
+        factor, dimension = measure(found[1]) if found else (1.0, ())
+    except UnknownUnit:
+        return ""
+    return found[1] if found and factor != system.size(dimension) else ""
 
 
 def _cells_of(name: str, entry: str, directory: Path) -> Iterator[tuple[int, list[str]]]:
@@ -249,13 +264,12 @@ def scene_from_tables(
     directory = Path(directory)
     apply_overrides(data, overrides)
     check_tables(data)
-    _read_tables(data, directory)
+    said = data["scene"].get("units") if isinstance(data.get("scene"), dict) else None
+    system = SAID.get(said, SI) if isinstance(said, str) else SI
+    _read_tables(data, directory, system)
     add_field_parameters(data)
     for name, parameter in raw_tables(data, "parameters").items():
         _read_law(parameter.get("distribution"), f"parameters.{name}.distribution", directory)
-    header = data.get("scene")
-    said = header.get("units") if isinstance(header, dict) else None
-    system = SAID.get(said, SI) if isinstance(said, str) else SI
     given = convert_parameters(data, system)
     apply_settings(data, settings, system)  # after the conversion: they are in the scene's units
     context = {"directory": directory, "units": given, "system": system, "raw": data}

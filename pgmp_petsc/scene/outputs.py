@@ -72,8 +72,7 @@ class OutputEntry(Table):
             if what in cls.reads and lacking:
                 raise refuse(cls, f"an output that reads {what} has the entries {', '.join(keys)}; missing: {lacking}")
         if (cls.reading is not OutputEntry.reading) != of_frames:
-            words = "an output has the method reading(self, name, start, kinematics) if it reads frames"
-            raise refuse(cls, words)
+            raise refuse(cls, "an output has the method reading(self, name, start, kinematics) if it reads frames")
         if of_frames and not getattr(cls, "unit", ""):
             raise refuse(cls, 'an output of frames says its unit: unit = "m"')
         if of_frames:

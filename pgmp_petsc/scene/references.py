@@ -264,8 +264,7 @@ def impulse_of(table: Sequence[tuple[float, float]], duration: float, n_steps: i
     a, b = at_knots[:-1], at_knots[1:]
     turns, total = a * b < 0.0, np.abs(a) + np.abs(b)
     share = np.where(turns, (a * a + b * b) / np.where(turns, total, 1.0), total)
-    magnitude = float(0.5 * np.sum(share * np.diff(knots)))
-    return Impulse(exact, seen, magnitude, float(np.max(np.abs(at_ends))))
+    return Impulse(exact, seen, float(0.5 * np.sum(share * np.diff(knots))), float(np.max(np.abs(at_ends))))
 
 
 def _trapezoid(values: np.ndarray, at: np.ndarray) -> float:

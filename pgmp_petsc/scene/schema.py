@@ -260,9 +260,7 @@ class Scene(Table):
         """Return the number behind an entry that is a number or a parameter's name, such as
         ``scene.bodies["crank"].section.radius``, at values of the parameters; those of a single run (`values`) if not
         given."""
-        if isinstance(entry, str):
-            return (self.values if values is None else values)[entry]
-        return entry
+        return (self.values if values is None else values)[entry] if isinstance(entry, str) else entry
 
     def ground_position(self, point: str) -> tuple[float, ...]:
         """Return the position of a ground point (m): as many numbers as the mechanism's space has dimensions."""

@@ -55,7 +55,7 @@ def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, st
         try:
             factor, dimension = measure(unit)
             for text in texts:
-                _check(name, text, dimension)
+                _check(name, text, unit)
         except UnknownUnit as error:
             if texts and "unit" not in parameter:
                 raise InputError(problem(f"parameters.{name}", str(error), texts[0])) from error
@@ -87,8 +87,8 @@ def setting_of(text: str, parameter: dict[str, Any], system: UnitSystem) -> floa
         return None
     unit, dimension = _unit_behind(text), measure(_unit_behind(text))[1]
     own = parameter.get("unit")
-    if isinstance(own, str) and own and (wanted := measure(own)[1]) != dimension:
-        raise UnknownUnit(f"'{unit}' is the unit of {named(dimension)}; needed is {named(wanted)} ({own})")
+    if isinstance(own, str) and own and (words := _strange(unit, own)):
+        raise UnknownUnit(words)
     if not own:
         parameter["unit"] = label_of(unit, dimension, system)
     return value
@@ -169,15 +169,19 @@ def _unit_behind(text: str) -> str:
     return found[2].strip() if found else ""
 
 
-def _check(name: str, text: str, dimension: Dimension) -> None:
-    """Raise `InputError` if a number is of another dimension than its parameter."""
-    unit = _unit_behind(text)
-    if not unit:
-        words = 'a number in quotes has its unit behind it, such as "5 mm"; leave the quotes out otherwise'
+def _check(name: str, text: str, own: str) -> None:
+    """Raise `InputError` if a number is of another quantity than its parameter, whose unit is given."""
+    words = 'a number in quotes has its unit behind it, such as "5 mm"; leave the quotes out otherwise'
+    if words := _strange(unit, own) if (unit := _unit_behind(text)) else words:
         raise InputError(problem(f"parameters.{name}", words, text))
-    if (own := measure(unit)[1]) != dimension:
-        words = f"'{unit}' is the unit of {named(own)}; its other numbers, or its unit, are of {named(dimension)}"
-        raise InputError(problem(f"parameters.{name}", words, text))
+
+
+def _strange(unit: str, own: str) -> str:
+    """Return how a unit is of another quantity than a parameter's own; empty where it is not."""
+    found, wanted = measure(unit)[1], measure(own)[1]
+    if found != wanted:
+        return f"'{unit}' is the unit of {named(found)}; needed is {named(wanted)} ({own})"
+    return IN_TURNS if is_hertz(unit) and any(turn in plain(own) for turn in ANGULAR) else ""
 
 
 def _number(value: object, factor: float, system: UnitSystem) -> object:

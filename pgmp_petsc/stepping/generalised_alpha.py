@@ -91,17 +91,9 @@ class GeneralisedAlpha:
     """
 
     def __init__(
-        self,
-        system: SecondOrderSystem,
-        spectral_radius: float,
-        duration: float,
-        n_steps: int,
-        alive: np.ndarray,
-        stops: np.ndarray,
-        observer: Observer | None,
-        pulse: Callable[[float], object] | None,
-        parts: int = 1,
-    ) -> None:
+        self, system: SecondOrderSystem, spectral_radius: float, duration: float, n_steps: int, alive: np.ndarray,
+        stops: np.ndarray, observer: Observer | None, pulse: Callable[[float], object] | None, parts: int = 1,
+    ) -> None:  # fmt: skip
         self.system, self._parts = system, parts
         start = system.start()
         self.status = np.where(alive, Status.FINE, Status.UNPHYSICAL)
@@ -163,7 +155,7 @@ class GeneralisedAlpha:
         shown = shown[(shown % every == 0) | (shown == end)]
         trail, scheme = system.trail(self.state, shown.size), self._stepper.scheme(self._step)
         if system.beside is not None:
-            trail.forces = system.beside.open(self.instants[shown])
+            trail.forces = system.beside.open(self.instants[shown], self._step)
         self._stand(trail, ~todo)
         while todo.any():
             first = int(at[todo].min())
@@ -286,19 +278,13 @@ def instants(duration: float, n_steps: int) -> np.ndarray:
 
 def stops_of(n_steps: int, at_once: int, prefix: str) -> np.ndarray:
     """Return the numbers of the steps at which PETSc's TS sees the state, 0 and the last one included."""
-    if options_of(prefix):
-        return np.arange(n_steps + 1)
-    return np.append(np.arange(0, n_steps, at_once), n_steps)
+    return np.arange(n_steps + 1) if options_of(prefix) else np.append(np.arange(0, n_steps, at_once), n_steps)
 
 
 def integrate(
-    system: SecondOrderSystem,
-    simulation: Simulation,
-    alive: np.ndarray | None = None,
-    observer: Observer | None = None,
-    prefix: str = PREFIX,
-    pulse: Callable[[float], object] | None = None,
-) -> Run:
+    system: SecondOrderSystem, simulation: Simulation, alive: np.ndarray | None = None,
+    observer: Observer | None = None, prefix: str = PREFIX, pulse: Callable[[float], object] | None = None,
+) -> Run:  # fmt: skip
     """Integrate a system over a scene's duration, all its samples or those `alive`, (n_samples,). Collective on
     ``system.comm``.
 
@@ -361,8 +347,7 @@ def integrate_with_smaller_steps(
     for divisor in divisors:
         # the first step as it is: a quotient of a product may differ in the last bit
         step = simulation.step if divisor == 1 else simulation.duration / (n_steps * divisor)
-        attempt = Attempt(samples, alive[samples], simulation.model_copy(update={"step": step}), divisor)
-        done = run(attempt)
+        done = run(Attempt(samples, alive[samples], simulation.model_copy(update={"step": step}), divisor))
         before = status[samples]
         status[samples], failure_time[samples], divided[samples] = done.status, done.failure_time, divisor
         unchanged = (done.status == Status.BROKE_DOWN) & (before == Status.BROKE_DOWN)

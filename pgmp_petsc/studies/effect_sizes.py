@@ -97,8 +97,7 @@ def run_rigid(scene: Scene, meshes: Shapes, kinematics: RigidKinematics) -> Rigi
     its bodies deform there. Raises `InputError` or `RunError` if there is no static equilibrium to start from, or the
     run fails.
     """
-    stiff = _with_rigid_bodies(scene)
-    model = FullModel(stiff, meshes, kinematics)
+    model = FullModel(_with_rigid_bodies(scene), meshes, kinematics)
     given = scene.simulation.n_steps
     n_steps, turns = min(FEW_STEPS, given), np.array([1.0 / c.scale(kinematics.size) for c in kinematics.coordinates])
     status, found = _run(model, n_steps)

@@ -36,7 +36,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.models.body_fields import FieldPoints, Fields, FieldSet, ReducedFields, joined, placed, undeformed
+from pgmp_petsc.models.body_fields import FieldPoints, Fields, FieldSet, ReducedFields, joined, placed
 from pgmp_petsc.outputs.readings import RigidReference
 from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.selection import Assembly, spans_in
@@ -57,7 +57,7 @@ def field_frames(
     n, fields = poses.shape[2], {}
     for name, field in seen.points.items():
         own = values[name]
-        rigid = placed(kinematics.mechanism.space, poses[field.number], undeformed(field))
+        rigid = placed(kinematics.mechanism.space, poses[field.number], field.mesh.nodes[:, :, None])
         places = own.positions[..., :n]
         tables = ({quantity: table[:, :n] for quantity, table in part.items()} for part in (own.at_nodes, own.at_cells))
         fields[name] = body_field(field, places, places - rigid, *tables)
@@ -273,17 +273,15 @@ def _displacements(field: FieldPoints, body: Body, moved: np.ndarray) -> np.ndar
     if body.flexible:
         return body.displacements(own[:, None])
     d, arms = field.mesh.nodes.shape[1], field.mesh.nodes - body.mesh.nodes[0]
-    if d == 2:
-        turned = own[2] * np.column_stack([-arms[:, 1], arms[:, 0]])
-    else:
-        turned = np.cross(own[3:], arms)
+    turned = own[2] * np.column_stack([-arms[:, 1], arms[:, 0]]) if d == 2 else np.cross(own[3:], arms)
     return (own[:d] + turned)[:, :, None]
 
 
 def _mode_field(model: ReducedModel, field: FieldPoints, pose: np.ndarray, moved: np.ndarray) -> BodyField:
     space, values, stresses = model.kinematics.mechanism.space, model.scene.values, field.stresses
     d = space.dimension
-    rest, there = (placed(space, pose, undeformed(field) + part) for part in (0.0 * moved[:, :d], moved[:, :d]))
+    nodes = field.mesh.nodes[:, :, None]
+    rest, there = (placed(space, pose, nodes + part) for part in (0.0 * moved[:, :d], moved[:, :d]))
     at_nodes, at_cells = {}, {}
     if stresses is not None:
         at_nodes = stresses.at_nodes(stresses.nodal.of_displacements(moved), values)

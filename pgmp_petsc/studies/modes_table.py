@@ -74,8 +74,7 @@ def reduced_vibrations(
         values_here = eigh(
             stiffness[number] * scale * scale[:, None], mass[number] * scale * scale[:, None], eigvals_only=True
         )
-        order = np.argsort(np.abs(values_here), kind="stable")
-        found[number] = np.sort(values_here[order[n_rigid:]])
+        found[number] = np.sort(values_here[np.argsort(np.abs(values_here), kind="stable")[n_rigid:]])
     return frequencies_of(found)
 
 

@@ -73,8 +73,7 @@ def scene_of_part(source: Path, file: Path) -> PartScene:
     step, shape = 1e-3, replace(part.mesh, nodes=MILLIMETRE * part.mesh.nodes)
     for _ in range(2):  # the second time with a step that fits the part's size
         text = _text(part, name, file, source, hold, load, step)
-        scene = scene_from_toml(text, file.parent)
-        frequency = sizes_of(scene, {name: shape})[name].frequency_hz
+        frequency = sizes_of(scene_from_toml(text, file.parent), {name: shape})[name].frequency_hz
         step = float(f"{1.0 / (STEPS_A_PERIOD * frequency):.1g}")
     return PartScene(text, _lines(part, name, hold, load), part)
 
@@ -87,8 +86,7 @@ def _places(part: CadPart) -> tuple[_Place, _Place]:
     ends = []
     long = int(np.argmax(np.ptp(mesh.nodes, axis=0)))
     for k in range(1, part.n_faces + 1):
-        nodes = mesh.nodes[np.unique(mesh.groups[f"face{k}"])]
-        ends.append(_Place(f"face{k}", nodes.mean(axis=0), None))
+        ends.append(_Place(f"face{k}", mesh.nodes[np.unique(mesh.groups[f"face{k}"])].mean(axis=0), None))
     ends.sort(key=lambda one: one.centre[long])
     hold = places[0] if places else ends[0]
     beside = [place for place in places[1:] if _apart(place, hold) > 0.05 * float(np.ptp(mesh.nodes, axis=0).max())]

@@ -114,8 +114,7 @@ class _Part:
 
     @staticmethod
     def _outputs(model: Model, time: np.ndarray, observed: np.ndarray) -> dict[str, np.ndarray]:
-        found = model.outputs.evaluate(observed)
-        return counted_after(model.outputs.counts, time, found, model.scene.values)
+        return counted_after(model.outputs.counts, time, model.outputs.evaluate(observed), model.scene.values)
 
     @property
     def reach(self) -> float:
@@ -130,11 +129,10 @@ class _Part:
             return self
         whole, n_steps = self.attempt.simulation, int(coarser_run.RELIED_ON * (self.time.size - 1))
         kept, duration = slice(n_steps + 1), float(self.time[n_steps])
-        simulation = whole.in_steps(n_steps, duration) if n_steps else whole
         return replace(
             self,
             run=replace(self.run, n_steps=n_steps),
-            attempt=replace(self.attempt, simulation=simulation),
+            attempt=replace(self.attempt, simulation=whole.in_steps(n_steps, duration) if n_steps else whole),
             time=self.time[kept],
             outputs={name: values[kept] for name, values in self.outputs.items()},
         )
@@ -348,8 +346,7 @@ def _reduced_part(
         energies = system.energies_over(*record.of_batch(), model.scene.values)
     part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
     start = State(history.q[:1], history.v[:1], history.a[:1], history.multipliers)
-    started = start_remarks(model.scene, system)
-    looked = {"watched": watched, "validity": validity, "system": system, "started": started}
+    looked = {"watched": watched, "validity": validity, "system": system, "started": start_remarks(model.scene, system)}
     return replace(part, recorded={**part.recorded, **looked, "start": start})
 
 

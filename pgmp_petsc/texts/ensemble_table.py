@@ -158,8 +158,7 @@ def report_of_rare_event(result: RareEvent, path: Path, said: Sequence[Remark] =
 
 def lines_of_rare_event(result: RareEvent) -> list[str]:
     """Return the levels and the probability of a rare event."""
-    unit = behind(result.unit)
-    found = [*_levels(result, unit), *_probability(result), *_most_likely(result)]
+    found = [*_levels(result, behind(result.unit)), *_probability(result), *_most_likely(result)]
     return [f"  rare event              {result.event}", *found]
 
 
@@ -193,7 +192,7 @@ def _most_likely(result: RareEvent) -> Iterator[str]:
     """Yield beta of every design point, and of the first one the values and shares of parameters, the largest first."""
     found = result.most_likely
     if found is None:
-        yield "  design point            none: no search for it ended (no derivatives, or too few samples left)"
+        yield "  design point            none found (no derivatives, too few samples left, or values that step)"
         return
     how = "exact derivatives" if found.is_exact else "differences"
     for beta, chance in zip(found.beta, found.probability):

@@ -147,12 +147,10 @@ def _table(study: Tradeoff) -> list[str]:
     front, total = study.pareto, study.total_seconds(study.samples)
     body = []
     for row in shown_rows(study):
-        marks = ["*" if on_front else " " for on_front in front[row]]
-        known = zip(study.errors[row], marks)
+        known = zip(study.errors[row], ["*" if on_front else " " for on_front in front[row]])
         errors = [f"{plain(100 * error)}{mark}" if np.isfinite(error) else "- " for error, mark in known]
         times = [study.times.offline[row], 1e3 * study.times.batch[row], 1e3 * study.times.single[row], total[row]]
-        own = ">" if row == 0 else ""
-        body.append([own, study.name(row), *errors, *(plain(value, 3) for value in times)])
+        body.append([">" if row == 0 else "", study.name(row), *errors, *(plain(value, 3) for value in times)])
     columns = [
         [f"{text:{'<' if number < 2 else '>'}{max(map(len, column))}}" for text in column]
         for number, column in enumerate(zip(header, *body))

@@ -136,6 +136,7 @@ montecarlo ROM -n 2 -o FOLDER -> is a directory
 modes SCENE -o OUT --ranks-per-angle 4 -> --ranks-per-angle = 4
 * montecarlo ROM -n 0 -o OUT -> -n | 0
 montecarlo ROM -n 1 --seed -1 -o OUT -> --seed | -1
+run SCENE -n 0 -o OUT -> -n | 0
 modes SCENE -o OUT --angles 1 -> --angles | 1
 * simulate ROM -o OUT --set r2=1.0 -> --set r2=1.0 | no parameter 'r2' | known: r1
 simulate ROM -o OUT --set r1 -> --set r1 | NAME=VALUE is needed

@@ -150,6 +150,7 @@ def test_parameters_that_step_have_no_design_point_and_that_is_said(model: Reduc
     assert set(result.parameters["push"]) == {0.9, 1.0, 1.2}
     texts = [remark.text for remark in result.record.remarks]
     assert "values of push step, so that the event has no design point, and none was looked for" in texts
+    assert any("none found (" in line and "values that step" in line for line in lines_of_rare_event(result))
     n = 20_000
     angles = run_batch(other, Sampler(other.scene, Plan(n, 2)).draw(0, n)).outputs["crank_angle"]
     chance = np.mean(angles > 2.4e-3)

@@ -218,7 +218,7 @@ def test_a_coarser_mesh_tells_the_share_of_the_mesh(parts: Path, tmp_path: Path,
         r"at most ([\d.]+) % of the largest .*: (\d+) nodes against (\d+), component modes; of the c", line
     )
     assert found and int(found[2]) < 0.7 * int(found[3]) and 0.0 < float(found[1]) < 20.0, line
-    short = overridden("simulation.duration=5e-3", "reduction.angles=4", "simulation.frames=3")
+    short = overridden("simulation.duration=5e-3", "reduction.angles=4", "simulation.frames=3", "reference.budget=1e-9")
     out, _ = said("run", ROOT / "scenes/slider_crank_solid2d.toml", "-n", "1", "-o", tmp_path / "out", *short)
     assert (
         "mesh       left out: cells of a file are not cut: crank, rod; simulate with --override bodies.crank.m" in out

@@ -34,6 +34,7 @@ EXTENDED = (STATIC, "reduction.inertia_modes=true", "reduction.parameter_modes=1
 UNCERTAIN = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}'
 PART = (
     "coordinates.theta.range=[0.2,1.4]", "coordinates.theta.periodic=false", "simulation.initial.theta.position=0.2",
+    "reduction.angles=4",
 )  # fmt: skip
 LIMITED = (
     "coordinates.theta1.range=[0.2,1.4]", "coordinates.theta1.periodic=false", "simulation.initial.theta1.position=0.2",
@@ -42,8 +43,8 @@ CASES = {
     "plain": lambda: slider_crank(FEW),
     "reflected": lambda: four_bar(GRAVITY, FEW),
     # a joint whose line turns with a flexible body, under its weight
-    "curved": lambda: quick_return(STATIC, SECOND, *PART, "reduction.angles=5", "reduction.modes=3"),
-    "extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SPLINE, "reduction.sampling_tolerance=0.3", FEW),
+    "curved": lambda: quick_return(STATIC, SECOND, *PART, "reduction.modes=3"),
+    "extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SPLINE, "reduction.sampling_tolerance=0.3", *PART),
     "two": lambda: over(double_pendulum(GRAVITY), (5, 6)),
     "two_static": lambda: over(double_pendulum(GRAVITY, STATIC, "reduction.inertia_modes=true", *LIMITED), (3, 5)),
     "two_crossing": lambda: five_bar("reduction.modes=2", "reduction.angles=14"),

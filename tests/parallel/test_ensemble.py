@@ -174,7 +174,7 @@ def test_the_balance_of_energy_is_kept_where_it_is_asked_for(folder: Path, small
 
 def test_groups_of_ranks_share_samples(folder: Path) -> None:
     """Two groups, of two ranks and of one; a rank alone has the samples in a batch."""
-    asked = ("-n", 4, "--seed", SEED, "--full", *overridden("simulation.duration=0.005"))
+    asked = ("-n", 3, "--seed", SEED, "--full", *overridden("simulation.duration=0.002"))
     alone, shared = folder / "alone.h5", folder / "shared.h5"
     pgmp("montecarlo", PAPER_SCENE, *asked, "-o", alone)
     done = run_mpi(3, *PGMP, "montecarlo", PAPER_SCENE, *asked, "-o", shared, "--ranks-per-sample", 2)

@@ -58,7 +58,7 @@ def commands(folder: Path, n_ranks: int) -> list[list[str]]:
         ["montecarlo", BEAMS, "--full", *SHORT, "-n", "2", *to("full_samples.h5")],
     ]
     inspected = [
-        ["check", BEAMS], ["check", BEAMS, "--effects", *SHORT], ["check", SOLIDS, "--trial"], ["info", trajectory],
+        ["check", BEAMS], ["check", BEAMS, "--effects", *SHORT], ["info", trajectory],
         ["plot", trajectory, *to("pictures")], ["export", trajectory, *to("shapes.xdmf")],
     ]  # fmt: skip
     return [*beams, *solids, *runs, *inspected]

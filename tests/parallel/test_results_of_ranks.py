@@ -53,6 +53,7 @@ ACTING = overridden(
     'effects.turn={type="spring_damper",joint="crank_hinge",stiffness=1.0,damping=0.1,rest=-0.5}',
 )
 MESH = overridden("joints.mesh.elastic={stiffness=3e3,damping=1.0}")
+PART = overridden('coordinates.theta={joint="crank_hinge", range=[-0.6, 0.7]}', "reduction.angles=4")
 STRESS = 'outputs.worst={type="stress", body="%s", quantity="von_mises"}'
 # few steps, with a torque that sets in at once: all its waves are in the outputs
 SUDDEN = overridden(
@@ -75,7 +76,7 @@ TABLE = ("--angles", 5, "--ranks-per-angle", RANKS)
 #: What some ranks make, by the files' names.
 STARTS = {
     "settled": {
-        "reduced": ("montecarlo", ROM, "-n", 5, "--seed", 3),
+        "reduced": ("montecarlo", ROM, "-n", 3, "--seed", 3),
         "full": ("montecarlo", BEAMS, "--full", *FREE, *FEW, "-n", 3),
         "held": ("simulate", SOLIDS, "--full", *SETTLED, *SMALL),
         "free": ("simulate", SOLIDS, "--full", *FREE),
@@ -84,18 +85,18 @@ STARTS = {
         "loaded": ("modes", EFFECTS, *PLANE, *overridden("reduction.preload=true"), *TABLE),
         "space": ("modes", SPACE, *IN_SPACE, *TABLE),
         "geared": ("modes", GEARED, *MESH, *TABLE),
-        "run": ("simulate", GEARED, "--full", *MESH, *overridden("simulation.duration=0.02")),
+        "run": ("simulate", GEARED, "--full", *MESH, *overridden("simulation.duration=0.005")),
     },
     "run in space": {
         "full": (
             "simulate", SPACE, "--full", *IN_SPACE, *ACTING,
-            *overridden("simulation.duration=0.004", "simulation.step=1e-3"),
+            *overridden("simulation.duration=0.003", "simulation.step=1e-3"),
         )
     },
-    "model in space": {"rom": ("build", SPACE, *overridden("reduction.angles=8"), "--ranks-per-angle", RANKS)},
+    "model in space": {"rom": ("build", SPACE, *PART, "--ranks-per-angle", RANKS)},
     "solids": {"full": ("simulate", SPATIAL_SOLIDS, "--full", *SUDDEN)},
     "effects": {
-        "all": ("simulate", EVERY, "--full"),
+        "all": ("simulate", EVERY, "--full", *overridden("effects.stop.upper=0.02", "simulation.duration=0.06")),
         "damped": ("simulate", TURNING, "--full", *FORCED),
         "undamped": ("simulate", TURNING, "--full", *FORCED, *overridden("simulation.spectral_radius=1.0")),
     },

@@ -17,6 +17,7 @@ TEXTS = {
     "bare": "0,1.5\n0.1,-2\n0.25,3\n",
     "named": "t,F\n0.0, 1.5\n\n0.1,-2.0\n0.25,3.0",
     "marked": '\N{ZERO WIDTH NO-BREAK SPACE}"time (s)","force (N)"\r\n"0.0","1.5"\r\n0.1,-2e0\r\n0.25,3\r\n',
+    "in units of its own": "time [ms],force of the rear (kN)\n0,0.0015\n100,-0.002\n250,0.003\n",
 }
 
 
@@ -53,6 +54,7 @@ WRONG = {
     "0\n": "line 1 has 1 columns; two are needed",
     "": "there are no numbers in the file",
     "t,F\n": "there are no numbers in the file",
+    "t [mm],F\n0,1\n": "effects.e.table[0][0] = \"0.0 mm\": 'mm' is the unit of a length; needed is a time (s)",
     "0,1e99\n": "0 or a magnitude from",
 }
 

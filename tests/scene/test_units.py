@@ -151,6 +151,8 @@ def test_a_setting_may_have_its_unit() -> None:
         assert load_scene(SLIDER_CRANK, law, ["r1=5 mm"]).values["r1"] == 5e-3
         with pytest.raises(InputError, match="'kg' is the unit of a mass"):
             load_scene(SLIDER_CRANK, law, ["r1=5 kg"])
+    with pytest.raises(InputError, match="'Hz' counts turns"):
+        load_scene(SLIDER_CRANK, ['parameters.q={nominal=120.0, unit="rpm"}'], ["q=2 Hz"])
 
 
 REFUSED = cases("""
@@ -183,6 +185,7 @@ effects={} & effects.m={type="prescribed_motion", coordinate="theta", constant_s
     effects.m.constant_speed.speed = | a speed; needed is a frequency or an angular speed
 ensemble.probabilities.far={output="slider_position", above="5 N"} -> ensemble.probabilities.far.above =
 parameters.r1={nominal="5.6 mm", bounds=["1 kg", 12]} -> parameters.r1 = "1 kg": | a mass
+parameters.q={nominal="2 Hz", unit="rpm"} -> parameters.q = "2 Hz": | counts turns
 parameters.r1={nominal="5.6"} -> parameters.r1 = "5.6": | unit behind
 parameters.r1={nominal="5.6 mmm"} -> parameters.r1 = | did you mean 'mm'
 scene.units="mmm" -> = "mmm": unknown; did you mean 'mm'? (allowed: SI, mm)

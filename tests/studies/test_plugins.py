@@ -695,7 +695,7 @@ BROKEN = {
     ),
     "a joint of a taken name": (
         ("*", JOINT.replace('"pin_in_slot"', '"fixed"')),
-        r"'fixed' already, .*meeting\.py, line",
+        r"'fixed' already, .*of_points\.py, line",
     ),
     "no unit of the strength": (("(EffectEntry)", "(OverTime)"), r'strength_unit = "N m"$'),
 }

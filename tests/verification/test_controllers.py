@@ -107,6 +107,11 @@ def unfiltered(i: float, stop: float):
     return rates, [0.0, 0.0, 0.0]
 
 
+def ramped(t: float, y: np.ndarray) -> list[float]:
+    way, rate = np.clip(8.0 * (t - 0.05), 0.0, 0.4), 8.0 * (0.05 <= t < 0.1)
+    return [y[1], (40.0 * (way - y[0]) + 1.6 * (rate - y[1])) / INERTIA]
+
+
 def of_speed(t: float, y: np.ndarray) -> list[float]:
     return [y[1], 2.0 * (3.0 - y[1]) / INERTIA]
 
@@ -117,6 +122,8 @@ LOOPS = {
         for reference, function in REFERENCES.items()
     },
     'reference=1.0,gains={p="kp",d=1.6}': ((), unfiltered(0.0, 0.0)),
+    # the torque jumps with the rate of the reference
+    'reference={table=[[0.05,0.0],[0.1,0.4]]},gains={p=40.0,d=1.6}': ((), (ramped, [0.0, 0.0])),
     # steps that end at contacts take the states along
     'reference=1.0,gains={p="kp",i=300.0,d=1.6}': (
         ('effects.stop={type="end_stop",joint="hinge",upper=0.5,stiffness=5e3}',), unfiltered(300.0, 5e3)

@@ -21,8 +21,6 @@ SMALLER = {
     "double_pendulum": ("coordinates.elbow_angle.range=[-0.9,0.9]", "reduction.angles=12"),
     "five_bar": ("reduction.angles=8",),
     "quick_return": ("reduction.angles=48",),
-    # forces need them: with stretching that is dynamic the seventh vector's cubic energy leaves 7e-2 of them
-    "geared_five_bar": ("reduction.modes=8",),
 }
 #: Joints whose forces are compared too, and what is allowed of the largest in each; `benchmarks.joint_forces` has all.
 FORCES = {

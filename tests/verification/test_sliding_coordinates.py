@@ -135,14 +135,14 @@ def test_files_and_summaries_have_the_coordinate_in_metres() -> None:
 
 @needs_compiler
 @pytest.mark.usefixtures("short_tables")
-@pytest.mark.parametrize("scene", ["cart", "rail"])
-def test_a_model_in_c_slides(scene: str, tmp_path: Path) -> None:
-    stopped = EFFECTS["stop"], "simulation.initial.x.velocity=0.5"
-    model = reduced_model(cart(*START, *PUSHED, *DAMPED, "reduction.angles=6") if scene == "cart" else rail(*stopped))
-    assert_same_in_c(model, tmp_path)
+def test_a_model_in_c_slides(tmp_path: Path) -> None:
+    assert_same_in_c(reduced_model(rail(EFFECTS["stop"], "simulation.initial.x.velocity=0.5")), tmp_path)
 
 
 LENGTH, WIDTH, HEIGHT, E, RHO, MASS, INERTIA, BASE, GRAVITY = 2.0, 0.04, 0.02, 210e9, 7800.0, 5.0, 1e-4, 0.04, 9.81
+# places of both wheels; what makes y and r of the trolley of theirs, and masses and pulls of these
+WHEELS, OF_WHEELS = np.array([[0.0], [BASE]]), np.array([[0.5, 0.5], [-1.0 / BASE, 1.0 / BASE]])
+MASSES, PULLS = np.array([MASS, INERTIA]), np.array([GRAVITY, 0.0])
 PLANE = tables("""
 scene: name = "moving_mass"
 ground.points: left = [0.0, 0.0]; right = [2.0, 0.0]
@@ -207,29 +207,32 @@ class Supported:
     def weight(self) -> np.ndarray:
         return -RHO * WIDTH * HEIGHT * GRAVITY * (1 - np.cos(self.wave * LENGTH)) / self.wave
 
-    def at(self, x: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return y and r with their first and second derivatives in x for units of q, shape (3, n) each."""
-        k = self.wave
-        rear, front = (np.array([np.sin(k * s), k * np.cos(k * s), -k * k * np.sin(k * s)]) for s in (x, x + BASE))
-        return (rear + front) / 2, (front - rear) / BASE
+    @cached_property
+    def inertia(self) -> np.ndarray:
+        return np.diag(np.append(self.mass, MASS))
+
+    def at(self, x: float) -> np.ndarray:
+        """Return y and r with their first and second derivatives in x for units of q, shape (2, 3, n)."""
+        k, places = self.wave, self.wave * (x + WHEELS)
+        sines = np.sin(places)
+        return (OF_WHEELS @ np.hstack([sines, k * np.cos(places), -k * k * sines])).reshape(2, 3, self.n)
 
     def static(self, x: float) -> np.ndarray:
         return (self.weight - MASS * GRAVITY * self.at(x)[0][0]) / self.stiffness
 
     def rates(self, _: float, state: np.ndarray) -> np.ndarray:
         q, p, (x, v), n = state[: self.n], state[self.n : 2 * self.n], state[-2:], self.n
-        inertia, force = np.diag(np.append(self.mass, MASS)), np.append(self.weight - self.stiffness * q, 0.0)
-        for mass, of, pull in zip((MASS, INERTIA), self.at(x), (GRAVITY, 0.0)):
-            slopes = np.append(of[0], of[1] @ q)
-            inertia += mass * np.outer(slopes, slopes)
-            force -= mass * slopes * (pull + 2 * v * (of[1] @ p) + v * v * (of[2] @ q))
-        found = np.linalg.solve(inertia, force)
+        shapes, first, second = self.at(x).swapaxes(0, 1)
+        slopes = np.column_stack([shapes, first @ q])
+        force = np.append(self.weight - self.stiffness * q, 0.0)
+        force -= (MASSES * (PULLS + 2 * v * (first @ p) + v * v * (second @ q))) @ slopes
+        found = np.linalg.solve(self.inertia + (MASSES * slopes.T) @ slopes, force)
         return np.concatenate([p, found[:n], [v, found[n]]])
 
     def motion(self, times: np.ndarray) -> dict[str, np.ndarray]:
         start = np.concatenate([np.zeros(2 * self.n), [0.1, 5.0]])
-        # to 2e-9 of the sag: these equations are stiff, and this is the method of fewest evaluations
-        found = solve_ivp(self.rates, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=1e-8, atol=1e-10).y
+        # to 1e-7 of the sag: these equations are stiff, and this is the method of fewest evaluations
+        found = solve_ivp(self.rates, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=1e-6, atol=1e-8).y
         wheel = np.array([np.sin(self.wave * x) @ q for x, q in zip(found[-2], found[: self.n].T)])
         return {"middle": np.sin(self.wave * LENGTH / 2) @ found[: self.n], "wheel": wheel, "way": found[-2]}
 

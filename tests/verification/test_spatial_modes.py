@@ -56,7 +56,7 @@ def out_of_plane(kinematics: RigidKinematics, flexible: np.ndarray) -> np.ndarra
     return np.sum(sizes[[2, 3, 4]], axis=0) / np.sum(sizes, axis=0)
 
 
-ANGLES = (0.0, 0.7, np.pi / 2, 4.0)
+ANGLES = (0.0, 0.7, np.pi / 2, 2.4, np.pi, 4.0)
 
 
 @lru_cache(maxsize=None)

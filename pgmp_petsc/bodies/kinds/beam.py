@@ -113,8 +113,7 @@ class Beam(Body):
         return self.profiles.of(kind).weights(set(self.section.terms(kind)))
 
     def _translating_weights(self) -> set[Monomial]:
-        own = {weight for weight, (line, *_) in self.section.terms("mass").items() if line}
-        return self.profiles.mass.weights(own)
+        return self.profiles.mass.weights({weight for weight, (line, *_) in self.section.terms("mass").items() if line})
 
     def entries(self, kind: str, rows: range) -> Iterator[Entries]:
         chosen = self.touching(rows)
@@ -209,8 +208,7 @@ class _Third(ThirdPart):
         strains = of.rest_strains(self._lengths, body._turns[chosen])
         dofs, self._n = element_dofs(body.elements[chosen], body.node_dofs), strains.shape[1]
         columns, starts = np.repeat(dofs, self._n, axis=0), dofs.shape[1] * np.arange(dofs.shape[0] * self._n + 1)
-        shape = (starts.size - 1, n_dofs)
-        self._strains = sp.csr_matrix((strains.ravel(), columns.ravel(), starts), shape=shape)
+        self._strains = sp.csr_matrix((strains.ravel(), columns.ravel(), starts), shape=(starts.size - 1, n_dofs))
         self._on_rows = self._strains.T.tocsr()[rows.start : rows.stop]
         terms = body.sections("stiffness")
         self.weights, self.terms = list(terms), [coefficients[chosen].T for coefficients in terms.values()]

@@ -137,8 +137,7 @@ class RigidBody(Body):
         """
         own, lent = (self._lending_in_plane if self.component is None else self._lending_in_space)()
         mesh = self._centre(self.shape.nodes[node])
-        particle = RigidBody(name, mesh, mesh, {0: dict(lumps)}, drawn=mesh)
-        return own, particle.with_lumps(0, lent)
+        return own, RigidBody(name, mesh, mesh, {0: dict(lumps)}, drawn=mesh).with_lumps(0, lent)
 
     def _lending_in_plane(self) -> tuple[RigidBody, dict[Monomial, LumpedMass]]:
         """Lend half the moment of inertia."""

@@ -101,8 +101,7 @@ Frequency = Callable[[], float | None]
 def setting_findings(scene: Scene, sizes: Mapping[str, bodies.Size], first: Frequency) -> Iterator[Finding]:
     """Yield settings that do not go together; `first` returns the first frequency of the mechanism, Hz, if it can be
     had."""
-    simulation = scene.simulation
-    if not simulation.is_chosen:
+    if not scene.simulation.is_chosen:
         yield from _steps(scene, sizes, first)
     couplings = (joint.shares_in(scene) for joint in scene.joints.values() if isinstance(joint, CouplingEntry))
     geared = {share.joint for shares in couplings for share in shares}  # these turn often
@@ -126,8 +125,7 @@ def setting_findings(scene: Scene, sizes: Mapping[str, bodies.Size], first: Freq
     for name, state in scene.simulation.initial.items():
         position = state.position
         if isinstance(position, float) and position % DEGREES == 0.0 and abs(position) > WHOLE_TURN:
-            where = f"simulation.initial.{name}.position"
-            yield doubt(where, _in_turns(position), position)
+            yield doubt(f"simulation.initial.{name}.position", _in_turns(position), position)
     yield from _tables(scene)
     yield from _breaks(scene)
     yield from _without_effect(scene)
