@@ -44,8 +44,6 @@ from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.simulate import simulate
 from scenes import HEADER, meshes_of, slider_crank, tables
 
-# tables over two coordinates leave 1e-7 of what models are compared to
-pytestmark = pytest.mark.usefixtures("coarse")
 SERVO_ARM = ROOT / "pgmp_petsc" / "scene" / "templates" / "servo.toml"
 FEW = "reduction.angles=12"
 INERTIA, G = 0.1, 9.80665
