@@ -188,7 +188,13 @@ class WatchedRun(Observer):
             for column, sample in enumerate(chosen):
                 histories[sample] = time, {name: error[:, column] for name, error in errors.items()}
         factors = np.array([np.nan_to_num(apart[name], nan=np.inf) for name in names])
-        is_any = (factors > reference_motion.UNSURE).any(axis=0)
+        is_any, densest = (factors > reference_motion.UNSURE).any(axis=0), indicator.schedules[-1]
+        cure = "a smaller simulation.step is needed"
+        if densest.interval > 1.1 * indicator.finer.step:  # shorter steps would not be looked at more often
+            cure = (
+                f"the full-order equations are looked at {densest.steps.size - 1} times, which is too seldom here; "
+                "a shorter simulation.duration, or a longer simulation.step, is needed"
+            )
         allowed = np.where(is_any, reference_motion.UNSURE_WITH_OTHERS, reference_motion.UNSURE)
         for name in names:
             reasons = np.full(n, "", dtype=object)
@@ -198,8 +204,7 @@ class WatchedRun(Observer):
             for sample in np.flatnonzero(unsure):
                 factor = apart[name][sample]
                 by = f"by a factor of {factor:.2g}" if np.isfinite(factor) else "so far that one has none"
-                what = f"two estimates, with long and with short steps, disagree {by}"
-                reasons[sample] = f"{what}; a smaller simulation.step is needed"
+                reasons[sample] = f"two estimates, with long and with short steps, disagree {by}; {cure}"
                 histories[sample][1][name][:] = np.nan
             largest[name][unsure] = at_end[name][unsure] = np.nan
             found.absent[name] = reasons.tolist()

@@ -18,6 +18,7 @@ from two_coordinates import double_pendulum
 
 from pgmp_petsc.ensemble.description import Origin
 from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.estimates import reference_motion
 from pgmp_petsc.estimates.error_indicator import STOPPED, UNSOLVED, ErrorIndicator, Estimate, WatchedRun, indicator_of
 from pgmp_petsc.estimates.own_error import absence_of_estimates
 from pgmp_petsc.estimates.reference_motion import ReferenceMotion
@@ -173,6 +174,26 @@ def test_interpolated_inertia_that_comes_to_nothing_leaves_no_estimate() -> None
     found = estimated(model, values, 3)
     assert all(np.isnan(largest).all() for largest in found.largest.values())
     assert all(why == [STOPPED] * 3 for why in found.absent.values())
+
+
+@pytest.mark.parametrize(
+    ("most", "cure"),
+    [
+        (8000, "a smaller simulation.step is needed"),
+        (300, "looked at 300 times, .* a longer simulation.step, is needed"),
+    ],
+)
+def test_where_two_estimates_disagree_it_says_what_helps(monkeypatch, most: int, cure: str) -> None:
+    """Shorter steps help as long as there is room for more evaluations of the full-order equations."""
+    monkeypatch.setattr(reference_motion, "MOST", most)
+    for name in ("UNSURE", "UNSURE_WITH_OTHERS"):
+        monkeypatch.setattr(reference_motion, name, 0.9)  # no two agree
+    short = "reduction.angles=24", "simulation.duration=0.3", "simulation.step=1e-3"
+    model = runs.reduced_model(slider_crank(*SEEN, *short))
+    found = estimated(model, samples(model.scene, 1), 1)
+    assert found.absent and all(
+        re.search(f"disagree by a factor of .*; .*{cure}", why) for (why,) in found.absent.values()
+    )
 
 
 def test_a_complete_basis_with_small_steps_has_hardly_an_error() -> None:
