@@ -78,9 +78,12 @@ class _Tangents:
 
 
 def design_points(
-    evaluate: LimitState, slopes: Slopes | None, starts: np.ndarray, most: int,
+    evaluate: LimitState,
+    slopes: Slopes | None,
+    starts: np.ndarray,
+    most: int,
     others: tuple[np.ndarray, np.ndarray] | None = None,
-) -> DesignPoints | None:  # fmt: skip
+) -> DesignPoints | None:
     """Return the design points that searches from some points lead to; None where none settles.
 
     `evaluate` gives g of points (n, d), shape (n,), NaN where it is not known, `slopes` g and its derivatives, shapes

@@ -35,9 +35,15 @@ NAMED = 3  # parameters, the clearest first
 
 @gathered
 def failure_remarks(
-    status: np.ndarray, parameters: Arrays, units: Units, model: str, hidden: float = 1.0, may_be_retried: bool = True,
-    lengths: Sequence[str] = (), rubbing: Sequence[str] = (),
-) -> Iterator[Remark]:  # fmt: skip
+    status: np.ndarray,
+    parameters: Arrays,
+    units: Units,
+    model: str,
+    hidden: float = 1.0,
+    may_be_retried: bool = True,
+    lengths: Sequence[str] = (),
+    rubbing: Sequence[str] = (),
+) -> Iterator[Remark]:
     """Return what is to be said of failed samples of a model by status (N,) and drawn values (N,) with their units;
     nothing where all are fine.
 

@@ -134,9 +134,14 @@ class Integration:
 
 
 def run_batch(
-    model: Model, values: Arrays, first: int = 0, watchers: Sequence[Watcher] = (), comm: Comm | None = None,
-    pulse: Callable[[float], object] | None = None, divisors: tuple[int, ...] = DIVISORS,
-) -> Batch:  # fmt: skip
+    model: Model,
+    values: Arrays,
+    first: int = 0,
+    watchers: Sequence[Watcher] = (),
+    comm: Comm | None = None,
+    pulse: Callable[[float], object] | None = None,
+    divisors: tuple[int, ...] = DIVISORS,
+) -> Batch:
     """Integrate samples first, first + 1, ... as one system, those that fail again with smaller steps.
 
     Values of all parameters have shape (n,). Several ranks share one sample. What the watchers find is added, NaN where

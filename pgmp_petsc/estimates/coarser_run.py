@@ -81,9 +81,13 @@ class StepErrors:
 
 
 def run_coarser(
-    model: Model, system: SecondOrderSystem, simulation: Simulation, alive: np.ndarray, of: Run | None = None,
+    model: Model,
+    system: SecondOrderSystem,
+    simulation: Simulation,
+    alive: np.ndarray,
+    of: Run | None = None,
     pulse: Callable[[int], object] = lambda n_steps: None,
-) -> CoarserRun:  # fmt: skip
+) -> CoarserRun:
     """Run the samples `alive`, shape (n_samples,), of a system again, with a coarser step than the run's. Collective on
     ``system.comm``.
 

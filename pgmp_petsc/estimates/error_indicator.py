@@ -281,9 +281,14 @@ class _Observed(PooledObserver):
     """Outputs of n corrected motions at some of the instants, evaluated for many together; observes their errors."""
 
     def __init__(
-        self, model: ComponentModel, batch: FullBatch, values: Arrays, motion: ReferenceMotion, schedule: Schedule,
+        self,
+        model: ComponentModel,
+        batch: FullBatch,
+        values: Arrays,
+        motion: ReferenceMotion,
+        schedule: Schedule,
         time: np.ndarray,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(max(1, TOGETHER // (batch.n_dofs * batch.n_samples)))
         self._model, self._batch, self._values, self._motion = model, batch, values, motion
         self._told, self._time = schedule.told, time

@@ -332,9 +332,14 @@ def not_known(model: Model, what: str, errors: Estimate | None = None, names: It
 
 @gathered
 def of_statistics(
-    quantities: Iterable[tuple[str, np.ndarray]], errors: Arrays, fine: np.ndarray, units: Units,
-    described: tuple[str, str], model: str = "reduced", system: UnitSystem = SI,
-) -> Iterator[Remark]:  # fmt: skip
+    quantities: Iterable[tuple[str, np.ndarray]],
+    errors: Arrays,
+    fine: np.ndarray,
+    units: Units,
+    described: tuple[str, str],
+    model: str = "reduced",
+    system: UnitSystem = SI,
+) -> Iterator[Remark]:
     """Return a warning of statistics to which errors are comparable; nothing where none is.
 
     Values of the samples, shape (N,) each, come by the names of outputs, their estimated errors are NaN but for the

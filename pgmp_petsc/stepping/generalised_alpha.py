@@ -91,9 +91,17 @@ class GeneralisedAlpha:
     """
 
     def __init__(
-        self, system: SecondOrderSystem, spectral_radius: float, duration: float, n_steps: int, alive: np.ndarray,
-        stops: np.ndarray, observer: Observer | None, pulse: Callable[[float], object] | None, parts: int = 1,
-    ) -> None:  # fmt: skip
+        self,
+        system: SecondOrderSystem,
+        spectral_radius: float,
+        duration: float,
+        n_steps: int,
+        alive: np.ndarray,
+        stops: np.ndarray,
+        observer: Observer | None,
+        pulse: Callable[[float], object] | None,
+        parts: int = 1,
+    ) -> None:
         self.system, self._parts = system, parts
         start = system.start()
         self.status = np.where(alive, Status.FINE, Status.UNPHYSICAL)
@@ -282,9 +290,13 @@ def stops_of(n_steps: int, at_once: int, prefix: str) -> np.ndarray:
 
 
 def integrate(
-    system: SecondOrderSystem, simulation: Simulation, alive: np.ndarray | None = None,
-    observer: Observer | None = None, prefix: str = PREFIX, pulse: Callable[[float], object] | None = None,
-) -> Run:  # fmt: skip
+    system: SecondOrderSystem,
+    simulation: Simulation,
+    alive: np.ndarray | None = None,
+    observer: Observer | None = None,
+    prefix: str = PREFIX,
+    pulse: Callable[[float], object] | None = None,
+) -> Run:
     """Integrate a system over a scene's duration, all its samples or those `alive`, (n_samples,). Collective on
     ``system.comm``.
 
