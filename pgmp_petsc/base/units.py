@@ -308,8 +308,7 @@ def number_of(text: str, units: Sequence[str], system: UnitSystem) -> float | No
         kinds = " or ".join(f"{named(one)} ({system.unit(label)})" for one, label in wanted.items())
         raise UnknownUnit(f"'{unit}' is the unit of {named(dimension)}; needed is {kinds}")
     if dimension == UNITS["1/s"]:
-        turns = any(one in plain(unit) for one in ANGULAR)
-        if turns and HERTZ in units:
+        if has_angles(unit) and HERTZ in units:
             factor /= 2.0 * math.pi
         elif is_hertz(unit) and "rad/s" in units:
             raise UnknownUnit(IN_TURNS)
@@ -317,6 +316,11 @@ def number_of(text: str, units: Sequence[str], system: UnitSystem) -> float | No
 
 
 IN_TURNS = "'Hz' counts turns, and an angular speed is needed: give it in rad/s, deg/s or rpm"
+
+
+def has_angles(unit: str) -> bool:
+    """Return whether there is an angle in a unit: ``rpm``, ``N m/rad``."""
+    return any(one in plain(unit) for one in ANGULAR)
 
 
 def is_hertz(unit: str) -> bool:

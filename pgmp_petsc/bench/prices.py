@@ -117,8 +117,8 @@ def step_of_samples(scene: Scene, step: float, bodies: Iterable[Body] = ()) -> f
         return step
     n_steps = scene.simulation.n_steps
     by_itself = SETTING_UP[scene.dimension] / n_steps + _forces(scene, FORCES_APART)
-    one_by_one = scene.beside or any(body.blocks("cells") for body in bodies)
-    return (1.0 if one_by_one else APART) * step + by_itself
+    as_in_a_batch = scene.beside or any(body.blocks("cells") for body in bodies)
+    return (1.0 if as_in_a_batch else APART) * step + by_itself
 
 
 def component_step(mechanism: Mechanism, fields: Mapping[str, int]) -> float:

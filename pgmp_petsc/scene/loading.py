@@ -212,11 +212,13 @@ def _rows_of(given: str | dict[str, Any], entry: str, directory: Path, system: U
 def _unit_in(name: str, system: UnitSystem) -> str:
     """Return the unit in brackets at the end of a column's name; empty where it is the system's, or none is there."""
     found = re.search(r"[\[(]([^\[\]()]*)[\])]$", name)
+    if found is None:
+        return ""
     try:
-        factor, dimension = measure(found[1]) if found else (1.0, ())
+        factor, dimension = measure(found[1])
     except UnknownUnit:
         return ""
-    return found[1] if found and factor != system.size(dimension) else ""
+    return "" if factor == system.size(dimension) else found[1]
 
 
 def _cells_of(name: str, entry: str, directory: Path) -> Iterator[tuple[int, list[str]]]:

@@ -14,7 +14,6 @@ from typing import Any
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import (
-    ANGULAR,
     IN_TURNS,
     QUANTITY,
     ROUNDING,
@@ -22,6 +21,7 @@ from pgmp_petsc.base.units import (
     Dimension,
     UnitSystem,
     UnknownUnit,
+    has_angles,
     is_hertz,
     measure,
     named,
@@ -74,8 +74,7 @@ def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, st
 def label_of(unit: str, dimension: Dimension, system: UnitSystem) -> str:
     """Return the unit of a dimension in a system, with angles where `unit` has them."""
     fitting = [label for label, known in UNITS.items() if known == dimension]
-    angular = any(turn in plain(unit) for turn in ANGULAR)
-    fitting.sort(key=lambda label: ("rad" in label) != angular)
+    fitting.sort(key=lambda label: ("rad" in label) != has_angles(unit))
     return system.unit(fitting[0] if fitting else si_name(dimension))
 
 
@@ -171,8 +170,9 @@ def _unit_behind(text: str) -> str:
 
 def _check(name: str, text: str, own: str) -> None:
     """Raise `InputError` if a number is of another quantity than its parameter, whose unit is given."""
-    words = 'a number in quotes has its unit behind it, such as "5 mm"; leave the quotes out otherwise'
-    if words := _strange(unit, own) if (unit := _unit_behind(text)) else words:
+    unit = _unit_behind(text)
+    without = 'a number in quotes has its unit behind it, such as "5 mm"; leave the quotes out otherwise'
+    if words := _strange(unit, own) if unit else without:
         raise InputError(problem(f"parameters.{name}", words, text))
 
 
@@ -181,7 +181,7 @@ def _strange(unit: str, own: str) -> str:
     found, wanted = measure(unit)[1], measure(own)[1]
     if found != wanted:
         return f"'{unit}' is the unit of {named(found)}; needed is {named(wanted)} ({own})"
-    return IN_TURNS if is_hertz(unit) and any(turn in plain(own) for turn in ANGULAR) else ""
+    return IN_TURNS if is_hertz(unit) and has_angles(own) else ""
 
 
 def _number(value: object, factor: float, system: UnitSystem) -> object:
