@@ -242,7 +242,7 @@ class _Job:
         solids = [name for name in flexible if name not in lines]
         given = [name for name in solids if not self.scene.bodies[name].of_cad]
         own = next((self._of(name) for name in (BETTER, RUN) if self._of(name) in self.files), None)
-        kind = None if own is None else on_root(self.comm, lambda: Trajectory.read(own).model)
+        kind = None if own is None else on_root(self.comm, lambda: Trajectory.read(own, frame=0).model)
         if not flexible:
             return self._say("mesh", "left out: no body deforms")
         if given:

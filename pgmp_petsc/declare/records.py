@@ -29,7 +29,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cache
-from types import NoneType, UnionType
+from types import MappingProxyType, NoneType, UnionType
 from typing import Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin, get_type_hints
 
 import h5py
@@ -268,12 +268,15 @@ class Record:
             _put_attribute(group, leaf)
 
     @classmethod
-    def take(cls, group: h5py.Group, words: Mapping[str, Any] | None = None) -> Self:
-        """Read what `put` wrote. Raises `ValueError` or `LookupError` or `TypeError` if it does not fit together; see
+    def take(
+        cls, group: h5py.Group, words: Mapping[str, Any] | None = None, most: Mapping[str, int] = MappingProxyType({})
+    ) -> Self:
+        """Read what `put` wrote, of arrays whose first size is named in `most` so many entries at most. Raises
+        `ValueError` or `LookupError` or `TypeError` if it does not fit together; see
         :func:`~pgmp_petsc.files.hdf5.shapes_of`."""
         taken: dict[str, Any] = {}
         for one in declared(cls):
-            taken[one.name] = _Reader(cls, group, taken).take(one, dict(words or {}), one.place, one.depth)
+            taken[one.name] = _Reader(cls, group, taken, most).take(one, dict(words or {}), one.place, one.depth)
         try:
             return cls(**taken)
         except ValueError as error:
@@ -353,27 +356,28 @@ class Result(Record):
                 part(file)
 
     @classmethod
-    def take(cls, group: h5py.Group, words: Mapping[str, Any] | None = None) -> Self:
+    def take(cls, group: h5py.Group, *how: Any) -> Self:
         """Read what `put` wrote; raises `InputError` of what an earlier version computed in other units than SI."""
-        found = super().take(group, words)
+        found = super().take(group, *how)
         if cls.internal and not found.record.system.is_si and "computed_in" not in group.attrs:
             words = f"an earlier version computed it in {found.record.system}; make it anew from its scene"
             raise InputError(f"'{group.file.filename}': {words}")
         return found
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a file; raises `InputError` where it is not a whole one."""
-        with cls.opened(path) as found:
+    def read(cls, path: str | os.PathLike[str], **most: int) -> Self:
+        """Read a file, so many entries at most along a size (``frame=0``: no frames); raises `InputError` where it is
+        not a whole one."""
+        with cls.opened(path, **most) as found:
             return found
 
     @classmethod
     @contextmanager
-    def opened(cls, path: str | os.PathLike[str]) -> Iterator[Self]:
+    def opened(cls, path: str | os.PathLike[str], **most: int) -> Iterator[Self]:
         """Read a file, within the block also what is read when it is asked for. Raises as `read`."""
         with open_file(path, cls.kind) as file:
             with shapes_of(file):
-                found = cls.take(file)
+                found = cls.take(file, {}, most)
             yield found
 
 
@@ -450,7 +454,8 @@ def _put_arrays(group: h5py.Group, leaf: Leaf) -> None:
         about = context._replace(words=context.words | {"instant": INSTANT}).text(entry.about)
         for number, own in enumerate(leaf.value):
             said = about.replace(INSTANT, f"{context.own.time[number]:g}") if INSTANT in about else about
-            put(parent, number_name(number), _kept(entry, encoded(entry, own)), unit, said, names)
+            like = number_name(number - 1) if number and said == about else ""
+            put(parent, number_name(number), _kept(entry, encoded(entry, own)), unit, said, names, like)
 
 
 def _kept(entry: Entry, value: Any) -> Any:
@@ -506,11 +511,12 @@ def _columns(kind: type[Record]) -> dict[str, list[Holding]]:
 
 
 class _Reader(NamedTuple):
-    """A record that is being read: its kind, its group, and its fields so far."""
+    """A record that is being read: its kind, its group, its fields so far, and how many entries of which sizes."""
 
     kind: type[Record]
     group: h5py.Group
     taken: dict[str, Any]
+    most: Mapping[str, int]
 
     def take(self, one: Holding, words: dict[str, Any], place: str, depth: int) -> Any:
         """Read a field, or what is at a place of it."""
@@ -528,7 +534,7 @@ class _Reader(NamedTuple):
             is_there = place in self.group if place else one.value.is_in(self.group)
             if entry.absent is not NEEDED and not is_there:
                 return entry.absent
-            return one.value.take(group_at(self.group, place), words)
+            return one.value.take(group_at(self.group, place), words, self.most)
         place = Context(None, words).text(place)
         path, _, key = place.partition("@")
         absent = entry.absent(self.taken) if callable(entry.absent) else entry.absent
@@ -574,13 +580,15 @@ class _Reader(NamedTuple):
 
     def _numbers(self, one: Holding, group: h5py.Group, place: str, name: str) -> np.ndarray:
         entry, texts = one.entry, one.value is tuple
+        most = self.most.get(entry.sizes[0]) if entry.sizes else None
         if one.value is Any and place in group:  # numbers or texts
             texts = h5py.check_string_dtype(group[place].dtype) is not None
         if entry.each is None:
             data = take(group, place, n_dimensions(entry.sizes, group, place), texts)
+            data = data if most is None else data[:most]
         else:
             numbered = group_at(group, place)
-            data = take_each(numbered, n_dimensions(entry.sizes[1:], numbered, min(numbered, default="")))
+            data = take_each(numbered, n_dimensions(entry.sizes[1:], numbered, next(iter(numbered), "")), most)
         if not (entry.gaps(name) if callable(entry.gaps) else entry.gaps):
             check_known(group, place, data)
         if one.value is Any and texts:

@@ -96,11 +96,12 @@ def mechanism_key(record: RunRecord) -> tuple:
 
 
 def read_scenes(
-    files: Sequence[Path], readers: Mapping[str, type], done: str
+    files: Sequence[Path], readers: Mapping[str, type], done: str, **most: int
 ) -> tuple[list[list[tuple[Path, Any, str]]], list[str]]:
     """Return results with their files before and the programs' versions behind, one list a scene, in the order in which
-    they come, and a line for each file given twice, of what is done once, or of a kind that there is no reader for;
-    raises `InputError` if a file is damaged, or all are of such kinds."""
+    they come, and a line for each file given twice, of what is done once, or of a kind that there is no reader for. At
+    `most` so many entries along a size are read. Raises `InputError` if a file is damaged, or all are of such kinds.
+    """
     scenes: dict[tuple, list[tuple[Path, Any, str]]] = {}
     lines, seen = [], set()
     for path in files:
@@ -114,7 +115,7 @@ def read_scenes(
             continue
         with open_file(path, readers) as file:
             program = str(file.attrs["program_version"])
-        result = readers[kind].read(path)
+        result = readers[kind].read(path, **most)
         scenes.setdefault(mechanism_key(result.record), []).append((path, result, program))
     if not scenes:
         open_file(files[0], readers)  # which says what there is to give

@@ -262,15 +262,20 @@ def put(
     unit: str,
     description: str,
     further: Mapping[str, str] = MappingProxyType({}),
+    like: str = "",
 ) -> None:
     """Write numbers, or an array of texts, with their ``unit`` ("1" if they have none), ``description`` and further
-    attributes."""
+    attributes; or with those of the dataset ``like`` of the group, of equal shape, which takes half the time."""
     # files have thousands of small datasets: `create_dataset` and `attrs` take four times as long
     parent, _, own = name.rpartition("/")
     if parent:
         group = group.require_group(parent)  # which keeps the order of what is put there
     data = np.asarray(data, order="C")
     how, links, text, scalar = _of_datasets(own.isascii(), data.nbytes <= COMPACT)
+    if like and data.nbytes <= COMPACT:  # a larger one would be copied with its numbers
+        h5py.h5o.copy(group.id, like.encode(), group.id, own.encode(), lcpl=links)
+        h5py.h5d.open(group.id, own.encode()).write(h5py.h5s.ALL, h5py.h5s.ALL, data)
+        return
     kind = h5py.h5t.py_create(data.dtype, logical=True)
     space = h5py.h5s.create_simple(data.shape) if data.ndim else scalar
     dataset = h5py.h5d.create(group.id, own.encode(), kind, space, how, links)
@@ -311,13 +316,13 @@ def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -
     return np.asarray(dataset[()])
 
 
-def take_each(group: h5py.Group, n_dimensions: int) -> np.ndarray:
-    """Read all datasets of a group, which are alike, in the order of their names and with a leading axis of these;
-    raises as `take`."""
+def take_each(group: h5py.Group, n_dimensions: int, most: int | None = None) -> np.ndarray:
+    """Read all datasets of a group, or the first `most`, which are alike, in the order of their names and with a
+    leading axis of these; raises as `take`."""
     names = sorted(group)
     if not names:
         raise ValueError(f"group '{group.name}' is empty")
-    first = take(group, names[0], n_dimensions)
+    first, names = take(group, names[0], n_dimensions), names[:most]
     found, kind = np.empty((len(names), *first.shape), first.dtype), h5py.h5t.py_create(first.dtype)
     for number, name in enumerate(names):  # a sixth of the time of `take`
         dataset = h5py.h5d.open(group.id, name.encode())

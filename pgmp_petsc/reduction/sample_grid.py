@@ -124,8 +124,8 @@ class SampleGrid(Record):
         return GridFile(**{name: values[..., 0] for name, values in own.items()}, shape=None)
 
     @classmethod
-    def take(cls, group: h5py.Group, words: Mapping[str, Any] | None = None) -> SampleGrid:
-        found = GridFile.take(group, words)
+    def take(cls, group: h5py.Group, *how: Any) -> SampleGrid:
+        found = GridFile.take(group, *how)
         shape = tuple(np.atleast_1d(len(found.theta) if found.shape is None else found.shape))
         places = found.theta.reshape(*shape, len(shape))
         lines = (np.moveaxis(places[..., k], k, 0).reshape(n, -1)[:, 0] for k, n in enumerate(shape))

@@ -560,7 +560,7 @@ def headline_of_build(path: Path) -> str:
 
 def headline_of_run(path: Path) -> str:
     """Return how far a run came and what is known of its error."""
-    run = Trajectory.read(path)
+    run = Trajectory.read(path, frame=0)
     known = {} if run.errors is None else {name: run.errors.share(name) for name in run.errors.outputs}
     worst, error = _worst(known), "errors were not estimated"
     if worst is not None:
@@ -575,7 +575,7 @@ def headline_of_run(path: Path) -> str:
 
 def headline_of_comparison(path: Path, better: Path) -> str:
     """Return by how much a run differs from that of a better model."""
-    run, other = Trajectory.read(path), Trajectory.read(better)
+    run, other = Trajectory.read(path, frame=0), Trajectory.read(better, frame=0)
     comparison = Comparison(other, run)
     found = {name: comparison.error_percent(name) for name in run.outputs if name in other.outputs}
     known = {name: error for name, error in found.items() if error is not None and np.isfinite(error[1]).all()}
@@ -605,7 +605,7 @@ def headline_of_comparison(path: Path, better: Path) -> str:
 
 def headline_of_meshes(own: Path, other: Path) -> str:
     """Return by how much a run on a finer mesh differs."""
-    known = mesh_errors([source for scene in read_sources([own, other])[0] for source in scene])
+    known = mesh_errors([source for scene in read_sources([own, other], frame=0)[0] for source in scene])
     if not known:
         return "outputs are zero or not known, so no share of the mesh can be given"
     worst = max(known, key=known.__getitem__)
@@ -618,7 +618,7 @@ def headline_of_ensemble(path: Path, *runs: Path) -> str:
     What is known of the model's error is taken from the file of single runs, too.
     """
     ensemble = Ensemble.read(path)
-    sources = [source for scene in read_sources(runs)[0] for source in scene] if runs else []
+    sources = [source for scene in read_sources(runs, frame=0)[0] for source in scene] if runs else []
     meshes = [other for _, other in mesh_twins(sources)]
     singles = [one.result for one in sources if isinstance(one.result, Trajectory) and one not in meshes]
     error = model_error(sources, paired(singles))

@@ -33,7 +33,7 @@ class Build:
     selection: Selection | None  # what was chosen for tolerances, None where nothing was
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str]) -> Build:
+    def read(cls, path: str | os.PathLike[str], **most: int) -> Build:
         """Read a file; raises `InputError` where it is no whole model."""
         with open_file(path, ("rom", "components")) as file:
             return cls(str(file.attrs["kind"]), RunRecord.read(file), Selection.found_in(file))
@@ -60,10 +60,10 @@ class Source:
         return self.result.record
 
 
-def read_sources(files: Sequence[Path]) -> tuple[list[list[Source]], list[str]]:
+def read_sources(files: Sequence[Path], **most: int) -> tuple[list[list[Source]], list[str]]:
     """Return the sources, one list a scene, in the order in which they come, and a line for each file given twice or
-    not shown; raises `InputError` if a file is damaged, or none is of those that a page shows."""
-    scenes, lines = read_scenes(files, READERS, "shown")
+    not shown; `most` as in `read_scenes`. Raises `InputError` if a file is damaged, or a page shows none of them."""
+    scenes, lines = read_scenes(files, READERS, "shown", **most)
     paths = [path for scene in scenes for path, *_ in scene]
     names = dict(zip(paths, short_names(paths)))
     return [[Source(names[path], result, program, path) for path, result, program in scene] for scene in scenes], lines

@@ -197,9 +197,9 @@ class Frames(Record):
         )
 
     @classmethod
-    def take(cls, group: h5py.Group, words: Any = None) -> Self:
+    def take(cls, group: h5py.Group, *how: Any) -> Self:
         """Read the frames and take the bodies apart again."""
-        table = FrameTable.take(group, words)
+        table = FrameTable.take(group, *how)
         points, d = table.points, table.nodes.shape[1]
         of_body = {body: np.flatnonzero(table.body == number) for number, body in enumerate(table.bodies)}
         of_cell = table.body[table.cells[:, 0]]

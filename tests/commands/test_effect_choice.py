@@ -196,7 +196,7 @@ def test_check_prints_sizes_and_warns() -> None:
 def test_a_build_prints_the_choice_and_keeps_it(tmp_path: Path) -> None:
     rom = tmp_path / "rom.h5"
     options = (*QUICK, *overridden('reduction.effects="auto"', TINY))
-    done = run_mpi(3, *PGMP, "build", FOUR_BAR, "-o", rom, *options)
+    done = run_mpi(2, *PGMP, "build", FOUR_BAR, "-o", rom, *options)
     assert re.search(r"tiny \(joint_damping\) .* leave", done.stdout)
     with open_file(rom, "rom") as file:
         sizes, scene = EffectSizes.found_in(file), tomllib.loads(file.attrs["scene"])

@@ -141,7 +141,7 @@ def test_two_ranks_give_what_one_gives(made: Callable, name: str) -> None:
                 np.testing.assert_array_equal(a[path][()], b[path][()], err_msg=path)
 
 
-def test_what_a_file_holds_is_said_again_and_drawn_again(made: Callable, tmp_path: Path) -> None:
+def test_what_a_file_holds_is_said_again_and_drawn_again(made: Callable, tmp_path: Path, undrawn: None) -> None:
     folder, said = made(1)
     told = [line.strip() for line in said.splitlines() if "crank_angle" in line and "left of" in line]
     assert told and told[0] in describe(contents(folder / "fit.h5"))

@@ -17,6 +17,7 @@ from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.loading import write_template
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 # without extremes: fewer pictures on the page
 SHORT = overridden(
     "simulation.duration=0.03", "simulation.step=1e-3", "reduction.modes=2", "reduction.angles=12", "ensemble.bins=10",

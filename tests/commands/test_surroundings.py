@@ -56,7 +56,7 @@ def test_programs_are_told_of_these_variables() -> None:
 def test_variables_are_refused_on_all_ranks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(warm_start, "python", lambda environment: [sys.executable])  # which has numba already
     monkeypatch.setenv("NUMBA_OPT", "fast")
-    done = run_mpi(3, *PGMP, "check", SCENE, check_status=2)
+    done = run_mpi(2, *PGMP, "check", SCENE, check_status=2)
     assert done.stderr.count("pgmp: error: environment variable NUMBA_OPT = 'fast'") == 1
 
 
@@ -65,9 +65,8 @@ def test_an_unknown_backend_of_matplotlib_is_done_without(tmp_path: Path) -> Non
     assert shell(picture, tmp_path, MPLBACKEND="nothing").returncode == 0
     assert (tmp_path / "one.png").read_bytes().startswith(b"\x89PNG")
     program = 'import pgmp_petsc as pgmp; pgmp.check; import matplotlib; print(matplotlib.rcParams["backend"])'
-    for given, found in (("svg", "svg"), ("nothing", None)):
-        done = shell(f"{sys.executable} -c '{program}'", ROOT, MPLBACKEND=given)
-        assert done.returncode == 0 and (found is None or done.stdout.strip() == found), done
+    done = shell(f"{sys.executable} -c '{program}'", ROOT, MPLBACKEND="svg")
+    assert done.stdout == "svg\n", done
 
 
 @pytest.mark.parametrize("command", ["check", "new"])

@@ -96,7 +96,7 @@ def stopped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run.h5"
 
 
-def test_the_model_of_second_order_stops_and_keeps_its_part(stopped: Path, tmp_path) -> None:
+def test_the_model_of_second_order_stops_and_keeps_its_part(stopped: Path, tmp_path: Path, undrawn: None) -> None:
     part = Trajectory.read(stopped)
     assert part.status == Status.BROKE_DOWN and 0.2 < part.time[-1] < 0.5
     assert all(np.isfinite(values).all() for values in part.outputs.values())
@@ -114,7 +114,7 @@ def test_the_model_of_second_order_stops_and_keeps_its_part(stopped: Path, tmp_p
         assert f"warning: {why}" in pgmp(*command).stdout
 
 
-def test_a_full_order_run_that_fails_keeps_its_part_too(tmp_path: Path) -> None:
+def test_a_full_order_run_that_fails_keeps_its_part_too(tmp_path: Path, undrawn: None) -> None:
     """A torque that no step of this length follows; the file says so, and every command reads it."""
     table = "effects.motor.table=[[0.0, 0.0], [0.004, 0.0], [0.005, 1e9]]"
     path = tmp_path / "run.h5"

@@ -19,7 +19,7 @@ RUNS = {
     "build.py": {
         1: "plain:1:0 plain:1:1 reflected:1:0 reflected:1:1 curved:1:0 curved:1:1 extended:1:0 extended:1:1 two:1:0 "
         "two:1:1 two_static:1:0 two_crossing:1:0",
-        2: "plain:2:0 reflected:1:0 curved:2:0 extended:2:0 two:1:0 two_static:2:0 two_crossing:1:2",
+        2: "plain:2:0 reflected:1:0 curved:2:0 extended:1:0 two:1:0 two_static:2:0 two_crossing:1:2",
         # of what two ranks have tried already, what groups of unequal size change
         5: "plain:2:5 reflected:1:4 curved:3:2 extended:2:3 two:3:0",
     },

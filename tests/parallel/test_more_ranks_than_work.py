@@ -134,7 +134,7 @@ def test_runs_that_stop_and_samples_that_fail_end_too(folder: Callable) -> None:
 
 def test_a_refused_option_of_petsc_ends_all_ranks(tmp_path: Path) -> None:
     output, option = tmp_path / "none.h5", ("--", "-pgmp_ts_ts_max_time", 0.1)
-    done = run_mpi(3, *PGMP, "montecarlo", BEAMS, "--full", *SHORT, "-n", 2, "-o", output, *option, check_status=2)
+    done = run_mpi(2, *PGMP, "montecarlo", BEAMS, "--full", *SHORT, "-n", 2, "-o", output, *option, check_status=2)
     assert done.stderr.count("option -pgmp_ts_ts_max_time 0.1: it cannot be changed here") == 1
     assert not output.exists()
 

@@ -13,7 +13,7 @@ from sealed import resealed
 from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.results.trajectory import BodyField, write_xdmf
+from pgmp_petsc.results.trajectory import BodyField, Trajectory, write_xdmf
 
 
 @pytest.fixture
@@ -46,6 +46,21 @@ def test_an_independent_reader_sees_the_mechanism(exported):
     assert (mesh.cells[0].type, mesh.cells[0].data.shape) == ("line", (10, 2))
     np.testing.assert_array_equal(np.unique(mesh.cells[0].data), np.arange(12))
     np.testing.assert_array_equal(mesh.point_data["body"], np.repeat([0, 1], 6))
+
+
+def test_frames_may_be_left_unread_and_say_alike_what_they_are(exported):
+    run, _ = exported
+    whole, bare = Trajectory.read(run), Trajectory.read(run, frame=2)
+    assert len(whole.frames.time) == 5 and np.array_equal(bare.frames.time, whole.frames.time[:2])
+    assert all(np.array_equal(bare.frames.positions[body], own[:2]) for body, own in whole.frames.positions.items())
+    assert (
+        np.array_equal(bare.time, whole.time)
+        and Trajectory.read(run, frame=0).frames.nodes.keys() == whole.frames.nodes.keys()
+    )
+    with h5py.File(run) as file:
+        attributes = [dict(one.attrs) for one in file["frames/rotation"].values()]
+    assert len(attributes) == 5 and all(one["unit"] == "rad" for one in attributes)
+    assert [one["description"].split()[-2] for one in attributes] == [f"{time:g}" for time in whole.frames.time]
 
 
 def test_the_trajectory_is_not_touched_and_read_whole(exported):

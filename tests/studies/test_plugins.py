@@ -576,7 +576,7 @@ def test_what_fails_in_a_scene_ends_a_command_on_ranks(tmp_path: Path) -> None:
     (scene := tmp_path / "base.toml").write_text(BASE)
     text, (before, after), words = LATER["what fails"]
     (path := tmp_path / "mine.py").write_text(text.replace(before, after, 1))
-    (message,) = refused(3, [["check", scene, "--override", f"effects.e={TABLE}", "--plugin", path]])
+    (message,) = refused(2, [["check", scene, "--override", f"effects.e={TABLE}", "--plugin", path]])
     assert re.search(words, message)
 
 
@@ -834,8 +834,8 @@ def test_commands_take_plugins_and_end_with_one_message(line_spring: Path, tmp_p
     run = ["simulate", *check[1:], "--override", "simulation.duration=0.01", "--full", "-o", kept]
     page = tmp_path / "page.html"
     commands += [check, [*check, *own], [*run, *own], ["report", kept, "-o", str(page), *own], ["info", kept, *own]]
-    statuses, done = in_turn(3, commands)
-    assert statuses == [[2] * 3] * (len(IN_COMMANDS) + 1) + [[0] * 3] * 4
+    statuses, done = in_turn(2, commands)
+    assert statuses == [[2] * 2] * (len(IN_COMMANDS) + 1) + [[0] * 2] * 4
     told = unescape(page.read_text())
     assert re.search(r"\.h5 --scene --plugin line_spring\.py > scene", told) and re.search(
         r"pgmp \S+, line_spring\.", told

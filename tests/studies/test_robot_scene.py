@@ -120,7 +120,7 @@ def test_what_is_no_tree_of_bodies_is_refused_in_one_message_on_any_number_of_ra
     monkeypatch.setenv("PYTHONPATH", str(tmp_path / "absent"))
     (tmp_path / "arm.xml").write_text(MJCF)
     commands = [("new", tmp_path / "x", "--from", tmp_path / name) for name in ("loop.urdf", "arm.xml")]
-    for message, library in zip(refused(3, commands), ("yourdfpy", "mujoco")):
+    for message, library in zip(refused(2, commands), ("yourdfpy", "mujoco")):
         assert f"pip install {library}" in message
     assert "no such file" in one_message("new", tmp_path / "x", "--from", tmp_path / "none.urdf")
 

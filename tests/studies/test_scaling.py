@@ -114,7 +114,7 @@ def test_the_summary_says_what_was_measured(tmp_path: Path) -> None:
     assert "too much: 1.5 is allowed" in report.summarise(tmp_path)
 
 
-def test_pictures_show_the_records(tmp_path: Path) -> None:
+def test_pictures_show_the_records(tmp_path: Path, undrawn: None) -> None:
     fresh = case(10**3).processor | {phases.FRESH: 4.0}
     alone = [replace(case(10**3), processor=fresh), case(10**5)]
     parallel = [case(10**5, ranks=2), case(10**5, ranks=2, together=2)]

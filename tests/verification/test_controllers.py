@@ -767,8 +767,8 @@ def test_commands(tmp_path: Path) -> None:
         "controllers.servo.limits=[1.0,0.0]",
     )
     commands = [command, *([*command[:-1], str(tmp_path / "o.h5"), *overridden(one)] for one in asked)]
-    statuses, done = in_turn(3, commands)
-    assert statuses == [[0] * 3, *([[2] * 3] * len(asked))], done.stderr
+    statuses, done = in_turn(2, commands)
+    assert statuses == [[0] * 2, *([[2] * 2] * len(asked))], done.stderr
     assert "Traceback" not in done.stderr and done.stderr.count("error: controllers.servo") == len(asked)
     with h5py.File(kept) as file:
         np.testing.assert_allclose(file["outputs/angle"], sampled(file["time"][:], 0.01), rtol=0, atol=1e-9)

@@ -42,9 +42,9 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.studies.building import tabulate_modes
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.field_frames import mode_shape
-from pgmp_petsc.studies.modes_table import tabulate_modes
 from pgmp_petsc.studies.simulate import simulate
 from scenes import meshes_of
 
@@ -210,12 +210,12 @@ ASKED = overridden("joints.right.offset={place=[0.0,'d']}")
 
 
 def test_commands(tmp_path: Path) -> None:
-    """Build and samples on three ranks, and the probability of an event on one."""
+    """Build and samples on two ranks, and the probability of an event on one."""
     scene, rom, found = tmp_path / "clamped.toml", tmp_path / "rom.h5", tmp_path / "samples.h5"
     scene.write_text(UNCERTAIN)
     samples_of = ["montecarlo", rom, "-n", "16", "--seed", "1", "-o", found]
-    statuses, done = in_turn(3, [["build", scene, *ASKED, "-o", rom], samples_of])
-    assert statuses == [[0] * 3] * 2 and "1 of joints that are off" in done.stdout
+    statuses, done = in_turn(2, [["build", scene, *ASKED, "-o", rom], samples_of])
+    assert statuses == [[0] * 2] * 2 and "1 of joints that are off" in done.stdout
     assert "starts with the stress that joints that are off build in" in " ".join(done.stdout.split())
     samples = Ensemble.read(found)
     # the middle of the beam follows half of its end; the estimates are of every sample's own mesh
@@ -440,7 +440,7 @@ def test_an_offset_that_nothing_takes_is_refused(tmp_path: Path) -> None:
     }
     asked = [overridden(f"joints.C.offset={{{given}}}") for given in said]
     commands = [("build", scene, *RIGID, *own, "-o", tmp_path / "rom.h5") for own in asked]
-    for message, words in zip(refused(3, commands), said.values()):
+    for message, words in zip(refused(2, commands), said.values()):
         message = " ".join(message.split())
         assert "joints are off by what no redundancy explains and no elasticity takes" in message
         assert re.search(r"joints\.[A-D]: " + words, message), message
