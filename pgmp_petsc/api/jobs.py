@@ -417,8 +417,7 @@ class _Job:
 
     def _is_written(self, target: Path) -> bool:
         """Return whether the step that failed left its file, which is newer than its note in the ledger."""
-        ledger = self._of(LEDGER)
-        return target.exists() and target.stat().st_mtime_ns >= ledger.stat().st_mtime_ns
+        return target.exists() and target.stat().st_mtime_ns >= self._of(LEDGER).stat().st_mtime_ns
 
     def _source(self, model: str, with_settings: bool) -> dict[str, object]:
         if model == "reduced":

@@ -115,8 +115,7 @@ def step_of_samples(scene: Scene, step: float, bodies: Iterable[Body] = ()) -> f
     `step` in a batch: with lengths that are drawn each sample is set up by itself, and taken by itself."""
     if not {*uncertain_names(scene)} & {*length_names(scene)}:
         return step
-    n_steps = scene.simulation.n_steps
-    by_itself = SETTING_UP[scene.dimension] / n_steps + _forces(scene, FORCES_APART)
+    by_itself = SETTING_UP[scene.dimension] / scene.simulation.n_steps + _forces(scene, FORCES_APART)
     as_in_a_batch = scene.beside or any(body.blocks("cells") for body in bodies)
     return (1.0 if as_in_a_batch else APART) * step + by_itself
 

@@ -117,8 +117,7 @@ class ThirdDerivative:
         found: dict[Monomial, np.ndarray] = {}
         for part in self._parts:
             for weight, forces in zip(part.weights, part.forces(part.terms, vectors, pairs)):
-                total = found.setdefault(weight, np.zeros((len(self._rows), pairs[0].size)))
-                part.add(forces, total)
+                part.add(forces, found.setdefault(weight, np.zeros((len(self._rows), pairs[0].size))))
         return found
 
     def weighted(self, vectors: np.ndarray, pairs: Pairs, values: Mapping[str, float]) -> np.ndarray:

@@ -16,6 +16,7 @@ import hashlib
 import inspect
 import linecache
 import sys
+import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -63,7 +64,10 @@ def blaming(cls: type) -> Iterator[None]:
     except (ArithmeticError, AttributeError, LookupError, NotImplementedError, TypeError, ValueError) as error:
         if cls.__module__.startswith(PACKAGE):
             raise
-        raise to_blame(error, [str(place_of(cls)[0])]) or refuse(cls, f"{type(error).__name__}: {error}") from error
+        missing = isinstance(error, NotImplementedError)
+        method = f"it needs the method {traceback.extract_tb(error.__traceback__)[-1].name}"
+        why = method if missing else f"{type(error).__name__}: {error}"
+        raise to_blame(error, [str(place_of(cls)[0])]) or refuse(cls, why) from error
 
 
 def _plugin(cls: type) -> Plugin:

@@ -4,6 +4,11 @@ bands, and what is to be said.
 Shards are parts of an ensemble that are runs of their own, on one machine or many. A sample's numbers depend on the
 seed and its own number alone, and statistics are of all samples together: shards keep samples, and whoever joins them
 describes them, bit for bit as one run of all samples.
+
+Samples rarely fail at random. Where they fail mostly at large torques, mean, deviation and density of the others are
+those of small torques: biased, by an amount that nobody knows. Rank statistics, which assume no distribution, ask which
+parameters tell failed samples from fine ones: the test of Mann and Whitney (1947) for a side, and the same test on the
+distance from the median for both ends or the middle.
 """
 
 from __future__ import annotations
@@ -14,12 +19,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.base.resources import Timings
+from pgmp_petsc.base.units import Units
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Kept, Shards
-from pgmp_petsc.ensemble.failures import failure_remarks, has_steps_left, step_remarks
 from pgmp_petsc.ensemble.plan import Plan, block_of, checked, share_of
 from pgmp_petsc.ensemble.sample_file import SampleFile
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
@@ -43,13 +49,13 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import LengthLanes, Model, Reduced
 from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble, Place, ShardSamples
-from pgmp_petsc.results.numbers import VANISHING, Arrays
+from pgmp_petsc.results.numbers import VANISHING, Arrays, behind
 from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Sensitivity, Statistics
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.border import own_values, result_units
 from pgmp_petsc.scene.numerics import Event
 from pgmp_petsc.scene.uses import length_names
-from pgmp_petsc.stepping.generalised_alpha import instants
+from pgmp_petsc.stepping.generalised_alpha import DIVISORS, RETRIED, instants
 from pgmp_petsc.stepping.static_equilibrium import starts_remarks
 from pgmp_petsc.stepping.status import Status
 
@@ -425,3 +431,120 @@ def describe_shards(shards: Shards, output: Path) -> Ensemble:
     for shard in shards.all:
         seconds.update(shard.record.timings)
     return describe_ensemble(origin, plan, Sampler(scene, plan), shards, ranks, Timings(dict(seconds)))
+
+
+SIGNIFICANT = 0.01  # for all parameters and sides together
+NAMED = 3  # parameters, the clearest first
+FURTHER = (*DIVISORS, 16, 32, 64)  # of the scene's step
+
+
+@gathered
+def failure_remarks(
+    status: np.ndarray,
+    parameters: Arrays,
+    units: Units,
+    model: str,
+    hidden: float = 1.0,
+    may_be_retried: bool = True,
+    lengths: Sequence[str] = (),
+    rubbing: Sequence[str] = (),
+) -> Iterator[Remark]:
+    """Return what is to be said of failed samples of a model by status (N,) and drawn values (N,) with their units;
+    nothing where all are fine.
+
+    `hidden` is the largest share of failed samples that the others are described without; `may_be_retried` says whether
+    a further try takes any of them with steps that were not tried; `lengths` are parameters with which a mechanism may
+    not close; `rubbing` are effects that joints may jam with.
+    """
+    failed = status != Status.FINE
+    n, n_failed = failed.size, int(failed.sum())
+    if not n_failed:
+        return
+    for code in np.unique(status[failed]):
+        reason, count = Status(code), int(np.sum(status == code))
+        meaning = reason.meaning
+        if reason == Status.UNPHYSICAL and lengths:
+            meaning += (
+                f"; or a mechanism of its {', '.join(lengths)} cannot be put together over its range, as pgmp check "
+                f"SCENE --set {lengths[0]}=VALUE says"
+            )
+        yield warning(
+            f"{count} of {n} samples failed (status {int(code)}): {meaning}; cure: {reason.cure(model, rubbing)}"
+        )
+    if n_failed == n:
+        yield warning("no sample is fine, so the outputs have no statistics")
+        return
+    where = _where(failed, parameters, units)
+    if n_failed > hidden * n:
+        retry = "--retry-failed with this file tries them with smaller steps"
+        cure = retry if may_be_retried else "that of the reason above"
+        yield warning(
+            f"{n_failed} of {n} samples failed, more than ensemble.failed_share = {hidden:g} of them: outputs have "
+            f"no mean, deviation, density, probability, band or index, which would hide that"
+            f"{''.join(f'; {words}' for words in where)}. Their quantile_bounds hold, and "
+            f"intervals of probabilities. Cure: {cure}; "
+            "--override ensemble.failed_share=1.0 describes the others"
+        )
+        return
+    bias = "and may be biased: no parameter alone tells failed samples from fine ones, which does not rule it out"
+    bias = f"and are biased: {'; '.join(where)}" if where else bias
+    yield warning(
+        f"mean, deviation and density of the outputs are those of the {n - n_failed} samples that are fine {bias}; "
+        f"no bounds hold for them. Quantiles of all {n} samples lie between their quantile_bounds, "
+        f"whatever the failed ones would have been, and intervals of probabilities count these both ways. "
+        f"Parameters are described over all {n} samples"
+    )
+
+
+@gathered
+def step_remarks(status: np.ndarray, divisors: np.ndarray, step: float) -> Iterator[Remark]:
+    """Return which samples needed smaller steps (s), and that failed ones were tried with them; shapes (N,)."""
+    saved = (status == Status.FINE) & (divisors > 1)
+    if saved.any():
+        counts = [f"{int(np.sum(saved & (divisors == d)))} with 1/{d} of it" for d in np.unique(divisors[saved])]
+        yield note(
+            f"{int(saved.sum())} of {status.size} samples failed with simulation.step = {step:g} s and were "
+            f"integrated again with smaller ones: {', '.join(counts)} (/steps_divided); they are fine, but the "
+            "step is large for this ensemble"
+        )
+    given_up = (status != Status.FINE) & (divisors > 1)
+    if given_up.any():
+        smallest = int(divisors[given_up].max())
+        yield note(
+            f"{int(given_up.sum())} of the samples that failed were tried with steps down to 1/{smallest} of "
+            f"simulation.step = {step:g} s before they were given up (/steps_divided)"
+        )
+
+
+def _where(failed: np.ndarray, parameters: Arrays, units: Units) -> list[str]:
+    """Return in words which parameters tell failed samples from fine ones, the clearest first."""
+    found = []
+    for name, values in parameters.items():
+        known = np.isfinite(values)
+        lost, fine = values[known & failed], values[known & ~failed]
+        if not lost.size or not fine.size or np.ptp(values[known]) == 0.0:
+            continue
+        unit = behind(units.get(name, "1"))
+        middle = float(np.median(values[known]))
+        medians = f"median {np.median(lost):.4g} against {np.median(fine):.4g}{unit}"
+        aside = _significance(lost, fine)
+        apart = _significance(np.abs(lost - middle), np.abs(fine - middle))
+        if aside[0] <= apart[0]:
+            found.append((aside[0], f"failures are mostly at {'high' if aside[1] else 'low'} {name} ({medians}, "))
+        else:
+            place = "at both ends of" if apart[1] else "in the middle of"
+            found.append((apart[0], f"failures are mostly {place} {name} ({medians}, "))
+    limit = SIGNIFICANT / max(2 * len(parameters), 1)
+    clear = sorted(item for item in found if item[0] < limit)
+    return [f"{words}p = {p:.1g})" for p, words in clear[:NAMED]]
+
+
+def _significance(lost: np.ndarray, fine: np.ndarray) -> tuple[float, bool]:
+    """Return the probability of such ranks by chance, and whether those of `lost` are the larger ones."""
+    test = scipy.stats.mannwhitneyu(lost, fine, alternative="two-sided")
+    return float(test.pvalue), bool(test.statistic > 0.5 * lost.size * fine.size)
+
+
+def has_steps_left(status: np.ndarray, divisors: np.ndarray) -> bool:
+    """Return whether a further try takes any failed sample with smaller steps than were tried; shapes (N,)."""
+    return bool(np.any(np.isin(status, RETRIED) & (divisors < FURTHER[-1])))

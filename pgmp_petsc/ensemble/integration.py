@@ -5,36 +5,38 @@ rank 0 puts what came out into the checkpoint while the others go on.
 
 An ensemble is of one model, or of several on the same draws. Nothing that was computed is lost when a run is killed;
 `resume` takes up the checkpoint, with another number of ranks too, because a sample's numbers depend on seed and sample
-number alone.
+number alone. What a second try takes over of an ensemble's file and repeats is in docs/uncertainty.md (failed samples).
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.errors import InputError, Remark, note
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
-from pgmp_petsc.ensemble.description import Origin, describe_ensemble, shard_of
-from pgmp_petsc.ensemble.failures import FURTHER, Earlier, fine_pieces
-from pgmp_petsc.ensemble.plan import Batch, Plan, checked, missing, pieces, within
+from pgmp_petsc.ensemble.description import FURTHER, Origin, describe_ensemble, shard_of
+from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, checked, missing, pieces, within
+from pgmp_petsc.ensemble.sample_file import SampleFile, read_samples
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped, timed
 from pgmp_petsc.ensemble.watchers import Begun, Found, RangeWatch, Watcher, Watching, watch_over_time
 from pgmp_petsc.models import Model, Reduced, SeparateLengths, of_samples
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import Pulse, RankGroup, deal_to_groups
-from pgmp_petsc.results.ensemble import Ensemble, ShardSamples
+from pgmp_petsc.results.ensemble import UNSTABLE, Ensemble, ShardSamples
 from pgmp_petsc.results.numbers import Arrays
-from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.scene.numerics import Ensemble as Settings
 from pgmp_petsc.stepping.drivers import check_ts_options
 from pgmp_petsc.stepping.generalised_alpha import (
@@ -333,3 +335,109 @@ def look_at(own: Integration, stop: Stop) -> list[Seen]:
         return on_root(own.comm, see, stop.rules, own.model.scene, own.sampler, own.checkpoint.up_to(n), n)
 
     return stages(stop, own.sampler.unit, own.plan.n_samples, own.up_to, seen, own.comm)
+
+
+OPTION = "--retry-failed"
+FREE = {"ensemble": {"batch", "failed_share"}, "scene": {"name", "description"}}  # entries that no sample depends on
+SAME_DRAW = 1e-9  # of a value: machines differ in the last digits of distributions, other designs in the first
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """An ensemble whose failed samples are tried again."""
+
+    path: Path  # its file
+    n_samples: int
+    n_failed: int
+    seed: int  # where its samples are from, or the file
+    file: SampleFile | None
+
+    @property
+    def remark(self) -> Remark:
+        """Remarks on it."""
+        return note(
+            f"{self.n_failed} samples that had failed in '{self.path}' were tried again with steps down to "
+            f"1/{FURTHER[-1]} of simulation.step; the others are those of that file"
+        )
+
+
+def read_earlier(path: Path, model: Model) -> Earlier:
+    """Return what a file says, without its samples. By one process. Raises `InputError` if it is no ensemble of this
+    scene and model, or nothing in it can be tried again."""
+    found = Ensemble.read(path).in_si_units()
+    n_failed = int(np.sum(found.status != Status.FINE))
+    if not n_failed:
+        raise InputError(f"{OPTION} {path}: all of its {len(found.status)} samples are fine; nothing is left to do")
+    for what, present in (("--correct", found.joined), ("--until or --budget", found.stopping)):
+        if present is not None:
+            raise InputError(
+                f"{OPTION} {path}: an ensemble with {what}, whose figures are of more than its own samples; repeat it "
+                "with a smaller simulation.step"
+            )
+    if found.model != model.name:
+        raise InputError(f"{OPTION} {path}: samples of the {found.model} model; here it is the {model.name} one")
+    if UNSTABLE not in found.kept:
+        raise InputError(f"{OPTION} {path}: written by another version, which kept less of its samples; run it again")
+    _check_scene(path, scene_from_toml(found.record.scene_toml, path.parent), model.scene)
+    n, seed = len(found.status), found.record.seed
+    file = None if seed is not None else read_samples(path, model.scene, None)
+    if file is None:
+        _check_draws(path, found, model.scene, Sampler(model.scene, Plan(n, seed)))
+    return Earlier(path, n, n_failed, seed or 0, file)
+
+
+def _check_scene(path: Path, there: Scene, here: Scene) -> None:
+    """Refuse another scene: its fine samples would be others."""
+    one, two = there.model_dump(), here.model_dump()
+    for table in one:
+        a, b = one[table], two[table]
+        if isinstance(a, dict) and isinstance(b, dict):
+            free = FREE.get(table, set())
+            differing = [key for key in {**a, **b} if key not in free and a.get(key) != b.get(key)]
+            if differing:
+                raise InputError(
+                    f"{OPTION} {path}: {table}.{differing[0]} is not that of the file, and the samples that are fine "
+                    f"would be others; leave it as it was. Smaller steps, down to 1/{FURTHER[-1]}, are tried anyway"
+                )
+        elif a != b:
+            raise InputError(f"{OPTION} {path}: [{table}] is not that of the file; leave it as it was")
+
+
+def _check_draws(path: Path, found: Ensemble, scene: Scene, sampler: Sampler) -> None:
+    """Refuse samples that are not those of the sampler: failed ones would be drawn anew among fine ones of another
+    design, as another version of the program had it."""
+    drawn = sampler.draw(0, len(found.status))
+    for name in sampler.names:
+        there, here = found.parameters[name], drawn[name]
+        differing = np.flatnonzero(~np.isclose(there, here, rtol=SAME_DRAW, atol=0.0, equal_nan=True))
+        if differing.size:
+            k, own = differing[0], to_own(scene, name)
+            raise InputError(
+                f"{OPTION} {path}: sample {k} has {name} = {own * there[k]:.9g} there and {own * here[k]:.9g} here: it "
+                f"is of another version, whose sampler {sampler.kind} drew other samples; run the ensemble again"
+            )
+
+
+def fine_pieces(earlier: Earlier, share: float, block: int) -> Iterator[tuple[Piece, Batch]]:
+    """Yield neighbouring samples that are fine, and those of them whose errors were estimated: a share, in blocks."""
+    found = Ensemble.read(earlier.path).in_si_units()
+    ends = found.status, found.failure_time
+    samples = Batch(
+        0, found.parameters, found.outputs, *ends, validity=found.validity, balance=found.balance,
+        numerics={"steps_divided": found.steps_divided, "unstable_start": found.kept[UNSTABLE]},
+        extremes=found.extremes, first_passages=found.first_passages,
+        bands={name.partition(".")[2]: values for name, values in found.kept.items() if name != UNSTABLE},
+    )  # fmt: skip
+    estimates = Batch(0, found.parameters, {}, *ends, errors=found.errors, errors_at_end=found.errors_at_end)
+    fine = found.status == Status.FINE
+    for first, last in _runs(fine, 0, fine.size):
+        yield Piece(first, last), samples.part(first, last)
+    for begin, end in checked(share, fine.size, block):
+        for first, last in _runs(fine, begin, end):
+            yield Piece(first, last, True), estimates.part(first, last)
+
+
+def _runs(fine: np.ndarray, begin: int, end: int) -> Iterator[tuple[int, int]]:
+    """Yield the ranges of neighbours that are fine."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], fine[begin:end].astype(int), [0]])))
+    yield from ((begin + int(first), begin + int(last)) for first, last in zip(edges[::2], edges[1::2]))

@@ -50,6 +50,7 @@ LARGE = 0.5  # share of the largest deformation from which on a run is about its
 CURED = 0.25  # share of the swing that a start from static deformation may leave
 STILL = 1e-6  # of the mechanism's size, or of 1 rad: what moves by less has no range
 OFF = 1e-9  # of the range of each coordinate
+TAIL = 1e-9  # of the forces that accelerate the start, below which that of a smooth law is its tail
 KNOWN = 1e-3  # to which a start is known, as a rule
 
 
@@ -107,15 +108,18 @@ def _strain_energy(system: ReducedSystem, state: State, deformation: np.ndarray)
 
 
 def _acting(model: ReducedModel, system: ReducedSystem, state: State) -> list[str]:
-    """Return the effects whose forces are not zero at the start of one sample, by their entries."""
+    """Return the effects and controllers whose forces count at the start of one sample, by their entries."""
     at = np.zeros(1)
     names = set(model.terms.tables.load_effects)
     found = {effect.name for effect in model.effects if effect.name in names and np.any(effect.amplitude(at))}
     if actions := model.actions.actions:
         forces = system.action_forces(at, np.array([[state.q, state.v, state.a]])).reshape(len(actions), -1)
-        found |= {action.effect for action, own in zip(actions, forces) if np.any(own)}
-    named = model.scene.effects.items()
-    return [f"effects.{name}" for name, effect in named if not found.isdisjoint(parts_of(name, effect))]
+        n = system.n_moving
+        moved = np.abs(system.stiffness_and_inertia(0.0, state)[1][0, :n, :n] @ state.a[0, :n]).max()
+        found |= {action.effect for action, own in zip(actions, forces) if np.abs(own).max() > TAIL * moved}
+    named = {f"effects.{name}": parts_of(name, effect) for name, effect in model.scene.effects.items()}
+    named |= {f"controllers.{name}": (name,) for name in model.scene.controllers}
+    return [entry for entry, parts in named.items() if not found.isdisjoint(parts)]
 
 
 def _is_cured(model: ReducedModel, system: ReducedSystem, state: State, swing: np.ndarray, energy: float) -> bool:

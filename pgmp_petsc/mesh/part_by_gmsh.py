@@ -215,8 +215,7 @@ def cylinders(faces: dict[int, np.ndarray], nodes: np.ndarray, outward: dict[int
         if found is None:
             continue
         axis, place, radius = found
-        middles = nodes[cells[:, :3]].mean(axis=1)
-        arms = middles - place
+        arms = nodes[cells[:, :3]].mean(axis=1) - place
         arms -= np.outer(arms @ axis, axis)
         inner = bool(np.sum(arms * outward[tag]) < 0.0)
         for one in kin:

@@ -512,8 +512,7 @@ class _Reader:
 
     def pulls(self, time: float, state: State, before: np.ndarray) -> np.ndarray:
         """See `Measures.pulls`; joints were taken to carry what was found before, (n_carried, n_samples)."""
-        multipliers = self._multipliers(time, state, before)
-        return self._measures.pulls(self._jets(state), multipliers, self._values)
+        return self._measures.pulls(self._jets(state), self._multipliers(time, state, before), self._values)
 
     def _jets(self, state: State) -> list[np.ndarray]:
         # an iterate that is no number is lost with its correction, and closes no mechanism

@@ -98,8 +98,7 @@ class CurvatureProblem:
         if loose.any():
             elastic = problem.all_rows(problem.times_stiffness(shape))
             forces -= self._turned_forces(modes, everywhere, elastic, loose, pairs)
-        where = problem.kinematics.describe(modes.theta)
-        what = f"static modal derivatives at {where}"
+        what = f"static modal derivatives at {problem.kinematics.describe(modes.theta)}"
         rigid = modes.unstrained
         gaps = None if self._built_in is None or not self._built_in.n else self._built_in.derivatives(modes.theta)
         # modes may be stiff too, and what answers offsets alone, or turns without strain, stays whole

@@ -112,8 +112,7 @@ class Compression:
     def holds(self, grams: np.ndarray) -> bool:
         """Return whether the vectors are independent at every configuration of Gram matrices (n, n_snapshots,
         n_snapshots), which may be other ones than they were found at."""
-        squares = np.linalg.eigvalsh(self.matrix.T @ grams @ self.matrix)
-        return bool(squares.min(initial=np.inf) >= INDEPENDENT)
+        return bool(np.linalg.eigvalsh(self.matrix.T @ grams @ self.matrix).min(initial=np.inf) >= INDEPENDENT)
 
     def beside(self, n_kept: int, n_given: int) -> np.ndarray:
         """Return the matrix leaving kept vectors before, and given ones after these, as they are, shape (n_kept +

@@ -14,6 +14,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
@@ -80,13 +81,11 @@ def chart(
     """Return what `draw` draws on axes of its own, of a kind that matplotlib's `subplot_kw` names."""
     figure = _drawn(draw, height, kind)
     stream = io.StringIO()
+    for patch in (figure.patch, *(axes.patch for axes in figure.axes)):
+        patch.set(facecolor="none", edgecolor="none")
     with matplotlib.rc_context({**_SVG, "svg.hashsalt": title + output}):
-        figure.savefig(
-            stream,
-            format="svg",
-            transparent=True,
-            metadata={"Date": None, "Creator": None, "Type": None, "Format": None},
-        )
+        # `savefig` would go through all that is drawn twice, for the layout first
+        FigureCanvasSVG(figure).print_svg(stream, metadata=dict.fromkeys(("Date", "Creator", "Type", "Format")))
     axis = ()
     if over_time:
         axes = figure.axes[0]

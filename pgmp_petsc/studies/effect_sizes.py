@@ -410,8 +410,7 @@ def _beside_another(size: EffectSize) -> str:
 def _is_missing(scene: Scene, size: EffectSize) -> bool:
     """Return whether an effect of known size matters and is not in the scene."""
     terms = dict.fromkeys(TERMS, scene.second_order) | {"gyroscopic": scene.gyroscopic}
-    left_out = not terms.get(size.kind, size.name)
-    return bool(left_out and size.keeps and not np.isnan(size.share))
+    return bool(not terms.get(size.kind, size.name) and size.keeps and not np.isnan(size.share))
 
 
 def choose_effects(scene: Scene, meshes: Shapes, shapes: Shapes) -> tuple[Scene, EffectSizes]:

@@ -16,8 +16,7 @@ from pgmp_petsc.api.sources import Origin
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.ensemble import integration, joined
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
-from pgmp_petsc.ensemble.failures import read_earlier
-from pgmp_petsc.ensemble.integration import run_batch, run_ensemble
+from pgmp_petsc.ensemble.integration import read_earlier, run_batch, run_ensemble
 from pgmp_petsc.ensemble.joined import PILOT, Better, plan_of
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sample_file import SampleFile

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from pgmp_petsc.ensemble import intervals
-from pgmp_petsc.ensemble.failures import failure_remarks, has_steps_left, step_remarks
+from pgmp_petsc.ensemble.description import failure_remarks, has_steps_left, step_remarks
 from pgmp_petsc.ensemble.rare_events import Level, RareSamples, find
 from pgmp_petsc.ensemble.rare_run import rare_remarks, with_failed
 from pgmp_petsc.stepping.status import Status

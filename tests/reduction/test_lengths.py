@@ -18,7 +18,7 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bench.prices import prospects, step_of_samples, step_seconds
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.affine import Monomial, Place, evaluate_weights
-from pgmp_petsc.ensemble.failures import failure_remarks
+from pgmp_petsc.ensemble.description import failure_remarks
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.plan import price_of, share_of
 from pgmp_petsc.estimates.validity import BodyStrains

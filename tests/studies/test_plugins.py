@@ -469,7 +469,7 @@ LATER = {
     "an area below zero": (
         SECTION, ("return AffineSum.of(self.side)", "return -1 * AffineSum.of(self.side)"), r".* neg",
     ),
-    "no inertia": (SECTION, ("def inertia", "def inertias"), r".*mine\.py, line 7: class Square: NotImplementedError"),
+    "no inertia": (SECTION, ("def inertia", "def inertias"), r".*mine\.py, line 7: class Square: it needs the method inertia"),
     "a section that fails": (SECTION, ("(5 / 6", "(5 / 0"), r"plugin '.*', line 20: ZeroDivisionError: .*; repair the"),
     "a reach of a number": (
         SECTION,

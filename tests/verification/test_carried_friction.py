@@ -20,7 +20,7 @@ from pgmp_petsc.base.surroundings import alone
 from pgmp_petsc.bench.history import run_history
 from pgmp_petsc.bench.prices import step_seconds
 from pgmp_petsc.controllers.running import N_FOLLOWED, follow_carried
-from pgmp_petsc.ensemble.failures import failure_remarks
+from pgmp_petsc.ensemble.description import failure_remarks
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Unknowns

@@ -97,8 +97,15 @@ def test_springs_count_and_loads_that_grow_do_not() -> None:
     assert remark.kind == "warning" and "with effects.cord at once" in remark.text
     torque = '\n[effects.motor]\ntype = "torque"\njoint = "hinge"\ntable = [[0.0, {}], [0.05, 1.0]]\n'
     assert said(reduced(torque.format(0.0))) == []
-    (remark,) = said(reduced(torque.format(1.0)))
-    assert "with effects.motor at once" in remark.text
+    # a controller counts, and the tail of a smooth law does not
+    near = '\n[effects.near]\ntype = "law"\njoint = "hinge"\nforce = "-exp((s - 1) / 0.02)"\n'
+    servo = (
+        '\n[controllers.servo]\ntype = "pid"\njoint = "hinge"\nmeasures = "angle"\nreference = 0.5\n'
+        'gains = { p = 2.0 }\n\n[outputs.angle]\ntype = "angle"\njoint = "hinge"\n'
+    )
+    for once, entry in ((torque.format(1.0), "effects.motor"), (servo + near, "controllers.servo")):
+        (remark,) = said(reduced(once))
+        assert f"with {entry} at once" in remark.text
 
 
 def test_a_spinning_start_has_no_static_deformation() -> None:
