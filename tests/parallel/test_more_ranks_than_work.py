@@ -215,7 +215,7 @@ def test_one_rank_draws(tmp_path: Path) -> None:
     rom_of(slider_crank()).write(tmp_path / "rom.h5")
     synthetic.trajectory(n_frames=3, n_times=11).write(tmp_path / "run.h5")
     commands = [
-        ["animate", str(tmp_path / "rom.h5"), "--mode", "2", "--seconds", "0.2", "-o", str(tmp_path / "several.gif")],
+        ["animate", str(tmp_path / "rom.h5"), "--mode", "2", "--seconds", "0.1", "-o", str(tmp_path / "several.gif")],
         ["animate", str(tmp_path / "rom.h5"), "--mode", "99", "-o", str(tmp_path / "none.gif")],
         ["animate", str(tmp_path / "run.h5"), "-o", str(tmp_path / "none.gif")],
     ]
