@@ -86,7 +86,7 @@ def origin_of(record: RunRecord) -> dict[str, Any]:
 
 def units_of_parameters(record: RunRecord) -> dict[str, str]:
     """Return the units of the parameters of the scene that a result is of."""
-    given = tomllib.loads(record.scene_toml).get("parameters", {})
+    given = record.tables.get("parameters", {})
     return {name: one.get("unit", "") for name, one in given.items()}
 
 

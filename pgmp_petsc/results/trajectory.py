@@ -21,7 +21,6 @@ the XDMF file. Meshio's writer of time series would overwrite the trajectory. Th
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -103,9 +102,9 @@ class BodyField(Record):
         return self.positions - self.positions[:1]
 
 
-def truncated(scene_toml: str) -> str:
-    """Return what the stresses of a reduced model of a scene lack, empty where that is nothing."""
-    reduction = tomllib.loads(scene_toml).get("reduction", {})
+def truncated(record: RunRecord) -> str:
+    """Return what the stresses of a reduced model lack, empty where that is nothing."""
+    reduction = record.tables.get("reduction", {})
     lacking = [name for name in ANSWERS if not reduction.get(name, False)]
     if not lacking:
         return ""
