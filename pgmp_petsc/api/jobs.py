@@ -36,6 +36,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh, refined
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.models.lengths import why_of_one_mesh
 from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.ranks.ending import keep, keep_no_longer
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.report import budget
 from pgmp_petsc.results import Trajectory
@@ -113,6 +114,8 @@ def run(
             held.enter_context(steps.held())
 
         on_root(comm, holding_the_folder)
+        keep(place)
+        held.callback(keep_no_longer, place)
         on_root(comm, check_output, target, "report", (path,))
         with agreed(comm, "assembling the mechanism"):
             mechanism = Mechanism.from_scene(loaded, meshes)

@@ -174,8 +174,7 @@ def _prepared(
 ) -> tuple[Subject, Reference, dict[str, float]]:
     """Condense bodies and choose the reference; return the processor times of both by what they are for."""
     modes, n = scene.reduction.modes, scene.simulation.n_steps
-    factors = (1.0, *sweep.own_modes)
-    most = max(*sweep.modes, *sweep.tensor_modes, *(round(f * modes) for f in factors), 1)
+    most = max(*sweep.modes, *sweep.tensor_modes, *(round(f * modes) for f in (1.0, *sweep.own_modes)), 1)
     with RankGroup.split(comm, 1) as group:
         begin = process_time()
         subject = Subject.of(scene, meshes, group, most)

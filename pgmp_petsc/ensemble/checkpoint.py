@@ -21,6 +21,7 @@ from pgmp_petsc.declare.values import Lazy
 from pgmp_petsc.ensemble.plan import IN_ALL, IN_CHECKED, NAMED, Batch, Piece, Plan
 from pgmp_petsc.files.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.files.seal import BrokenSeal, identity
+from pgmp_petsc.ranks.ending import taken_up
 from pgmp_petsc.results.ensemble import Place, ShardSamples
 
 FORMAT = 7
@@ -251,7 +252,7 @@ class Columns(Mapping[str, np.ndarray]):
             yield
         except OSError as error:
             what = f"samples could not be put together in '{self._folder}'"
-            raise RunError(f"{what}: {error.strerror}; what is finished is kept, and --resume takes it up") from error
+            raise RunError(f"{what}: {error.strerror}; what is finished is kept: {taken_up()}") from error
 
     def _write(self, name: str, first: int, values: np.ndarray) -> None:
         """Write numbers into a column, from a sample on; the system may take them in parts."""

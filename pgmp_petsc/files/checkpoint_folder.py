@@ -41,7 +41,7 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.files.claims import lock_path, locked, replacing
 from pgmp_petsc.files.seal import SIZE, BrokenSeal, check_seal, identity, sealed
 from pgmp_petsc.ranks.agreement import agreed, on_root
-from pgmp_petsc.ranks.ending import keep, keep_no_longer
+from pgmp_petsc.ranks.ending import keep, keep_no_longer, taken_up
 
 LABEL = "run.json"
 PROGRAM = "pgmp_petsc"
@@ -126,7 +126,7 @@ class CheckpointFolder:
             with replacing(target, "checkpoint", pushed=is_due) as waiting:
                 waiting.write_bytes(content)
         except RunError as error:
-            raise RunError(f"{error}; what was finished before is kept, and --resume takes it up") from error
+            raise RunError(f"{error}; what was finished before is kept: {taken_up()}") from error
         if is_due:
             self._pushed = time.monotonic()
         size = len(content) - SIZE

@@ -81,8 +81,7 @@ def _by_gmsh(content: str, path: Path, size: float, coarser: float) -> dict[str,
 
 def _part(found: dict[str, np.ndarray], received: str, scale: float) -> CadPart:
     faces = {name: own for name, own in found.items() if name.startswith("face") and name[4:].isdecimal()}
-    extent = float(np.ptp(found["nodes"], axis=0).max())
-    round_off = ROUND_OFF * extent
+    round_off = ROUND_OFF * float(np.ptp(found["nodes"], axis=0).max())
     cylinders = tuple(_cylinders(found, scale, round_off))
     blocks = [("tetra10", found["cells"]), *(("triangle6", own) for own in faces.values())]
     number = {name: k for k, name in enumerate(faces, start=1)}

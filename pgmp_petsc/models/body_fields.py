@@ -59,8 +59,7 @@ class Stresses:
         """The points of every node, the first of them again where there are fewer, shape (k, n_nodes)."""
         nodes = self.nodal.nodes
         order, counts = np.argsort(nodes, kind="stable"), np.bincount(nodes)
-        starts = np.cumsum(counts) - counts
-        return order[starts + np.minimum(np.arange(counts.max())[:, None], counts - 1)]
+        return order[np.cumsum(counts) - counts + np.minimum(np.arange(counts.max())[:, None], counts - 1)]
 
 
 @dataclass(frozen=True, eq=False)

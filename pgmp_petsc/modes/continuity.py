@@ -63,8 +63,7 @@ def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray, strained: np.ndar
     mixing = np.max(np.abs(overlaps), axis=0, initial=0.0)
     linked = mixing > EXCHANGE
     larger = np.maximum(eigenvalues[:, :, None], eigenvalues[:, None, :])
-    differences = np.abs(eigenvalues[:, :, None] - eigenvalues[:, None, :])
-    gaps = np.min(differences / larger, axis=0)
+    gaps = np.min(np.abs(eigenvalues[:, :, None] - eigenvalues[:, None, :]) / larger, axis=0)
     among = mixing[:n_modes, :n_modes]
     veering = (among > VEERING) & (gaps < FAR_APART)
     # static modes have no eigenvalues: their loads tell them apart, and drift as the modes beside them do
@@ -345,8 +344,7 @@ def _torn_groups(
     torn = np.zeros(len(groups), dtype=bool)
     for axis in range(len(samples.shape) - 1):
         before = np.roll(rotations, 1, axis=axis)
-        first = (slice(None),) * axis + (0,)
-        before[first] *= np.where(flipped[axis], -1.0, 1.0)
+        before[(slice(None),) * axis + (0,)] *= np.where(flipped[axis], -1.0, 1.0)
         turns = np.swapaxes(rotations, -1, -2) @ samples.along(axis) @ before
         for number, group in enumerate(groups):
             turned = procrustes(turns[samples.meaningful(axis)][(..., *np.ix_(group, group))])[0]

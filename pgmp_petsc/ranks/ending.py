@@ -74,7 +74,13 @@ def what_is_kept() -> str:
     if not _kept:
         return f"this run kept no part of its result; {' '.join(['repeat the command', *_again])}"
     folders = ", ".join(f"'{folder}'" for folder in _kept)
-    return f"what was finished is kept in {folders}; the same command with --resume goes on from there"
+    return f"what was finished is kept in {folders}; {taken_up()}"
+
+
+def taken_up() -> str:
+    """Return how what is finished is taken up, as a clause; `pgmp run` does so by itself, in a folder of its own."""
+    option = "with --resume " if all(folder.suffix == ".partial" for folder in _kept) else ""
+    return f"the same command {option}goes on from there"
 
 
 @contextmanager

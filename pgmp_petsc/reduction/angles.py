@@ -328,8 +328,7 @@ def _largest(output: StressOutput, body: Body, moves: np.ndarray, scene: Scene) 
     """
     sizes = [np.zeros(0)]
     for forces in _forces(output.law, output.points, body, moves, scene):
-        both = [np.abs(output.value(sign * forces, scene.nominal)) for sign in (1.0, -1.0)]
-        sizes.append(np.maximum(*both))
+        sizes.append(np.maximum(*[np.abs(output.value(sign * forces, scene.nominal)) for sign in (1.0, -1.0)]))
     return np.concatenate(sizes).reshape(len(moves), -1).max(axis=0, initial=0.0)
 
 

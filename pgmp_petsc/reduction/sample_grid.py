@@ -78,8 +78,7 @@ class Samples:
     def between(self, *shares: float) -> np.ndarray:
         """Return the values at shares of all intervals between samples, of one share after the other, shape (n,)."""
         ends = np.append(self.theta[1:], self.upper) if self.periodic else self.theta[1:]
-        starts = self.theta[: ends.size]
-        return np.concatenate([(1.0 - share) * starts + share * ends for share in shares])
+        return np.concatenate([(1.0 - share) * self.theta[: ends.size] + share * ends for share in shares])
 
     def contains(self, theta: np.ndarray | float) -> np.ndarray | bool:
         """Return whether values lie in the range; always, if it is periodic."""

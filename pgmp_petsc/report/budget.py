@@ -453,8 +453,7 @@ def _of_run(source: Source, error: ModelError | None) -> Iterator[Sentence]:
         if not np.isfinite(values).any():
             yield [f"{name} is not known at any instant."]
             continue
-        known = np.abs(np.where(np.isfinite(values), values, 0.0))
-        place = int(np.argmax(known))
+        place = int(np.argmax(np.abs(np.where(np.isfinite(values), values, 0.0))))
         factor, unit = axis_unit(run.units.get(name, "1"), values)
         largest = Datum(values[place], f"{factor * values[place]:.4g}", source.name, f"/outputs/{name}", str(place))
         unit = behind(unit)

@@ -101,8 +101,7 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
         _note(reasons, active & lost, _no_deformation, statics, search, theta)
         active &= ~lost
         step, definite = _downhill(slopes, torques[:, free] * scales, inertia / search.duration**2)
-        turned = np.sum(step * before, axis=1) < 0.0
-        limit = np.where(turned, 0.5 * limit, np.minimum(LONGEST, 1.5 * limit))
+        limit = np.where(np.sum(step * before, axis=1) < 0.0, 0.5 * limit, np.minimum(LONGEST, 1.5 * limit))
         size = np.max(np.abs(step), axis=1)
         arrived = active & settled_in(size, last)
         unstable |= arrived & ~definite

@@ -125,8 +125,7 @@ def _needed(run: RigidRun, n_steps: int, turns: np.ndarray) -> int:
     turned = np.max(np.abs(np.diff(run.theta, axis=0)) * turns)
     fastest = np.max(np.abs(run.speed), axis=0)
     changed = np.max(np.abs(np.diff(run.speed, axis=0)) / np.where(fastest > 0.0, fastest, 1.0))
-    doublings = np.ceil(np.log2(max(turned, changed, RESOLVED) / RESOLVED))
-    return n_steps * 2 ** int(min(doublings, 10))
+    return n_steps * 2 ** int(min(np.ceil(np.log2(max(turned, changed, RESOLVED) / RESOLVED)), 10))
 
 
 def _with_rigid_bodies(scene: Scene) -> Scene:

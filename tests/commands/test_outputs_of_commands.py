@@ -222,6 +222,6 @@ def test_a_run_on_a_full_disk_keeps_its_pieces(folder: Path) -> None:
     command = ("montecarlo", folder / "rom.h5", "-n", 20, *FEW, "-o", folder / "e.h5")
     done = child("-c", PIECES, "fill", *command, capture_output=True)
     assert done.returncode == 1 and "Traceback" not in done.stderr
-    assert "could not be written: File too large" in done.stderr and "--resume takes it up" in done.stderr
+    assert "could not be written: File too large" in done.stderr and "with --resume goes on" in done.stderr
     pgmp(*command, "--resume")
     assert len(Ensemble.read(folder / "e.h5").status) == 20

@@ -155,9 +155,13 @@ def test_what_is_kept_is_what_is_there(tmp_path: Path) -> None:
     keep(tmp_path / "of_an_earlier_run")
     with ending_on_signals(0):
         assert what_is_kept() == NOTHING
-        keep(tmp_path)
-        assert what_is_kept() == KEPT.format(tmp_path)
-        keep_no_longer(tmp_path)
+        pieces = tmp_path / "e.h5.partial"
+        keep(pieces)
+        assert what_is_kept() == KEPT.format(pieces)
+        keep(tmp_path)  # the folder of `pgmp run`, which has no --resume
+        assert what_is_kept() == KEPT.format(f"{pieces}', '{tmp_path}").replace("with --resume ", "")
+        for folder in (pieces, tmp_path):
+            keep_no_longer(folder)
         assert what_is_kept() == NOTHING
         search_at({"r1": 5.6e-3, "k": 2e4})
         assert what_is_kept() == f"{NOTHING} where the search was, with --set r1=0.0056 --set k=20000"

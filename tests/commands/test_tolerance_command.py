@@ -172,11 +172,6 @@ def test_the_largest_body_is_tried() -> None:
     assert memory > (50.0 if found[6] == "M" else 0.05) * 2
 
 
-def test_a_scene_of_beams_has_nothing_to_try() -> None:
-    said = pgmp("check", ROOT / "scenes" / "slider_crank.toml", "--trial").stdout
-    assert "no continuum bodies: nothing to try" in said
-
-
 def test_a_factor_that_has_no_folder_is_bad_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MUMPS_OOC_TMPDIR", str(tmp_path / "none"))
     options = ("--", "-pgmp_body_st_mat_mumps_icntl_22", "1")

@@ -139,7 +139,7 @@ def test_unphysical_samples_are_recorded_and_not_integrated(folder: Path, small_
     path = folder / "wide.h5"
     wide = 'parameters.r1={nominal=5.6e-3, unit="m", distribution={name="norm", loc=5.6e-3, scale=5.6e-3}}'
     words = ("montecarlo", small_rom, "-n", N, "--seed", SEED, *BATCHES, *overridden(wide), "-o", path)
-    done = run_mpi(3, *PGMP, *words, check_status=1)
+    done = run_mpi(2, *PGMP, *words, check_status=1)
     found = Ensemble.read(path)
     values = found.parameters["r1"]
     outside = values <= 0.0

@@ -2,7 +2,6 @@
 
 import json
 import re
-import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
@@ -19,7 +18,7 @@ import tomli_w
 from combinations import _build, _components, _full, meshes_for, scene_of
 from conftest import ROOT
 from effect_scenes import BASE
-from exported import COMPILER, OPTIONS, assert_equal, outputs_of
+from exported import as_one, assert_equal, outputs_of
 from handbook_blocks import blocks_of
 from mpi4py import MPI
 from runs import in_turn, refused
@@ -29,7 +28,6 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.plugins import IN_USE, check_plugins
 from pgmp_petsc.base.units import UNITS
 from pgmp_petsc.c_export.constants import constants_of
-from pgmp_petsc.c_export.source import compiled_of
 from pgmp_petsc.cli.declared import PLUGIN
 from pgmp_petsc.declare import ideas
 from pgmp_petsc.declare.ideas import FAMILIES
@@ -89,9 +87,7 @@ def beams(*overrides: str) -> Scene:
 def assert_same_in_c(rom: object, folder: Path, wanted: Trajectory) -> None:
     """Check that the model's program in C runs as the model has."""
     pgmp.export_model(rom, str(folder / "model"))
-    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *compiled_of("reduced"), "-lm"]
-    subprocess.run(command, cwd=folder / "model", check=True)
-    assert_equal(outputs_of(folder / "model" / "run"), wanted.outputs)
+    assert_equal(outputs_of(as_one(folder / "model", "reduced")), wanted.outputs)
 
 
 @pytest.fixture

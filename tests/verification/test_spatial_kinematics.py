@@ -425,13 +425,6 @@ def test_too_few_coordinates_are_refused() -> None:
     kinematics_of(spatial_slider_crank(loose.replace('"spherical"', f'"universal",{axes}')))
 
 
-def test_a_chain_with_too_few_coordinates_says_which_body_is_loose() -> None:
-    more = 'bodies.hand={mesh="0.0:0.1:1",element="solid3d",material="steel"}'
-    wrist = 'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"],axis=[0.0,1.0,0.0]}'
-    message = refusal(kinematics_of, arm(more, wrist))
-    assert message.endswith(". hand can move by itself in wrist: name a coordinate for it, or join it otherwise")
-
-
 def test_a_chain_of_three_coordinates_is_where_its_angles_put_it() -> None:
     """Turns about three axes one after the other, from any configuration to any other."""
     third = (
