@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import tomllib
 from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
@@ -22,7 +23,7 @@ from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
 from pgmp_petsc.c_export.source import write_sources
 from pgmp_petsc.c_export.tree import tree_constants_of
 from pgmp_petsc.files.claims import TABLE, TABULAR, check_output, is_table, named
-from pgmp_petsc.files.hdf5 import RunRecord, open_file
+from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results.summary import columns_of, write_result
 from pgmp_petsc.results.trajectory import GROUP, truncated, write_xdmf
@@ -181,6 +182,6 @@ def _write_table(file: Path, output: Path) -> tuple[int, int]:
 def _what_lacks(file: Path) -> list[str]:
     """Return what the stresses of a reduced run lack, and why a run stopped early; by one process."""
     with open_file(file, "trajectory") as opened:
-        reduced = str(opened.attrs["model"]) == "reduced"
-        lacking = truncated(RunRecord.read(opened)) if reduced and GROUP in opened else ""
+        reduced, scene = str(opened.attrs["model"]) == "reduced", str(opened.attrs["scene"])
+        lacking = truncated(tomllib.loads(scene)) if reduced and GROUP in opened else ""
     return [f"  note: {lacking}"] * bool(lacking) + stopped_runs(file)

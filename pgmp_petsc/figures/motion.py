@@ -201,7 +201,7 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
         notes.append(f"{', '.join(bare)}: drawn as lines between joints, their fields are not stored (see pgmp info)")
     notes += uncoloured(run.fields, colour)
     if colour == "mises" and run.model == "reduced":
-        notes += filter(None, [truncated(run.record)])
+        notes += filter(None, [truncated(run.record.tables)])
     skins, quantity, largest, peak = in_unit(skins, colour, run.record.system.unit("Pa" if colour == "mises" else "m"))
     if colour != "none" and not quantity:
         raise InputError(

@@ -463,7 +463,7 @@ def _of_run(source: Source, error: ModelError | None) -> Iterator[Sentence]:
         yield [f"{name} is furthest from zero at {run.time[place]:.4g} s: ", largest, unit, *doubt, "."]
     if (stress := stress_of(run)) is not None:
         largest, unit = stress.shown(source.name, run.record.system.unit("Pa"))
-        lacking = run.model == "reduced" and truncated(run.record)
+        lacking = run.model == "reduced" and truncated(run.record.tables)
         doubt = "; it is that of the modes alone and may be far off" if lacking else ""
         yield [f"Largest {WORDS['mises']} ", largest, f" {unit}, in {stress.body} {stress.when}{doubt}."]
 

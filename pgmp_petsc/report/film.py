@@ -373,7 +373,7 @@ def _paths(run: Trajectory, joints: dict[str, np.ndarray], moving: bool) -> list
 def _notes(run: Trajectory, bodies: list[motion.Skin], enlarged: bool) -> list[str]:
     said = motion.uncoloured(run.fields) if run.fields else []
     if run.fields and run.model == "reduced":
-        said += filter(None, [truncated(run.record)])
+        said += filter(None, [truncated(run.record.tables)])
     unknown = [body.name for body in bodies if _kind(body) == "flexible" and not _known(body).all()]
     if unknown and enlarged:
         said.append(f"{', '.join(unknown)}: not enlarged where the deformation is not known")

@@ -21,7 +21,7 @@ the XDMF file. Meshio's writer of time series would overwrite the trajectory. Th
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -102,9 +102,9 @@ class BodyField(Record):
         return self.positions - self.positions[:1]
 
 
-def truncated(record: RunRecord) -> str:
-    """Return what the stresses of a reduced model lack, empty where that is nothing."""
-    reduction = record.tables.get("reduction", {})
+def truncated(scene: Mapping[str, Any]) -> str:
+    """Return what the stresses of a reduced model lack, by the tables of its scene; empty where that is nothing."""
+    reduction = scene.get("reduction", {})
     lacking = [name for name in ANSWERS if not reduction.get(name, False)]
     if not lacking:
         return ""
