@@ -28,7 +28,6 @@ FORMAT = 7
 OF_LATIN_HYPERCUBE = "number of samples, on which every sample of a Latin hypercube depends,"
 SAMPLES, CHECKED = "samples_", "checked_"  # with the number of the first sample, the names of pieces
 COUNTS = "counts"  # the piece that says how many samples were allotted
-CURE = "nothing was written; repeat the command with --resume, which computes what is missing"
 
 
 @dataclass(frozen=True)
@@ -155,11 +154,12 @@ class Checkpoint:
             if batch.first != place:
                 missing = f"samples {place} to {batch.first - 1} are missing"
                 what = missing if batch.first > place else "samples are there twice"
-                raise RunError(f"in '{self.folder}' {what}; {CURE}")
+                raise RunError(f"in '{self.folder}' {what}; nothing was written; {taken_up()}")
             place += len(batch.status)
             yield batch
         if place != end:
-            raise RunError(f"'{self.folder}' holds {place - begin} of {end - begin} samples; {CURE}")
+            what = f"'{self.folder}' holds {place - begin} of {end - begin} samples"
+            raise RunError(f"{what}; nothing was written; {taken_up()}")
 
     def _all(self, kind: str, parts: Sequence[str]) -> Iterator[Batch]:
         for path in self._folder.pieces(f"{kind}*"):
@@ -169,7 +169,7 @@ class Checkpoint:
                     yield batch.part(0, self._end - batch.first)
             except BrokenSeal as broken:
                 what = f"a finished piece in '{self.folder}' was damaged during the run: {broken}"
-                raise RunError(f"{what}; {CURE}") from broken
+                raise RunError(f"{what}; nothing was written; {taken_up()}") from broken
 
     def _read(self, path: Path, parts: Sequence[str] = NAMED) -> Batch:
         """Return parts of what a piece holds; raises `BrokenSeal` unless these are samples of this run."""

@@ -38,7 +38,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, Remark, RunError, note
 from pgmp_petsc.base.plugins import in_use
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.files.claims import lock_path, locked, replacing
+from pgmp_petsc.files.claims import lock_path, locked, pieces_path, replacing
 from pgmp_petsc.files.seal import SIZE, BrokenSeal, check_seal, identity, sealed
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.ending import keep, keep_no_longer, taken_up
@@ -56,12 +56,7 @@ Content = TypeVar("Content")
 
 def within_checkpoint(output: Path, name: str) -> Path:
     """Return the output of a part of a run, whose folder lies in that of the run, and is removed with it."""
-    return _folder_of(output) / name
-
-
-def _folder_of(output: Path) -> Path:
-    target = Path(os.path.realpath(output))
-    return target.with_name(f"{target.name}.partial")
+    return pieces_path(output) / name
 
 
 class CheckpointFolder:
@@ -72,7 +67,7 @@ class CheckpointFolder:
     """
 
     def __init__(self, output: Path, run: Mapping[str, object], growing: Mapping[str, int] | None = None) -> None:
-        self.path = _folder_of(output)
+        self.path = pieces_path(output)
         self._run, self._growing = {**run, **in_use()}, dict(growing or {})
         self._identity = identity(self._run)
         # of pieces that were put: what tells a file from any later one of the same name, and the arrays

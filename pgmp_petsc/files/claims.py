@@ -97,6 +97,12 @@ def lock_path(output: Path) -> Path:
     return output.with_name(f".{output.name}.lock")
 
 
+def pieces_path(output: Path) -> Path:
+    """Return the folder that keeps finished pieces of a run until its output is written."""
+    target = Path(os.path.realpath(output))
+    return target.with_name(f"{target.name}.partial")
+
+
 def partial_path(output: Path, process: int) -> Path:
     """Return the file that a process writes before it takes the output's place."""
     return output.with_name(f".{output.name}.{process}.partial")

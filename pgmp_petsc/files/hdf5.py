@@ -42,7 +42,7 @@ from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, Remark, from_json, shortened, to_json
 from pgmp_petsc.base.plugins import check_plugins, plugins_of
 from pgmp_petsc.base.units import SAID, SI, UnitSystem, system_of
-from pgmp_petsc.files.claims import KINDS, check_output, first_line, named, replacing
+from pgmp_petsc.files.claims import KINDS, check_output, first_line, named, pieces_path, replacing
 from pgmp_petsc.files.seal import MAGIC, SIGNATURE, SIZE, BrokenSeal, check_seal, seal
 
 
@@ -341,7 +341,8 @@ def _check_sealed(path: Path, kinds: tuple[str, ...]) -> None:
     """Raise `InputError` unless a file is whole and of one of ``kinds``, without reading it as HDF5."""
     try:
         if not path.exists():
-            raise InputError(f"file '{path}' does not exist; needed: {_names(kinds)}")
+            begun = f"; '{pieces}' has what a run has finished of it" if (pieces := pieces_path(path)).is_dir() else ""
+            raise InputError(f"file '{path}' does not exist{begun}; needed: {_names(kinds)}")
         if not path.is_file():
             what = "a directory" if path.is_dir() else "a device, a pipe or a socket"
             raise InputError(f"'{path}' is {what}; needed: a file that holds {_names(kinds)}")

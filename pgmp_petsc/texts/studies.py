@@ -59,7 +59,7 @@ def _rows(found: Derivatives, output: str, figure: Figure, shown: str, none: flo
     felt = [place for place in np.argsort(-np.abs(effects), kind="stable") if abs(effects[place]) > none]
     for place in felt:
         name = found.parameters[place]
-        slope = f"{figure.derivatives[place]:.6g} {found.unit(output, name)}"
+        slope = f"{figure.derivatives[place]:.6g}{behind(found.unit(output, name))}"
         yield f"  {value}  {name:20s}{effects[place]:+14.5g} {unit} {slope}".rstrip()
         value = " " * len(value)
     if len(felt) < len(effects):

@@ -137,6 +137,10 @@ def another_version(path: Path) -> None:
 
 UNREADABLE = {
     "none": (Path.unlink, ["trajectory", "ensemble"], "does not exist; needed: a trajectory or an ensemble"),
+    "begun": (
+        lambda path: (path.unlink(), path.with_name(f"{path.name}.partial").mkdir()), "rom",
+        r"does not exist; '.*\.h5\.partial' has what a run has finished of it; needed: a reduced model",
+    ),
     "a directory": (lambda path: (path.unlink(), path.mkdir()), "rom", "is a directory"),
     "text": (lambda path: path.write_text("[scene]\n"), "rom", "is not an HDF5 file"),
     "cut off": (
