@@ -38,6 +38,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.bodies.shape import in_floating_frame
+from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.effects import Action, Effect, Motion, effects_of, motions_of
 from pgmp_petsc.effects.effect import Load
 from pgmp_petsc.effects.motion import Instant
@@ -138,8 +139,6 @@ def _changes(effect: Effect, times: np.ndarray) -> bool:
     return effect.strength is not Effect.strength and bool(np.ptp(effect.amplitude(times)))
 
 
-#: Methods that the error has from the full-order equations as they are.
-AS_FULL = ("begin_iteration", "limited", "steps_between_looks", "restore", "restore_all", "reasons", "unpack")
 #: Unknowns and velocities that samples begin with, each (n_dofs, n_samples), NaN for those that are never advanced.
 Begin = tuple[np.ndarray, np.ndarray]
 
@@ -178,8 +177,7 @@ class CheckingModel:
 
     def control(self, system: ErrorSystem, schedule: Schedule, step: float) -> None:
         """Let controllers, and what joints carry, act on a system of one sample over a schedule, as of `scheduled`."""
-        full = self.full.controlled(system.full, system.full.values, system.whole)
-        system.beside, system.held, system.carries = full.beside, full.held, full.carries
+        self.full.controlled(system.full, system.full.values, system.whole)
         if system.beside is not None:
             times = step * schedule.steps
             system.beside.clock = lambda time: float(times[round(time / schedule.interval)])
@@ -227,8 +225,6 @@ class ErrorSystem(SecondOrderSystem):
         self.comm, self.n_samples, self.steps_at_once = full.comm, full.n_samples, full.edgeless_at_once
         self.full, self._motion, self._interval, self._begin = full, motion, interval, begin
         self._turns, self._number = full.pack(full.turns(theta)), -1
-        for name in AS_FULL:
-            setattr(self, name, getattr(full, name))
 
     def start(self) -> State:
         """Return the error of the start, or none.
@@ -245,6 +241,18 @@ class ErrorSystem(SecondOrderSystem):
         if self.beside is not None:
             self.beside.start(found)
         return found
+
+    @property
+    def beside(self) -> Controls | None:
+        return self.full.beside
+
+    @property
+    def held(self) -> bool:
+        return self.full.held
+
+    @property
+    def carries(self) -> bool:
+        return self.full.carries
 
     def whole(self, time: float, state: State) -> State:
         """Return the state of the full-order equations at a time, s, from that of the error."""
@@ -265,12 +273,32 @@ class ErrorSystem(SecondOrderSystem):
         state.a += moved.a - before[2]
         return size
 
+    def begin_iteration(self) -> None:
+        self.full.begin_iteration()
+
+    def limited(self) -> np.ndarray:
+        return self.full.limited()
+
+    def steps_between_looks(self, every: int | None) -> int:
+        return self.full.steps_between_looks(every)
+
     def take_steps(self, asked: StepsAsked) -> StepsTaken:
         return self.full.take_steps(asked, self._motion.over(round(asked.ends[0] / self._interval), asked.ends.size))
 
     def count_turns(self, state: State) -> None:
         """Take note of the angles at the instant that was corrected last; see `FullBatch.count_turns`."""
         self.full.count_turns(State(self._parts[0] + state.q, state.v, state.a, state.multipliers, state.turns))
+
+    def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
+        self.full.restore(state, previous, samples)
+
+    restore_all = restore
+
+    def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
+        return self.full.reasons(time, state, samples)
+
+    def unpack(self, array: np.ndarray) -> np.ndarray:
+        return self.full.unpack(array)
 
 
 def _in_floating_frames(rom: ReducedOrderModel, reduced: Mechanism, full: Mechanism) -> ReducedOrderModel:
