@@ -6,7 +6,7 @@ from mpi4py import MPI
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.building import springs_of
+from pgmp_petsc.studies.modes_table import springs_of
 from scenes import HEADER, kinematics_of, tables
 
 # a frame of 1 m on two mounts, on its middle a balanced wheel that a torque may turn

@@ -23,8 +23,9 @@ from pgmp_petsc.reduction.checkpoint import Finished
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.building import build as build_model
-from pgmp_petsc.studies.building import build_components, tabulate_modes
+from pgmp_petsc.studies.building import build_components
 from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.modes_table import tabulate_modes
 from pgmp_petsc.texts.models import report_of_build, report_of_modes
 from pgmp_petsc.texts.studies import report_of_tradeoff
 

@@ -35,8 +35,8 @@ from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 from pgmp_petsc.reduction import tables as tables_of_reduction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.building import reduced_vibrations, springs_of
 from pgmp_petsc.studies.inputs import with_meshes
+from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
 from pgmp_petsc.studies.plausibility import plausibility
 from scenes import HEADER, kinematics_of, meshes_of, tables
 

@@ -25,7 +25,7 @@ from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies.building import tabulate_modes
+from pgmp_petsc.studies.modes_table import tabulate_modes
 from scenes import RADIUS, kinematics_of, mechanism_of, meshes_of, slider_crank
 
 # one number of angles for all coordinates is what the scene's schema knows; the build takes one for each

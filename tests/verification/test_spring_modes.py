@@ -23,7 +23,7 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.building import springs_of, tabulate_modes
+from pgmp_petsc.studies.modes_table import springs_of, tabulate_modes
 from scenes import CRANK, RADIUS, ROD, SLIDER_CRANK, kinematics_of, meshes_of, pendulum, slider_crank
 
 G = 9.80665
