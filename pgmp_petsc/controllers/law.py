@@ -332,13 +332,16 @@ def respond(address, n, n_slopes, p, x, c, kappa, z, rates, force, room):
         for i in range(n):
             row = width * (1 + i)
             right[i, 0] = c[i] + kappa * found[row] - z[i]
-            size = 0.0  # of an error that is small between large numbers only the digits of these are known
+            # of a state, or of an error, that is small between large numbers only the digits of these are known
+            size = abs(c[i]) + abs(kappa * found[row])
             for k in range(n_slopes):
                 right[i, 1 + k] = kappa * found[row + 1 + k]
                 size += abs(right[i, 1 + k] * x[len(GIVEN) + k])
-            largest = max(largest, size)
             for j in range(n):
-                matrix[i, j] = (i == j) - kappa * found[row + 1 + n_slopes + j]
+                share = kappa * found[row + 1 + n_slopes + j]
+                matrix[i, j] = (i == j) - share
+                size += abs(share * z[j])
+            largest = max(largest, size)
         eliminate(n, 1 + n_slopes, matrix, right)
         for i in range(n):
             z[i] += right[i, 0]

@@ -52,10 +52,14 @@ static void solve_response(const struct control *one, const double p[], const do
         for (int i = 0; i < n; i++) {
             const double *row = law + width * (1 + i);
             right[i][0] = at->c[one->column + i] + kappa * row[0] - z[i];
-            double size = 0.0; /* of an error that is small between large numbers only the digits of these are known */
+            /* of a state, or of an error, that is small between large numbers only the digits of these are known */
+            double size = fabs(at->c[one->column + i]) + fabs(kappa * row[0]);
             for (int k = 1; k < n_slopes; k++) right[i][k] = kappa * row[k], size += fabs(right[i][k] * x[2 + k]);
+            for (int j = 0; j < n; j++) {
+                const double share = kappa * row[n_slopes + j];
+                matrix[i][j] = (i == j) - share, size += fabs(share * z[j]);
+            }
             largest = fmax(largest, size);
-            for (int j = 0; j < n; j++) matrix[i][j] = (i == j) - kappa * row[n_slopes + j];
         }
         solve_states(n, n_slopes, matrix, right);
         for (int i = 0; i < n; i++) {
