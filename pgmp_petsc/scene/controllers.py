@@ -133,6 +133,10 @@ class ControllerEntry(Table):
         for k, limit in enumerate(self.limits or ()):
             yield Use(f"{entry}.limits[{k}]", limit, "any", ())
 
+    def references(self, scene: AnyScene, entry: str) -> Iterator[Use]:
+        """Yield in which unit a value of its reference is, where that is not any."""
+        yield from ()
+
 
 #: A table of ``[controllers]``.
 Controller = Annotated[ControllerEntry, Found(CONTROLLERS)]
