@@ -410,7 +410,7 @@ def retry_failed(
     "With the attributes of `results.statistics.RareEvent`.",
     source=SOURCE,
     event=Argument(
-        'Find the probability of a rare event with at most N samples: "slider_deformation < -2e-4", "ever" before it '
+        'Find the probability of a rare event with at most N samples: "slider_deformation < -0.2 mm", "ever" before it '
         "for any time in the run, or the label of one of ensemble.probabilities.", "--rare", "EVENT",
         "a text such as 'slider_deformation < -2e-4'",
     ),

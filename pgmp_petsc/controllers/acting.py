@@ -16,6 +16,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.controllers.law import LIMITS, ControlLaw, Measured
+from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.joint_effects import joint_measure
@@ -100,6 +101,7 @@ class JointController(ControllerEntry):
     def forces(self, name: str, mechanism: Mechanism) -> ControllerEffect:
         """Return the force in the joint, a part for each motion that is measured, behind what measures it if that is
         another motion than the one that is acted on."""
+        self._check(mechanism.scene)
         scene, nothing = mechanism.scene, (Quantity(0.0),) * len(ACTING_LAW.parameters)
         own, actions = joint_measure(mechanism, self), []
         for output in measured_by(scene, self).motions or (None,):
@@ -110,6 +112,19 @@ class JointController(ControllerEntry):
                 actions.append(Action(name, law=NOTHING, parameters=(), **motion))
             actions.append(Action(name, law=ACTING_LAW, parameters=nothing, led=led, **own))
         return ControllerEffect(name, actions, mechanism)
+
+    def _check(self, scene: Scene) -> None:
+        """Raise `InputError` if the class gives its law other parameters than it has, as a plugin's may."""
+        law, given = self.law(), self.parameters()
+        if not isinstance(law, ControlLaw):
+            raise refuse(type(self), f"law returns a ControlLaw, and not a {type(law).__name__}")
+        if missing := [name for name in law.parameters if name not in given]:
+            words = f"parameters gives its law {law.name} ({law.place}) no number for {', '.join(missing)}; it gives "
+            raise refuse(type(self), f"{words}{', '.join(given) or 'none'}")
+        for name in law.parameters:
+            if isinstance(given[name], str) and given[name] not in scene.parameters:
+                words = f"its law is given the parameter '{given[name]}', which the scene has not"
+                raise refuse(type(self), words)
 
 
 def measured_by(scene: Scene, entry: ControllerEntry) -> Measured:

@@ -19,6 +19,7 @@ from pgmp_petsc.controllers.law import ControlLaw
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import NotNegativeOrParameter, NumberOrParameter, PositiveOrParameter, Table, Unit
 from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.outputs import unit_of
 from pgmp_petsc.scene.uses import Use
 
 #: How the integral is led back from limits, by what leads it.
@@ -95,6 +96,11 @@ class Pid(JointController):
                 words = f"missing: without it p / i leads the integral back, and p is {p:g}, i {i:g}; give a time"
                 yield problem(f"{entry}.tracking", words)
                 return
+
+    def references(self, scene: Scene, entry: str) -> Iterator[Use]:
+        """Yield that a value of its reference is one of what it measures."""
+        if unit := unit_of(scene, self.measures):
+            yield Use(entry, 0.0, "any", (unit,))
 
     def uses(self, entry: str) -> Iterator[Use]:
         yield from super().uses(entry)

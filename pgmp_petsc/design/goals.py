@@ -258,6 +258,9 @@ class _Reader:
         if name in self._outputs:
             needed = f"take a figure of it, such as max({name}) or end({name})"
             self.refuse(f"{name} is an output over time; {needed}", token.start())
+        if name in FIGURES and name not in self._parameters:
+            needed = f"{name}(OUTPUT) or {name}(abs(OUTPUT)); of more declare an output of type formula"
+            self.refuse(f"{name} is a figure of one output or of its abs: {needed}", token.start())
         if name not in self._parameters:
             hint = nearest_name(name, dict.fromkeys((*self._parameters, *FIGURES, *formulas.FUNCTIONS)))
             self.refuse(f"there is no such parameter, figure or function{hint}", token.start())

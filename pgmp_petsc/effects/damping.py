@@ -71,7 +71,10 @@ class StructuralDamping(EffectEntry):
         0.0, description="braking of all motion, as in a viscous medium, by its momentum (1/s)"
     )
     ratios: Annotated[tuple[Annotated[Number, Field(ge=0.0, lt=1.0)], ...], _OF_DAMPING] = Field(
-        (), description="damping ratios of the first elastic modes of each free body, without masses that it carries"
+        (),
+        description="damping ratios of the first elastic modes of each free body, without masses that it carries; "
+        "modes of one frequency, as a round shaft's in two planes, have one ratio, and the last is of all modes of its "
+        "frequency",
     )
 
     def check_entries(self) -> None:
@@ -179,18 +182,25 @@ def amplitude_damping(
     """
     found = {}
     for effect, number, ratios in _with_ratios(effects):
-        n = len(ratios)
+        n, name = len(ratios), bodies[number].name
         for floating in bodies[number].blocks("floating"):
             if n > floating.n:
                 raise InputError(
-                    f"effects.{effect}.ratios: {n} modes of {bodies[number].name} are asked for; it has {floating.n} "
+                    f"effects.{effect}.ratios: {n} modes of {name} are asked for; it has {floating.n} "
                     "component modes; take more reduction.modes"
                 )
             mass, stiffness = floating.modal(nominal)
+            of_modes = _of_modes(effect, ratios, np.sqrt(stiffness / mass), name)
             coefficients = np.zeros(floating.n)
-            coefficients[:n] = 2.0 * np.array(ratios) * np.sqrt(stiffness * mass)[:n]
+            coefficients[: of_modes.size] = 2.0 * of_modes * np.sqrt(stiffness * mass)[: of_modes.size]
             found[number] = effect, coefficients
     return found
+
+
+def check_ratios(effects: Sequence[Effect], bodies: Sequence[Body], nominal: Mapping[str, float]) -> None:
+    """Raise `InputError` where runs would: for modes that a body has not, and two ratios of one frequency."""
+    modal_damping(effects, bodies, nominal)
+    amplitude_damping(effects, bodies, nominal)
 
 
 def _with_ratios(effects: Sequence[Effect]) -> Iterator[tuple[str, int, tuple[float, ...]]]:
@@ -205,7 +215,7 @@ def _of_body(
     effect: str, number: int, ratios: Sequence[float], body: Body, nominal: Mapping[str, float]
 ) -> ModalDamping:
     omega, phi, mass = free_modes(body, nominal, len(ratios), f"effects.{effect}.ratios")
-    factor = mass @ phi * np.sqrt(2.0 * np.array(ratios) * omega)
+    factor = mass @ phi * np.sqrt(2.0 * _of_modes(effect, ratios, omega, body.name) * omega)
     places = body.points
     if len(places):
         d = places.shape[1]
@@ -220,15 +230,41 @@ def _of_body(
     return ModalDamping(effect, number, own, factor, shares)
 
 
+def _of_modes(effect: str, ratios: Sequence[float], omega: np.ndarray, body: str) -> np.ndarray:
+    """Return the ratios of the modes that have one, shape (n,), where they have the angular frequencies omega, rad/s,
+    in order: those of the last ratio's frequency have it too.
+
+    Raises `InputError` where modes of one frequency have two: which of them is which is left to round-off.
+    """
+    one_frequency = _repeated(omega)
+    n = len(ratios)
+    while n < omega.size and one_frequency[n - 1]:
+        n += 1
+    of_modes = np.pad(np.array(ratios), (0, n - len(ratios)), mode="edge")
+    for k in np.flatnonzero(one_frequency[: n - 1] & (np.diff(of_modes) != 0.0)):
+        raise InputError(
+            f"effects.{effect}.ratios: modes {k + 1} and {k + 2} of {body} have one frequency, "
+            f"{omega[k] / math.tau:.4g} Hz, as a round shaft's in two planes, and no order of their own; give both one "
+            f"ratio, not {of_modes[k]:g} and {of_modes[k + 1]:g}, if need be in an effect for {body} alone"
+        )
+    return of_modes
+
+
+def _repeated(omega: np.ndarray) -> np.ndarray:
+    """Return which of frequencies in order, but the last, are the next one too, to what solvers leave of it."""
+    return np.diff(omega) <= SAME * omega[1:]
+
+
+SAME = 1e-6  # of a frequency: those of a round beam's two planes are found alike to 2e-10
 DENSE = 300  # unknowns up to which a dense solver is faster
 
 
 def free_modes(
     body: Body, values: Mapping[str, float], n_modes: int, entry: str
 ) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
-    """Compute the first elastic modes of a flexible body: their angular frequencies, shape (n_modes,), rad/s,
-    M-orthonormal modes in the body's frame, shape (n_own, n_modes), at the unknowns `Body.own_dofs`, and M, shape
-    (n_own, n_own).
+    """Compute the first n_modes elastic modes of a flexible body, and what has the frequency of the last of them too:
+    their angular frequencies, shape (n,), rad/s, M-orthonormal modes in the body's frame, shape (n_own, n), at the
+    unknowns `Body.own_dofs`, and M, shape (n_own, n_own).
 
     Raises `InputError`, with the scene entry that asks for them, if the mesh has fewer modes.
     """
@@ -239,14 +275,23 @@ def free_modes(
         raise InputError(f"{entry}: {n_modes} modes of {body.name} are asked for; its mesh has {n_dofs - n_rigid}")
     matrices = AffineMatrices([alone], range(alone.dofs.size))
     mass, stiffness = (weighted_sum(terms, values)[own][:, own] for terms in (matrices.mass, matrices.stiffness))
-    wanted = n_rigid + n_modes
-    if n_dofs <= DENSE or wanted >= n_dofs - 1:
-        squares, vectors = eigh(stiffness.toarray(), mass.toarray(), subset_by_index=(0, wanted - 1))
-    else:
-        # a small negative shift keeps the matrix regular in spite of the rigid motions
-        shift = -1e-9 * stiffness.diagonal().sum() / mass.diagonal().sum()
-        start = np.random.default_rng(0).standard_normal(n_dofs)
-        squares, vectors = eigsh(stiffness.tocsc(), wanted, mass.tocsc(), sigma=shift, v0=start)
-        order = np.argsort(squares)
-        squares, vectors = squares[order], vectors[:, order]
-    return np.sqrt(squares[n_rigid:]), vectors[:, n_rigid:], mass
+    n = n_modes
+    while True:  # one more shows whether the last has its frequency alone
+        squares, vectors = _lowest(stiffness, mass, min(n_rigid + n + 1, n_dofs))
+        omega = np.sqrt(squares[n_rigid:])
+        if n == omega.size or not _repeated(omega)[n - 1]:
+            return omega[:n], vectors[:, n_rigid : n_rigid + n], mass
+        n += 1
+
+
+def _lowest(stiffness: sp.csr_matrix, mass: sp.csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the n lowest eigenvalues of a free body, in order, and their M-orthonormal vectors."""
+    n_dofs = mass.shape[0]
+    if n_dofs <= DENSE or n >= n_dofs - 1:
+        return eigh(stiffness.toarray(), mass.toarray(), subset_by_index=(0, n - 1))
+    # a small negative shift keeps the matrix regular in spite of the rigid motions
+    shift = -1e-9 * stiffness.diagonal().sum() / mass.diagonal().sum()
+    start = np.random.default_rng(0).standard_normal(n_dofs)
+    squares, vectors = eigsh(stiffness.tocsc(), n, mass.tocsc(), sigma=shift, v0=start)
+    order = np.argsort(squares)
+    return squares[order], vectors[:, order]

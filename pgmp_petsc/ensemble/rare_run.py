@@ -45,8 +45,8 @@ FEWEST = 500  # samples: three levels of the least size, and as many to be weigh
 LEAST, MOST, PIECES = 16, 128, 16  # samples of a piece, and pieces that samples are cut into
 FEW = 50.0  # effective samples below which an interval is not to be trusted: a few large weights decide
 EXAMPLES = (
-    "an event is an output, < or >, and a number, such as 'slider_deformation < -2e-4', with 'ever' before it for any "
-    "time in the run, or the label of one of ensemble.probabilities"
+    "an event is an output, < or >, and a number, such as 'slider_deformation < -2e-4' or 'tip > 25 mm', with 'ever' "
+    "before it for any time in the run, or the label of one of ensemble.probabilities"
 )
 DIFFERENCE = 1e-4  # of a normal variable, for derivatives of the parameters that it makes
 APART = 3.0  # factor between what levels and weights say, beyond which one of them has missed something

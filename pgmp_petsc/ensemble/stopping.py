@@ -3,8 +3,8 @@
 The text behind ``--until`` is a rule:
 
     rule    = figure precision
-    figure  = ("mean" | "std") "(" quantity ")"  |  "P" "(" label ")"  |  "P" "(" quantity ("<" | ">") number ")"
-    precision = "<" number "%"  |  ("+-" | "±") number ["%"]
+    figure  = ("mean" | "std") "(" quantity ")"  |  "P" "(" label ")"  |  "P" "(" quantity ("<" | ">") number [unit] ")"
+    precision = "<" number "%"  |  ("+-" | "±") number ["%" | unit]
 
 Rules (docs/uncertainty.md, until a figure is known) are tested on all samples so far, n, 2 n, 4 n, ...; a budget
 decides on the size of the last stage from the time of the one before, so that no value of a sample does. Errors at n
@@ -31,7 +31,7 @@ import scipy
 
 from pgmp_petsc.base.errors import InputError, Remark, gathered, nearest_name, note, warning
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.base.units import UnitSystem, times
+from pgmp_petsc.base.units import SI, UnitSystem, UnknownUnit, number_of, times
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.ensemble.statistics import came_true, describe, of_event, quantity
@@ -50,9 +50,10 @@ OPTION = "--until"
 EXAMPLES = "rules are such as 'std(angle) < 1 %', 'mean(angle) +- 1e-4' or 'P(deformation < -1.5e-4) +- 0.002'"
 MOMENTS = ("mean", "std")
 TOKEN = re.compile(
-    r"\s*(?:(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?![\w.])|(?P<name>[A-Za-z_][\w.-]*)"
+    r"\s*(?:(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?![\d.]|[eE]\b)|(?P<name>[A-Za-z_][\w.-]*)"
     r"|(?P<sign>\+-|±|[()<>%]))"
 )
+UNIT = re.compile(r"\s*((?:1/)?[^\W\d_][^()<>±%+,]*?)\s*(?=$|[)±+])")
 
 
 @dataclass(frozen=True)
@@ -87,18 +88,27 @@ class Reader:
         self._sign(")")
         relative = self._sign("<", "+-", "±") == "<"
         place, wanted = self._place, self._number()
-        if not wanted > 0.0:
-            self._refuse("a positive precision", place)
         if relative or self._text[self._place :].strip() == "%":
             self._sign("%")
-            relative = True
+            relative, wanted = True, 0.01 * wanted
+        elif kind != "P":
+            wanted = self._of_output(wanted, quantity.partition(".")[0])
+        if not wanted > 0.0:
+            self._refuse("a positive precision", place)
         self.end()
-        wanted *= 0.01 if relative else self._size(quantity.partition(".")[0]) if kind != "P" else 1.0
         return Rule(self._text, kind, quantity, event, wanted, relative)
 
-    def _size(self, output: str) -> float:
-        """Return how many SI units one of an output's is in the rule."""
-        return self._scene.system.size_of(unit_of(self._scene, output))
+    def _of_output(self, number: float, output: str) -> float:
+        """Return a number in SI units that is in those of the scene, or in the unit behind it."""
+        wanted, unit = unit_of(self._scene, output), UNIT.match(self._text, self._place)
+        if unit is None:
+            return times(number, self._scene.system.size_of(wanted))
+        try:
+            found = number_of(f"{number!r} {unit[1]}", (wanted,), SI)
+        except UnknownUnit as error:
+            self._refuse(f"a unit of {output}, or none ({error})")
+        self._place = unit.end(1)
+        return found
 
     def event(self, may_be_ever: bool = False) -> tuple[str, Event | None]:
         """Read a label, or an output beyond a level; if that may be, at any time with ``ever`` before it."""
@@ -110,7 +120,7 @@ class Reader:
         if name in labels:
             return name, None
         side = "above" if self._sign("<", ">") == ">" else "below"
-        return "", Event(output=name, when="ever" if ever else "end", **{side: times(self._number(), self._size(name))})
+        return "", Event(output=name, when="ever" if ever else "end", **{side: self._of_output(self._number(), name)})
 
     def end(self) -> None:
         """Refuse what is left."""

@@ -24,6 +24,7 @@ from pgmp_petsc.bodies.matrices import AffineMatrices, owned_rows
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import Load, actions_of, effects_of, loads_of, patterns_of, start_of
+from pgmp_petsc.effects.damping import check_ratios
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.springs import spring_remarks
 from pgmp_petsc.files.hdf5 import RunRecord
@@ -156,6 +157,7 @@ class _Build:
         self._kinematics = RigidKinematics(mechanism, over_range=True)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         self._matrices, self._effects = AffineMatrices(mechanism.bodies, rows), effects_of(scene, mechanism)
+        check_ratios(self._effects, mechanism.bodies, scene.nominal)
         self._loads = loads_of(self._effects, self._matrices)
         carried = carried_forces(scene, self._kinematics, start_of(scene, mechanism)[0])
         self._opened_rows = rows_of((*OutputSet.of(scene, self._kinematics).forces, *carried), mechanism.n_held)

@@ -168,7 +168,7 @@ def _read_tables(data: dict[str, Any], directory: Path, system: UnitSystem) -> N
 
 def _rows_of(given: str | dict[str, Any], entry: str, directory: Path, system: UnitSystem) -> list[list[float | str]]:
     """Return the rows [x, y] of a CSV file: of two columns, or of those that are named. Where the name of a column ends
-    with another unit than the scene's, its numbers have that."""
+    with a unit, its numbers have that; of the scene's own, the first one has it, which is then checked."""
 
     def wrong(words: str) -> InputError:
         return InputError(problem(entry, words, given))
@@ -179,7 +179,7 @@ def _rows_of(given: str | dict[str, Any], entry: str, directory: Path, system: U
     if not {*asked} <= {"file", "x", "y"} or not all(isinstance(one, str) for one in texts) or names.count(None) == 1:
         needed = 'rows, the name of a CSV file of two columns, or { file = "NAME.csv", x = "COLUMN", y = "COLUMN" }'
         raise wrong(f"needed are {needed}")
-    rows, before, places, units = list[list[float | str]](), -math.inf, (0, 1), ["", ""]
+    rows, before, places, units = list[list[float | str]](), -math.inf, (0, 1), list[str]()
     for number, (line, cells) in enumerate(_cells_of(asked["file"], entry, directory)):
         has_names = number == 0 and (names[0] is not None or all(_finite(cell) is None for cell in cells))
         if has_names and names[0] is not None:
@@ -192,7 +192,12 @@ def _rows_of(given: str | dict[str, Any], entry: str, directory: Path, system: U
         elif names[0] is None and len(cells) != 2:
             raise wrong(f"line {line} has {len(cells)} columns; two are needed, or say which: {{ file, x, y }}")
         if has_names:
-            units = [_unit_in(cells[place], system) for place in places]
+            for place in places:
+                try:
+                    units.append(_unit_in(cells[place]))
+                except UnknownUnit as error:
+                    words = f"the brackets in '{shortened(cells[place], 40)}' are no unit of its numbers: {error}"
+                    raise wrong(f"{words}; write that unit, or leave the brackets out") from error
             continue
         row = [_finite(cells[place]) if place < len(cells) else None for place in places]
         if None in row:
@@ -201,7 +206,8 @@ def _rows_of(given: str | dict[str, Any], entry: str, directory: Path, system: U
         if not before < row[0]:
             raise wrong(f"line {line}: {row[0]:g} follows {before:g}; the first column must increase")
         before = row[0]
-        rows.append([f"{number!r} {unit}" if unit else number for number, unit in zip(row, units)])
+        said = [unit if not (rows and _is_own(unit, system)) else "" for unit in units or ("", "")]
+        rows.append([f"{number!r} {unit}" if unit else number for number, unit in zip(row, said)])
         if len(rows) > MOST_ROWS:
             raise wrong(f"has more than {MOST_ROWS:,} rows; take fewer")
     if not rows:
@@ -209,16 +215,17 @@ def _rows_of(given: str | dict[str, Any], entry: str, directory: Path, system: U
     return rows
 
 
-def _unit_in(name: str, system: UnitSystem) -> str:
-    """Return the unit in brackets at the end of a column's name; empty where it is the system's, or none is there."""
+def _unit_in(name: str) -> str:
+    """Return the unit in brackets at the end of a column's name; empty where none is there. Raises `UnknownUnit`."""
     found = re.search(r"[\[(]([^\[\]()]*)[\])]$", name)
-    if found is None:
-        return ""
-    try:
-        factor, dimension = measure(found[1])
-    except UnknownUnit:
-        return ""
-    return "" if factor == system.size(dimension) else found[1]
+    unit = found[1].strip() if found else ""
+    measure(unit if unit != "-" else "")
+    return unit if unit not in ("-", "1") else ""
+
+
+def _is_own(unit: str, system: UnitSystem) -> bool:
+    factor, dimension = measure(unit)
+    return factor == system.size(dimension)
 
 
 def _cells_of(name: str, entry: str, directory: Path) -> Iterator[tuple[int, list[str]]]:

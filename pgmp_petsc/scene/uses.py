@@ -90,6 +90,11 @@ def measured_uses(scene: AnyScene) -> Iterator[Use]:
         yield Use(f"simulation.initial.{name}.velocity", 0.0, "any", ("m/s" if slid else "rad/s",))
     for name, effect in scene.effects.items():
         yield from effect.measured(scene, f"effects.{name}")
+    for name, controller in scene.controllers.items():
+        yield Use(f"controllers.{name}.limits", 0.0, "any", ("N" if slides(scene, controller) else "N m",))
+        for row in range(len(controller.reference.table or ())):
+            yield Use(f"controllers.{name}.reference.table[{row}][0]", 0.0, "any", ("s",))
+            yield from controller.references(scene, f"controllers.{name}.reference.table[{row}]")
     for name, joint in scene.joints.items():
         yield from joint.measured(scene, f"joints.{name}")
     for name, output in scene.outputs.items():
@@ -132,6 +137,9 @@ def ordered_ends(scene: AnyScene) -> Iterator[tuple[str, str, float | str, float
             share = rest[0] if rest else 1.0
             if None not in (ends := (getattr(entry, low), getattr(entry, high))):
                 yield f"{name}.{low}", high if share == 1.0 else f"{share:g} {high}", *ends, share
+    for name, controller in scene.controllers.items():
+        if controller.limits is not None:
+            yield f"controllers.{name}.limits[0]", "limits[1]", *controller.limits, 1.0
 
 
 def slides(scene: AnyScene, entry: Any) -> bool:

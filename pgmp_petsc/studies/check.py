@@ -19,6 +19,7 @@ from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.bodies.shape import Shapes, at_lengths, given_properties
 from pgmp_petsc.effects import Effect, Load, Patterns, actions_of, effects_of, loads_of, patterns_of, start_of
 from pgmp_petsc.effects.clearance import impacts
+from pgmp_petsc.effects.damping import check_ratios
 from pgmp_petsc.effects.springs import spring_force
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, foretold, why_no_grid
@@ -62,6 +63,8 @@ def describe_scene(scene: Scene, meshes: Shapes) -> str:
     # how many loads there are takes no rows of large matrices
     matrices = AffineMatrices(mechanism.bodies, range(0 if large else mechanism.n_dofs))
     effects = effects_of(scene, mechanism)
+    if not large:
+        check_ratios(effects, mechanism.bodies, scene.nominal)
     loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
     n_patterns = patterns.wanted(scene.reduction).n
     coordinates = kinematics.coordinates

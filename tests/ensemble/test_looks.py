@@ -183,6 +183,12 @@ def test_a_budget_ends_between_two_looks(scene: Scene, monkeypatch: pytest.Monke
             "P(slider_deformation < -1.5e-4) +- 0.002",
             ("P", "", Event(output="slider_deformation", below=-1.5e-4), 0.002, False),
         ),
+        ("mean(slider_position) +- 0.1mm", ("mean", "slider_position", None, 1e-4, False)),
+        (
+            "P(slider_deformation < -0.15 mm) < 5%",
+            ("P", "", Event(output="slider_deformation", below=-1.5e-4), 0.05, True),
+        ),
+        ("P(crank_angle > 180 deg) +- 0.01", ("P", "", Event(output="crank_angle", above=np.pi), 0.01, False)),
         ("P(crank_angle>3) +- 0.01", ("P", "", Event(output="crank_angle", above=3.0), 0.01, False)),
     ],
 )
@@ -203,7 +209,11 @@ def test_what_rules_mean(scene: Scene, text: str, expected: tuple) -> None:
         ("P(crank_angle > -1e31) +- 0.1", 17, "0 or a magnitude from 1e-30 to 1e+30"),
         ("std(crank_angle) < 1e999 %", 20, "0 or a magnitude from 1e-30 to 1e+30"),
         ("std(crank_angle) = 1 %", 18, "'<' or '+-'"), ("std(crank_angle", 16, "')'"),
-        ("std(crank_angle) < 1 % please", 24, "the end"), ("mean(crank_angle) +- 1rad", 22, "a number"),
+        ("std(crank_angle) < 1 % please", 24, "the end"),
+        ("mean(crank_angle) +- 1mm", 23, "a unit of crank_angle, or none ('mm' is the unit of a length; needed"),
+        ("P(crank_angle > 3 m/m2) +- 0.1", 19, "a unit of crank_angle, or none ('m/m2' is the unit of"),
+        ("P(crank_angle > 3 boxes) +- 0.1", 19, "a unit of crank_angle, or none (no such unit"),
+        ("P(crank_angle > 3 rad +- 0.1", 23, "')'"), ("P(crank_angle > 3) +- 0.1 rad", 27, "the end"),
     ],
 )  # fmt: skip
 def test_what_is_no_rule_is_marked(scene: Scene, text: str, place: int, expected: str) -> None:

@@ -526,7 +526,8 @@ def test_mixtures_have_mass_one_and_draw_what_they_say() -> None:
         ("pash < 1.0", "character 1: an output or a label of ensemble.probabilities; did you mean 'push'?"),
         ("", "character 1: an output or a label of ensemble.probabilities"),
         ("ever far", "character 6: an output; known: push"),
-        ("push < 1 m", "character 10: the end"),
+        ("push < 1 m/s", "character 10: a unit of push, or none ('m/s' is the unit of a speed; needed is a length (m))"),
+        ("push < 1 m < 2", "character 10: the end"),
         ("push < 1e999", "character 8: 0 or a magnitude from 1e-30 to 1e+30"),
         ("push < -1e300", "character 8: 0 or a magnitude from 1e-30 to 1e+30"),
         ("push > 1e-40", "character 8: 0 or a magnitude from 1e-30 to 1e+30"),
@@ -537,8 +538,9 @@ def test_what_is_no_event_is_refused(text: str, line: str) -> None:
     with pytest.raises(InputError, match="--rare") as error:
         event_of(text, scene)
     assert line in str(error.value)
-    event = event_of("push < -2e-4", scene)
-    assert (event.output, event.below, event.above, event.when) == ("push", -2e-4, None, "end")
+    for same in ("push < -2e-4", "push < -0.2 mm"):
+        event = event_of(same, scene)
+        assert (event.output, event.below, event.above, event.when) == ("push", -2e-4, None, "end")
     assert event_of(" ever push>.5 ", scene).when == "ever"
     assert event_of("far", scene) is scene.ensemble.probabilities["far"]
 

@@ -202,13 +202,14 @@ def test_results_are_those_of_one_rank(
         off = {"settled": 1e-11, "effects": 1e-8 if name == "all" else 1e-10}.get(start, 1e-12)
         for body, places in one.frames.positions.items():
             np.testing.assert_allclose(several.frames.positions[body], places, atol=off)
-        # stresses are derivatives: round-off of the displacements is ten times as large in them
+        # stresses are derivatives: what displacements are off is ten times as large in them, beside the last digits of
+        # places at 1 m, 1e-15 m over an element of 0.04 m of steel
         fields = [
             {f"{body} {name}": values for body, own in run.fields.items() for name, values in own.at_nodes.items()}
             for run in (several, one)
         ]
         largest = max((np.abs(values).max() for values in fields[1].values()), default=0.0)
-        same(*fields, 0.0, dict.fromkeys(fields[1], 10.0 * share * largest))
+        same(*fields, 0.0, dict.fromkeys(fields[1], 10.0 * share * largest + 2.1e11 * 1e-15 / 0.04))
 
 
 def same(found: dict, wanted: dict, share: float, more: dict[str, float] | None = None) -> None:

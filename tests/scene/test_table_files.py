@@ -17,6 +17,7 @@ TEXTS = {
     "bare": "0,1.5\n0.1,-2\n0.25,3\n",
     "named": "t,F\n0.0, 1.5\n\n0.1,-2.0\n0.25,3.0",
     "marked": '\N{ZERO WIDTH NO-BREAK SPACE}"time (s)","force (N)"\r\n"0.0","1.5"\r\n0.1,-2e0\r\n0.25,3\r\n',
+    "without a unit": "time [s],force [-]\n0,1.5\n0.1,-2\n0.25,3\n",
     "in units of its own": "time [ms],force of the rear (kN)\n0,0.0015\n100,-0.002\n250,0.003\n",
 }
 
@@ -55,6 +56,10 @@ WRONG = {
     "": "there are no numbers in the file",
     "t,F\n": "there are no numbers in the file",
     "t [mm],F\n0,1\n": "effects.e.table[0][0] = \"0.0 mm\": 'mm' is the unit of a length; needed is a time (s)",
+    "t [kg],F\n0,1\n1,2\n": "effects.e.table[0][0] = \"0.0 kg\": 'kg' is the unit of a mass; needed is a time (s)",
+    "t [s],F [m]\n0,1\n": "effects.e.table[0] = \"1.0 m\": 'm' is the unit of a length; needed is a force (N)",
+    "t [s],F [kNs]\n0,1\n": "the brackets in 'F [kNs]' are no unit of its numbers: no such unit; did you mean 'kN'?",
+    "t,F (measured)\n0,1\n": "write that unit, or leave the brackets out",
     "0,1e99\n": "0 or a magnitude from",
 }
 

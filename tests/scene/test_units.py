@@ -183,6 +183,9 @@ effects.motor={type="torque", joint="crank_hinge", table=[[0, "1 N"]]} -> effect
 effects.motor={type="torque", joint="crank_hinge", table=[["1 m", 1]]} -> effects.motor.table[0][0]
 effects={} & effects.m={type="prescribed_motion", coordinate="theta", constant_speed={speed="1 m/s"}} ->
     effects.m.constant_speed.speed = | a speed; needed is a frequency or an angular speed
+SERVED reference={table=[["1 m", 0.0]]}} -> controllers.c.reference.table[0][0] = "1 m": | a length; needed is a time
+SERVED reference={table=[[0.0, "1 mm"]]}} -> controllers.c.reference.table[0] = "1 mm": | a length; | an angle (rad)
+SERVED limits=["-1 N", 1.0]} -> controllers.c.limits = "-1 N": | a force; needed is a torque
 ensemble.probabilities.far={output="slider_position", above="5 N"} -> ensemble.probabilities.far.above =
 parameters.r1={nominal="5.6 mm", bounds=["1 kg", 12]} -> parameters.r1 = "1 kg": | a mass
 parameters.q={nominal="2 Hz", unit="rpm"} -> parameters.q = "2 Hz": | counts turns
@@ -195,7 +198,9 @@ materials.steel.E="stiff" -> = "stiff": there is no such parameter
 parameters.r1.distribution={name=[1]} -> parameters.r1.distribution.name = [1]
 parameters.r1.distribution={name={a=1}} -> parameters.r1.distribution.name
 """)
+SERVED = 'controllers.c={type="pid", measures="crank_angle", gains={p=1.0}, joint="crank_hinge",'
 WORDS = {"Q": "parameters.q={nominal=70.0, unit", "MMM": "m" * 1000, "SPRING": SPRING, "SLIDING": SLIDING}
+WORDS["SERVED"] = SERVED
 
 
 @pytest.mark.parametrize(("asked", "said"), REFUSED)

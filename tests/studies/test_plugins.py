@@ -510,6 +510,16 @@ LATER = {
         r".*mine\.py:3\d: .* directions have 2",
     ),
     "a direction in space": (LISTING, ("np.array(self.direction)", "np.eye(3)[0]"), r".*py:3\d: .* directions have 2"),
+    "a controller without a number": (
+        CONTROLLER, ('"width": 0.05', '"wide": 0.05'),
+        r".*mine\.py, line \d+: class Bang: parameters gives its law bang \(.*\) no number for width; it gives most, wide$",
+    ),
+    "a controller with a parameter that is none": (
+        CONTROLLER, ('"width": 0.05', '"width": "far"'), r".*: class Bang: its law is given the parameter 'far', which",
+    ),
+    "a controller of no law": (
+        CONTROLLER, ("return LAW", "return LAW.name"), r".*: class Bang: law returns a ControlLaw, and not a str$",
+    ),
     "no reading": (
         OUTPUT, ("return Reading", "Reading"), r".*: an output is made of outputs\.readings, .* a NoneType$",
     ),
@@ -526,7 +536,9 @@ def test_what_fails_in_a_scene_is_refused_with_its_line(tmp_path: Path, name: st
     plugged(tmp_path, text.replace(before, after, 1))
     along = 'outputs.e={type="along", point="rod:tip", direction=[1.0, 0.0]}'
     square = 'bodies.crank.section={shape="square", side=0.01}'
-    overrides = {OUTPUT: [along], LISTING: [f"effects.e={TABLE}"], SECTION: [square]}[text]
+    bang = f'controllers.x={{type="bang", most=2.0, {BY_REFERENCE}}}'
+    angle = 'outputs.angle={type="angle", joint="crank_hinge"}'
+    overrides = {OUTPUT: [along], LISTING: [f"effects.e={TABLE}"], SECTION: [square], CONTROLLER: [bang, angle]}[text]
     with pytest.raises(InputError, match=words) as caught:
         pgmp.simulate(pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=overrides), model="full")
     assert "mine.py" in str(caught.value)
