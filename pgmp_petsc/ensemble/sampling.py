@@ -390,7 +390,7 @@ def draw_remarks(scene: Scene) -> Iterator[Remark]:
 
 def physical(scene: Scene, values: Arrays) -> np.ndarray:
     """Return which samples lie inside all bounds, finite, positive or not negative where that is needed, lower ends of
-    stops below upper ones."""
+    stops and limits below upper ones."""
     fine = np.ones(len(next(iter(values.values()))), dtype=bool)
     for name, parameter in scene.parameters.items():
         fine &= np.isfinite(values[name])

@@ -18,7 +18,7 @@ import numpy as np
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.base.progress import doing
 from pgmp_petsc.ensemble.plan import IN_CHECKED, Piece, block_of, share_of
-from pgmp_petsc.estimates.coarser_run import run_coarser, step_errors
+from pgmp_petsc.estimates.coarser_run import fewest_steps, run_coarser, step_errors, times_of
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator, indicator_of
 from pgmp_petsc.estimates.validity import Validity
 from pgmp_petsc.models import FullModel, Model, OutputRecord, Reduced, SeparateLengths
@@ -98,6 +98,8 @@ def watch_coarser(model: Model) -> Watcher:
             time, outputs = record.outputs()
             alive = np.isin(np.arange(status.size), begun.samples) & (status == Status.FINE)
             kept = watcher.empty(begun.samples.size)
+            if begun.simulation.n_steps < fewest_steps(times_of(model.scene, begun.simulation)):
+                return kept
             with doing(f"errors of {counted(begun.samples.size, 'checked sample')}"):
                 other = run_coarser(model, begun.system, begun.simulation, alive)
             for place, sample in enumerate(begun.samples):

@@ -203,7 +203,7 @@ def step_errors(
     if other.divided[sample] > SOME:
         unsure = f"{share_text(float(other.divided[sample]))} of the coarser steps failed and were taken as the run's"
     elif other.shortest[sample] < BRIEF * other.step:
-        unsure = f"a contact with a stop lasts {other.shortest[sample]:.2g} s"
+        unsure = f"a contact lasts {other.shortest[sample]:.2g} s"
     elif edged and (loudest > RUBS or other.status[sample] != Status.FINE):
         unsure = "friction or stops act with vibrations that a coarser step loses"
     if unsure:

@@ -53,7 +53,7 @@ class Feature:
     """A feature and what it needs."""
 
     #: yields what in a scene asks for it, in the words of the scene; nothing where it is not asked for
-    entries: Callable[[Scene], Iterator[str]]
+    entries: Callable[[Scene], Iterable[str]]
     purposes: frozenset[Purpose]  # what it is used for; for others it is without effect, and allowed
     #: whether it takes the third derivative of the strain energy, which bodies with a scaled cross-section and those
     #: from matrices have not
@@ -122,10 +122,6 @@ def _of_second_order(scene: Scene) -> Iterator[str]:
     return (f"effects.{name}" for name, effect in scene.effects.items() if effect.second_order)
 
 
-def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
-    return lambda scene: iter((purpose.value,))
-
-
 FEATURES = (
     Feature(
         lambda scene: (entry for entry in _lengths(scene) if scene.simulation.tolerance is not None),
@@ -190,19 +186,19 @@ FEATURES = (
         why_not="the work of loads on motions of second order is not known of what elastic joints release",
     ),
     Feature(
-        _command(Purpose.FULL),
+        lambda scene: (Purpose.FULL.value,),
         frozenset({Purpose.FULL}),
         elements=True,
         cure="take pgmp simulate SCENE --components, or a reduced model",
     ),
     Feature(
-        _command(Purpose.TRADEOFF),
+        lambda scene: (Purpose.TRADEOFF.value,),
         frozenset({Purpose.TRADEOFF}),
         elements=True,
         cure="compare reduced runs with pgmp simulate SCENE --components",
     ),
     Feature(
-        _command(Purpose.SIZES),
+        lambda scene: (Purpose.SIZES.value,),
         frozenset({Purpose.SIZES}),
         third_derivative=True,
         cure="take pgmp check without --effects",

@@ -117,14 +117,14 @@ class PoseBranch(Record):
     @property
     def everywhere(self) -> tuple[np.ndarray, np.ndarray]:
         """Configurations of the table (n, n_theta) and the poses there (n_bodies, n_pose, n)."""
-        return _grid(self.axes), np.moveaxis(self.poses, 0, -1)
+        return tensor_grid(self.axes), np.moveaxis(self.poses, 0, -1)
 
     @classmethod
     def _tabulated(
         cls, closure: LoopClosure, axes: Sequence[np.ndarray], poses: np.ndarray, winding: np.ndarray, n_redundant: int
     ) -> PoseBranch:
         """Tabulate poses (n_bodies, n_pose, n)."""
-        theta, found = _grid(axes), []
+        theta, found = tensor_grid(axes), []
         for k in closure.pieces(len(theta)):
             # one step more, to the last digit: all later poses are interpolated between these
             own = closure.corrected(poses[..., k], theta[k])
@@ -183,7 +183,7 @@ def near_enough(apart: np.ndarray, gap: np.ndarray) -> np.ndarray:
     return np.max(apart, axis=-1) < SHARE * (CLOSURE_TOLERANCE + SHARE_OF_GAP * np.max(gap, axis=-1))
 
 
-def _grid(axes: Sequence[np.ndarray]) -> np.ndarray:
+def tensor_grid(axes: Sequence[np.ndarray | Sequence[float]]) -> np.ndarray:
     """Return the configurations (n, n_theta) of a tensor grid, the last coordinate fastest."""
     return np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
 

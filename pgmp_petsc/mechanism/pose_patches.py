@@ -10,14 +10,12 @@ at each configuration. A patch follows from its place alone: no other configurat
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, load, spread, store
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE, LoopClosure
-from pgmp_petsc.mechanism.continuation import PoseBranch, near_enough
+from pgmp_petsc.mechanism.continuation import PoseBranch, near_enough, tensor_grid
 
 POINTS = 12  # of a patch along a coordinate
 WIDEST = 4  # cells of the branch's table that a patch covers along a coordinate
@@ -38,8 +36,8 @@ class PosePatches:
         numbers = np.ascontiguousarray(np.indices(self._shape).reshape(2, -1).T)
         self._widest = branch.lower + (2 * numbers + 1) * half, np.tile(half, (len(numbers), 1))
         turns = np.pi * (np.arange(POINTS) + 0.5) / POINTS
-        self._points = _pairs(np.cos(turns))
-        self._probes = _pairs(PROBES)
+        self._points = tensor_grid([np.cos(turns)] * 2)
+        self._probes = tensor_grid([PROBES] * 2)
         self._to_coefficients = 2.0 / POINTS * np.cos(np.outer(np.arange(POINTS), turns))
         self._to_coefficients[0] *= 0.5
         self._forget()
@@ -99,8 +97,8 @@ class PosePatches:
         self._state[patches] = np.where(closes, WHOLE, SINGULAR)
         parted = patches[~closes & ~deepest]
         self._state[parted] = len(self._state) + 4 * np.arange(parted.size)
-        half = 0.5 * np.repeat(self._halves[parted], 4, axis=0)
-        corners = np.repeat(self._middles[parted], 4, axis=0) + half * np.tile(_pairs((-1.0, 1.0)), (parted.size, 1))
+        half, ways = 0.5 * np.repeat(self._halves[parted], 4, axis=0), tensor_grid([(-1.0, 1.0)] * 2)
+        corners = np.repeat(self._middles[parted], 4, axis=0) + half * np.tile(ways, (parted.size, 1))
         self._middles, self._halves = np.concatenate([self._middles, corners]), np.concatenate([self._halves, half])
         self._state = np.append(self._state, np.full(len(half), UNKNOWN))
         self._number = np.append(self._number, np.full(len(half), -1))
@@ -109,11 +107,6 @@ class PosePatches:
     def _evaluate(self, theta: np.ndarray, patches: np.ndarray, found: np.ndarray) -> None:
         parts = self._middles[patches], self._halves[patches], self._number[patches]
         _evaluate(theta, *parts, self._coefficients, aligned_zeros((len(found), LANES)), found)
-
-
-def _pairs(values: Sequence[float]) -> np.ndarray:
-    """Return all pairs (n^2, 2) of values (n,), the second of which runs fastest."""
-    return np.stack([part.ravel() for part in np.meshgrid(values, values, indexing="ij")], axis=1)
 
 
 @njit(cache=True, entry=True, error_model="numpy", counted=False)

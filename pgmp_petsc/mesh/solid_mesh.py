@@ -90,10 +90,6 @@ class ReferenceElement:
     mass: Quadrature
     face_kind: str  # meshio's name of the faces' type; "" for lines
 
-    @property
-    def n_nodes(self) -> int:
-        return len(self.nodes)
-
 
 @cache
 def reference_element(kind: str) -> ReferenceElement:

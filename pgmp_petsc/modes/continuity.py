@@ -26,6 +26,10 @@ CLOSE_TOLERANCE = 1e-2  # relative gap of neighbouring eigenvalues that makes on
 VEERING = 0.1  # overlap of different modes from one sample to the next that makes one group of them ...
 FAR_APART = 0.5  # ... where their eigenvalues come closer than this; others drift into each other as the angle grows
 EXCHANGE = 0.5  # overlap that makes one group of any vectors: one turns into the other between two samples
+LOST = (
+    "cannot be followed over the configurations: a mode that is kept meets one that is not, or the configurations are "
+    "too few; take another number of reduction.modes or more reduction.angles"
+)
 
 
 def procrustes(overlaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -162,11 +166,7 @@ class Closure:
         signs[other.flipped if other.flipped >= 0 else slice(0)] = -1.0
         frame, planes, angles, flipped = _planes(signs[:, None] * (other.start.T @ holonomy @ other.start))
         if flipped >= 0:
-            raise RunError(
-                "the modes' signs cannot be followed over the configurations: a mode that is kept meets one that is "
-                "not, or the configurations are too few; take another number of reduction.modes or more "
-                "reduction.angles"
-            )
+            raise RunError(f"the modes' signs {LOST}")
         # half a turn forwards or back: the way that the other one goes
         expected = np.array([frame[:, i] @ other.generator @ frame[:, j] for i, j in planes]).reshape(angles.shape)
         return cls(
@@ -361,10 +361,7 @@ def _joined(groups: Sequence[np.ndarray], torn: int, met: np.ndarray, strained: 
     kind = strained[groups[torn][0]]
     others = [number for number, group in enumerate(groups) if number != torn and strained[group[0]] == kind]
     if not others:
-        raise RunError(
-            "the modes cannot be followed over the configurations: a mode that is kept meets one that is not, or the "
-            "configurations are too few; take another number of reduction.modes or more reduction.angles"
-        )
+        raise RunError(f"the modes {LOST}")
     mixing = np.max(np.abs(met), axis=0)
     mixing = np.maximum(mixing, mixing.T)
     partner = max(others, key=lambda number: mixing[np.ix_(groups[torn], groups[number])].max())

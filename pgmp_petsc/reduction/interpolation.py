@@ -50,11 +50,6 @@ class Interpolant:
         """Shape of a value."""
         return self.rows.shape[self.n_theta :]
 
-    @property
-    def n_cells(self) -> int:
-        """Number of cells of the grid."""
-        return int(np.prod([axis.n_cells for axis in self.axes]))
-
     def __call__(self, theta: np.ndarray, derivative: int = -1) -> np.ndarray:
         """Return the values at theta of shape (k, n_theta), or (k,) for one coordinate; shape (k, ...). In place of the
         values are, if asked for, their derivatives with the coordinate of a number."""

@@ -22,6 +22,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Place
 from pgmp_petsc.declare.records import Record, array, attribute, derived
+from pgmp_petsc.mechanism.continuation import tensor_grid
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.uses import length_names
 
@@ -152,7 +153,7 @@ class SampleGrid(Record):
     @property
     def theta(self) -> np.ndarray:
         """All configurations, shape (n, n_theta), rad."""
-        return np.stack([part.ravel() for part in np.meshgrid(*(a.theta for a in self.axes), indexing="ij")], axis=1)
+        return tensor_grid([axis.theta for axis in self.axes])
 
     def contains(self, theta: np.ndarray) -> np.ndarray:
         """Return whether configurations (..., n_theta) lie in the range, shape (...)."""

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.mechanism.continuation import tensor_grid
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import static_modes
 from pgmp_petsc.ranks.agreement import agreed
@@ -145,7 +146,7 @@ def choose_points(scene: Scene, problem: ModalProblem, loads: StaticLoads, group
     coordinates = problem.kinematics.coordinates
     n = int(np.ceil(N_CONFIGURATIONS ** (1.0 / len(coordinates))))
     axes = [c.lower + (c.upper - c.lower) * (np.arange(n) + 0.5) / n for c in coordinates]
-    middles = np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
+    middles = tensor_grid(axes)
     own = middles[list(group.arc(len(middles)))]
 
     def shares(chosen: Sequence[int]) -> np.ndarray:

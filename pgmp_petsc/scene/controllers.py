@@ -153,7 +153,6 @@ def controller_problems(scene: AnyScene) -> Iterator[str]:
         for key, output in one.measured.items():
             where = "measures" if isinstance(one.measures, str) else f"measures.{key.removeprefix(OWN)}"
             yield from _measure(scene, f"{entry}.{where}", output, one.needs_rate)
-        yield from _limits(scene, entry, one)
         yield from _sampling(scene, entry, one)
         yield from one.problems(scene, name)
         if scene.initial.coordinates == "free":
@@ -174,16 +173,6 @@ def _measure(scene: AnyScene, entry: str, measured: str, needs_rate: bool) -> It
         if alone or order + needs_rate > 1:
             why = f"reads {what}, which hang on the controller's own force at the same instant"
             yield problem(entry, f"outputs.{measured} {why}; {cure}", measured)
-
-
-def _limits(scene: AnyScene, entry: str, one: ControllerEntry) -> Iterator[str]:
-    if one.limits is None or any(isinstance(end, str) and end not in scene.parameters for end in one.limits):
-        return  # said elsewhere
-    for values in (scene.nominal, scene.values):
-        low, high = (scene.number(end, values) for end in one.limits)
-        if not low < high:
-            yield problem(f"{entry}.limits", f"the first must be below the second, but is {low:g}, not below {high:g}")
-            return
 
 
 def steps_of_samplings(scene: AnyScene) -> int:

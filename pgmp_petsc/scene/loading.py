@@ -319,7 +319,8 @@ def apply_settings(data: dict[str, Any], settings: Sequence[str], system: UnitSy
         if not isinstance(parameters, dict) or not isinstance(parameters.get(name, {}), dict):
             return  # the validation of the scene says what is wrong with its parameters
         if name not in parameters:
-            hint = nearest_name(name, parameters)
+            is_entry = name.split(".")[0] in data and "." in name
+            hint = "; --override sets entries of the scene" if is_entry else nearest_name(name, parameters)
             raise InputError(f"--set {shortened(setting)}: the scene has no parameter '{shortened(name, 40)}'{hint}")
         try:
             value = setting_of(text.strip("\"'"), parameters[name], system)

@@ -43,7 +43,7 @@ LOST_IMPULSE = 0.01  # share of an impulse that steps may miss
 STEPS_A_PERIOD = 8  # fewest steps in a period of a harmonic
 
 
-def effect_problems(scene: AnyScene) -> Iterator[str]:
+def _effects(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each entry of an effect that does not fit."""
     for name, effect in scene.effects.items():
         yield from _place_problems(scene, f"effects.{name}", effect)
@@ -52,6 +52,10 @@ def effect_problems(scene: AnyScene) -> Iterator[str]:
             others = [other for other, rival in scene.effects.items() if type(rival) is type(effect)]
             if name != others[0]:
                 yield problem(f"effects.{name}", f"effects.{others[0]} is of the same type; a scene has one at most")
+
+
+def _ordered(scene: AnyScene) -> Iterator[str]:
+    """Yield one line for each entry that is not below the one that it has to be below."""
     for entry, other, lower, upper, share in ordered_ends(scene):
         if any(isinstance(end, str) and end not in scene.parameters for end in (lower, upper)):
             continue  # said elsewhere
@@ -337,7 +341,7 @@ DEGREES, FEW_TURNS = 5.0, 25.0  # angles in degrees are multiples of 5 as a rule
 
 def reference_problems(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each entry that does not fit the others."""
-    checks = (_bodies, _joints, _coordinates, effect_problems, _outputs, _names_of_results, _initial_states)
+    checks = (_bodies, _joints, _coordinates, _effects, _ordered, _outputs, _names_of_results, _initial_states)
     for check in (*checks, _parameter_uses, _vectors, _of_one_space):
         yield from check(scene)
 

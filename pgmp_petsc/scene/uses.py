@@ -137,6 +137,9 @@ def ordered_ends(scene: AnyScene) -> Iterator[tuple[str, str, float | str, float
             share = rest[0] if rest else 1.0
             if None not in (ends := (getattr(entry, low), getattr(entry, high))):
                 yield f"{name}.{low}", high if share == 1.0 else f"{share:g} {high}", *ends, share
+    for name, controller in scene.controllers.items():
+        if controller.limits is not None:
+            yield f"controllers.{name}.limits[0]", "limits[1]", *controller.limits, 1.0
 
 
 def slides(scene: AnyScene, entry: Any) -> bool:

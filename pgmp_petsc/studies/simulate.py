@@ -221,9 +221,7 @@ def _coarser(
 ) -> coarser_run.CoarserRun | None:
     """Run the system of a part again, for the errors of its step; None where there are none. Collective on `comm`."""
     simulation = part.attempt.simulation
-    is_short = part.run.status[0] != Status.FINE and part.run.n_steps < coarser_run.fewest_steps(
-        coarser_run.times_of(model.scene, simulation)
-    )
+    is_short = part.run.n_steps < coarser_run.fewest_steps(coarser_run.times_of(model.scene, simulation))
     if is_short or not own_error.is_estimated(model.scene, of_step=True):
         return None
     title = f"{model.title} with a coarser step, for the error of the step"
@@ -239,7 +237,8 @@ def _step_errors(
     known = part.relied_on
     if other is None:
         absent = own_error.absence_of_estimates(model.scene, of_step=True)
-        return None, list(absent) or [note(f"errors of the time step were not estimated: {STOPPED}")]
+        few = own_error.too_few_steps(part.run.n_steps, model.scene) if part.run.status[0] == Status.FINE else ()
+        return None, [*(absent or few)] or [note(f"errors of the time step were not estimated: {STOPPED}")]
     found = coarser_run.step_errors(model.scene, known.time, known.outputs, other)
     said = list(own_error.step_remarks(model, known.time, known.outputs, other, found))
     if found is None:

@@ -380,20 +380,27 @@ def test_a_bad_table_is_one_message_with_its_line(uncertain: Scene, tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("effect", "message"),
+    ("entry", "message"),
     [
-        ('type="joint_damping",joint="crank_hinge",coefficient="c"', "c = -2; must not be negative for what uses it"),
-        ('type="end_stop",joint="crank_hinge",stiffness=10.0,lower=-1.0,upper="c"',
+        ('effects.e={type="joint_damping",joint="crank_hinge",coefficient="c"}',
+         "c = -2; must not be negative for what uses it"),
+        ('effects.e={type="end_stop",joint="crank_hinge",stiffness=10.0,lower=-1.0,upper="c"}',
          r"effects\.e\.lower = -1; must be below upper, -2"),
+        ('controllers.e={type="pid",joint="crank_hinge",measures="angle",gains={p=1.0},limits=[-1.0,"c"]}',
+         r"controllers\.e\.limits\[0\] = -1; must be below limits\[1\], -2"),
     ],
-    ids=["damping", "ends that cross"],
+    ids=["damping", "ends that cross", "limits that cross"],
 )  # fmt: skip
-def test_what_an_effect_cannot_have_is_refused_with_its_line(effect: str, message: str, tmp_path: Path) -> None:
+def test_what_an_entry_cannot_have_is_refused_with_its_line(entry: str, message: str, tmp_path: Path) -> None:
+    """Of a table; samples that are drawn are unphysical."""
     law = "parameters.r1.distribution={name='norm',scale=1e-3}"
-    uncertain = slider_crank("parameters.c={nominal=1.0}", f"effects.e={{{effect}}}", law)
+    angle = 'outputs.angle={type="angle",joint="crank_hinge"}'
+    uncertain = slider_crank("parameters.c={nominal=1.0}", angle, entry, law)
     path = csv(tmp_path, "r1,c\n5e-3,0.5\n5e-3,-2\n")
     with pytest.raises(InputError, match=f"line 3: {message}"):
         read_samples(path, uncertain, None)
+    drawn = {"r1": np.full(2, 5e-3), "c": np.array([0.5, -2.0])}
+    np.testing.assert_array_equal(physical(uncertain, drawn), [True, False])
     # lines beyond -n are not looked at
     assert read_samples(path, uncertain, 1).values["c"].tolist() == [0.5]
 

@@ -171,8 +171,9 @@ def test_a_setting_is_the_value_of_a_run() -> None:
         ("r1=nan", "--set r1=nan: 'nan' is not a finite number"),
         ("r1=inf", "--set r1=inf: 'inf' is not a finite number"),
         ("r3=1", r"--set r3=1: the scene has no parameter 'r3'; known: r1"),
+        ("simulation.step=1", r"no parameter 'simulation.step'; --override sets entries of the scene"),
     ],
 )
 def test_a_malformed_setting_is_explained(setting: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        apply_settings({"parameters": {"r1": {"nominal": 1.0}}}, [setting])
+        apply_settings({"parameters": {"r1": {"nominal": 1.0}}, "simulation": {"step": 1e-3}}, [setting])

@@ -590,7 +590,7 @@ REFUSED = """
 measures="angel" -> controllers.servo.measures = "angel": there is no such output; did you mean 'angle'?
 joint="hing" -> controllers.servo.joint = "hing": there is no such
 motion="sliding" -> controllers.servo.motion = "sliding": hinge is revolute: allowed is "turning"
-limits=[5.0,-5.0] -> controllers.servo.limits: the first must be below the second, but is 5, not below -5
+limits=[5.0,-5.0] -> controllers.servo.limits[0] = 5.0: must be below limits[1] = -5
 limits=[5.0] -> controllers.servo.limits = [5.0]: 2 or more entries are needed
 limits=["-5 N m","5 m"] -> controllers.servo.limits = ["-5 N m", "5 m"]: 'm' is the unit of a length; needed is a torque
 limits=[-5.0,"up"] -> controllers.servo.limits[1] = "up": there is no such parameter

@@ -1,4 +1,4 @@
-"""Two machines beside another multibody program, Exudyn 1.13.6 (doi.org/10.1007/s11044-023-09937-1).
+"""Five machines beside another multibody program, Exudyn 1.13.6 (doi.org/10.1007/s11044-023-09937-1).
 
 A slider-crank in the plane on a rigid frame on springs: its geometrically exact beams of two nodes are Reissner's, as
 ours are, and so is the scheme, so that runs agree to the tolerance of its iterations.
@@ -229,3 +229,197 @@ def test_a_slider_crank_on_a_frame_on_springs(machine: str, model: str, more: tu
     )
     errors = np.abs(found - expected).max(axis=0) / np.abs(expected).max(axis=0)
     assert np.all(errors < allowed), errors
+
+
+# A wheel drives the crank of a four-bar through gears, and the pin of its knee is loose: it falls and bounces at first,
+# and rubs. Exudyn has its beams in the plane, a constraint of two rotations, and the force of the pin as a function in
+# Python, which it takes to the ends of steps and not to the edge of the contact. After 20, 40, .. 100 ms: crank's angle
+# (rad), way of the rocker (rad), contact and friction (N), torque of the gears on the crank (N m), coupler's middle (m)
+LOOSE = HEADER + tables("""
+ground.points: motor = [-0.1, 0.0]; pivot = [0.4, 0.0]
+bodies.wheel: rigid = { mass = 0.5, inertia = 4e-4, points = { hub = [0.0, 0.0] } };
+    placement = { origin = [-0.1, 0.0], angle = 0.0 }
+bodies.crank: line = { length = 0.12, elements = 3 }; element = "beam2d"; material = "steel";
+    section = { shape = "rectangle", width = 0.01, height = 0.012 };
+    placement = { origin = [0.0, 0.0], angle = 1.5707963267948966 }
+bodies.coupler: line = { length = 0.45, elements = 6 }; element = "beam2d"; material = "steel";
+    section = { shape = "rectangle", width = 0.01, height = 0.006 }; placement = { origin = [0.0, 0.12], angle = 0.35 }
+bodies.rocker: line = { length = 0.3, elements = 4 }; element = "beam2d"; material = "steel";
+    section = { shape = "rectangle", width = 0.01, height = 0.006 }; placement = { origin = [0.4, 0.0], angle = 1.5 }
+joints.motor: type = "revolute"; connect = ["ground:motor", "wheel:hub"]
+joints.shaft: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
+joints.elbow: type = "revolute"; connect = ["crank:tip", "coupler:hinge"]
+joints.knee: type = "revolute"; connect = ["coupler:tip", "rocker:tip"]
+joints.knee.clearance: radius = 1e-4; stiffness = 5e8; restitution = 0.3; restitution_speed = 0.1;
+    friction = 0.1; friction_speed = 1e-2
+joints.pivot: type = "revolute"; connect = ["ground:pivot", "rocker:hinge"]
+joints.mesh: type = "gear"; joints = ["motor", "shaft"]; ratio = -0.5
+coordinates.theta: joint = "shaft"; range = [0.0, 6.283185307179586]; periodic = true
+effects.weight: type = "gravity"; acceleration = 9.81
+effects.motor: type = "torque"; joint = "motor"; table = [[0.0, 0.0], [0.1, -0.4]]
+effects.load: type = "joint_damping"; joint = "shaft"; coefficient = 0.04
+reduction: modes = 6; static_modes = true; second_order = true; angles = 48
+simulation: duration = 0.1; step = 2e-5
+simulation.initial.theta: position = 1.5707963267948966
+outputs.theta: type = "angle"; joint = "shaft"
+outputs.rocker: type = "angle"; joint = "pivot"
+outputs.knee: type = "joint_force"; joint = "knee"
+outputs.mesh: type = "joint_torque"; joint = "mesh"
+outputs.x: type = "position"; point = "coupler:middle"; axis = "x"
+outputs.y: type = "position"; point = "coupler:middle"; axis = "y"
+""")
+OF_LOOSE = [
+    [1.572538485, 0.0003314555221, 2.741317983, 0.2106807799, 0.2061223469, 0.2097421649],
+    [1.583431933, 0.004910201356, 2.298070163, 0.1674453324, 0.204803391, 0.2097560775],
+    [1.612875167, 0.01685575586, 1.342947553, 0.449576088, 0.2012067447, 0.2098186681],
+    [1.668953508, 0.04016634206, 2.000630747, 0.4764856471, 0.1943994157, 0.2095633352],
+    [1.758899049, 0.07764421881, 1.409289976, 0.6506703649, 0.1834008243, 0.2087554739],
+]
+
+
+def beside(model: str, scene: Scene, expected: list, every: int, ways: tuple[str, ...] = ()) -> np.ndarray:
+    """Return the largest differences of outputs, of some the ways from the start on, from rows that are so many steps
+    apart, as shares of the largest values in these."""
+    outputs = motion(model, scene).outputs
+    found = (values[every::every] - (values[0] if name in ways else 0.0) for name, values in outputs.items())
+    return np.abs(np.stack([*found], axis=1) - expected).max(axis=0) / np.abs(expected).max(axis=0)
+
+
+@pytest.mark.parametrize(
+    ("model", "allowed"),
+    [
+        ("full", (1e-8, 1e-6, 1e-3, 1e-3, 1e-8, 1e-8)),
+        ("components", (1e-6, 1e-4, 3e-2, 5e-3, 1e-6, 3e-6)),
+        ("reduced", (1e-5, 1e-4, 2e-2, 6e-2, 1e-5, 3e-6)),
+    ],
+)
+def test_a_four_bar_with_gears_and_a_loose_pin(model: str, allowed: tuple) -> None:
+    errors = beside(model, scene_from_toml(LOOSE, "."), OF_LOOSE, 1000, ("rocker",))
+    assert np.all(errors < allowed), errors
+
+
+# Axes that carry axes: a carriage on a rail, a slide on it that goes up and down, and a beam on that, with a tool. A
+# servo with limits moves the carriage, and one the beam's tip. Exudyn has the states of both in differential equations
+# of first order, in the same scheme, and their forces as functions in Python. After 60, 120, .. 300 ms: carriage (m),
+# tip (m), force across the slide's rail (N), weight on the carriage's (N), moment in the flange (N m)
+AXES = HEADER + tables("""
+bodies.bridge: rigid = { mass = 20.0, inertia = 0.8, points = { foot = [0.0, 0.0], rail = [0.1, 0.2] } }
+bodies.slide: rigid = { mass = 6.0, inertia = 0.05, points = { shoe = [0.0, 0.0], flange = [0.08, -0.05] } };
+    placement = { origin = [0.1, 0.2], angle = 0.0 }
+bodies.arm: line = { length = 0.6, elements = 6 }; element = "beam2d"; material = "steel";
+    section = { shape = "rectangle", width = 0.02, height = 0.02 }; placement = { origin = [0.18, 0.15], angle = 0.0 }
+joints.x: type = "prismatic"; connect = ["ground:origin", "bridge:foot"]; axis = [1.0, 0.0]
+joints.y: type = "prismatic"; connect = ["bridge:rail", "slide:shoe"]; axis = [0.0, 1.0]
+joints.flange: type = "fixed"; connect = ["slide:flange", "arm:hinge"]
+coordinates.x: joint = "x"; range = [-0.1, 0.6]
+coordinates.y: joint = "y"; range = [-0.1, 0.4]
+effects.weight: type = "gravity"; acceleration = 9.81
+effects.tool: type = "point_mass"; point = "arm:tip"; mass = 1.5
+controllers.along: type = "pid"; measures = "x"; joint = "x"; limits = [-1200.0, 1200.0];
+    reference = { table = [[0.0, 0.0], [0.05, 0.0], [0.25, 0.4]] };
+    gains = { p = 2e5, i = 1e6, d = 3e3, filter = 2e-3 }
+controllers.up: type = "pid"; measures = "tip_y"; joint = "y";
+    reference = { table = [[0.0, 0.15], [0.1, 0.15], [0.35, 0.35]] };
+    gains = { p = 4e3, i = 5e4, d = 1e2, filter = 5e-3 }
+reduction: modes = 4; static_modes = true; inertia_modes = true; angles = 6
+simulation: duration = 0.3; step = 1e-4
+outputs.x: type = "displacement"; point = "bridge:foot"; axis = "x"
+outputs.tip_x: type = "position"; point = "arm:tip"; axis = "x"
+outputs.tip_y: type = "position"; point = "arm:tip"; axis = "y"
+outputs.across: type = "joint_force"; joint = "y"; component = "x"
+outputs.weight: type = "joint_force"; joint = "x"; component = "y"
+outputs.flange: type = "joint_torque"; joint = "flange"; component = "z"
+""")
+OF_AXES = [
+    [0.001966895666, 0.7819654389, 0.1368099067, 433.4195881, 296.0797748, 15.08110537],
+    [0.09955778699, 0.8795518359, 0.1262921292, 381.8009362, 511.4878369, 59.13127353],
+    [0.2689175329, 1.048917607, 0.1854766481, -363.9069541, 438.4517128, 25.05253567],
+    [0.3810696454, 1.161069231, 0.2963093806, 9.689842745, 165.1634613, 12.73573814],
+    [0.4505503823, 1.230547578, 0.3649501104, -383.8729691, 48.06474678, -46.87165514],
+]
+
+
+@pytest.mark.parametrize(
+    ("model", "allowed"),
+    [
+        ("full", (1e-6, 1e-6, 1e-6, 2e-4, 1e-6, 1e-5)),
+        ("components", (1e-6, 1e-5, 5e-5, 5e-3, 5e-4, 5e-3)),
+        ("reduced", (5e-6, 3e-5, 2e-4, 1e-2, 1e-3, 1e-2)),
+    ],
+)
+def test_axes_that_carry_axes_under_servos(model: str, allowed: tuple) -> None:
+    errors = beside(model, scene_from_toml(AXES, "."), OF_AXES, 600)
+    assert np.all(errors < allowed), errors
+
+
+# A rigid column that turns, and two slender beams behind hinges, the first with a section that is askew by 30 degrees,
+# so that it bends aside where it is lifted. Exudyn's beams take no coupled stiffness: its frames of nodes are askew.
+# After 30, 60, .. 150 ms, for each number of elements: angles (rad), tip aside and up (m), force (N) and moment (N m)
+# in the shoulder
+C, S = float(np.cos(np.pi / 6)), float(np.sin(np.pi / 6))
+ARM = HEADER + tables(f"""
+bodies.column.rigid: mass = 3.0; centre = [0.0, 0.0, 0.15]; inertia = [0.02, 0.02, 0.01, 0.0, 0.0, 0.0];
+    points = {{ foot = [0.0, 0.0, 0.0], shoulder = [0.0, 0.0, 0.3] }}
+bodies.upper: line = {{ length = 0.5, elements = 2 }}; element = "beam3d"; orientation = [0.0, {-S}, {C}];
+    placement = {{ origin = [0.0, 0.0, 0.3] }}
+bodies.upper.section: shape = "coefficients3d"; axial = 2.1e7; shear_2 = 6e6; shear_3 = 5e6; torsion = 207.0;
+    bending_2 = 175.0; bending_3 = 1575.0; line_density = 0.81; rotary_2 = 6.75e-6; rotary_3 = 6.075e-5
+bodies.fore: line = {{ length = 0.4, elements = 2 }}; element = "beam3d"; orientation = [0.0, 0.0, 1.0];
+    placement = {{ origin = [0.5, 0.0, 0.3] }}
+bodies.fore.section: shape = "coefficients3d"; axial = 1.4e7; shear_2 = 4e6; shear_3 = 4e6; torsion = 90.0;
+    bending_2 = 120.0; bending_3 = 120.0; line_density = 0.54; rotary_2 = 5e-6; rotary_3 = 5e-6
+joints.waist: type = "revolute"; connect = ["ground:origin", "column:foot"]; axis = [0.0, 0.0, 1.0]
+joints.shoulder: type = "revolute"; connect = ["column:shoulder", "upper:hinge"]; axis = [0.0, 1.0, 0.0]
+joints.elbow: type = "revolute"; connect = ["upper:tip", "fore:hinge"]; axis = [0.0, 1.0, 0.0]
+coordinates.yaw: joint = "waist"; range = [-0.1, 0.2]
+coordinates.lift: joint = "shoulder"; range = [-0.2, 0.1]
+coordinates.bend: joint = "elbow"; range = [-0.1, 0.3]
+effects.hand: type = "point_mass"; point = "fore:tip"; mass = 1.0
+effects.first: type = "torque"; joint = "waist"; table = [[0.0, 0.0], [0.06, 8.0], [0.12, 8.0], [0.2, -8.0]]
+effects.second: type = "torque"; joint = "shoulder"; table = [[0.0, 0.0], [0.06, -3.0]]
+effects.third: type = "torque"; joint = "elbow"; table = [[0.0, 0.0], [0.06, -1.0]]
+reduction: modes = 8; static_modes = true
+simulation: duration = 0.15; step = 1e-4
+outputs.yaw: type = "angle"; joint = "waist"
+outputs.lift: type = "angle"; joint = "shoulder"
+outputs.bend: type = "angle"; joint = "elbow"
+outputs.aside: type = "position"; point = "fore:tip"; axis = "y"
+outputs.up: type = "position"; point = "fore:tip"; axis = "z"
+outputs.force: type = "joint_force"; joint = "shoulder"
+outputs.moment: type = "joint_torque"; joint = "shoulder"
+""")
+OF_ARM = np.array([
+    [0.007296150244, -0.003135387886, -0.001219353469, 0.0002957757715, 0.3001604183, 4.448402488, 4.150840476],
+    [0.01781441113, -0.01237774228, 0.0093224856, 0.003989255368, 0.3012663624, 9.834990466, 8.294190164],
+    [0.0276694715, -0.03054355017, 0.04434870659, 0.01415078335, 0.3041067414, 10.80120869, 7.688708649],
+    [0.0454959696, -0.06063782374, 0.1008704211, 0.03101445313, 0.3088756491, 12.54276007, 7.543609],
+    [0.062309617, -0.09853799559, 0.1774854841, 0.05400111839, 0.3156753534, 7.72252725, 1.364688361],
+    [0.007413856703, -0.003099979811, -0.001358270292, 0.0002797812286, 0.3001612705, 4.006584071, 4.024665486],
+    [0.01776775072, -0.01229228676, 0.009180695562, 0.003980939974, 0.3012677245, 9.745274632, 8.135729995],
+    [0.02735761886, -0.03052238116, 0.04437750323, 0.01417744613, 0.3041075721, 12.63040322, 7.965134794],
+    [0.04535913321, -0.06058306201, 0.1008494794, 0.03101820515, 0.3088761103, 12.70419183, 7.428108136],
+    [0.06302404585, -0.09866945582, 0.1771798221, 0.05396106907, 0.3156749036, 6.67345837, 1.398998867],
+    [0.007454197323, -0.003098802723, -0.001406910874, 0.0002762790057, 0.3001614201, 4.050538495, 4.041655704],
+    [0.01769444686, -0.01224391001, 0.009167788678, 0.003979377728, 0.3012680442, 9.525756061, 7.995452272],
+    [0.02721559408, -0.03047812684, 0.04441811781, 0.01418289019, 0.3041077497, 12.60111684, 7.852094056],
+    [0.04556895376, -0.06068010403, 0.1007598649, 0.03101673399, 0.3088762926, 13.42094387, 7.756346742],
+    [0.06344693748, -0.09881411421, 0.177046143, 0.0539471658, 0.3156751904, 6.640097727, 1.71805939],
+]).reshape(3, 5, 7)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("model", "allowed"),
+    [
+        ("full", (2e-6, 4e-6, 6e-6, 5e-7, 1e-7, 1e-3, 3e-5)),
+        # deformations are linear in floating frames, whatever the mesh; the beams' own vibrations are in the force
+        ("components", (1.5e-4, 3e-4, 3e-4, 3e-5, 5e-6, 6e-3, 2e-3)),
+    ],
+)
+def test_an_arm_in_space_with_a_section_askew(model: str, allowed: tuple) -> None:
+    errors = []
+    for elements, expected in zip((2, 4, 8), OF_ARM):
+        meshes = (f"bodies.{body}.line.elements={elements}" for body in ("upper", "fore"))
+        errors.append(beside(model, scene_from_toml(ARM, ".", [*meshes]), expected, 300))
+    assert np.all(errors[-1] < allowed), errors
+    if model == "full":  # of second order in the elements' length would be 16
+        assert np.all(errors[0][:5] > 10.0 * errors[-1][:5]), errors
