@@ -171,7 +171,7 @@ def test_the_edge_of_a_hole_has_three_times_the_stress_converging_with_the_mesh(
 
 
 def eye(n_around: int = 16, n_out: int = 3, hole: float = 0.01, half: tuple[float, float] = (0.06, 0.02)) -> SolidMesh:
-    """Return a plate of tetra10 with straight edges, 10 mm thick, with a round hole, and groups hole, left and right."""
+    """Return a plate of tetra10 with straight edges, 10 mm thick, with a round hole; groups hole, left and right."""
     mesh = grid("tetra10", (n_around, n_out, 1), (1.0, 1.0, 0.01))
     turned, out, height = mesh.points.T
     way = np.stack([np.cos(2.0 * np.pi * turned), -np.sin(2.0 * np.pi * turned)])
@@ -202,8 +202,8 @@ IN_CALCULIX = {
 
 
 def test_an_eye_has_the_stresses_of_another_program_on_its_mesh() -> None:
-    """Both take strains to nodes from the four points of a cell, and means of the cells there. Six digits of the stresses' parts
-    were read: 2.3e-5 is left at most, of the way aside 3e-7."""
+    """Both take strains to nodes from the four points of a cell, and means of the cells there. Six digits of the
+    parts of stresses were read: 2.3e-5 is left at most, of the way aside 3e-7."""
     at = {"above": [0.0, 0.01, 0.005], "below": [0.0, -0.01, -0.005], "beside": [0.01, 0.0, 0.005]}
     at["corner"] = [0.06, 0.02, 0.005]
     outputs = (
