@@ -244,7 +244,7 @@ def _of_own_error(
         at = np.array([row[np.argmax(np.abs(row))] if row.size else np.nan for row in rows])
     if not np.isfinite(at).any():
         return (not_known(model, what, errors, [event.output]),)
-    without = found.probability * found.factor_of(-event.sign * float(np.nanmean(at)))
+    without = min(1.0, found.probability * found.factor_of(-event.sign * float(np.nanmean(at))))
     return of_figures([(what, found.probability, without, found.probability)], what)
 
 

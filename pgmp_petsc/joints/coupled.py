@@ -155,7 +155,7 @@ class Cam(CouplingEntry):
     motion: Literal["turning", "sliding"] | None = Field(
         None, description="which motion of the follower's joint; needed where it has both"
     )
-    table: Annotated[tuple[Pair, ...], Field(min_length=FEWEST_POINTS), AfterValidator(_closed)] = Field(
+    table: Annotated[tuple[Pair, ...], Field(min_length=FEWEST_POINTS), AfterValidator(_closed), Unit()] = Field(
         description="points (angle of the first, rad; follower's motion, m or rad) over one turn, of which the last is "
         "the first again"
     )
@@ -167,7 +167,8 @@ class Cam(CouplingEntry):
         return [Share(second, follower, "joints"), Share(first, "turning", "joints", -1.0, table=self.table)]
 
     def measured(self, scene, entry):
-        """Yield the follower's motion."""
+        """Yield the angles, and the follower's motion."""
         yield from super().measured(scene, entry)
-        unit = "m" if self.shares_in(scene)[0].motion == "sliding" else "rad"
-        yield from (Use(f"{entry}.table[{k}][1]", 0.0, "any", (unit,)) for k in range(len(self.table)))
+        units = "rad", "m" if self.shares_in(scene)[0].motion == "sliding" else "rad"
+        for k in range(len(self.table)):
+            yield from (Use(f"{entry}.table[{k}][{column}]", 0.0, "any", (unit,)) for column, unit in enumerate(units))

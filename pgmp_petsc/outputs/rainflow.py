@@ -40,7 +40,7 @@ class Curve(Table):
     cycles: Annotated[PositiveOrParameter | None, Unit("1")] = Field(
         None, description="cycles to failure at the reference"
     )
-    table: tuple[Pair, ...] | None = Field(
+    table: Annotated[tuple[Pair, ...] | None, Unit()] = Field(
         None,
         min_length=2,
         description="instead of these rows [amplitude (Pa), cycles to failure], straight lines between them and beyond "
@@ -83,8 +83,8 @@ class Rainflow(OutputEntry):
     )
 
     def measured(self, entry: str) -> Iterator[Use]:
-        rows = range(len(self.curve.table or ()))
-        yield from (Use(f"{entry}.curve.table[{k}][0]", 0.0, "any", ("Pa",)) for k in rows)
+        for k in range(len(self.curve.table or ())):
+            yield from (Use(f"{entry}.curve.table[{k}][{n}]", 0.0, "any", (unit,)) for n, unit in enumerate(("Pa", "1")))
 
     def check_entries(self) -> None:
         if (self.mean_stress == "goodman") != (self.ultimate is not None):

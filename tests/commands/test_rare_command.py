@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -139,6 +140,16 @@ def test_one_bound_is_said_everywhere_where_failed_samples_hide_the_event(
     assert json.loads(json_text(summary_of(result)))["interval"] == [0.0, pytest.approx(result.interval[1])]
     assert any(bound in line and "not reached" in line for line in lines_of_rare_event(result))
     assert any(bound in remark.text for remark in result.record.remarks)
+
+
+def test_a_likely_event_is_no_more_than_sure_without_the_errors(
+    model: ReducedModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    far = SimpleNamespace(at_end={"crank_angle": np.full(8, -1.0)}, histories=())
+    monkeypatch.setattr(rare_run, "errors_of_runs", lambda *given: far)
+    result = run_rare_event(model, Event(output="crank_angle", above=2e-3), 500, 1, MPI.COMM_SELF)
+    assert 0.01 < result.estimate < 0.9
+    assert any("about 1 without the estimated errors" in remark.text for remark in result.record.remarks)
 
 
 def test_parameters_that_step_have_no_design_point_and_that_is_said(model: ReducedModel) -> None:

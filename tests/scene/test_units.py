@@ -136,6 +136,12 @@ TEXTS = [
      (5.6e-3, 5.6e-3, 0.56e-3)),
     ('fields.soft={body="rod", quantity="E", variation=0.1, length="20 cm", terms=1}',
      lambda scene: scene.fields["soft"].length, 0.2),
+    ('joints.cam={type="cam", joints=["crank_hinge", "slider"], motion="sliding",'
+     ' table=[[0.0, "0 mm"], ["90 deg", "5 mm"], [3.0, 0.001], ["360 deg", "0 mm"]]}',
+     lambda scene: sum(scene.joints["cam"].table, ()), (0.0, 0.0, np.pi / 2, 0.005, 3.0, 0.001, 2 * np.pi, 0.0)),
+    ('outputs={s={type="stress", body="rod", quantity="stress_max"},'
+     ' d={type="rainflow", of="s", curve={table=[["100 MPa", 1e6], [2e8, 1e4]]}}}',
+     lambda scene: sum(scene.outputs["d"].curve.table, ()), (1e8, 1e6, 2e8, 1e4)),
 ]  # fmt: skip
 
 
@@ -186,6 +192,8 @@ effects={} & effects.m={type="prescribed_motion", coordinate="theta", constant_s
 SERVED reference={table=[["1 m", 0.0]]}} -> controllers.c.reference.table[0][0] = "1 m": | a length; needed is a time
 SERVED reference={table=[[0.0, "1 mm"]]}} -> controllers.c.reference.table[0] = "1 mm": | a length; | an angle (rad)
 SERVED limits=["-1 N", 1.0]} -> controllers.c.limits = "-1 N": | a force; needed is a torque
+joints.cam={type="cam", joints=["crank_hinge", "slider"], motion="sliding", table=[[0, 0], [1, "5 deg"], [3, 0], [6.283185307179586, 0]]}
+    -> joints.cam.table[1][1] = "5 deg": | an angle | a length
 ensemble.probabilities.far={output="slider_position", above="5 N"} -> ensemble.probabilities.far.above =
 parameters.r1={nominal="5.6 mm", bounds=["1 kg", 12]} -> parameters.r1 = "1 kg": | a mass
 parameters.q={nominal="2 Hz", unit="rpm"} -> parameters.q = "2 Hz": | counts turns
