@@ -111,18 +111,19 @@ def _beside(path: Path) -> str:
     return f"{nearest_name(path.name, beside)} in {path.parent}" if beside else ""
 
 
-def _read_law(law: object, entry: str, directory: Path) -> None:
+def _read_law(law: object, entry: str, directory: Path, own: object, system: UnitSystem) -> None:
     if not isinstance(law, dict):
         return
     if isinstance(law.get("values"), str):
-        law["values"] = _numbers_of(law["values"], f"{entry}.values", directory)
+        law["values"] = _numbers_of(law["values"], f"{entry}.values", directory, own, system)
     parts = law.get("of")
     for number, part in enumerate(parts if isinstance(parts, list) else ()):
-        _read_law(part, f"{entry}.of[{number}]", directory)
+        _read_law(part, f"{entry}.of[{number}]", directory, own, system)
 
 
-def _numbers_of(name: str, entry: str, directory: Path) -> list[float]:
-    """Return the numbers of a file, one a line, behind a name in the first line or none."""
+def _numbers_of(name: str, entry: str, directory: Path, own: object, system: UnitSystem) -> list[float]:
+    """Return the numbers of a file, one a line, behind a name in the first line or none. The name may end with the unit
+    of their parameter, `own`, or of the system where that has none; raises `InputError` if it ends with another one."""
     numbers: list[float] = []
     for line, row in enumerate(_text_of(name, entry, directory).splitlines(), 1):
         cell = row.strip().strip('"')
@@ -131,8 +132,14 @@ def _numbers_of(name: str, entry: str, directory: Path) -> list[float]:
         try:
             numbers.append(float(cell))
         except ValueError as error:
-            if line == 1 and "," not in cell and ";" not in cell:
-                continue  # the name of the column
+            if line == 1 and "," not in cell and ";" not in cell:  # the name of the column
+                unit = _unit_of_column(cell, entry, name)
+                if unit and not _is_own(unit, system, own):
+                    words = (
+                        f"its column is in {unit}, the parameter in {own or 'units of the scene'}; give both one unit"
+                    )
+                    raise InputError(problem(entry, words, name)) from error
+                continue
             words = f"line {line} is '{shortened(cell, 40)}'; one number is needed in each line"
             raise InputError(problem(entry, words, name)) from error
     return numbers
@@ -179,7 +186,7 @@ def _rows_of(given: str | dict[str, Any], entry: str, directory: Path, system: U
     if not {*asked} <= {"file", "x", "y"} or not all(isinstance(one, str) for one in texts) or names.count(None) == 1:
         needed = 'rows, the name of a CSV file of two columns, or { file = "NAME.csv", x = "COLUMN", y = "COLUMN" }'
         raise wrong(f"needed are {needed}")
-    rows, before, places, units = list[list[float | str]](), -math.inf, (0, 1), list[str]()
+    rows, before, places, units = list[list[float | str]](), -math.inf, (0, 1), ["", ""]
     for number, (line, cells) in enumerate(_cells_of(asked["file"], entry, directory)):
         has_names = number == 0 and (names[0] is not None or all(_finite(cell) is None for cell in cells))
         if has_names and names[0] is not None:
@@ -192,12 +199,7 @@ def _rows_of(given: str | dict[str, Any], entry: str, directory: Path, system: U
         elif names[0] is None and len(cells) != 2:
             raise wrong(f"line {line} has {len(cells)} columns; two are needed, or say which: {{ file, x, y }}")
         if has_names:
-            for place in places:
-                try:
-                    units.append(_unit_in(cells[place]))
-                except UnknownUnit as error:
-                    words = f"the brackets in '{shortened(cells[place], 40)}' are no unit of its numbers: {error}"
-                    raise wrong(f"{words}; write that unit, or leave the brackets out") from error
+            units = [_unit_of_column(cells[place], entry, given) for place in places]
             continue
         row = [_finite(cells[place]) if place < len(cells) else None for place in places]
         if None in row:
@@ -206,7 +208,7 @@ def _rows_of(given: str | dict[str, Any], entry: str, directory: Path, system: U
         if not before < row[0]:
             raise wrong(f"line {line}: {row[0]:g} follows {before:g}; the first column must increase")
         before = row[0]
-        said = [unit if not (rows and _is_own(unit, system)) else "" for unit in units or ("", "")]
+        said = [unit if not (rows and _is_own(unit, system)) else "" for unit in units]
         rows.append([f"{number!r} {unit}" if unit else number for number, unit in zip(row, said)])
         if len(rows) > MOST_ROWS:
             raise wrong(f"has more than {MOST_ROWS:,} rows; take fewer")
@@ -215,17 +217,27 @@ def _rows_of(given: str | dict[str, Any], entry: str, directory: Path, system: U
     return rows
 
 
-def _unit_in(name: str) -> str:
-    """Return the unit in brackets at the end of a column's name; empty where none is there. Raises `UnknownUnit`."""
+def _unit_of_column(name: str, entry: str, given: object) -> str:
+    """Return the unit in brackets at the end of a column's name; empty where none is there, or none is needed."""
     found = re.search(r"[\[(]([^\[\]()]*)[\])]$", name)
     unit = found[1].strip() if found else ""
-    measure(unit if unit != "-" else "")
-    return unit if unit not in ("-", "1") else ""
+    unit = "" if unit in ("-", "1") else unit
+    try:
+        measure(unit)
+    except UnknownUnit as error:
+        words = f"the brackets in '{shortened(name, 40)}' are no unit of its numbers: {error}"
+        raise InputError(problem(entry, f"{words}; write that unit, or leave the brackets out", given)) from error
+    return unit
 
 
-def _is_own(unit: str, system: UnitSystem) -> bool:
+def _is_own(unit: str, system: UnitSystem, own: object = None) -> bool:
+    """Whether a unit is that of a parameter, or where that has none of a system; what is none is said elsewhere."""
     factor, dimension = measure(unit)
-    return factor == system.size(dimension)
+    try:
+        wanted = measure(own) if isinstance(own, str) and own else (system.size(dimension), dimension)
+    except UnknownUnit:
+        return True
+    return dimension == wanted[1] and math.isclose(factor, wanted[0], rel_tol=1e-12)
 
 
 def _cells_of(name: str, entry: str, directory: Path) -> Iterator[tuple[int, list[str]]]:
@@ -278,7 +290,8 @@ def scene_from_tables(
     _read_tables(data, directory, system)
     add_field_parameters(data)
     for name, parameter in raw_tables(data, "parameters").items():
-        _read_law(parameter.get("distribution"), f"parameters.{name}.distribution", directory)
+        entry = f"parameters.{name}.distribution"
+        _read_law(parameter.get("distribution"), entry, directory, parameter.get("unit"), system)
     given = convert_parameters(data, system)
     apply_settings(data, settings, system)  # after the conversion: they are in the scene's units
     context = {"directory": directory, "units": given, "system": system, "raw": data}

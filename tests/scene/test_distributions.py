@@ -104,7 +104,7 @@ def test_a_mixture_may_have_values_of_its_own_and_parts_within_parts() -> None:
 
 
 def test_a_scene_carries_the_values_of_a_file_in_si(tmp_path: Path) -> None:
-    (tmp_path / "radii.csv").write_text('\ufeff"radius"\n5.1\n\n5.6\n6.2\n')
+    (tmp_path / "radii.csv").write_text('\ufeff"radius [mm]"\n5.1\n\n5.6\n6.2\n')
     text = scene_to_toml(slider_crank())
     head = 'parameters.r1={nominal=5.6, unit="mm", distribution='
     own = '{name="discrete", values="radii.csv"}'
@@ -123,6 +123,8 @@ def test_a_scene_carries_the_values_of_a_file_in_si(tmp_path: Path) -> None:
         (None, "the file cannot be read (No such file or directory); it is sought in"),
         (b"\xff\xfe\x00", "no text file in UTF-8"), (b"r\n1\nx\n", "line 3 is 'x'; one number is needed in each line"),
         (b"1,2\n", "line 1 is '1,2'; one number is needed in each line"), (b"1e40\n2\n", "1e+30"),
+        (b"r [mm]\n5\n6\n", "its column is in mm, the parameter in "),
+        (b"r (read off)\n5\n6\n", "are no unit of its numbers: no such unit"),
         (b"nan\n2\n", "finite"), (b"r\n", "2 to 10,000 are needed, and 0 are given"),
     ],
 )  # fmt: skip

@@ -697,7 +697,10 @@ BROKEN = {
         ("*", JOINT.replace("in_a[:, 2]", "in_c")),
         r"line \d+: .* NameError: .*'in_c'",
     ),
-    "a joint of other statements": (("*", JOINT.replace("along(in_a[:, 2])", "1")), r".*: TypeError: a list of mechanism\."),
+    "a joint of other statements": (
+        ("*", JOINT.replace("along(in_a[:, 2])", "1")),
+        r".*: TypeError: a list of mechanism\.",
+    ),
     "a joint of a parameter": (
         ("*", JOINT.replace("slot: Axis", "slot: NumberOrParameter").replace("import Axis", "import *")),
         r"line \d+: .* slot may name a parameter, and what a joint holds has numbers alone: write Annotated",
