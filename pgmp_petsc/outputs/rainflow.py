@@ -84,7 +84,8 @@ class Rainflow(OutputEntry):
 
     def measured(self, entry: str) -> Iterator[Use]:
         for k in range(len(self.curve.table or ())):
-            yield from (Use(f"{entry}.curve.table[{k}][{n}]", 0.0, "any", (unit,)) for n, unit in enumerate(("Pa", "1")))
+            yield Use(f"{entry}.curve.table[{k}][0]", 0.0, "any", ("Pa",))
+            yield Use(f"{entry}.curve.table[{k}][1]", 0.0, "any", ("1",))
 
     def check_entries(self) -> None:
         if (self.mean_stress == "goodman") != (self.ultimate is not None):

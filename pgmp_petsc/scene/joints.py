@@ -362,7 +362,8 @@ class JointEntry(JointTable):
         for d in dimensions:
             try:
                 held = tried(cls).statements(np.eye(d), np.eye(d))
-                if not held or any(own.axes.shape != (3, d) for part in held for own, _ in part.terms):
+                terms = [getattr(part, "terms", None) for part in held or ()]
+                if not terms or None in terms or any(own.axes.shape != (3, d) for part in terms for own, _ in part):
                     raise TypeError(f"a list of mechanism.statements in {d} dimensions is needed")
             except Exception as error:
                 if not isinstance(getattr(error, "obj", None), cls) or error.name not in cls.model_fields:

@@ -466,6 +466,12 @@ LATER = {
         SECTION, ("return AffineSum.of(self.side)", "return -1 * AffineSum.of(self.side)"), r".* neg",
     ),
     "no inertia": (SECTION, ("def inertia", "def inertias"), r".*mine\.py, line 7: class Square: it needs the method inertia"),
+    "a shear of nothing": (
+        SECTION, ("return (5 / 6 * self.area(),) * 2", "pass"), r".*Square: TypeError: sheared returns two AffineSum, of",
+    ),
+    "an inertia of one axis": (
+        SECTION, (" ** 4,) * 2", " ** 4,)"), r".*Square: TypeError: inertia returns two AffineSum, of the second",
+    ),
     "a section that fails": (SECTION, ("(5 / 6", "(5 / 0"), r"plugin '.*', line 20: ZeroDivisionError: .*; repair the"),
     "a reach of a number": (
         SECTION,
@@ -691,7 +697,7 @@ BROKEN = {
         ("*", JOINT.replace("in_a[:, 2]", "in_c")),
         r"line \d+: .* NameError: .*'in_c'",
     ),
-    "a joint of other statements": (("*", JOINT.replace("along(in_a[:, 2])", "1")), r"line \d+: .*: statements: "),
+    "a joint of other statements": (("*", JOINT.replace("along(in_a[:, 2])", "1")), r".*: TypeError: a list of mechanism\."),
     "a joint of a parameter": (
         ("*", JOINT.replace("slot: Axis", "slot: NumberOrParameter").replace("import Axis", "import *")),
         r"line \d+: .* slot may name a parameter, and what a joint holds has numbers alone: write Annotated",

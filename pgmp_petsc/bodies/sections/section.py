@@ -99,6 +99,9 @@ class ShapedSection(SectionEntry):
         young, density = Quantity.of(material.E), Quantity.of(material.rho)
         half_shear, area, inertia = young * (0.5 / (1.0 + material.nu)), self.area(), self.inertia()
         sheared = self.sheared(material.nu, nominal, spans)
+        for name, pair in (("inertia", inertia), ("sheared", sheared)):
+            if not isinstance(pair, tuple) or len(pair) != 2:
+                raise TypeError(f"{name} returns two AffineSum, of the second and of the third axis")
         if dimension == 2:
             return BeamSection(
                 (area * young, sheared[0] * half_shear, inertia[1] * young), (area * density, inertia[1] * density)
