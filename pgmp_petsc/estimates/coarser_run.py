@@ -186,12 +186,16 @@ def step_errors(
     differences = dict(zip(outputs, (coarse - there).T))
     marks = {name: (output.kinked_in(scene), output.jumps_in(scene)) for name, output in scene.outputs.items()}
     kinked, jumping = np.array([marks.get(name, (False, False)) for name in outputs]).T
-    between = scipy.interpolate.CubicSpline(at, coarse)(time[covered])
-    between[:, jumping] = fine[covered][:, jumping]  # where both jump at the same instants, bands tell nothing
-    off, turns = bands.lost(fine[covered], between, ratio, kinked)
-    places = bands.hop * step * np.arange(len(off))
-    lost = {name: np.interp(at, places, own) for name, own in zip(outputs, off.T)}
-    shares = off.max(axis=0) / np.maximum(np.abs(fine).max(axis=0), np.finfo(float).tiny)
+    between, off, turns = scipy.interpolate.CubicSpline(at, coarse)(time[covered]), {}, np.empty(len(outputs))
+    # what jumps is not interpolated: both jump at the same instants, and are looked at where the coarser run has been
+    looks = (bands, fine[covered], between, ~jumping), (bands.rarer(times), there, coarse, jumping)
+    for seen, own, others, which in looks:
+        found, turns[which] = seen.lost(own[:, which], others[:, which], ratio, kinked[which])
+        places = seen.hop * seen.every * step * np.arange(len(found))
+        off |= {k: np.interp(at, places, one) for k, one in zip(np.flatnonzero(which), found.T)}
+    lost = {name: off[k] for k, name in enumerate(outputs)}
+    shares = np.array([one.max() for one in lost.values()])
+    shares /= np.maximum(np.abs(fine).max(axis=0), np.finfo(float).tiny)
     loudest, lost_hz = float(shares.max()), float(turns[shares.argmax()] / (2.0 * np.pi * step))
     edged = [f"effects.{name}" for name, effect in scene.effects.items() if effect.edged]
     acting = {f"effects.{name}": one for name, one in scene.effects.items()}
@@ -224,22 +228,29 @@ def step_errors(
 class Bands:
     """Bands of a short-time Fourier transform: Hann windows, half over one another."""
 
-    length: int  # steps in a window
+    spectral_radius: float
+    n_steps: int
+    every: int  # steps of the run from one that is looked at to the next
+    length: int  # of these in a window
     #: ``omega h`` of a free vibration that the scheme lets turn with the frequency of a band, rad, shape (n_bands,)
     turns: np.ndarray
-    drifts: np.ndarray  # by what share of its amplitude such a vibration goes off in a step, shape (n_bands,)
+    drifts: np.ndarray  # by what share of its amplitude such a vibration goes off from one to the next, (n_bands,)
 
     @classmethod
-    def of(cls, spectral_radius: float, n_steps: int) -> Bands:
-        length = int(np.clip(2 ** int(np.log2(max(n_steps / PER_WINDOW, 1.0))), SHORTEST, LONGEST))
+    def of(cls, spectral_radius: float, n_steps: int, every: int = 1) -> Bands:
+        length = int(np.clip(2 ** int(np.log2(max(n_steps / every / PER_WINDOW, 1.0))), SHORTEST, LONGEST))
         exact, rates = _amplifications(spectral_radius)
-        seen = np.minimum(2.0 * np.pi * np.arange(length // 2 + 1) / length, rates.imag[-1])
-        drifts = np.minimum(np.interp(seen, rates.imag, np.abs(1j * exact - rates)), np.pi)
-        return cls(length, np.interp(seen, rates.imag, exact), drifts)
+        seen = np.minimum(2.0 * np.pi * np.arange(length // 2 + 1) / (every * length), rates.imag[-1])
+        drifts = np.minimum(every * np.interp(seen, rates.imag, np.abs(1j * exact - rates)), np.pi)
+        return cls(spectral_radius, n_steps, every, length, np.interp(seen, rates.imag, exact), drifts)
+
+    def rarer(self, every: int) -> Bands:
+        """Return those of the same run that is looked at after every so many steps."""
+        return Bands.of(self.spectral_radius, self.n_steps, every)
 
     @property
     def hop(self) -> int:
-        """Steps between the middles of neighbouring windows, the first of which is the start."""
+        """Steps that are looked at between the middles of neighbouring windows, the first of which is the start."""
         return self.length // 2
 
     def lost(
@@ -248,7 +259,7 @@ class Bands:
         """Return how far vibrations out of phase are off in every window, shape (n_windows, k), and their mean ``omega
         h``, shape (k,), of k outputs.
 
-        Both runs' outputs, the ratio of whose steps is given, are after every step of the finer one, shape (n, k);
+        Both runs' outputs, the ratio of whose steps is given, are after every step that is looked at, shape (n, k);
         `kinked` tells which have kinks, shape (k,).
         """
         if len(fine) < 2 * self.length:

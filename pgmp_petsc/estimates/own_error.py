@@ -90,22 +90,28 @@ def too_few_steps(n_steps: int, scene: Scene) -> Iterator[Remark]:
         )
 
 
-NOT_CONVERGED = (
-    ". What is wrong by more than all of it has not converged: where impacts make every small difference larger, as in "
-    "joints with clearance, no step may be small enough, and statistics of many samples (pgmp montecarlo) are all that "
-    "is known"
+NOT_CONVERGED = ". What is wrong by more than all of it has not converged"
+BY_IMPACTS = (
+    ": where impacts make every small difference larger, as in joints with clearance, no step may be small enough, and "
+    "statistics of many samples (pgmp montecarlo) are all that is known"
 )
 
 
 @gathered
 def large_errors(
-    errors: Arrays, sizes: Arrays, units: Units, model: str = "reduced", system: UnitSystem = SI, length: float = 0.0
+    errors: Arrays,
+    sizes: Arrays,
+    units: Units,
+    model: str = "reduced",
+    system: UnitSystem = SI,
+    length: float = 0.0,
+    loose: bool = False,
 ) -> Iterator[Remark]:
     """Return a warning of outputs whose estimated errors are large, in any of some runs of a model.
 
     Largest errors, and largest sizes, of every output have shape (n_runs,); NaN where they are not known. Sizes are
     said in units of the system; of an output that vanishes, the error itself. Displacements vanish beside a length of
-    the mechanism too.
+    the mechanism too. In one that is `loose`, whose joints have clearance, impacts may be why.
     """
     found, beside, none = [], sizes_of(sizes, units, length), nothing(sizes, units, length)
     sizes = felt(sizes, units, length)
@@ -126,7 +132,7 @@ def large_errors(
     if not found:
         return
     of = " of the samples that are checked" if any(values.size > 1 for values in errors.values()) else ""
-    lost = NOT_CONVERGED if any(" more than all of it" in one for one in found) else ""
+    lost = NOT_CONVERGED + BY_IMPACTS * loose if any(" more than all of it" in one for one in found) else ""
     yield warning(
         f"large estimated errors{OF_MODEL[model]}{of}, as shares of the largest values over the run: "
         f"{', '.join(found)}; {SMALLER_ERRORS[model]}{lost}"

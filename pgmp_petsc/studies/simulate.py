@@ -247,7 +247,12 @@ def _step_errors(
     if rests:
         return errors, []
     large = own_error.large_errors(
-        *errors.of_one_run(), model.outputs.units, model.name, model.scene.system, _length(model)
+        *errors.of_one_run(),
+        model.outputs.units,
+        model.name,
+        model.scene.system,
+        _length(model),
+        bool(model.scene.loose),
     )
     return errors, [*large, *_up_to(part, "errors of the time step"), *said]
 
@@ -319,7 +324,7 @@ def _errors(
     absent = {name: why for name, (why,) in estimate.absent.items() if why}
     errors = EstimatedErrors(*estimate.histories[0], _largest(model, known.outputs), absent=absent)
     large = own_error.large_errors(
-        *errors.of_one_run(), model.outputs.units, system=scene.system, length=_length(model)
+        *errors.of_one_run(), model.outputs.units, system=scene.system, length=_length(model), loose=bool(scene.loose)
     )
     until = _up_to(part, "errors") if len(absent) < len(errors.outputs) else ()
     said = [*large, *until, *own_error.not_estimated(errors, scene), *own_error.few_steps(known.time.size - 1)]

@@ -190,6 +190,9 @@ def test_a_share_is_told_where_it_says_something(largest: float, line: str, warn
     assert bool(remarks) == bool(warned)
     assert all(warned in remark.text for remark in remarks)
     assert any("has not converged" in remark.text for remark in remarks) == ("more than all" in warned)
+    assert not any("impacts" in remark.text for remark in remarks)
+    loose = large_errors(*errors.of_one_run(), {"tip": "m"}, loose=True)
+    assert any("where impacts make" in remark.text for remark in loose) == ("more than all" in warned)
 
 
 def test_an_ensemble_tells_the_worst_of_its_samples_and_how_many_are_so() -> None:
