@@ -33,7 +33,7 @@ from pgmp_petsc.base.units import (
 from pgmp_petsc.scene.fields import AnyScene, Use, is_number, raw_tables
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.parameters import OWN
-from pgmp_petsc.scene.uses import measured_uses, uses_of
+from pgmp_petsc.scene.uses import controller_uses, measured_uses, uses_of
 
 
 def convert_parameters(data: dict[str, Any], system: UnitSystem) -> dict[str, str]:
@@ -129,7 +129,7 @@ def text_problems(scene: AnyScene, raw: Mapping[str, Any]) -> Iterator[str]:
     motion than it is about: N/m on a hinge."""
     system, seen = scene.system, set()
     has_any = any(re.match(QUANTITY, text) for text in _strings(raw))
-    for use in (*uses_of(scene), *measured_uses(scene)) if has_any else ():
+    for use in (*uses_of(scene), *measured_uses(scene), *controller_uses(scene)) if has_any else ():
         found = _at(raw, use.entry)
         in_row = use.entry.endswith("]") and isinstance(found, (list, tuple))  # a time, and what the use is of
         for text in () if isinstance(found, dict) else _strings(found[-1] if in_row else found):

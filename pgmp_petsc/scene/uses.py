@@ -90,11 +90,6 @@ def measured_uses(scene: AnyScene) -> Iterator[Use]:
         yield Use(f"simulation.initial.{name}.velocity", 0.0, "any", ("m/s" if slid else "rad/s",))
     for name, effect in scene.effects.items():
         yield from effect.measured(scene, f"effects.{name}")
-    for name, controller in scene.controllers.items():
-        yield Use(f"controllers.{name}.limits", 0.0, "any", ("N" if slides(scene, controller) else "N m",))
-        for row in range(len(controller.reference.table or ())):
-            yield Use(f"controllers.{name}.reference.table[{row}][0]", 0.0, "any", ("s",))
-            yield from controller.references(scene, f"controllers.{name}.reference.table[{row}]")
     for name, joint in scene.joints.items():
         yield from joint.measured(scene, f"joints.{name}")
     for name, output in scene.outputs.items():
@@ -103,6 +98,15 @@ def measured_uses(scene: AnyScene) -> Iterator[Use]:
         output = scene.outputs.get(event.output)
         for key in ("above", "below") if output is not None else ():
             yield Use(f"ensemble.probabilities.{label}.{key}", 0.0, "any", (output.unit_in(scene),))
+
+
+def controller_uses(scene: AnyScene) -> Iterator[Use]:
+    """Yield entries of controllers that have a unit. Their numbers stay those of the scene's units in SI too."""
+    for name, controller in scene.controllers.items():
+        yield Use(f"controllers.{name}.limits", 0.0, "any", ("N" if slides(scene, controller) else "N m",))
+        for row in range(len(controller.reference.table or ())):
+            yield Use(f"controllers.{name}.reference.table[{row}][0]", 0.0, "any", ("s",))
+            yield from controller.references(scene, f"controllers.{name}.reference.table[{row}]")
 
 
 def offset_names(scene: AnyScene) -> set[str]:
