@@ -3,7 +3,7 @@
 rod.step      a connecting rod: bores of 15 and 8 mm in eyes of 25 and 16 mm at x = 0 and 150 mm, along z
 block.step    a block of 60 x 40 x 20 mm with one bore of 6 mm along y through its middle, and a rounded edge
 bar.step      a bar of 100 x 10 x 10 mm from the origin on
-shell.step    the same bar without one face; two.step: two bars apart; wire.step: a line
+shell.step    the same bar without one face; two.step: two bars apart; wire.step: a line; face.step: one face
 """
 
 import sys
@@ -32,6 +32,10 @@ def bar(x: float = 0.0) -> None:
     gmsh.model.occ.addBox(x, 0, 0, 100, 10, 10)
 
 
+def face() -> None:
+    gmsh.model.occ.addRectangle(0.0, 0.0, 0.0, 10.0, 10.0)
+
+
 def shell() -> None:
     bar()
     gmsh.model.occ.remove([(3, 1)])
@@ -51,7 +55,7 @@ def wire() -> None:
 if __name__ == "__main__":
     gmsh.initialize(sys.argv[:1])
     gmsh.option.setNumber("General.Terminal", 0)
-    for make in (rod, block, bar, shell, two, wire):
+    for make in (rod, block, bar, shell, two, wire, face):
         gmsh.clear()
         make()
         gmsh.model.occ.synchronize()

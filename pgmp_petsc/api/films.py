@@ -44,7 +44,7 @@ ENDINGS = (".mp4", ".gif")
     ),
     field=Argument(
         "What the colours are: mises (von Mises stress; of beams in the outermost fibres), deformation, displacement "
-        "from the first frame. By default mises, of modes displacement.", allowed=FIELDS,
+        "from the first frame. By default mises, of modes displacement; none where no body deforms.", allowed=FIELDS,
     ),
     scale=Argument(
         "Enlarge the deformation N times; where not given as much as shows it. It is said in the film.", word="N",
@@ -116,6 +116,11 @@ def _shape(file: Path, mode: int, at: Mapping[str, float], comm: Comm) -> ModeSh
     return on_root(comm, mode_shape, model, mode, at)
 
 
+def _deforms(run: Trajectory) -> bool:
+    """Return whether a body of a run deforms; frames that are not there are refused where they are drawn."""
+    return run.frames is None or not set(run.frames.positions) <= set(run.frames.rigid)
+
+
 def _draw(
     file: Path,
     output: Path,
@@ -130,7 +135,8 @@ def _draw(
     from pgmp_petsc.figures.solids import Pace, write_film  # matplotlib takes a noticeable time
 
     if shape is None:
-        motion: Motion = motion_of(Trajectory.read(file), field or "mises", scale)
+        run = Trajectory.read(file)
+        motion: Motion = motion_of(run, field or ("mises" if _deforms(run) else "none"), scale)
     else:
         motion = vibration_of(shape, field or "displacement", scale)
     pace = Pace.of(len(motion.captions), fps, seconds)

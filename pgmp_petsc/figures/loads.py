@@ -22,6 +22,7 @@ from pgmp_petsc.lanes.rainflow import cycles
 from pgmp_petsc.results import Trajectory
 
 N_BINS = 24  # of ranges and of means
+ROUND_OFF = 64.0 * np.finfo(float).eps  # of a coordinate: that of a formula, through the weights of differences
 TOGETHER = 1e-3  # of a body's motion: nodes nearer than that are one joint
 POLAR = {"projection": "polar"}
 #: outputs of multipliers, by type
@@ -129,6 +130,16 @@ def driven(run: Trajectory) -> list[Load]:
     return [Load(name, (name,)) for name in outputs_of(run, ("drive_torque",)) if len(run.time) > 2]
 
 
+def _rate(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the rate of values; one that is constant but for their round-off is drawn as one number."""
+    rate = np.gradient(values, time, edge_order=2)
+    round_off = ROUND_OFF * np.abs(values).max() / np.diff(time).min()
+    if np.ptp(rate) > round_off:
+        return rate
+    mean = float(rate.mean())
+    return np.full_like(rate, 0.0 if abs(mean) <= round_off else mean)
+
+
 def draw_torque(axes: Axes, run: Trajectory, load: Load) -> str:
     """Draw what a drive takes over its speed, which is the rate of the coordinates that the run keeps."""
     scene, (name,) = style.scene_of(run.record), load.names
@@ -136,7 +147,7 @@ def draw_torque(axes: Axes, run: Trajectory, load: Load) -> str:
     given = {one["coordinate"] for one in scene["effects"].values() if one["type"] == "prescribed_motion"}
     wanted = entry.get("coordinate") or next(k for k in given if moved[k].get("joint") == entry["joint"])
     k = list(run.coordinate_units).index(wanted)
-    speed = np.gradient(run.coordinates[:, k], run.time, edge_order=2)
+    speed = _rate(run.coordinates[:, k], run.time)
     factor, unit = style.axis_unit(run.units.get(name, "1"), run.outputs[name])
     rate, per_second = style.axis_unit(f"{run.coordinate_units[wanted]}/s", speed)
     axes.plot(rate * speed, factor * run.outputs[name], linewidth=0.9)

@@ -55,11 +55,13 @@ def opened(path: str) -> int:
             f"it has {len(solids)} solids: {names}; a body is one: export each to a file of its own, or fuse them"
         )
     if not solids and faces:
-        gmsh.model.occ.removeAllDuplicates()  # faces that nobody has sewn share no edges
+        if len(faces) > 1:  # faces that nobody has sewn share no edges
+            gmsh.model.occ.removeAllDuplicates()
         gmsh.model.occ.synchronize()
         faces = gmsh.model.getEntities(2)
         edges = len(gmsh.model.getBoundary(faces, combined=True, oriented=False))
         shell = f"an open shell of {len(faces)} faces with {edges} free edges" if edges else f"{len(faces)} loose faces"
+        shell = shell if len(faces) > 1 else "one face"
         raise Refused(f"it has no solid, but {shell}; close it to a solid in CAD and export that")
     if not solids:
         raise Refused("it has no solid; export the part, not its sketch or its wires, as STEP")

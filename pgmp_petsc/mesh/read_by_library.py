@@ -5,9 +5,9 @@
 It imports nothing of the package. FORMAT is a function below, KIND is ``stiffness``, ``mass`` or ``modes``, of files
 that may hold several, or ``nodes``. OUT.npz has the entries of a matrix (``row``, ``column``, ``value``, ``size``)
 with the node and direction of each row (``rows``) where the file says them, or ``nodes`` and ``labels``, sets
-``set:NAME`` of labels and cells ``cells:TYPE`` of labels in meshio's order; of a robot ``links`` and ``joints``, JSON;
-or, of a file that is refused, the array ``refused`` alone. These libraries are large, print, and some end their process
-on a damaged file.
+``set:NAME`` of labels and cells ``cells:TYPE`` of labels in meshio's order; of a robot JSON: ``links``, ``joints``,
+what is ``left`` out and, where the file says it, ``gravity``; or, of a file that is refused, the array ``refused``
+alone. These libraries are large, print, and some end their process on a damaged file.
 """
 
 from __future__ import annotations
@@ -165,9 +165,13 @@ def urdf(path: str, kind: str) -> dict[str, np.ndarray]:
 
     from yourdfpy import URDF
 
-    ElementTree.parse(path)  # yourdfpy would leave out what is behind a mistake
+    written = ElementTree.parse(path).getroot()  # yourdfpy would leave out what is behind a mistake
+    for kind in ("link", "joint"):  # and of two links of a name the first
+        names = [one.get("name") for one in written.findall(kind)]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise Refused(f"it has {names.count(twice[0])} {kind}s {twice[0]}; give each a name of its own")
     robot = URDF.load(path, build_scene_graph=False, load_meshes=False, build_collision_scene_graph=False).robot
-    links, joints = [], []
+    links, joints, left = [], [], []
     for link in robot.links:
         inertial, shapes = link.inertial, [*link.visuals, *link.collisions]
         meshes = [shape.geometry.mesh.filename for shape in shapes if shape.geometry and shape.geometry.mesh]
@@ -185,7 +189,14 @@ def urdf(path: str, kind: str) -> dict[str, np.ndarray]:
         limit = None if joint.limit is None else (joint.limit.lower, joint.limit.upper)
         own = {"name": joint.name, "type": joint.type, "parent": joint.parent, "child": joint.child, "axis": axis}
         joints.append(own | {"place": place.tolist(), "limit": limit, "mimic": joint.mimic is not None})
-    return {"name": np.array(robot.name), "links": np.array(json.dumps(links)), "joints": np.array(json.dumps(joints))}
+        given = {name: getattr(joint.dynamics, name, None) for name in ("damping", "friction")}  # yourdfpy's are text
+        left += [(name, joint.name) for name, value in given.items() if float(value or 0.0)]
+    return as_text({"name": robot.name, "links": links, "joints": joints, "left": left})
+
+
+def as_text(robot: dict[str, object]) -> dict[str, np.ndarray]:
+    """Return what is known of a robot as JSON."""
+    return {name: np.array(json.dumps(found)) for name, found in robot.items()}
 
 
 def mjcf(path: str, kind: str) -> dict[str, np.ndarray]:
@@ -204,7 +215,7 @@ def mjcf(path: str, kind: str) -> dict[str, np.ndarray]:
         raise Refused(f"it has {model.neq} equality constraints, of loops or couplings; {cure}")
     kinds = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic", "mjJNT_BALL": "ball", "mjJNT_FREE": "floating"}
     kinds = {int(getattr(mujoco.mjtJoint, name)): kind for name, kind in kinds.items()}
-    shift, links, joints = np.zeros((model.nbody, 3)), [], []
+    shift, links, joints, left = np.zeros((model.nbody, 3)), [], [], []
     for k, name in enumerate(names):
         first, n = int(model.body_jntadr[k]), int(model.body_jntnum[k])
         if n > 1:
@@ -226,11 +237,20 @@ def mjcf(path: str, kind: str) -> dict[str, np.ndarray]:
             kind = "continuous"
         joint = (n and mujoco.mj_id2name(model, of["joint"], first)) or f"joint_{name}"
         axis = model.jnt_axis[first].tolist() if n else [1.0, 0.0, 0.0]
-        limit = model.jnt_range[first].tolist() if limited else None
+        # a joint's body is placed where the joint is at its reference, from which a coordinate of a scene counts
+        limit = (model.jnt_range[first] - model.qpos0[model.jnt_qposadr[first]]).tolist() if limited else None
         own = {"name": joint, "type": kind, "parent": names[parent], "child": name, "axis": axis}
         joints.append(own | {"place": place.tolist(), "limit": limit, "mimic": False})
-    found = {"name": names[1] if len(names) > 1 else "robot", "links": json.dumps(links), "joints": json.dumps(joints)}
-    return {name: np.array(text) for name, text in found.items()}
+        at = int(model.jnt_dofadr[first])
+        own = {"stiffness": model.jnt_stiffness[first], "damping": model.dof_damping[at]} if n else {}
+        own |= {"friction": model.dof_frictionloss[at], "armature": model.dof_armature[at]} if n else {}
+        left += [(what, joint) for what, value in own.items() if np.any(value)]
+    of |= {"tendon": mujoco.mjtObj.mjOBJ_TENDON, "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR}
+    for what, count in (("tendon", model.ntendon), ("actuator", model.nu)):
+        left += [(what, mujoco.mj_id2name(model, of[what], k) or f"number {k + 1}") for k in range(count)]
+    named = names[1] if len(names) > 1 else "robot"
+    gravity = model.opt.gravity.tolist()
+    return as_text({"name": named, "links": links, "joints": joints, "left": left, "gravity": gravity})
 
 
 def of_cells(cells: dict[str, list]) -> dict[str, np.ndarray]:

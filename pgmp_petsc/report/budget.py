@@ -455,7 +455,8 @@ def _of_run(source: Source, error: ModelError | None) -> Iterator[Sentence]:
             continue
         place = int(np.argmax(np.abs(np.where(np.isfinite(values), values, 0.0))))
         factor, unit = axis_unit(run.units.get(name, "1"), values)
-        largest = Datum(values[place], f"{factor * values[place]:.4g}", source.name, f"/outputs/{name}", str(place))
+        shown = f"{factor * values[place] + 0.0:.4g}"  # no -0
+        largest = Datum(values[place], shown, source.name, f"/outputs/{name}", str(place))
         unit = behind(unit)
         shares = [own[name] for own in off if name in own and np.isfinite(own[name].value)]
         worst = max(shares, key=lambda one: one.value, default=None)

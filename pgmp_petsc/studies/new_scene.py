@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import resources
@@ -26,6 +26,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.base.errors import InputError, shortened
+from pgmp_petsc.base.units import STANDARD_GRAVITY
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.mesh.cad_part import CadPart, read_part
 from pgmp_petsc.mesh.matrix_files import PROGRAM
@@ -173,10 +174,21 @@ def _lines(part: CadPart, name: str, hold: _Place, load: _Place) -> list[str]:
 
 #: Formats by the endings of files with robots; MJCF files end in .xml too.
 ROBOT = {".urdf": "urdf", ".mjcf": "mjcf", ".xml": "mjcf"}
-LONGEST = 120.0  # s that a library may take
+SECONDS = 120.0  # that a library may take
 MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 PACKAGE = re.compile(r"package://[^/]+/")
 WHOLE_TURN = 6.283185307179586
+EARTH = (0.0, 0.0, -STANDARD_GRAVITY)  # m/s2
+LONGEST = 150.0  # m
+#: What to do about what is left out.
+CURES = {
+    "stiffness": "add effects spring_damper of the joints",
+    "damping": "add effects joint_damping",
+    "friction": "add effects joint_friction",
+    "armature": "add the inertia of the drive to its bodies",
+    "tendon": "add springs or couplings",
+    "actuator": "drives hold the joints in place of it; change effects hold_JOINT, or take controllers",
+}
 
 
 @dataclass
@@ -192,27 +204,51 @@ def scene_of_robot(source: Path, file: Path) -> tuple[str, list[str]]:
     can be bodies; `file` is where the scene will be."""
     received = shortened(f"--from {source}")
     check_file(source, received, "a URDF or an MJCF is needed")
-    found = made_by(PROGRAM, (ROBOT[source.suffix.lower()], "links", source.resolve()), LONGEST)
+    found = made_by(PROGRAM, (ROBOT[source.suffix.lower()], "links", source.resolve()), SECONDS)
     if isinstance(found, str):
         raise InputError(f"{received}: {found}")
-    links = {link["name"]: link for link in json.loads(str(found["links"]))}
-    joints = json.loads(str(found["joints"]))
+    robot = {name: json.loads(str(text)) for name, text in found.items()}
+    links, joints = {link["name"]: link for link in robot["links"]}, robot["joints"]
     try:
         root = _root(links, joints)
         _check_meshes(links.values(), source)
         bodies, kept = _placed(links, joints, root)
-        text = _robot_text(file, source, root, bodies, kept)
+        if not any(joint["type"] in MOVING for joint in kept):
+            raise InputError("no joint of it moves; a scene needs one that is revolute, continuous or prismatic")
+        text = _robot_text(file, source, root, bodies, kept, _weight(robot.get("gravity", EARTH)))
         scene_from_toml(text, file.parent)  # which refuses inertia that no body has, say
     except InputError as error:
         raise InputError(f"{received}: {error}") from error
     moving = [joint for joint in kept if joint["type"] in MOVING]
+    extent = _extent(bodies.values())
     lines = [
-        f"  robot         {found['name']}: {len(links)} links, {len(joints)} joints, {len(moving)} of them move",
+        f"  robot         {robot['name']}: {len(links)} links, {len(joints)} joints, {len(moving)} of them move; "
+        f"joints and centres span {extent:.4g} m",
         f"  ground        {root}, and what is fixed to it",
     ]
     own = {one.name: one for one in bodies.values() if one.name}
     lines += [f"  body          {name}: {one.link['mass']:g} kg" for name, one in own.items()]
-    return text, lines
+    if extent > LONGEST:
+        lines.append(f"  warning: lengths of {source.name} are taken as m; if they are in mm, write it in m, kg, s")
+    return text, lines + _left_out(robot["left"])
+
+
+def _left_out(left: Sequence[tuple[str, str]]) -> list[str]:
+    """Return the lines about what the file has and the scene has not."""
+    where: dict[str, list[str]] = {}
+    for what, name in left:
+        where.setdefault(what, []).append(name)
+    return [f"  left out      {what} ({', '.join(names)}); {CURES[what]}" for what, names in where.items()]
+
+
+def _extent(bodies: Iterable[_Body]) -> float:
+    """Return the largest extent of the places of a robot along an axis: its points and centres of mass."""
+    places = [
+        body.place[:3, :3] @ np.array(place) + body.place[:3, 3]
+        for body in bodies
+        for place in (*body.points.values(), *([body.link["centre"]] if body.name else []))
+    ]
+    return float(np.ptp(places, axis=0).max())
 
 
 def _root(links: Mapping[str, Any], joints: Sequence[Mapping[str, Any]]) -> str:
@@ -284,6 +320,8 @@ def _placed(links: Mapping, joints: Sequence, root: str) -> tuple[dict[str, _Bod
                     f"the link {child} moves in the joint {joint['name']} and has no mass; give it an inertial entry, "
                     "or make the joint fixed"
                 )
+            if not np.any(link["inertia"]):
+                raise InputError(f"the link {child} has a mass and no moments of inertia; its inertial needs them")
             low, high = joint["limit"] or (None, None)
             if kind in ("revolute", "prismatic") and (None in (low, high) or not low < high):
                 raise InputError(
@@ -313,7 +351,9 @@ def _points(points: Mapping[str, np.ndarray]) -> str:
     return "{ " + ", ".join(f"{name} = {_exact(place)}" for name, place in points.items()) + " }"
 
 
-def _robot_text(file: Path, source: Path, root: str, bodies: Mapping[str, _Body], joints: Sequence[Mapping]) -> str:
+def _robot_text(
+    file: Path, source: Path, root: str, bodies: Mapping[str, _Body], joints: Sequence[Mapping], weight: list[str]
+) -> str:
     own = {id(body): body for body in bodies.values()}.values()
     names, joined, coordinates = set[str](), [], []
     for joint in joints:
@@ -328,16 +368,25 @@ def _robot_text(file: Path, source: Path, root: str, bodies: Mapping[str, _Body]
             "",
         ]
         coordinates += _held(name, kind, joint) if kind != "fixed" else []
+    held = {joint["point"]: bodies[root].points[joint["point"]] for joint in joints if joint["of"] == "ground"}
     entries = {
         "source": source.name, "file": file.name, "title": _free_name(file.stem, ()),
-        "bodies": "\n".join(line for body in own for line in (_rigid(body) if body.name else _grounded(body, root))),
-        "joints": "\n".join(joined), "coordinates": "\n".join(coordinates),
+        "bodies": "\n".join(line for body in own for line in (_rigid(body) if body.name else _grounded(root, held))),
+        "joints": "\n".join(joined), "coordinates": "\n".join(coordinates), "weight": "\n".join(weight),
     }  # fmt: skip
     return _filled("robot.toml", entries)
 
 
-def _grounded(body: _Body, root: str) -> list[str]:
-    return [f"# {root}", "[ground]", f"points = {_points(body.points)}  # m", ""] if body.points else []
+def _weight(gravity: Sequence[float]) -> list[str]:
+    size = float(np.linalg.norm(gravity))
+    if not size:
+        return ["# the file has no gravity", ""]
+    lines = ["[effects.weight]", 'type = "gravity"', f"direction = {_exact(np.array(gravity) / size)}"]
+    return [*lines, f"acceleration = {size!r}  # m/s2", ""]
+
+
+def _grounded(root: str, points: Mapping[str, np.ndarray]) -> list[str]:
+    return [f"# {root}", "[ground]", f"points = {_points(points)}  # m", ""]
 
 
 def _rigid(body: _Body) -> list[str]:

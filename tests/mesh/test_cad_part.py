@@ -172,6 +172,7 @@ def test_faces_have_names_of_ones_own_and_a_size_is_for_parts_of_cad_alone(parts
 def test_what_is_no_part_is_refused_in_one_message_on_any_number_of_ranks(parts: Path, monkeypatch) -> None:
     known = {
         "shell": "it has no solid, but an open shell of 5 faces with 4 free edges; close it to a solid in CAD",
+        "face": "it has no solid, but one face; close it to a solid in CAD",
         "two": "it has 2 solids: ", "wire": "it has no solid; export the part", "mesh": "this is no STEP file",
         "cut": "OpenCASCADE cannot read this STEP file", "none": "no such file; a STEP file of one solid is needed",
     }  # fmt: skip
@@ -183,7 +184,7 @@ def test_what_is_no_part_is_refused_in_one_message_on_any_number_of_ranks(parts:
     (parts / "absent").mkdir()
     (parts / "absent" / "gmsh.py").write_text("raise OSError('libGLU.so.1: cannot open shared object file')")
     monkeypatch.setenv("PYTHONPATH", str(parts / "absent"))
-    mesh, message = refused(2, [commands[3], ("check", scene_of(parts, "bar", "face1"))])
+    mesh, message = refused(2, [commands[4], ("check", scene_of(parts, "bar", "face1"))])
     assert known["mesh"] in mesh and "libGLU.so.1" in message and "pip install gmsh" in message
 
 

@@ -602,12 +602,14 @@ def test_outputs_that_are_not_known_are_no_figures(folder: Path) -> None:
     runs = [synthetic.trajectory(model, n_frames=0, n_times=11) for model in ("reduced", "full")]
     files = [folder / f"unknown_{run.model}.h5" for run in runs]
     for run, path in zip(runs, files):
-        unknown = {"slider_deformation": np.full(11, np.nan), "slider_position": run.outputs["slider_position"]}
+        known = {"slider_position": run.outputs["slider_position"], "crank_angle": np.full(11, -0.0)}
+        unknown = {"slider_deformation": np.full(11, np.nan), **known}
         scene = synthetic.SCENE + EVENT.replace("crank_angle", "slider_deformation")
         replace(run, outputs=unknown, errors=None, record=replace(run.record, scene_toml=scene)).write(path)
     tree = page_of(*files)
     verdict = words(verdict_of(tree))
     assert "slider_deformation is not known at any instant." in verdict and "nan" not in verdict
+    assert "crank_angle is furthest from zero at 0 s: 0 rad" in verdict
     budget = {row[0]: row[1] for row in rows_of(tree, "Error budget")}
     assert budget["model: slider_deformation"] == "not known" and budget["model: slider_position"] == "0 %"
     told = "differs from full order, with the same time step, by at most 0 % of the largest slider_position, at 0 s"

@@ -1,9 +1,12 @@
 """Scenes of robots, URDF and MJCF: masses and places, the torques that hold them in closed form, and refusals."""
 
+import re
+
 import numpy as np
 import pytest
 from runs import one_message, refused, said
 
+from pgmp_petsc.figures.loads import loads
 from pgmp_petsc.mesh import read_by_library
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import load_scene
@@ -67,9 +70,11 @@ def test_a_robot_is_held_by_the_torques_of_its_weight(name: str, text: str, libr
         assert "tool" in fore.rigid.places
     said("simulate", tmp_path / "robot.toml", "--full", "-o", tmp_path / "run.h5")
     outputs = Trajectory.read(tmp_path / "run.h5").outputs
-    weight = -G * (1.0 * 0.2 + 0.5 * (0.4 + 0.1 * np.cos(0.5)))  # about y
+    assert "warning" not in said("check", tmp_path / "robot.toml")[0]  # of the ground's points, say
+    gravity = G if library == "yourdfpy" else 9.81  # MuJoCo's
+    weight = -gravity * (1.0 * 0.2 + 0.5 * (0.4 + 0.1 * np.cos(0.5)))  # about y
     assert outputs["drive_shoulder"][-1] == pytest.approx(weight, rel=1e-9)
-    assert outputs["drive_rail"][-1] == pytest.approx(0.8 * G, rel=1e-9)
+    assert outputs["drive_rail"][-1] == pytest.approx(0.8 * gravity, rel=1e-9)
     assert abs(outputs["drive_elbow"][-1]) < 1e-9
 
 
@@ -99,6 +104,11 @@ SWAPPED = {
                'the joint elbow mimics another one'),
     "lost": (urdf(*LINKS[:2], JOINTS[0].replace("base", "bas")), "the link bas, which is not there"),
     "inertia": (urdf(LINKS[0], link("upper", 1.0).replace("0.0105", "0.2"), JOINTS[0]), "no body has it"),
+    "twins": (urdf(*LINKS[:2], link("upper", 2.0), JOINTS[0]), "2 links upper; give each a name of its own"),
+    "still": (urdf(*LINKS[:2], joint("weld", "fixed", "base", "upper", "0 0 0", "0 0 0", "1 0 0")),
+              "no joint of it moves"),
+    "turns": (urdf(LINKS[0], re.sub('(i[xyz]{2})="[0-9.]*"', r'\1="0"', LINKS[1]), JOINTS[0]),
+              "the link upper has a mass and no moments of inertia"),
     "xml": (urdf()[:400], "yourdfpy cannot read this file (ParseError"),
 }  # fmt: skip
 
@@ -135,3 +145,41 @@ def test_what_mjcf_has_and_a_tree_has_not(tmp_path, read_here) -> None:
     for name, (text, words) in known.items():
         (tmp_path / f"{name}.xml").write_text(text)
         assert words in one_message("new", tmp_path / "x", "--from", tmp_path / f"{name}.xml")
+
+
+def test_what_is_left_out_is_said_and_ranges_count_from_where_the_robot_stands(tmp_path, read_here) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    text = MJCF.replace("<worldbody>", '<option gravity="0 0 -1.62"/><worldbody>', 1)
+    text = text.replace('name="shoulder"', 'name="shoulder" ref="0.5" damping="0.3" stiffness="2" armature="0.1"')
+    text = text.replace("</worldbody>", '</worldbody><actuator><motor name="drive" joint="elbow"/></actuator>')
+    (tmp_path / "arm.xml").write_text(text)
+    out, _ = said("new", tmp_path / "robot", "--from", tmp_path / "arm.xml")
+    for words in ("damping (shoulder); add", "stiffness (shoulder)", "armature (shoulder)", "actuator (drive)"):
+        assert f"left out      {words}" in out
+    scene = load_scene(tmp_path / "robot.toml")
+    np.testing.assert_allclose(scene.coordinates["shoulder"].range, (-2.0, 0.7), atol=1e-12)
+    said("simulate", tmp_path / "robot.toml", "--full", "-o", tmp_path / "run.h5")
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)  # at its reference, at rest: the bias is what holds it
+    outputs = Trajectory.read(tmp_path / "run.h5").outputs
+    drives = [outputs[f"drive_{name}"][-1] for name in ("shoulder", "elbow", "rail")]
+    np.testing.assert_allclose(drives, data.qfrc_bias, rtol=1e-9, atol=1e-9)
+
+
+def test_what_a_urdf_has_and_a_scene_has_not(tmp_path, read_here) -> None:
+    pytest.importorskip("yourdfpy")
+    long = LINKS[1].replace("0.2 0 0", "200 0 0")
+    damped = JOINTS[0].replace("</joint>", '<dynamics damping="2" friction="0"/></joint>')
+    (tmp_path / "arm.urdf").write_text(urdf(LINKS[0], long, damped))
+    out, _ = said("new", tmp_path / "robot", "--from", tmp_path / "arm.urdf")
+    assert "left out      damping (shoulder); add effects joint_damping" in out and "friction" not in out
+    assert "joints and centres span 200 m" in out and "warning: lengths of arm.urdf are taken as m" in out
+    # a film of it has no colours, as no body has stresses; a drive of constant speed has one speed
+    moves = "effects.hold_shoulder.constant_speed={ speed = 2.0, start = -1.0 }"
+    run = tmp_path / "run.h5"
+    said("simulate", tmp_path / "robot.toml", "--full", "--override", moves, "-o", run)
+    said("animate", run, "-o", tmp_path / "film.gif")
+    figure = loads(Trajectory.read(run), "torques")
+    (curve,) = (line for line in figure.axes[0].lines if len(line.get_xdata()) > 2)
+    assert np.ptp(curve.get_xdata()) == 0.0 and curve.get_xdata()[0] == pytest.approx(2.0, rel=1e-12)
