@@ -19,9 +19,17 @@ from two_coordinates import double_pendulum
 from pgmp_petsc.ensemble.description import Origin
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.estimates import reference_motion
-from pgmp_petsc.estimates.error_indicator import STOPPED, UNSOLVED, ErrorIndicator, Estimate, WatchedRun, indicator_of
+from pgmp_petsc.estimates.error_indicator import (
+    STOPPED,
+    UNCONFIRMED,
+    UNSOLVED,
+    ErrorIndicator,
+    Estimate,
+    WatchedRun,
+    indicator_of,
+)
 from pgmp_petsc.estimates.own_error import absence_of_estimates
-from pgmp_petsc.estimates.reference_motion import ReferenceMotion
+from pgmp_petsc.estimates.reference_motion import ReferenceMotion, Schedule
 from pgmp_petsc.full import systems as full_systems
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -180,11 +188,12 @@ def test_interpolated_inertia_that_comes_to_nothing_leaves_no_estimate() -> None
     ("most", "cure"),
     [
         (8000, "a smaller simulation.step is needed"),
-        (300, "looked at 300 times, .* a longer simulation.step, is needed"),
+        (300, "looked at 300 times, .* a shorter simulation.duration is needed"),
     ],
 )
 def test_where_two_estimates_disagree_it_says_what_helps(monkeypatch, most: int, cure: str) -> None:
-    """Shorter steps help as long as there is room for more evaluations of the full-order equations."""
+    """Shorter steps help as long as there is room for more evaluations of the full-order equations. A longer one is
+    never asked for, as the other remarks of a run ask for a smaller one."""
     monkeypatch.setattr(reference_motion, "MOST", most)
     for name in ("UNSURE", "UNSURE_WITH_OTHERS"):
         monkeypatch.setattr(reference_motion, name, 0.9)  # no two agree
@@ -194,6 +203,15 @@ def test_where_two_estimates_disagree_it_says_what_helps(monkeypatch, most: int,
     assert found.absent and all(
         re.search(f"disagree by a factor of .*; .*{cure}", why) for (why,) in found.absent.values()
     )
+    evaluate = WatchedRun._evaluate
+
+    def with_short_steps(watched: WatchedRun, schedule: Schedule, *others) -> dict[str, np.ndarray]:
+        known = 1.0 if schedule is watched._indicator.schedules[-1] else np.nan
+        return {name: known * errors for name, errors in evaluate(watched, schedule, *others).items()}
+
+    monkeypatch.setattr(WatchedRun, "_evaluate", with_short_steps)
+    for (why,) in estimated(model, samples(model.scene, 1), 1).absent.values():
+        assert re.fullmatch(f"{UNCONFIRMED}; .*{cure}", why)
 
 
 def test_a_complete_basis_with_small_steps_has_hardly_an_error() -> None:
