@@ -46,7 +46,6 @@ from pgmp_petsc.components.component_modes import elastic_modes, own_nodes
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mesh.solid_mesh import reference_element
 
-NEARLY = 1.01  # times as many pieces as fit: cells of a mesh tilt the axis, and a bar of 20 widths has 19.98
 NUMBERS_AT_ONCE = 4_000_000  # of products of pairs of fields at quadrature points: 32 MB
 
 Contraction = Callable[[np.ndarray], np.ndarray]
@@ -136,7 +135,7 @@ class LongAxis:
         self.direction, self._lowest, self._length = axes[:, -1], float(along.min()), float(np.ptp(along))
         extents = np.ptp(across, axis=0)
         self.slenderness = float(self._length / extents.max())
-        self.n_pieces = max(1, int(NEARLY * self._length / extents.min()))
+        self.n_pieces = max(1, int(self._length / extents.min() + 1e-9))
 
     @property
     def is_long(self) -> bool:
