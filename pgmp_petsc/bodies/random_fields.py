@@ -12,6 +12,10 @@ symmetric eigenproblem of ``B = W^1/2 C W^1/2``. B is factored as ``B ~ L L^T`` 
 and Schneider 2012), which knows how much of the trace is left out, so that the eigenvectors are those of the small
 ``L^T L``. The trace is the body's volume: ``lambda_k`` over it is the share of the variance that term k keeps.
 
+Symmetric bodies have terms of one eigenvalue, a square plate the second and the third: any rotation of them is as good,
+and round-off would choose one. They are those that ``int g phi_i phi_j`` is diagonal for, with increasing values, where
+``g = sum_a a exp(2 x_a / L)`` of the place x from the middle of the extent L has no symmetry of its own.
+
 Kernels are those of Rasmussen and Williams (2006, ch. 4), with r over the correlation length l:
 
     exponential  exp(-r/l)      squared_exponential  exp(-(r/l)^2 / 2)
@@ -124,6 +128,9 @@ def _cells(mesh: LineMesh | SolidMesh) -> tuple[np.ndarray, np.ndarray]:
 LEFT_OUT = 1e-12  # of the trace: below, round-off decides
 NUMBERS = 40_000_000  # of a factor: 320 MB
 OVERSAMPLING = 100  # columns of a factor beside the wanted terms, at least
+ALIKE = 1e-6  # of an eigenvalue, by which that of the next term is one with it
+SEVERAL = 12  # terms behind the last one that may have its eigenvalue: symmetries of bodies make three of them
+TIED = 1e-9  # of the largest remaining diagonal entry: of such the first cell is taken, not what round-off makes larger
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,9 +189,14 @@ def _expansion(
         return roots * roots[k] * correlation(kernel, np.linalg.norm(at - at[k], axis=1) / length, smoothness)
 
     factor = _pivoted_cholesky(column, weights, max(n_terms + OVERSAMPLING, NUMBERS // weights.size))
-    values, vectors = np.linalg.eigh(factor.T @ factor)
-    functions = ((factor @ vectors[:, ::-1][:, :n_terms]) / roots[:, None]).T
-    shares = np.maximum(values[::-1][:n_terms], 0.0) / weights.sum()
+    values, vectors = (part[..., ::-1][..., : n_terms + SEVERAL] for part in np.linalg.eigh(factor.T @ factor))
+    functions = ((factor @ vectors) / roots[:, None]).T
+    middle, extent = weights @ at / weights.sum(), np.ptp(at, axis=0).max() or 1.0
+    uneven = weights * (np.exp(2.0 * (at - middle) / extent) @ np.arange(1.0, d + 1.0))
+    for group in np.split(np.arange(values.size), 1 + np.flatnonzero(-np.diff(values) > ALIKE * values[:-1])):
+        own = functions[group]
+        functions[group] = np.linalg.eigh((own * uneven) @ own.T)[1].T @ own
+    functions, shares = functions[:n_terms], np.maximum(values[:n_terms], 0.0) / weights.sum()
     # positive at the first cell where it is large: round-off must not choose the sign of one as large on both sides
     large = np.abs(functions) > 0.5 * np.abs(functions).max(axis=1, keepdims=True)
     first = functions[np.arange(len(functions)), np.argmax(large, axis=1)]
@@ -198,7 +210,7 @@ def _pivoted_cholesky(column: Callable[[int], np.ndarray], diagonal: np.ndarray,
     for m in range(len(found)):
         if rest.sum() <= LEFT_OUT * trace:
             return found[:m].T.copy()
-        pivot = int(np.argmax(rest))
+        pivot = int(np.argmax(rest >= (1.0 - TIED) * rest.max()))
         found[m] = (column(pivot) - found[:m].T @ found[:m, pivot]) / np.sqrt(rest[pivot])
         rest = np.maximum(rest - found[m] ** 2, 0.0)
         rest[pivot] = 0.0

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from pgmp_petsc.controllers.acting import JointController
 from pgmp_petsc.controllers.law import ControlLaw
-from pgmp_petsc.declare.formulas import FormulaError, declared, jumps_with, why_no_name
+from pgmp_petsc.declare.formulas import ALLOWED, FormulaError, declared, jumps_with, why_no_name
 from pgmp_petsc.outputs.of_outputs import OfMotion
 from pgmp_petsc.scene.controllers import OWN
 from pgmp_petsc.scene.fields import NumberOrParameter, Unit, refusal
@@ -62,8 +62,7 @@ class FormulaController(JointController):
     states: dict[str, str] = Field(
         {},
         description="names of states, with formulas of their rates: of the measure y and its rate v, or of measures by "
-        "their names, of the reference r, the time t, states and `constants`; + - * / **, comparisons (1 or 0), "
-        "sin cos tan exp log sqrt abs tanh sign min max atan2 where",
+        f"their names, of the reference r, the time t, states and `constants`; {ALLOWED}",
     )
     output: str = Field(description="formula of the torque (N m) or force (N), of the same")
     constants: dict[str, Annotated[NumberOrParameter, Unit()]] = Field(

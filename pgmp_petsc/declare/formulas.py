@@ -48,7 +48,7 @@ ARITHMETIC = {
     ast.Pow: operator.pow,
 }  # fmt: skip
 OF_NUMBERS = {name: getattr(math, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")} | {"abs": abs}
-ALLOWED = f"+ - * / **, the comparisons < <= > >= and the functions {', '.join(FUNCTIONS)}"
+ALLOWED = f"+ - * / **, the comparisons < <= > >= (1 or 0) and the functions {', '.join(FUNCTIONS)}"
 
 
 def why_no_name(name: str, taken: Collection[str]) -> str:

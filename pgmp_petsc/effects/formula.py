@@ -25,7 +25,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.declare.formulas import FormulaError, declared, jumps_with, why_no_name
+from pgmp_petsc.declare.formulas import ALLOWED, FormulaError, declared, jumps_with, why_no_name
 from pgmp_petsc.declare.own_units import in_si
 from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.effects.effect import ActionEffect
@@ -227,8 +227,7 @@ class FormulaEffect(OnJoint):
     over_motion: OverMotion = None
     force: str = Field(
         description="formula of the torque (N m) or force (N) that makes s larger, of s in rad or m, its rate v, the "
-        "time t and `constants`; + - * / **, comparisons (1 or 0), sin cos tan exp log sqrt abs tanh sign min max "
-        "atan2 where"
+        f"time t and `constants`; {ALLOWED}"
     )
     constants: dict[str, Annotated[NumberOrParameter, Unit()]] = Field(
         {}, description="names in the formula, each a number or a parameter's name"

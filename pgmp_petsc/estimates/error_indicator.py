@@ -44,6 +44,7 @@ from pgmp_petsc.stepping.status import Status
 TOGETHER = 2**21  # unknowns of instants whose outputs are evaluated together
 
 UNSOLVED = "the full-order equations could not be solved about this motion"
+UNCONFIRMED = f"{UNSOLVED} with long steps, so that nothing confirms the estimate with short ones"
 TOO_OFTEN = "controllers, or what joints carry, are found in so many steps that the estimate would take too long"
 STOPPED = f"the reduced run with 1/{reference_motion.FINER} of the step, which the estimate is made from, stopped"
 
@@ -193,7 +194,7 @@ class WatchedRun(Observer):
         if densest.interval > 1.1 * indicator.finer.step:  # shorter steps would not be looked at more often
             cure = (
                 f"the full-order equations are looked at {densest.steps.size - 1} times, which is too seldom here; "
-                "a shorter simulation.duration, or a longer simulation.step, is needed"
+                "a shorter simulation.duration is needed"
             )
         allowed = np.where(is_any, reference_motion.UNSURE_WITH_OTHERS, reference_motion.UNSURE)
         for name in names:
@@ -203,8 +204,8 @@ class WatchedRun(Observer):
             unsure = np.isfinite(largest[name]) & ~(apart[name] <= allowed)
             for sample in np.flatnonzero(unsure):
                 factor = apart[name][sample]
-                by = f"by a factor of {factor:.2g}" if np.isfinite(factor) else "so far that one has none"
-                reasons[sample] = f"two estimates, with long and with short steps, disagree {by}; {cure}"
+                apart_by = f"two estimates, with long and with short steps, disagree by a factor of {factor:.2g}"
+                reasons[sample] = f"{apart_by if np.isfinite(factor) else UNCONFIRMED}; {cure}"
                 histories[sample][1][name][:] = np.nan
             largest[name][unsure] = at_end[name][unsure] = np.nan
             found.absent[name] = reasons.tolist()

@@ -22,6 +22,7 @@ from pydantic import Field
 from pgmp_petsc.base.units import UnknownUnit, measure, si_name
 from pgmp_petsc.declare.expressions import symbolic
 from pgmp_petsc.declare.formulas import (
+    ALLOWED,
     NUMBER,
     DimensionError,
     Dimensions,
@@ -143,10 +144,7 @@ class FormulaOfOutputs(OutputEntry):
 
     type: Literal["formula"]
     reads = ("outputs", "time", "parameters")
-    formula: str = Field(
-        description="formula of outputs and parameters by their names, and of the time t; + - * / **, comparisons "
-        "(1 or 0), sin cos tan exp log sqrt abs tanh sign min max atan2 where"
-    )
+    formula: str = Field(description=f"formula of outputs and parameters by their names, and of the time t; {ALLOWED}")
     unit: str | None = Field(
         None, description="its unit, where that does not follow from those of what it names, or to have it checked"
     )

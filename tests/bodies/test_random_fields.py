@@ -278,6 +278,28 @@ def test_a_factor_that_ends_early_has_the_eigenvalues_of_the_whole_matrix(monkey
     assert np.allclose(part.shares, whole.shares, rtol=0.0, atol=(1.0 / 32.0) ** 2 / (3.0 * 0.21))
 
 
+@pytest.mark.parametrize(("counts", "most"), [((12, 12), 144), ((6, 6, 6), 216), ((9, 9), 40), ((4, 4, 20), 100)])
+def test_round_off_has_no_choice_of_terms_of_one_eigenvalue(
+    monkeypatch: pytest.MonkeyPatch, counts: tuple[int, ...], most: int
+) -> None:
+    """Of a plate's second and third term any rotation is one too. The last one here has an eigenvalue of several terms
+    that are not asked for, and where the factor ends early, many cells could be its next one."""
+    monkeypatch.setattr(random_fields, "NUMBERS", 0)
+    monkeypatch.setattr(random_fields, "OVERSAMPLING", most)
+    places = np.stack([axis.ravel() for axis in np.meshgrid(*map(np.arange, counts), indexing="ij")], axis=1) + 0.5
+    volumes, random = np.ones(len(places)), np.random.default_rng(3)
+    one = expansion(places, volumes, "exponential", 5.0, 0.5, 2).functions
+    moved = expansion(
+        places * (1.0 + 1e-15 * random.standard_normal(places.shape)), volumes, "exponential", 5.0, 0.5, 2
+    )
+    np.testing.assert_allclose(moved.functions, one, atol=1e-10)
+    if most == len(places):
+        order = random.permutation(len(places))
+        other = expansion(places[order], volumes, "exponential", 5.0, 0.5, 2).functions
+        signs = np.sign(np.sum(one[:, order] * other, axis=1, keepdims=True))  # that of the first cell
+        np.testing.assert_allclose(signs * other, one[:, order], atol=1e-10)
+
+
 def test_kernels_meet_in_their_limits() -> None:
     r = np.linspace(0.0, 3.0, 31)
     assert np.allclose(correlation("matern", r, 0.5), correlation("exponential", r))
