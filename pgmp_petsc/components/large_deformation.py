@@ -34,6 +34,7 @@ from functools import partial
 
 import numpy as np
 from scipy.sparse import csr_matrix
+from scipy.spatial import ConvexHull
 
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial, total_at
@@ -112,7 +113,11 @@ def with_second_order(
 
 
 class LongAxis:
-    """The long principal axis of a mesh, and pieces across it as long as the body's smallest extent."""
+    """The long principal axis of a mesh, and pieces across it as long as the body's smallest extent.
+
+    That is the least width across the axis, which is between two parallels of which one lies on an edge of the convex
+    hull: of a square bar the axes across are any, and round-off would choose between its width and its diagonal.
+    """
 
     def __init__(self, solid: Solid) -> None:
         mesh = solid.mesh
@@ -121,11 +126,16 @@ class LongAxis:
         centre = volumes @ middles / volumes.sum()
         about = (middles - centre).T @ ((middles - centre) * volumes[:, None])
         axes = np.linalg.eigh(about)[1]
-        extents = np.sort(np.ptp(mesh.nodes @ axes, axis=0))
-        self.direction = axes[:, -1]
-        self.slenderness = float(extents[-1] / extents[-2])
-        self.n_pieces = max(1, int(extents[-1] / extents[0] + 1e-9))
-        self._lowest, self._length = float(np.min(mesh.nodes @ self.direction)), float(extents[-1])
+        along, across = mesh.nodes @ axes[:, -1], mesh.nodes @ axes[:, :-1]
+        if across.shape[1] == 2:
+            hull = ConvexHull(across)
+            ways = hull.equations[:, :2].T  # normals of its edges
+            narrowest = ways[:, np.argmin(np.ptp(across[hull.vertices] @ ways, axis=0))]
+            across = across @ np.column_stack([narrowest, [-narrowest[1], narrowest[0]]])
+        self.direction, self._lowest, self._length = axes[:, -1], float(along.min()), float(np.ptp(along))
+        extents = np.ptp(across, axis=0)
+        self.slenderness = float(self._length / extents.max())
+        self.n_pieces = max(1, int(self._length / extents.min() + 1e-9))
 
     @property
     def is_long(self) -> bool:

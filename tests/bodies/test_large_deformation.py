@@ -125,6 +125,8 @@ def test_stretching_is_told_from_bending_and_torsion(kind: str) -> None:
     moved = np.stack([field @ turn.T for field in fields], axis=2)
     axis = LongAxis(solid)
     assert abs(axis.direction @ turn[:, 0]) == pytest.approx(1.0, abs=1e-3) and axis.slenderness > 10
+    # of the width, whatever axes across a square round-off chooses; other cells than columns tilt the axis a little
+    assert axis.n_pieces == 20 or axis.n_pieces == 19 and kind in ("triangle6", "tetra10")
     (stretching,) = fields_on(solid, moved).stretching().values()
     flat = moved.reshape(-1, len(fields))
     share = np.diag(stretching) / np.diag(flat.T @ (matrices_of(solid)[0] @ flat))
