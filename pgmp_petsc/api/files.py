@@ -26,7 +26,7 @@ from pgmp_petsc.base.plugins import SHOWN, plugins_of
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.base.units import measure
-from pgmp_petsc.files.claims import named
+from pgmp_petsc.files.claims import TABULAR, named
 from pgmp_petsc.files.hdf5 import KINDS, RunRecord, open_file, shapes_of
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results import EffectSizes, Selection
@@ -308,9 +308,17 @@ def diff(
     with agreed(comm, "comparing the results"):
         for one, name in ((a, first), (b, second)):
             if one.kind not in ("trajectory", "ensemble"):
-                raise InputError(f"{_called(name)}: {named(one.kind)}; two runs or two ensembles can be compared")
+                cure = "in Python pgmp.read has its figures"
+                if one.kind in ("rom", "components"):
+                    cure = "pgmp simulate makes runs of models"
+                elif one.kind in TABULAR:
+                    cure = "pgmp export (-o NAME.csv) writes the columns of a table"
+                known = "two runs or two ensembles can be compared"
+                raise InputError(f"{_called(name)}: {named(one.kind)}; {known}; {cure}")
         if a.kind != b.kind:
-            raise InputError(f"{named(a.kind)} ({_called(first)}) and {named(b.kind)} ({_called(second)}): two kinds")
+            cure = "take two runs, or two ensembles; pgmp simulate with --set makes a sample of an ensemble a run"
+            both = f"{named(a.kind)} ({_called(first)}) and {named(b.kind)} ({_called(second)})"
+            raise InputError(f"{both}: two kinds; {cure}")
         common = [name for name in a.outputs if name in b.outputs]
         if not common:
             raise InputError(f"{_called(first)} and {_called(second)} have no output in common")

@@ -355,9 +355,7 @@ def _estimate_remarks(
     if estimates["errors"]:
         counted = scene.counted  # see `at_the_end`
         sizes = {n: np.abs(peaks.outputs[n]) if n in counted else peaks.largest(n) for n in estimates["errors"]}
-        model, system = origin.model, scene.system
-        loose = bool(scene.loose)
-        yield from own_error.large_errors(estimates["errors"], sizes, origin.units, model, system, length, loose)
+        yield from own_error.large_errors(estimates["errors"], sizes, origin.units, origin.model, scene, length)
     if estimates["errors"] and (origin.model == "reduced" or not own_error.too_few_steps(n_steps, scene)):
         chosen = np.zeros(status.size, dtype=bool)
         for first, last in checked(origin.checked_share, status.size, block_of(scene, origin.model)):

@@ -21,8 +21,19 @@ from pgmp_petsc.estimates.error_indicator import Estimate, indicator_of
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, Model, Reduced, SeparateLengths
+from pgmp_petsc.outputs.joint_forces import joints_of
 from pgmp_petsc.results.estimates import ANSWERS, LARGE, EstimatedErrors
-from pgmp_petsc.results.numbers import Arrays, behind, felt, nothing, number_text, share_text, sizes_of, with_unit
+from pgmp_petsc.results.numbers import (
+    Arrays,
+    aligned,
+    behind,
+    felt,
+    nothing,
+    number_text,
+    share_text,
+    sizes_of,
+    with_unit,
+)
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, integrate, integrate_with_smaller_steps
@@ -103,21 +114,23 @@ def large_errors(
     sizes: Arrays,
     units: Units,
     model: str = "reduced",
-    system: UnitSystem = SI,
+    scene: Scene | None = None,
     length: float = 0.0,
-    loose: bool = False,
 ) -> Iterator[Remark]:
     """Return a warning of outputs whose estimated errors are large, in any of some runs of a model.
 
     Largest errors, and largest sizes, of every output have shape (n_runs,); NaN where they are not known. Sizes are
-    said in units of the system; of an output that vanishes, the error itself. Displacements vanish beside a length of
-    the mechanism too. In one that is `loose`, whose joints have clearance, impacts may be why.
+    said in units of the scene; of an output that vanishes, the error itself. Displacements vanish beside a length of
+    the mechanism too, components of what a joint carries beside the others, and so do their errors. Where joints of the
+    scene have clearance, impacts may be why.
     """
+    system, loose, joints = (scene.system, bool(scene.loose), joints_of(scene)) if scene else (SI, False, {})
     found, beside, none = [], sizes_of(sizes, units, length), nothing(sizes, units, length)
-    sizes = felt(sizes, units, length)
+    in_joints, sizes = aligned(sizes, units, joints), felt(sizes, units, length, joints)
     for name, values in errors.items():
         size, least = sizes[name], max(NEGLIGIBLE * beside[name], none[name])
-        runs = np.flatnonzero(np.isfinite(values) & ((size > 0.0) | ((size == 0.0) & (values > least) & (least > 0.0))))
+        some = np.isfinite(values) & ((values > in_joints[name]) | (in_joints[name] == 0.0))
+        runs = np.flatnonzero(some & ((size > 0.0) | ((size == 0.0) & (values > least) & (least > 0.0))))
         shares = np.divide(values[runs], size[runs], where=size[runs] > 0.0, out=np.full(runs.size, np.inf))
         n_large = int(np.sum(shares > LARGE))
         if n_large:

@@ -113,6 +113,11 @@ class JointTorque(InJoint):
     unit, turning = "N m", True
 
 
+def joints_of(scene: Scene) -> dict[str, str]:
+    """Return the joint of every output of what acts in one, by the outputs' names."""
+    return {name: output.joint for name, output in scene.outputs.items() if isinstance(output, InJoint)}
+
+
 class OfDrive(OutputEntry):
     """What a prescribed motion takes."""
 

@@ -30,6 +30,7 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.models.body_fields import Fields, FullFields
 from pgmp_petsc.models.body_fields import joined as joined_fields
+from pgmp_petsc.outputs.joint_forces import joints_of
 from pgmp_petsc.outputs.rainflow import at_the_end, counted_after
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.ranks.agreement import agreed
@@ -246,14 +247,7 @@ def _step_errors(
     errors = EstimatedErrors(found.time, found.outputs, _largest(model, known.outputs), OF_STEP)
     if rests:
         return errors, []
-    large = own_error.large_errors(
-        *errors.of_one_run(),
-        model.outputs.units,
-        model.name,
-        model.scene.system,
-        _length(model),
-        bool(model.scene.loose),
-    )
+    large = own_error.large_errors(*errors.of_one_run(), model.outputs.units, model.name, model.scene, _length(model))
     return errors, [*large, *_up_to(part, "errors of the time step"), *said]
 
 
@@ -323,9 +317,7 @@ def _errors(
         estimate = watched.estimate(known.run.status)
     absent = {name: why for name, (why,) in estimate.absent.items() if why}
     errors = EstimatedErrors(*estimate.histories[0], _largest(model, known.outputs), absent=absent)
-    large = own_error.large_errors(
-        *errors.of_one_run(), model.outputs.units, system=scene.system, length=_length(model), loose=bool(scene.loose)
-    )
+    large = own_error.large_errors(*errors.of_one_run(), model.outputs.units, scene=scene, length=_length(model))
     until = _up_to(part, "errors") if len(absent) < len(errors.outputs) else ()
     said = [*large, *until, *own_error.not_estimated(errors, scene), *own_error.few_steps(known.time.size - 1)]
     return errors, [*said, *own_error.left_out_of_estimates(model)]
@@ -390,7 +382,8 @@ def _described(
 
 def _largest(model: Model, outputs: Mapping[str, np.ndarray]) -> dict[str, float]:
     sizes = {name: np.max(np.abs(values)) for name, values in at_the_end(model.scene, outputs).items()}
-    return {name: float(size) for name, size in felt(sizes, model.outputs.units, _length(model)).items()}
+    seen = felt(sizes, model.outputs.units, _length(model), joints_of(model.scene))
+    return {name: float(size) for name, size in seen.items()}
 
 
 def _length(model: Model) -> float:

@@ -141,11 +141,15 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
     synthetic.ensemble("full", 20).write(tmp_path / "twenty.h5")
     synthetic.ensemble("full", 10).write(tmp_path / "ten.h5")
     synthetic.modes_table().write(tmp_path / "modes.h5")
+    synthetic.derivatives().write(tmp_path / "slopes.h5")
+    synthetic.fitted().write(tmp_path / "fit.h5")
     run = pgmp.read(tmp_path / "run.h5")
     other = replace(run.data, outputs={"other": run.outputs["crank_angle"]})
     for pair, message in {
-        ("run.h5", "modes.h5"): "modes.h5': a table of modes; two runs or two ensembles can be compared",
-        ("run.h5", "twenty.h5"): "twenty.h5'): two kinds",
+        ("run.h5", "modes.h5"): "modes.h5': a table of modes; two runs or two ensembles can be compared; pgmp export",
+        ("slopes.h5", "slopes.h5"): "slopes.h5': a table of sensitivities; two runs or two ensembles can",
+        ("fit.h5", "fit.h5"): "a fit of parameters; two runs or two ensembles can be compared; in Python pgmp.read has",
+        ("run.h5", "twenty.h5"): "twenty.h5'): two kinds; take two runs, or two ensembles; pgmp simulate",
         ("twenty.h5", "ten.h5"): "ensembles of 20 and 10 samples: they are not of the same values",
     }.items():
         assert message in refusal(pgmp.diff, *(tmp_path / name for name in pair))

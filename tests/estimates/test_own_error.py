@@ -10,6 +10,7 @@ import synthetic
 from conftest import ROOT
 from loose_scenes import worn
 from runs import paper_scene, reduced_model, trajectory
+from spatial import spatial_slider_crank
 
 import pgmp_petsc as pgmp
 import pgmp_petsc.estimates.reference_motion as module
@@ -191,7 +192,7 @@ def test_a_share_is_told_where_it_says_something(largest: float, line: str, warn
     assert all(warned in remark.text for remark in remarks)
     assert any("has not converged" in remark.text for remark in remarks) == ("more than all" in warned)
     assert not any("impacts" in remark.text for remark in remarks)
-    loose = large_errors(*errors.of_one_run(), {"tip": "m"}, loose=True)
+    loose = large_errors(*errors.of_one_run(), {"tip": "m"}, scene=worn())
     assert any("where impacts make" in remark.text for remark in loose) == ("more than all" in warned)
 
 
@@ -217,6 +218,28 @@ def test_what_vanishes_beside_others_of_its_unit_has_no_share(error: float, warn
     tiny = {"whole": np.array([5.0]), "damage": np.array([1.5e-14, 2e-12])}
     assert felt(tiny, {})["damage"].tolist() == [0.0, 2e-12]
     assert not large_errors({"damage": np.array([1e-14, np.nan])}, {"damage": tiny["damage"]}, {})
+
+
+@pytest.mark.parametrize(
+    "size, error, warned",
+    [
+        (4.6e-8, 7e-7, ""),  # of bearings beside 66 mN m: more than all of it
+        (0.0, 7e-7, ""),
+        (4.6e-8, 2e-5, "mx all of it (20 µN m, where the run has none)"),
+        (2e-5, 5e-6, ""),
+        (2e-5, 1e-5, "mx 50 %"),
+    ],
+)
+def test_components_of_what_a_joint_carries_are_seen_beside_the_others(size: float, error: float, warned: str) -> None:
+    """Those of another joint, and of another unit, are not: `far` is wrong by more than all of it beside them."""
+    outputs = (f"outputs.m{axis} = {{type='joint_torque', joint='crank_hinge', component='{axis}'}}" for axis in "xy")
+    far = "outputs.far = {type='joint_torque', joint='guide', component='x'}"
+    scene, units = spatial_slider_crank(*outputs, far), dict.fromkeys(("mx", "my", "far"), "N m")
+    sizes = {"mx": np.array([size, 1.0]), "my": np.array([0.0663, 1e-6]), "far": np.array([4.6e-8, 1.0])}
+    errors = {"mx": np.array([error, 0.0]), "my": np.array([5e-7, 0.0]), "far": np.array([7e-7, 0.0])}
+    (remark,) = large_errors(errors, sizes, units, scene=scene)
+    assert ("mx" in remark.text) == bool(warned) and warned in remark.text
+    assert "far more than all of it" in remark.text and "my" not in remark.text
 
 
 def test_an_output_without_an_estimate_says_why(tmp_path: Path) -> None:

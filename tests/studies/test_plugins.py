@@ -21,7 +21,7 @@ from effect_scenes import BASE
 from exported import as_one, assert_equal, outputs_of
 from handbook_blocks import blocks_of
 from mpi4py import MPI
-from runs import in_turn, refused
+from runs import in_turn, motion, refused
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.base.errors import InputError
@@ -913,3 +913,22 @@ def test_installed_packages_have_ideas_behind_entry_points(tmp_path: Path, monke
     (tmp_path / "mine_of_test.py").write_text(LISTING + "\n")
     with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use"):
         check_plugins(needed, "a.h5")
+
+
+@pytest.mark.parametrize(("units", "inertia"), [("SI", 1.0), ("mm", 1e3)])
+def test_numbers_in_the_law_of_a_controller_are_in_the_units_of_the_scene(
+    tmp_path: Path, units: str, inertia: float
+) -> None:
+    """A moment of 0.3 N m on 1 kg m2, or of 0.3 N mm on as many t mm2: in SI units a thousandth of it."""
+    plugged(tmp_path, CONTROLLER.replace("most * tanh((r - y) / width)", "0.3 * tanh((r - y) / width)"))
+    text = f"""scene: name = "wheel"; units = "{units}"
+bodies.wheel: rigid = {{ mass = 1.0, inertia = {inertia}, points = {{ c = [0.0, 0.0] }} }}
+joints.axle: type = "revolute"; connect = ["ground:origin", "wheel:c"]
+coordinates.theta: joint = "axle"; range = [-6.0, 6.0]
+controllers.push: type = "bang"; measures = "theta"; joint = "axle"; reference = 1e3; most = 1.0
+simulation: duration = 1.0; step = 0.01
+outputs.theta: type = "angle"; joint = "axle"
+"""
+    moment = 0.3 if units == "SI" else 0.3e-3
+    found = motion("full", scene_from_toml(tables(text), "."))
+    np.testing.assert_allclose(found.outputs["theta"][-1], 0.5 * moment, rtol=1e-9)  # a parabola, which steps follow
