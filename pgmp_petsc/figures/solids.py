@@ -24,6 +24,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
@@ -512,8 +513,9 @@ def part_picture(mesh: SolidMesh, places: Mapping[str, np.ndarray], title: str, 
         beside = sum(float(np.abs(np.delete(place - one, across)).max()) < LABEL * half.max() for one in seen)
         text[across] += (0.3 + LABEL * beside) * half.max()  # one above the other on one axis
         seen.append(place)
-        axes.plot(*np.array([place, text]).T, color=colours[name], linewidth=1.0, zorder=5, clip_on=False)
-        axes.text(*text, name, color=colours[name], ha="center", va="bottom", zorder=6, fontweight="bold")
+        outlined = {"color": colours[name], "path_effects": [withStroke(linewidth=3.0, foreground="white")]}
+        axes.plot(*np.array([place, text]).T, linewidth=1.0, zorder=5, clip_on=False, **outlined)
+        axes.text(*text, name, ha="center", va="bottom", zorder=6, fontweight="bold", **outlined)
     limits = [
         (m - max(FRAME * h, 0.2 * half.max()), m + max(FRAME * h, 0.2 * half.max())) for m, h in zip(middle, half)
     ]

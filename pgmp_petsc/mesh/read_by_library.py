@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from io import StringIO
 
 import numpy as np
 import scipy.sparse as sp
@@ -74,9 +75,12 @@ def read_deck(path: str) -> object:
     from pyNastran.bdf.bdf import BDF
 
     with open(path, encoding="utf-8", errors="replace") as file:
-        whole = any(re.match(r"\s*(CEND|BEGIN\s+BULK)", line, re.IGNORECASE) for line in file)
+        text = file.read()
+    begun, whole = (re.search(rf"^\s*{line}", text, re.IGNORECASE | re.MULTILINE) for line in (r"BEGIN\s+BULK", "CEND"))
     model = BDF(debug=None)
-    model.read_bdf(path, punch=not whole, xref=False, validate=False)
+    # pre-processors write bulk data with its first line and without what a run has before it
+    source = StringIO(f"CEND\n{text}") if begun and not whole else path
+    model.read_bdf(source, punch=not (begun or whole), xref=False, validate=False)
     return model
 
 

@@ -16,6 +16,7 @@ from runs import in_turn, one_message, overridden, refused, said
 from scipy.sparse.linalg import eigsh
 from solids import body_of, box_mesh, matrices_of
 
+from pgmp_petsc.figures.solids import part_picture
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mesh import cad_part
 from pgmp_petsc.mesh.cad_part import CadPart, read_part
@@ -244,3 +245,10 @@ def test_a_scene_is_made_of_a_part(parts: Path, tmp_path: Path) -> None:
         "new", "bar", tmp_path / "x.toml", "--from", parts / "bar.step"
     )
     assert "a part of CAD as STEP (.step, .stp" in one_message("new", tmp_path / "y", "--from", parts / "bar.iges")
+
+
+def test_names_in_the_picture_of_a_part_stand_out_from_what_is_coloured_like_them(parts: Path) -> None:
+    part = read(parts, "rod")
+    figure = part_picture(part.mesh, {one.name: one.centre for one in part.cylinders}, "rod", "mm")
+    named = [text for text in figure.axes[0].texts if text.get_text().startswith(("bore", "pin"))]
+    assert len(named) == len(part.cylinders) and all(text.get_path_effects() for text in named)

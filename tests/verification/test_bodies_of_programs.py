@@ -258,6 +258,16 @@ def test_ten_digits_of_dmig_are_too_few_for_a_slender_body(folder: Path) -> None
     assert "a smooth displacement of the body has negative energy" in message and "with all its digits" in message
 
 
+def test_bulk_data_alone_are_read_with_and_without_their_first_line(folder: Path) -> None:
+    whole = (folder / "rod.bdf").read_text()
+    bulk = re.sub(r"(?is).*BEGIN\s+BULK", "", whole)
+    for name, head in (("begun", "$ of a pre-processor\nBEGIN BULK\n"), ("bare", "")):
+        (folder / f"{name}.bdf").write_text(head + bulk)
+        found, known = (read_nodes(folder / f"{one}.bdf", 3, "nodes") for one in (name, "rod"))
+        np.testing.assert_array_equal(found.labels, known.labels)
+        np.testing.assert_array_equal(found.nodes, known.nodes)
+
+
 def ends() -> list[int]:
     return labels_of(MESH)[MESH.nodes[:, 0] == 0.0].tolist()
 
