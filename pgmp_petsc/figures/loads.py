@@ -130,10 +130,17 @@ def driven(run: Trajectory) -> list[Load]:
     return [Load(name, (name,)) for name in outputs_of(run, ("drive_torque",)) if len(run.time) > 2]
 
 
-def _rate(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+def _size(run: Trajectory, unit: str) -> float:
+    """Return what a coordinate's round-off is measured by where it stays near zero: a radian, or the mechanism."""
+    if unit == "rad" or run.frames is None:
+        return float(unit == "rad")
+    return max(float(np.ptp(places, axis=(0, 1)).max()) for places in run.frames.positions.values())
+
+
+def _rate(values: np.ndarray, time: np.ndarray, size: float) -> np.ndarray:
     """Return the rate of values; one that is constant but for their round-off is drawn as one number."""
     rate = np.gradient(values, time, edge_order=2)
-    round_off = ROUND_OFF * np.abs(values).max() / np.diff(time).min()
+    round_off = ROUND_OFF * max(np.abs(values).max(), size) / np.diff(time).min()
     if np.ptp(rate) > round_off:
         return rate
     mean = float(rate.mean())
@@ -147,7 +154,7 @@ def draw_torque(axes: Axes, run: Trajectory, load: Load) -> str:
     given = {one["coordinate"] for one in scene["effects"].values() if one["type"] == "prescribed_motion"}
     wanted = entry.get("coordinate") or next(k for k in given if moved[k].get("joint") == entry["joint"])
     k = list(run.coordinate_units).index(wanted)
-    speed = _rate(run.coordinates[:, k], run.time)
+    speed = _rate(run.coordinates[:, k], run.time, _size(run, run.coordinate_units[wanted]))
     factor, unit = style.axis_unit(run.units.get(name, "1"), run.outputs[name])
     rate, per_second = style.axis_unit(f"{run.coordinate_units[wanted]}/s", speed)
     axes.plot(rate * speed, factor * run.outputs[name], linewidth=0.9)
