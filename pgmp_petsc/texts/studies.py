@@ -26,7 +26,10 @@ def report_of_derivatives(found: Derivatives, path: Path, said: Sequence[Remark]
 
 
 def report_of_fit(found: Fit, path: Path, said: Sequence[Remark] = ()) -> str:
+    missing = {name: int(np.isnan(own.measured).sum()) for name, own in found.outputs.items()}
+    gaps = ", ".join(f"{name} {n}" for name, n in missing.items() if n)
     first = f"{path}: {len(found.time)} instants of {', '.join(found.outputs)}, {counted(found.n_runs, 'run')}"
+    first += f"; not measured there: {gaps}" if gaps else ""
     return "\n".join([first, *fit_lines(found), *closing(found.record, said)])
 
 

@@ -1,15 +1,18 @@
 """Measured histories: what is read, and what is refused with its line."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import synthetic
 from scipy.signal import lfilter
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design import measured_history
 from pgmp_petsc.design.measured_history import autocorrelation, read_history, remembered
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.texts.studies import report_of_fit
 
 OUTPUTS = OutputSet((), {"angle": "rad", "bend": "m"}, 3, 3, {"angle": None, "bend": None})
 DURATION = 1.0
@@ -141,3 +144,13 @@ def test_correlated_noise_is_described_by_its_correlations_and_independent_noise
     assert 10 < found.size < 40
     averaged = autocorrelation(noise[1:] + noise[:-1])  # which is no autoregression
     np.testing.assert_allclose(averaged[:3], [1.0, 0.5, 0.0], atol=0.03)
+
+
+def test_a_fit_says_how_often_an_output_has_gaps() -> None:
+    fit = synthetic.fitted()
+    assert report_of_fit(fit, Path("fit.h5")).splitlines()[0].endswith("crank_angle, slider_deformation, 20 runs")
+    bend = fit.outputs["slider_deformation"]
+    gaps = replace(bend, measured=np.where(np.arange(bend.measured.size) < 2, np.nan, bend.measured))
+    fit = replace(fit, outputs=fit.outputs | {"slider_deformation": gaps})
+    first = report_of_fit(fit, Path("fit.h5")).splitlines()[0]
+    assert first.endswith("20 runs; not measured there: slider_deformation 2")
