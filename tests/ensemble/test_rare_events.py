@@ -526,7 +526,10 @@ def test_mixtures_have_mass_one_and_draw_what_they_say() -> None:
         ("pash < 1.0", "character 1: an output or a label of ensemble.probabilities; did you mean 'push'?"),
         ("", "character 1: an output or a label of ensemble.probabilities"),
         ("ever far", "character 6: an output; known: push"),
-        ("push < 1 m/s", "character 10: a unit of push, or none ('m/s' is the unit of a speed; needed is a length (m))"),
+        (
+            "push < 1 m/s",
+            "character 10: a unit of push, or none ('m/s' is the unit of a speed; needed is a length (m))",
+        ),
         ("push < 1 m < 2", "character 10: the end"),
         ("push < 1e999", "character 8: 0 or a magnitude from 1e-30 to 1e+30"),
         ("push < -1e300", "character 8: 0 or a magnitude from 1e-30 to 1e+30"),

@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.joints.of_points import PointOnLine
-from pgmp_petsc.joints.of_points import Revolute
+from pgmp_petsc.joints.of_points import PointOnLine, Revolute
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.loading import apply_overrides, apply_settings
 from scenes import tables

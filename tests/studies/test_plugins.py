@@ -465,7 +465,11 @@ LATER = {
     "an area below zero": (
         SECTION, ("return AffineSum.of(self.side)", "return -1 * AffineSum.of(self.side)"), r".* neg",
     ),
-    "no inertia": (SECTION, ("def inertia", "def inertias"), r".*mine\.py, line 7: class Square: it needs the method inertia"),
+    "no inertia": (
+        SECTION,
+        ("def inertia", "def inertias"),
+        r".*mine\.py, line 7: class Square: it needs the method inertia",
+    ),
     "a shear of nothing": (
         SECTION, ("return (5 / 6 * self.area(),) * 2", "pass"), r".*Square: TypeError: sheared returns two AffineSum, of",
     ),
