@@ -179,7 +179,6 @@ def step_errors(
     at, step, n_steps = other.time[:n], float(time[1] - time[0]), time.size - 1
     covered, ratio = slice(0, 1 + int(np.searchsorted(time[1:], at[-1] * (1 + 1e-12), side="right"))), other.step / step
     times = round(ratio)
-    bands = Bands.of(scene.simulation.spectral_radius, n_steps)
     fine = np.column_stack(list(outputs.values()))
     coarse = np.column_stack([other.outputs[name][:n, sample] for name in outputs])
     there = fine[: n * times : times] if n_steps % times == 0 else scipy.interpolate.CubicSpline(time, fine)(at)
@@ -188,10 +187,11 @@ def step_errors(
     kinked, jumping = np.array([marks.get(name, (False, False)) for name in outputs]).T
     between, off, turns = scipy.interpolate.CubicSpline(at, coarse)(time[covered]), {}, np.empty(len(outputs))
     # what jumps is not interpolated: both jump at the same instants, and are looked at where the coarser run has been
-    looks = (bands, fine[covered], between, ~jumping), (bands.rarer(times), there, coarse, jumping)
-    for seen, own, others, which in looks:
-        found, turns[which] = seen.lost(own[:, which], others[:, which], ratio, kinked[which])
-        places = seen.hop * seen.every * step * np.arange(len(found))
+    looks = (1, fine[covered], between, ~jumping), (times, there, coarse, jumping)
+    for every, own, others, which in (look for look in looks if look[-1].any()):
+        bands = Bands.of(scene.simulation.spectral_radius, n_steps, every)
+        found, turns[which] = bands.lost(own[:, which], others[:, which], ratio, kinked[which])
+        places = bands.hop * every * step * np.arange(len(found))
         off |= {k: np.interp(at, places, one) for k, one in zip(np.flatnonzero(which), found.T)}
     lost = {name: off[k] for k, name in enumerate(outputs)}
     shares = np.array([one.max() for one in lost.values()])
@@ -228,25 +228,19 @@ def step_errors(
 class Bands:
     """Bands of a short-time Fourier transform: Hann windows, half over one another."""
 
-    spectral_radius: float
-    n_steps: int
-    every: int  # steps of the run from one that is looked at to the next
-    length: int  # of these in a window
+    length: int  # steps that are looked at in a window
     #: ``omega h`` of a free vibration that the scheme lets turn with the frequency of a band, rad, shape (n_bands,)
     turns: np.ndarray
     drifts: np.ndarray  # by what share of its amplitude such a vibration goes off from one to the next, (n_bands,)
 
     @classmethod
-    def of(cls, spectral_radius: float, n_steps: int, every: int = 1) -> Bands:
+    def of(cls, spectral_radius: float, n_steps: int, every: int) -> Bands:
+        """Return those of a run that is looked at after every so many of its steps."""
         length = int(np.clip(2 ** int(np.log2(max(n_steps / every / PER_WINDOW, 1.0))), SHORTEST, LONGEST))
         exact, rates = _amplifications(spectral_radius)
         seen = np.minimum(2.0 * np.pi * np.arange(length // 2 + 1) / (every * length), rates.imag[-1])
         drifts = np.minimum(every * np.interp(seen, rates.imag, np.abs(1j * exact - rates)), np.pi)
-        return cls(spectral_radius, n_steps, every, length, np.interp(seen, rates.imag, exact), drifts)
-
-    def rarer(self, every: int) -> Bands:
-        """Return those of the same run that is looked at after every so many steps."""
-        return Bands.of(self.spectral_radius, self.n_steps, every)
+        return cls(length, np.interp(seen, rates.imag, exact), drifts)
 
     @property
     def hop(self) -> int:

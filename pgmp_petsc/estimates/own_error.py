@@ -25,9 +25,9 @@ from pgmp_petsc.outputs.joint_forces import joints_of
 from pgmp_petsc.results.estimates import ANSWERS, LARGE, EstimatedErrors
 from pgmp_petsc.results.numbers import (
     Arrays,
-    aligned,
     behind,
     felt,
+    misaligned,
     nothing,
     number_text,
     share_text,
@@ -126,7 +126,7 @@ def large_errors(
     """
     system, loose, joints = (scene.system, bool(scene.loose), joints_of(scene)) if scene else (SI, False, {})
     found, beside, none = [], sizes_of(sizes, units, length), nothing(sizes, units, length)
-    in_joints, sizes = aligned(sizes, units, joints), felt(sizes, units, length, joints)
+    in_joints, sizes = misaligned(sizes, units, joints), felt(sizes, units, length, joints)
     for name, values in errors.items():
         size, least = sizes[name], max(NEGLIGIBLE * beside[name], none[name])
         some = np.isfinite(values) & ((values > in_joints[name]) | (in_joints[name] == 0.0))

@@ -170,10 +170,10 @@ def urdf(path: str, kind: str) -> dict[str, np.ndarray]:
     from yourdfpy import URDF
 
     written = ElementTree.parse(path).getroot()  # yourdfpy would leave out what is behind a mistake
-    for kind in ("link", "joint"):  # and of two links of a name the first
-        names = [one.get("name") for one in written.findall(kind)]
+    for part in ("link", "joint"):  # and of two links of a name the first
+        names = [one.get("name") for one in written.findall(part)]
         if twice := [name for name in names if names.count(name) > 1]:
-            raise Refused(f"it has {names.count(twice[0])} {kind}s {twice[0]}; give each a name of its own")
+            raise Refused(f"it has {names.count(twice[0])} {part}s {twice[0]}; give each a name of its own")
     robot = URDF.load(path, build_scene_graph=False, load_meshes=False, build_collision_scene_graph=False).robot
     links, joints, left = [], [], []
     for link in robot.links:

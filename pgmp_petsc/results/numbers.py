@@ -18,7 +18,7 @@ ROUND_OFF = 1e-12  # of a quantity's size: what varies by less is the same throu
 VANISHING = 1e-9  # of the largest output of its unit: an output that small is what round-off leaves of none
 # of the most that a joint carries: parts out of square turn more into its other components, of which so little is none.
 # ISO 2768-2, class H, allows 0.2 mm on 100 mm, twenty times as much
-ALIGNED = 1e-4
+MISALIGNED = 1e-4
 Arrays = Mapping[str, np.ndarray]  # by the names of outputs or parameters
 DIGITS = 2  # of an interval's width that are shown
 PLAIN = (1e-4, 1e7)  # sizes that are written without a power of ten
@@ -48,17 +48,17 @@ def nothing(sizes: Mapping[str, np.ndarray], units: Mapping[str, str], length: f
     return {name: ROUND_OFF if units.get(name, "1") == "1" else VANISHING * beside[name] for name in sizes}
 
 
-def aligned(
+def misaligned(
     sizes: Mapping[str, np.ndarray], units: Mapping[str, str], joints: Mapping[str, str]
 ) -> dict[str, np.ndarray]:
     """Return below which size each output is none beside others in its unit of what the same joint carries, in each of
     some runs; names of joints come by those of outputs, and where there is none it is zero."""
+    parts = {name: (joints[name], units.get(name, "1")) for name in sizes if name in joints}
     carried: dict[tuple[str, str], np.ndarray] = {}
-    for name in joints.keys() & sizes.keys():
-        part = joints[name], units.get(name, "1")
+    for name, part in parts.items():
         carried[part] = np.fmax(carried.get(part, 0.0), sizes[name])
     none = np.zeros(())
-    return {name: ALIGNED * carried[joints[name], units.get(name, "1")] if name in joints else none for name in sizes}
+    return {name: MISALIGNED * carried[parts[name]] if name in parts else none for name in sizes}
 
 
 def felt(
@@ -66,7 +66,7 @@ def felt(
 ) -> dict[str, np.ndarray]:
     """Return largest sizes of outputs, each of one shape, with zero where they are `nothing`, or beside other
     components in the same of some `joints`."""
-    least, beside = nothing(sizes, units, length), aligned(sizes, units, joints)
+    least, beside = nothing(sizes, units, length), misaligned(sizes, units, joints)
     return {name: np.where(size <= np.maximum(least[name], beside[name]), 0.0, size) for name, size in sizes.items()}
 
 

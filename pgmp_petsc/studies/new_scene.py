@@ -33,7 +33,7 @@ from pgmp_petsc.mesh.matrix_files import PROGRAM
 from pgmp_petsc.mesh.reading import check_file, made_by
 from pgmp_petsc.scene.bodies import CAD, IN_ORDER, MOMENTS
 from pgmp_petsc.scene.loading import scene_from_toml
-from pgmp_petsc.studies.plausibility.bodies import sizes_of
+from pgmp_petsc.studies.plausibility.bodies import LONGEST_MESH, sizes_of
 
 _BEGINNINGS = resources.files("pgmp_petsc.studies") / "beginnings"
 MILLIMETRE = 1e-3
@@ -179,7 +179,6 @@ MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prisma
 PACKAGE = re.compile(r"package://[^/]+/")
 WHOLE_TURN = 6.283185307179586
 EARTH = (0.0, 0.0, -STANDARD_GRAVITY)  # m/s2
-LONGEST = 150.0  # m
 #: What to do about what is left out.
 CURES = {
     "stiffness": "add effects spring_damper of the joints",
@@ -228,7 +227,7 @@ def scene_of_robot(source: Path, file: Path) -> tuple[str, list[str]]:
     ]
     own = {one.name: one for one in bodies.values() if one.name}
     lines += [f"  body          {name}: {one.link['mass']:g} kg" for name, one in own.items()]
-    if extent > LONGEST:
+    if extent > LONGEST_MESH:
         lines.append(f"  warning: lengths of {source.name} are taken as m; if they are in mm, write it in m, kg, s")
     return text, lines + _left_out(robot["left"])
 

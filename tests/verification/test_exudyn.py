@@ -285,19 +285,6 @@ def beside(model: str, scene: Scene, expected: list, every: int, ways: tuple[str
     return np.abs(np.stack([*found], axis=1) - expected).max(axis=0) / np.abs(expected).max(axis=0)
 
 
-@pytest.mark.parametrize(
-    ("model", "allowed"),
-    [
-        ("full", (1e-8, 1e-6, 1e-3, 1e-3, 1e-8, 1e-8)),
-        ("components", (1e-6, 1e-4, 3e-2, 5e-3, 1e-6, 3e-6)),
-        ("reduced", (1e-5, 1e-4, 2e-2, 6e-2, 1e-5, 3e-6)),
-    ],
-)
-def test_a_four_bar_with_gears_and_a_loose_pin(model: str, allowed: tuple) -> None:
-    errors = beside(model, scene_from_toml(LOOSE, "."), OF_LOOSE, 1000, ("rocker",))
-    assert np.all(errors < allowed), errors
-
-
 # Axes that carry axes: a carriage on a rail, a slide on it that goes up and down, and a beam on that, with a tool. A
 # servo with limits moves the carriage, and one the beam's tip. Exudyn has the states of both in differential equations
 # of first order, in the same scheme, and their forces as functions in Python. After 60, 120, .. 300 ms: carriage (m),
@@ -338,17 +325,24 @@ OF_AXES = [
     [0.4505503823, 1.230547578, 0.3649501104, -383.8729691, 48.06474678, -46.87165514],
 ]
 
+LOOSE_PIN, CARRIED_AXES = (LOOSE, OF_LOOSE, 1000, ("rocker",)), (AXES, OF_AXES, 600)
+
 
 @pytest.mark.parametrize(
-    ("model", "allowed"),
+    ("machine", "model", "allowed"),
     [
-        ("full", (1e-6, 1e-6, 1e-6, 2e-4, 1e-6, 1e-5)),
-        ("components", (1e-6, 1e-5, 5e-5, 5e-3, 5e-4, 5e-3)),
-        ("reduced", (5e-6, 3e-5, 2e-4, 1e-2, 1e-3, 1e-2)),
+        (LOOSE_PIN, "full", (1e-8, 1e-6, 1e-3, 1e-3, 1e-8, 1e-8)),
+        (LOOSE_PIN, "components", (1e-6, 1e-4, 3e-2, 5e-3, 1e-6, 3e-6)),
+        (LOOSE_PIN, "reduced", (1e-5, 1e-4, 2e-2, 6e-2, 1e-5, 3e-6)),
+        (CARRIED_AXES, "full", (1e-6, 1e-6, 1e-6, 2e-4, 1e-6, 1e-5)),
+        (CARRIED_AXES, "components", (1e-6, 1e-5, 5e-5, 5e-3, 5e-4, 5e-3)),
+        (CARRIED_AXES, "reduced", (5e-6, 3e-5, 2e-4, 1e-2, 1e-3, 1e-2)),
     ],
+    ids=[f"{machine}-{model}" for machine in ("a loose pin", "axes") for model in ("full", "components", "reduced")],
 )
-def test_axes_that_carry_axes_under_servos(model: str, allowed: tuple) -> None:
-    errors = beside(model, scene_from_toml(AXES, "."), OF_AXES, 600)
+def test_gears_with_a_loose_pin_and_axes_under_servos(machine: tuple, model: str, allowed: tuple) -> None:
+    text, *expected = machine
+    errors = beside(model, scene_from_toml(text, "."), *expected)
     assert np.all(errors < allowed), errors
 
 
