@@ -170,6 +170,8 @@ def urdf(path: str, kind: str) -> dict[str, np.ndarray]:
     from yourdfpy import URDF
 
     written = ElementTree.parse(path).getroot()  # yourdfpy would leave out what is behind a mistake
+    if any("ros.org/wiki/xacro" in one.tag for one in written.iter()):
+        raise Refused("it has tags of xacro: run xacro first, and take what it makes")
     for part in ("link", "joint"):  # and of two links of a name the first
         names = [one.get("name") for one in written.findall(part)]
         if twice := [name for name in names if names.count(name) > 1]:

@@ -39,7 +39,7 @@ _BEGINNINGS = resources.files("pgmp_petsc.studies") / "beginnings"
 MILLIMETRE = 1e-3
 STEEL = {"nu": 0.3, "rho": 7.85e-9, "yields": 250.0}  # in mm, t, s
 STEPS_A_PERIOD, PERIODS = 20.0, 15.0
-ROUND_OFF = 1e-9  # of the largest moment of inertia
+ROUND_OFF = 1e-9  # of the largest moment of inertia, and of a direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +62,9 @@ class _Place:
 
 def scene_of_part(source: Path, file: Path) -> PartScene:
     """Return the scene of a STEP file; `file` is where the scene will be. Raises `InputError` as `read_part`."""
+    if source.suffix.lower() == ".xacro":
+        made = f"{source.stem.removesuffix('.urdf')}.urdf"
+        raise InputError(f"--from {source}: run xacro first, and take what it makes: xacro {source.name} -o {made}")
     if source.suffix.lower() not in CAD:
         raise InputError(
             f"--from {source}: a scene is made of a part of CAD as STEP ({', '.join(CAD)}; export it so from CAD), or "
@@ -109,7 +112,13 @@ def _directions(hold: _Place, load: _Place) -> tuple[np.ndarray, np.ndarray]:
     across = np.cross(axis, arm)
     if np.linalg.norm(across) < 1e-3 * np.linalg.norm(arm):
         across = np.cross(flat, arm)
-    return axis / np.linalg.norm(axis), across / np.linalg.norm(across)
+    return _direction(axis), _direction(across)
+
+
+def _direction(along: np.ndarray) -> np.ndarray:
+    """Return a direction of length 1 whose round-off is 0."""
+    along = along / np.linalg.norm(along)
+    return np.where(np.abs(along) < ROUND_OFF, 0.0, along)
 
 
 def _numbers(values: Sequence[float], digits: int = 9) -> str:

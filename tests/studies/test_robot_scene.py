@@ -108,8 +108,10 @@ SWAPPED = {
     "limits": (urdf(*LINKS[:2], JOINTS[0].replace('upper="1.2"', 'upper="-2"')), "no limits that are a range"),
     "ring of mimics": (urdf(*LINKS[:3], mimic(JOINTS[0], "elbow"), mimic(JOINTS[1], "shoulder")),
                "the joints shoulder, elbow follow one another in a ring"),
-    "mimics": (urdf(*LINKS, mimic(JOINTS[1], "wrist"), JOINTS[0], JOINTS[3]), "the joint elbow follows wrist; one that"),
-    "no mimic": (urdf(*LINKS[:3], JOINTS[0], mimic(JOINTS[1], "shoulder", 0.0)), "elbow follows shoulder with the factor 0"),
+    "mimics": (urdf(*LINKS, mimic(JOINTS[1], "wrist"), JOINTS[0], JOINTS[3]),
+               "the joint elbow follows wrist; one that"),
+    "no mimic": (urdf(*LINKS[:3], JOINTS[0], mimic(JOINTS[1], "shoulder", 0.0)),
+                 "elbow follows shoulder with the factor 0"),
     "lost": (urdf(*LINKS[:2], JOINTS[0].replace("base", "bas")), "the link bas, which is not there"),
     "inertia": (urdf(LINKS[0], link("upper", 1.0).replace("0.0105", "0.2"), JOINTS[0]), "no body has it"),
     "twins": (urdf(*LINKS[:2], link("upper", 2.0), JOINTS[0]), "2 links upper; give each a name of its own"),
@@ -117,6 +119,8 @@ SWAPPED = {
               "no joint of it moves"),
     "turns": (urdf(LINKS[0], re.sub('(i[xyz]{2})="[0-9.]*"', r'\1="0"', LINKS[1]), JOINTS[0]),
               "the link upper has a mass and no moments of inertia"),
+    "xacro": (urdf().replace('name="arm">', 'name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/>'),
+              "it has tags of xacro: run xacro first"),
     "xml": (urdf()[:400], "yourdfpy cannot read this file (ParseError"),
 }  # fmt: skip
 
