@@ -39,7 +39,8 @@ _BEGINNINGS = resources.files("pgmp_petsc.studies") / "beginnings"
 MILLIMETRE = 1e-3
 STEEL = {"nu": 0.3, "rho": 7.85e-9, "yields": 250.0}  # in mm, t, s
 STEPS_A_PERIOD, PERIODS = 20.0, 15.0
-ROUND_OFF = 1e-9  # of the largest moment of inertia, and of a direction
+ROUND_OFF = 1e-9  # of the largest moment of inertia
+SMALLEST = 1e-30  # number that a scene takes, but for 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,17 +113,15 @@ def _directions(hold: _Place, load: _Place) -> tuple[np.ndarray, np.ndarray]:
     across = np.cross(axis, arm)
     if np.linalg.norm(across) < 1e-3 * np.linalg.norm(arm):
         across = np.cross(flat, arm)
-    return _direction(axis), _direction(across)
-
-
-def _direction(along: np.ndarray) -> np.ndarray:
-    """Return a direction of length 1 whose round-off is 0."""
-    along = along / np.linalg.norm(along)
-    return np.where(np.abs(along) < ROUND_OFF, 0.0, along)
+    return axis / np.linalg.norm(axis), across / np.linalg.norm(across)
 
 
 def _numbers(values: Sequence[float], digits: int = 9) -> str:
-    return "[" + ", ".join(repr(float(f"{value:.{digits}g}") + 0.0) for value in np.ravel(values)) + "]"
+    """Return numbers as TOML; what is round-off beside the largest one is 0."""
+    given = np.ravel(values)
+    least = max(10.0**-digits * np.abs(given).max(initial=0.0), SMALLEST)
+    given = np.where(np.abs(given) < least, 0.0, given)
+    return "[" + ", ".join(repr(float(f"{value:.{digits}g}") + 0.0) for value in given) + "]"
 
 
 _exact = partial(_numbers, digits=12)

@@ -233,3 +233,16 @@ def test_joints_that_follow_others_are_coupled_and_load_their_drives(library: st
     moments = 0.2 * np.cos(upper) + 0.5 * 0.4 * np.cos(upper) + 0.5 * 0.1 * np.cos(fore) * (1.0 - 0.5)
     assert outputs["drive_shoulder"][-1] == pytest.approx(-gravity * moments, rel=1e-8)
     assert "drive_elbow" not in outputs
+
+
+def test_quarter_turns_leave_no_round_off_in_a_scene(tmp_path, read_here) -> None:
+    """Two of them in a row had components of 1e-33 in axes and points, which scenes refuse."""
+    pytest.importorskip("yourdfpy")
+    quarter = "1.5707963267948966 0 1.5707963267948966"
+    parts = (*LINKS[:3], link("tool", 0.1), JOINTS[0], JOINTS[1].replace("0 0 0.5", quarter))
+    flange = joint("flange", "fixed", "fore", "tool", "0 0 0.2", quarter, "1 0 0")
+    (tmp_path / "arm.urdf").write_text(urdf(*parts, flange))
+    said("new", tmp_path / "robot", "--from", tmp_path / "arm.urdf")
+    scene = load_scene(tmp_path / "robot.toml")
+    assert scene.joints["elbow"].axis == (1.0, 0.0, 0.0)
+    assert list(scene.bodies["fore"].rigid.places["flange"]) == [0.0, 0.0, 0.2]
