@@ -199,6 +199,8 @@ EXPRESSED = """
 """
 
 
+#: An effect whose point is in an entry that no effect of the program has.
+HELD = LISTING.replace("    point: Point", "    held: Point").replace("self.point", "self.held")
 ALONG = 'outputs.mine={type="along", point="rod:tip", direction=[2.0, 0.0]}'
 DOUBLED = 'outputs.mine={type="twice", of="place"}'
 AT_TIP = 'point="crank:tip", direction=[0.0, 1.0]'
@@ -212,6 +214,12 @@ WRITINGS = {
         (LISTING,), ("simulation.initial.theta={position=0.4, velocity=0.0}",),
         'effects.x={type="line_spring", point="rod:tip", direction=[0.6, 0.8], stiffness=20.0, damping=0.5}',
         'effects.x={type="bushing", points=["ground:origin", "rod:tip"], reference=[[0.6, 0.8]], '
+        "stiffness=[20.0, 0.0], damping=[0.5, 0.0]}", 1e-12, 1e-5,
+    ),
+    "effect at an entry of its own name": (
+        (HELD,), ("simulation.initial.theta={position=0.4, velocity=0.0}",),
+        'effects.x={type="line_spring", held="rod:1", direction=[0.6, 0.8], stiffness=20.0, damping=0.5}',
+        'effects.x={type="bushing", points=["ground:origin", "rod:1"], reference=[[0.6, 0.8]], '
         "stiffness=[20.0, 0.0], damping=[0.5, 0.0]}", 1e-12, 1e-5,
     ),
     "controller of the page": (
@@ -243,6 +251,23 @@ def test_two_writings_of_one_force_act_alike(tmp_path: Path, name: str, model: s
         close = {"rtol": share, "atol": 1e-14} if "page" in name else {"rtol": 0, "atol": share * np.abs(values).max()}
         np.testing.assert_allclose(plugin[output], values, **close, err_msg=output)
     assert np.abs(wanted["angle"] - none["angle"]).max() > moved
+
+
+def test_points_are_looked_at_whatever_their_entry_is_called(tmp_path: Path) -> None:
+    plugged(tmp_path, HELD)
+    held = TABLE.replace("point", "held")
+    with pytest.raises(InputError, match=r'effects\.x\.held = "ground:eye": there is no such ground point'):
+        beams(f"effects.x={held.replace('rod:tip', 'ground:eye')}")
+    own = ["ground.points.eye=[0.0, 0.5]", f"effects.x={held.replace('rod:tip', 'ground:eye')}"]
+    checked = pgmp.check(ROOT / "scenes" / "slider_crank.toml", overrides=own)
+    assert not any("nothing is attached" in remark for remark in map(str, checked.scene.remarks))
+
+
+def test_component_models_refuse_a_point_that_no_entry_names(tmp_path: Path) -> None:
+    """Frames that a body was condensed to are no nodes of its mesh: one of them was taken for the node."""
+    plugged(tmp_path, LISTING.replace("attachment(self.point,", 'attachment("rod:1",'))
+    with pytest.raises(InputError, match=r'effects\.x\.point = "1": .* those of points that the scene names: hinge, ti'):
+        MODELS["components"](beams(f"effects.x={TABLE}"))
 
 
 @pytest.mark.parametrize("model", MODELS)
