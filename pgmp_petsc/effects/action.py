@@ -153,9 +153,9 @@ def check_edges(action: Action, p: Sequence[float]) -> None:
             jump, further = abs(near[1] - near[0]), abs(far[1] - far[0])
             if jump > 0.5 * further and jump > SMALL * max(map(abs, near)):
                 raise InputError(
-                    f"{law.place}: effects.{action.effect}: law {law.name} jumps at its edge '{edge}' = 0, s = {s:.6g}: "
-                    f"at a rate of {rate:g} from {near[0]:.6g} to {near[1]:.6g} (SI units); a force is continuous "
-                    "there: let what sets in grow from zero, such as a damping by how deep it is"
+                    f"{law.place}: effects.{action.effect}: law {law.name} jumps at its edge '{edge}' = 0, "
+                    f"s = {s:.6g}: at a rate of {rate:g} from {near[0]:.6g} to {near[1]:.6g} (SI units); a force is "
+                    "continuous there: let what sets in grow from zero, such as a damping by how deep it is"
                 )
 
 

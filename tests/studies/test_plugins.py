@@ -161,6 +161,7 @@ class Pull(OutputEntry):
 TWICE = """
 from dataclasses import dataclass
 from typing import Any, Literal
+from pgmp_petsc.outputs.of_outputs import Combined
 from pgmp_petsc.scene.outputs import OutputEntry
 
 @dataclass(frozen=True, eq=False)
@@ -263,10 +264,18 @@ def test_points_are_looked_at_whatever_their_entry_is_called(tmp_path: Path) -> 
     assert not any("nothing is attached" in remark for remark in map(str, checked.scene.remarks))
 
 
-def test_component_models_refuse_a_point_that_no_entry_names(tmp_path: Path) -> None:
-    """Frames that a body was condensed to are no nodes of its mesh: one of them was taken for the node."""
-    plugged(tmp_path, LISTING.replace("attachment(self.point,", 'attachment("rod:1",'))
-    with pytest.raises(InputError, match=r'effects\.x\.point = "1": .* those of points that the scene names: hinge, ti'):
+@pytest.mark.parametrize(
+    ("point", "words"),
+    [
+        # frames that a body was condensed to are no nodes of its mesh: one of them was taken for the node
+        ("rod:1", r'"1": .* those of points that the scene names: hinge, tip; name it in an entry'),
+        ("ground:orign", r'"ground:orign": there is no such ground point'),
+        ("rdo:1", r"\"rdo:1\": there is no body 'rdo'"),
+    ],
+)
+def test_component_models_refuse_a_point_that_no_entry_names(tmp_path: Path, point: str, words: str) -> None:
+    plugged(tmp_path, LISTING.replace("attachment(self.point,", f'attachment("{point}",'))
+    with pytest.raises(InputError, match=rf"effects\.x\.point = {words}"):
         MODELS["components"](beams(f"effects.x={TABLE}"))
 
 
@@ -528,6 +537,15 @@ LATER = {
         ),
         r".*: class LineSpring: 1 of its actions have a law that is loaded; by_load says whether one has$",
     ),
+    "a law that jumps at an edge": (
+        LISTING,
+        (
+            "import SPRING_DAMPER",
+            "import ALONE\nfrom pgmp_petsc.effects.law import Law\n"
+            "SPRING_DAMPER = Law('own', ('k', 'c', 'at'), force='-2 * rate if s > at else 0', edges=('s - at',))",
+        ),
+        r".*mine\.py:\d+: effects\.e: law own jumps at its edge 's - at' = 0, s = 0: at a rate of -1 from 0 to 2 ",
+    ),
     "no forces": (
         LISTING, ("return ActionEffect", "ActionEffect"), r".*: forces returns an Effect, .* not a NoneType$",
     ),
@@ -555,6 +573,19 @@ LATER = {
     "a controller of no law": (
         CONTROLLER, ("return LAW", "return LAW.name"), r".*: class Bang: law returns a ControlLaw, and not a str$",
     ),
+    "a reading of no kind": (OUTPUT, ('"MEASURE"', '"PLACE"'), r"plugin '.*', line 20: .* and not 'PLACE'; repair"),
+    "a reading in space": (OUTPUT, (", space=mechanism.space", ""), r"plugin '.*', line 20: .* 2 numbers in the plane"),
+    "a formula that names what it has not": (
+        TWICE, ("Doubled(parts[self.of])", "Combined('2 * y', {'x': parts[self.of]}, {})"),
+        r".*mine\.py:\d+: Combined: '2 \* y' names 'y', which is not declared; an expression has numbers, x, time, abs",
+    ),
+    "a formula for controllers that names what it has not": (
+        TWICE + EXPRESSED, ('"2 * a"', '"2 * b"'), r".*mine\.py:\d+: FormulaOf: '2 \* b' names 'b', which is not decl",
+    ),
+    "a formula of a parameter that is none": (
+        TWICE, ("Doubled(parts[self.of])", "Combined('2 * y', {}, {'y': 'far'})"),
+        r".*: class Twice: it reads the parameter 'far', which the scene has not$",
+    ),
     "no reading": (
         OUTPUT, ("return Reading", "Reading"), r".*: an output is made of outputs\.readings, .* a NoneType$",
     ),
@@ -573,9 +604,11 @@ def test_what_fails_in_a_scene_is_refused_with_its_line(tmp_path: Path, name: st
     square = 'bodies.crank.section={shape="square", side=0.01}'
     bang = f'controllers.x={{type="bang", most=2.0, {BY_REFERENCE}}}'
     angle = 'outputs.angle={type="angle", joint="crank_hinge"}'
-    overrides = {OUTPUT: [along], LISTING: [f"effects.e={TABLE}"], SECTION: [square], CONTROLLER: [bang, angle]}[text]
+    twice = [angle, 'outputs.e={type="twice", of="angle"}']
+    overrides = {OUTPUT: [along], LISTING: [f"effects.e={TABLE}"], SECTION: [square], CONTROLLER: [bang, angle]}
+    overrides |= {TWICE: twice, TWICE + EXPRESSED: [*twice, MEASURES % ("e", "y")]}
     with pytest.raises(InputError, match=words) as caught:
-        pgmp.simulate(pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=overrides), model="full")
+        pgmp.simulate(pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=overrides[text]), model="full")
     assert "mine.py" in str(caught.value)
 
 
@@ -666,6 +699,14 @@ BROKEN = {
     "it ends": (("@", "raise SystemExit(3)\n"), r"plugin '.*', line 1: SystemExit: 3; repair the file$"),
     "a name that is taken": (('"line_spring"', '"torque"'), r"line \d+: .* 'torque' already, .*loads\.py, line \d+"),
     "no name": (('Literal["line_spring"]', "str"), r'\.py, line \d+: .* type: Literal\["NAME"\]$'),
+    "a maker that takes too little": (
+        ("(self, name, mechanism)", "(self, name)"),
+        r"line \d+: .*: forces is a method that is called as forces\(self, name, mechanism\)$",
+    ),
+    "no property": (
+        ("*", OUTPUT.replace("def reading", "def is_stated(self):\n        pass\n\n    def reading")),
+        r"line \d+: class Along: is_stated is a property: write @property above it$",
+    ),
     "no maker": (("def forces", "def force"), r"\.py, line \d+: .* needs the method forces\(self, name, mechanism\)"),
     "a maker too many": (('acts = "forces"', 'acts = "reduction"'), r'acts = "reduction" has no forces$'),
     "a part of no mechanism": (("*", NOTHING.format("mechanism")), r"line 4: .* is an AddedMass, or a Driving"),
@@ -681,6 +722,10 @@ BROKEN = {
     "an output without a maker": (("*", OUTPUT.replace("def reading", "def read")), r"an output has the method read"),
     "an output without a unit": (("*", OUTPUT.replace('"m"', '""')), r'an output of frames says its unit: unit = "m"$'),
     "an output in another unit": (("*", OUTPUT.replace('"m"', '"lbf"')), r"unit = 'lbf' is no SI unit: it is 4\.4"),
+    "an output of outputs in another unit": (
+        ("*", TWICE.replace('"m"', '"lbf"')),
+        r"unit = 'lbf' is no SI unit: it is 4\.",
+    ),
     "a type that is nowhere": ((": Point =", ": Pnt ="), r"line \d+: .*: an entry has the type Pnt, which is not def"),
     "a type without what it is": (
         ("import Annotated, Literal", "import Annotated"),
