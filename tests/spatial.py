@@ -15,7 +15,7 @@ from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
-from scenes import HEADER, tables
+from scenes import HEADER, of_text, tables
 
 WIDTH = 0.01  # of the square bars, m
 DENSITY = 7800.0  # of steel, kg/m3
@@ -47,6 +47,7 @@ coordinates.theta2: joint = "elbow"
 {TURN}
 reduction: modes = 3; angles = 6
 """)
+arm = of_text(ARM)
 
 # the repository's spatial slider-crank: crank, rod, and the bearing of the crank
 CRANK, ROD, BEARING = 0.1, 0.3, np.array([0.0, 0.1, 0.12])
@@ -67,11 +68,6 @@ def bar(first: float, last: float, n: int, dimension: int = 3) -> SolidMesh:
 def slider_crank_in_space(*overrides: str) -> Scene:
     """Return the slider-crank of `scenes` with hinges in space."""
     return scene_from_toml(SLIDER_CRANK, ".", overrides)
-
-
-def arm(*overrides: str) -> Scene:
-    """Return two bars with two coordinates: an open chain that leaves the plane."""
-    return scene_from_toml(ARM, ".", overrides)
 
 
 def spatial_slider_crank(*overrides: str) -> Scene:

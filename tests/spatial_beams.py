@@ -7,7 +7,7 @@ body's frame. Solids of the same scene are bars of `spatial`.
 from spatial import TURN
 
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import HEADER, tables
+from scenes import HEADER, of_text, tables
 
 WIDTH, HEIGHT = 0.008, 0.012  # of the rectangular sections, m
 RECTANGLE = f'section = {{ shape = "rectangle", width = {WIDTH}, height = {HEIGHT} }}\norientation = [0.0, 1.0, 0.0]'
@@ -43,13 +43,9 @@ coordinates.phi: joint = "hinge"
 reduction: modes = 4; angles = 6
 """)
 )
+pendulum_in_space = of_text(PENDULUM)
 
 
 def slider_crank_of_beams(*overrides: str) -> Scene:
     """Return the slider-crank of `scenes` given in space."""
     return scene_from_toml(SLIDER_CRANK, ".", overrides)
-
-
-def pendulum_in_space(*overrides: str) -> Scene:
-    """Return a rectangular beam of 1 m on a hinge."""
-    return scene_from_toml(PENDULUM, ".", overrides)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import HEADER, tables
+from scenes import HEADER, of_text, tables
 
 UPPER, LOWER = 0.5, 0.4
 FULL_TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
@@ -46,16 +46,12 @@ coordinates.theta2: joint = "right_hinge"
 {FULL_TURN}
 reduction: modes = 3; angles = 12
 """)
+five_bar = of_text(FIVE_BAR)
 
 
 def double_pendulum(*overrides: str) -> Scene:
     """Return two bars of 0.5 m and 0.4 m that hang from each other, four cells each."""
     return scene_from_toml(DOUBLE_PENDULUM, ".", overrides)
-
-
-def five_bar(*overrides: str) -> Scene:
-    """Return a five-bar linkage with two driven cranks, both of which turn all the way round."""
-    return scene_from_toml(FIVE_BAR, ".", overrides)
 
 
 def over(scene: Scene, angles: Sequence[int]) -> Scene:

@@ -24,7 +24,7 @@ from pgmp_petsc.mechanism.composition import loosened
 from pgmp_petsc.mechanism.joints import meeting
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.check import describe_scene
-from scenes import kinematics_of, meshes_of, tables
+from scenes import kinematics_of, meshes_of, of_text, tables
 
 
 def _normal(p: list[float], x: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -405,6 +405,7 @@ outputs.speed: type = "speed"; joint = "main"
 outputs.y: type = "position"; point = "slider:pin"; axis = "y"
 outputs.left: type = "position"; point = "slider:left"; axis = "y"
 """)
+loose = of_text(SCENE)
 ROOM = 1e-3
 # time (s), height of the slider's middle over its room, speed of the crank (rad/s): until it is about to impact twice
 PUBLISHED = np.array([
@@ -412,11 +413,6 @@ PUBLISHED = np.array([
     (0.002, 0.4871, 120.82), (0.0025, 0.8302, 112.79), (0.0027, 0.9901, 109.92), (0.0033, 0.8845, 101.19),
     (0.0043, 0.7606, 91.29), (0.0053, 0.8204, 84.21), (0.0062, 0.9919, 79.48),
 ])  # fmt: skip
-
-
-def loose(*overrides: str) -> Scene:
-    """Return the slider-crank."""
-    return scene_from_toml(SCENE, ".", overrides)
 
 
 L1, L2, M1, M2, M3, J1, J2, J3, G = 0.153, 0.306, 0.038, 0.038, 0.076, 7.4e-5, 5.9e-4, 2.7e-6, 9.81

@@ -15,7 +15,7 @@ import pytest
 from alike import assert_alike, assert_order, assert_samples_are_those_alone
 from conftest import ROOT
 from exported import FMPY, Unit, assert_equal, compiled, needs_compiler, outputs_of
-from machine_scenes import MODELS, cart, errors_of, of_text, run
+from machine_scenes import MODELS, cart, errors_of, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
 from runs import assert_close, full_model, history, in_turn, motion, overridden, reduced_model, run_model, samples
@@ -44,7 +44,7 @@ from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.simulate import simulate
-from scenes import HEADER, meshes_of, slider_crank, tables
+from scenes import HEADER, meshes_of, of_text, slider_crank, tables
 
 SERVO_ARM = ROOT / "pgmp_petsc" / "scene" / "templates" / "servo.toml"
 FEW = "reduction.angles=12"

@@ -13,7 +13,7 @@ from alike import assert_alike, assert_order
 from coupled_scenes import CAM, CAM_TABLE, GEARED, RACK, ROTORS, ROTORS_IN_SPACE, ROW_IN_SPACE, SCREW, SHAFTS, SPINDLES
 from differences import compare, differences
 from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
-from machine_scenes import MODELS, errors_of, of_text, run
+from machine_scenes import MODELS, errors_of, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
 from runs import assert_close, history, motion, reduced_model, rom_of, samples
@@ -38,7 +38,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.inputs import with_meshes
 from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
 from pgmp_petsc.studies.plausibility import plausibility
-from scenes import HEADER, kinematics_of, meshes_of, tables
+from scenes import HEADER, kinematics_of, meshes_of, of_text, tables
 
 RATIO = -0.37
 
