@@ -26,8 +26,7 @@ parameters.r1: nominal = 5.6e-3; unit = "m"
 joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]; axis = [0.0, 0.0, 1.0]
 joints.elbow: type = "revolute"; connect = ["crank:tip", "rod:hinge"]; axis = [0.0, 0.0, 1.0]
 joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0, 0.0]
-coordinates.theta: joint = "crank_hinge"
-{TURN}
+coordinates.theta: joint = "crank_hinge"; {TURN}
 effects.motor: type = "torque"; joint = "crank_hinge"; table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
 reduction: modes = 5; angles = 24
 """)
@@ -38,8 +37,7 @@ PENDULUM = (
     + beam("arm", "0.0:1.0:10")
     + tables(f"""
 joints.hinge: type = "revolute"; connect = ["ground:origin", "arm:hinge"]; axis = [0.0, 0.0, 1.0]
-coordinates.phi: joint = "hinge"
-{TURN}
+coordinates.phi: joint = "hinge"; {TURN}
 reduction: modes = 4; angles = 6
 """)
 )

@@ -21,6 +21,7 @@ from pgmp_petsc.stepping.second_order_system import Moment, SecondOrderSystem, S
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.simulate import simulate
+from scenes import tables
 
 N_STEPS, STEP = 1000, 1e-3
 RADIUS = 0.8  # spectral radius of the scene
@@ -181,40 +182,18 @@ def test_errors_fall_as_the_step_where_a_force_jumps(entries: str, jumps: bool) 
     np.testing.assert_allclose(found.outputs["x"] * order, sure.outputs["x"] * (r**2 - 1.0), rtol=1e-12)
 
 
-CARRIAGE = """
-[scene]
-name = "carriage"
-[bodies.mass]
-rigid = { mass = 1.0, inertia = 1.0, points = { c = [0.0, 0.0] } }
-[joints.rail]
-type = "prismatic"
-connect = ["ground:origin", "mass:c"]
-axis = [1.0, 0.0]
-[coordinates.x]
-joint = "rail"
-range = [-2.0, 2.0]
-[controllers.servo]
-type = "pid"
-measures = "x"
-joint = "rail"
-reference = 1.0
-gains = { p = 40.0 }
-sample_time = 0.02
-[effects.oil]
-type = "joint_damping"
-joint = "rail"
-coefficient = 4.0
-[effects.rubs]
-type = "joint_friction"
-joint = "rail"
-limit = 3.0
-speed = 0.05
-[simulation]
-duration = 0.5
-[outputs.x]
-type = "sliding"
-joint = "rail"
-"""
+CARRIAGE = tables("""
+scene: name = "carriage"
+bodies.mass: rigid = { mass = 1.0, inertia = 1.0, points = { c = [0.0, 0.0] } }
+joints.rail: type = "prismatic"; connect = ["ground:origin", "mass:c"]; axis = [1.0, 0.0]
+coordinates.x: joint = "rail"; range = [-2.0, 2.0]
+controllers.servo: type = "pid"; measures = "x"; joint = "rail"; reference = 1.0; gains = { p = 40.0 };
+    sample_time = 0.02
+effects.oil: type = "joint_damping"; joint = "rail"; coefficient = 4.0
+effects.rubs: type = "joint_friction"; joint = "rail"; limit = 3.0; speed = 0.05
+simulation: duration = 0.5
+outputs.x: type = "sliding"; joint = "rail"
+""")
 
 
 @pytest.mark.parametrize("step", [1e-2, 5e-3, 2.5e-3])

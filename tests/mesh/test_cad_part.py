@@ -22,6 +22,7 @@ from pgmp_petsc.mesh import cad_part
 from pgmp_petsc.mesh.cad_part import CadPart, read_part
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.studies.inputs import with_meshes
+from scenes import tables
 
 pytestmark = pytest.mark.skipif(find_spec("gmsh") is None, reason="gmsh is not installed")
 MM = 1e-3
@@ -113,26 +114,13 @@ def test_cells_by_the_walls_are_fine_enough_and_finer_ones_converge(parts: Path)
     assert np.abs(fine / known - 1.0).max() < 0.3 * np.abs(own / known - 1.0).max()
 
 
-PART = """
-[scene]
-name = "part"
-units = "mm"
-[materials.steel]
-E = 210e3
-nu = 0.3
-rho = 7.8e-9
-[bodies.rod]
-mesh = "PART.step"
-element = "solid3d"
-material = "steel"
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "rod:POINT"]
-axis = [0.0, 0.0, 1.0]
-[coordinates.angle]
-joint = "hinge"
-range = [-1.0, 1.0]
-"""
+PART = tables("""
+scene: name = "part"; units = "mm"
+materials.steel: E = 210e3; nu = 0.3; rho = 7.8e-9
+bodies.rod: mesh = "PART.step"; element = "solid3d"; material = "steel"
+joints.hinge: type = "revolute"; connect = ["ground:origin", "rod:POINT"]; axis = [0.0, 0.0, 1.0]
+coordinates.angle: joint = "hinge"; range = [-1.0, 1.0]
+""")
 
 
 def scene_of(parts: Path, name: str = "rod", point: str = "bore1") -> Path:

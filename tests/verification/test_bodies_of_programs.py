@@ -35,32 +35,22 @@ from pgmp_petsc.mesh.solid_mesh import cell_faces, reference_element
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.results import ModesTable
 from pgmp_petsc.scene import load_scene
+from scenes import tables
 
 LENGTH, E, RHO = 0.86130775, 210e9, 7800.0  # m, Pa, kg/m3
 RADIUS, DISC, WIDTH = 0.01, 0.06, 0.02  # of the shaft and the disc, and how wide this is, m
 COARSE, KNOWN = 2, 104.637  # cells on either side of the disc, Hz
 SAME = 1e-6
-SCENE = f"""
-[scene]
-name = "rotor"
-[materials.steel]
-E = {E}
-nu = 0.3
-rho = {RHO}
-[bodies.rod]
-element = "solid3d"
+SCENE = tables(f"""
+scene: name = "rotor"
+materials.steel: E = {E}; nu = 0.3; rho = {RHO}
+bodies.rod: element = "solid3d"
 BODY
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "rod:left"]
-axis = [0.0, 0.0, 1.0]
+joints.hinge: type = "revolute"; connect = ["ground:origin", "rod:left"]; axis = [0.0, 0.0, 1.0]
 ELASTIC
-[coordinates.angle]
-joint = "hinge"
-range = [-1.0, 1.0]
-[reduction]
-modes = 4
-"""
+coordinates.angle: joint = "hinge"; range = [-1.0, 1.0]
+reduction: modes = 4
+""")
 #: Stiffness, mass, nodes and further entries, by the program.
 FILES = {
     "Abaqus": ("rod_k_abaqus.mtx", "rod_m_abaqus.mtx", "rod.inp", ""),

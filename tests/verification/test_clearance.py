@@ -341,30 +341,16 @@ def test_c_code_runs_as_the_model(tmp_path):
     )
 
 
-PULLED = """
-[scene]
-name = "pulled"
-[bodies.bar]
-rigid = { mass = 1.0, inertia = 0.01, centre = [0.2, 0.0], points = { pin = [0.0, 0.0] } }
-[joints.pin]
-type = "revolute"
-connect = ["ground:origin", "bar:pin"]
-clearance = { radius = 5e-4, stiffness = 1e10, restitution = 0.1, restitution_speed = 0.02 }
-[coordinates.phi]
-joint = "pin"
-range = [-2.0, 2.0]
-[effects.pull]
-type = "force"
-point = "bar:centre"
-direction = [1.0, 0.0]
-table = [[0.0, 0.0], [0.04, 1e4]]
-[simulation]
-duration = 0.05
-step = 2.5e-4
-[outputs.force]
-type = "joint_force"
-joint = "pin"
-"""
+PULLED = tables("""
+scene: name = "pulled"
+bodies.bar: rigid = { mass = 1.0, inertia = 0.01, centre = [0.2, 0.0], points = { pin = [0.0, 0.0] } }
+joints.pin: type = "revolute"; connect = ["ground:origin", "bar:pin"];
+    clearance = { radius = 5e-4, stiffness = 1e10, restitution = 0.1, restitution_speed = 0.02 }
+coordinates.phi: joint = "pin"; range = [-2.0, 2.0]
+effects.pull: type = "force"; point = "bar:centre"; direction = [1.0, 0.0]; table = [[0.0, 0.0], [0.04, 1e4]]
+simulation: duration = 0.05; step = 2.5e-4
+outputs.force: type = "joint_force"; joint = "pin"
+""")
 
 
 @exported.needs_compiler

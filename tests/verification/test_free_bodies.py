@@ -13,7 +13,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from scenes import HEADER, tables
 
-TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
+TURN = "range = [0.0, 6.283185307179586]; periodic = true"
 #: Of arms and gimbals, whose mass a billion times that of the bodies would be felt in the digits that are compared.
 MASSLESS = {
     2: 'element = "beam2d"\nflexible = false\nsection = { shape = "coefficients", axial = 1.0, shear = 1.0, '
@@ -30,17 +30,12 @@ def line(name: str, length: float, rest: str, elements: int = 1) -> str:
 
 def hinge(name: str, connect: tuple[str, str], axis: str = "") -> str:
     """Return the tables of a revolute joint with its coordinate and the output of its angle."""
-    return f"""[joints.{name}]
-type = "revolute"
-connect = ["{connect[0]}", "{connect[1]}"]
+    return tables(f"""
+joints.{name}: type = "revolute"; connect = ["{connect[0]}", "{connect[1]}"]
 {axis}
-[coordinates.{name}]
-joint = "{name}"
-{TURN}
-[outputs.{name}]
-type = "angle"
-joint = "{name}"
-"""
+coordinates.{name}: joint = "{name}"; {TURN}
+outputs.{name}: type = "angle"; joint = "{name}"
+""")
 
 
 def in_the_plane(*overrides: str) -> Scene:

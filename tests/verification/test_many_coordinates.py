@@ -15,7 +15,7 @@ from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.stepping.status import Status
 from scenes import HEADER, meshes_of, tables
 
-TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
+TURN = "range = [0.0, 6.283185307179586]; periodic = true"
 LENGTHS = (0.4, 0.3, 0.2)
 G = 9.80665
 
@@ -25,23 +25,13 @@ def chain(flexible: bool, *overrides: str) -> Scene:
     text = HEADER
     for k, length in enumerate(LENGTHS):
         held = "ground:origin" if k == 0 else f"link{k - 1}:tip"
-        text += f"""
-[bodies.link{k}]
-mesh = "0.0:{length}:4"
-element = "beam2d"
-material = "steel"
-flexible = {str(flexible).lower()}
-section = {{ shape = "circle", radius = 5e-3 }}
-[joints.joint{k}]
-type = "revolute"
-connect = ["{held}", "link{k}:hinge"]
-[coordinates.theta{k}]
-joint = "joint{k}"
-{TURN}
-[outputs.theta{k}]
-type = "angle"
-joint = "joint{k}"
-"""
+        text += tables(f"""
+bodies.link{k}: mesh = "0.0:{length}:4"; element = "beam2d"; material = "steel"; flexible = {str(flexible).lower()};
+    section = {{ shape = "circle", radius = 5e-3 }}
+joints.joint{k}: type = "revolute"; connect = ["{held}", "link{k}:hinge"]
+coordinates.theta{k}: joint = "joint{k}"; {TURN}
+outputs.theta{k}: type = "angle"; joint = "joint{k}"
+""")
     text += tables("""
 effects.weight: type = "gravity"
 outputs.bending: type = "deformation"; point = "link2:tip"; axis = "y"

@@ -347,20 +347,17 @@ def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
 SOFT_FOUR_BAR = tables("""
 scene: name = "soft_four_bar"
 ground.points: d = [0.55, 0.0]
-[bodies.crank]
-line = { length = 0.2, elements = 4 }
-element = "beam2d"
-section = { shape = "coefficients", axial = 2e6, shear = 8e5, bending = 40.0, line_density = 0.5, rotary_density=1e-5 }
-[bodies.coupler]
-line = { length = 0.6, elements = 12 }
-element = "beam2d"
-section = { shape = "coefficients", axial = 1e6, shear = 4e5, bending = 6.0, line_density = 0.3, rotary_density = 6e-6 }
-placement = { origin = [0.2, 0.0], angle = 0.84 }
-[bodies.rocker]
-line = { length = 0.45, elements = 8 }
-element = "beam2d"
-section = { shape = "coefficients", axial = 2e6, shear = 8e5, bending = 30.0, line_density = 0.4, rotary_density=1e-5 }
-placement = { origin = [0.55, 0.0], angle = 1.46 }
+bodies.crank: line = { length = 0.2, elements = 4 }; element = "beam2d"
+bodies.crank.section: shape = "coefficients"; axial = 2e6; shear = 8e5; bending = 40.0; line_density = 0.5;
+    rotary_density = 1e-5
+bodies.coupler: line = { length = 0.6, elements = 12 }; element = "beam2d";
+    placement = { origin = [0.2, 0.0], angle = 0.84 }
+bodies.coupler.section: shape = "coefficients"; axial = 1e6; shear = 4e5; bending = 6.0; line_density = 0.3;
+    rotary_density = 6e-6
+bodies.rocker: line = { length = 0.45, elements = 8 }; element = "beam2d";
+    placement = { origin = [0.55, 0.0], angle = 1.46 }
+bodies.rocker.section: shape = "coefficients"; axial = 2e6; shear = 8e5; bending = 30.0; line_density = 0.4;
+    rotary_density = 1e-5
 joints.crank_joint: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
 joints.elbow: type = "revolute"; connect = ["crank:tip", "coupler:hinge"]
 joints.knee: type = "revolute"; connect = ["coupler:tip", "rocker:tip"]
