@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from mpi4py import MPI
-from runs import PAPER_SCENE, full_model, trajectory
+from runs import PAPER_SCENE, trajectory
 
 from pgmp_petsc.estimates import coarser_run
 from pgmp_petsc.estimates.own_error import step_remarks, too_few_steps
@@ -20,7 +20,6 @@ from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha
 from pgmp_petsc.stepping.second_order_system import Moment, SecondOrderSystem, StepsTaken
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.simulate import simulate
 from scenes import tables
 
 N_STEPS, STEP = 1000, 1e-3
@@ -202,9 +201,7 @@ def test_friction_turns_at_once_with_a_force_that_is_held(tmp_path: Path, step: 
     path = tmp_path / "carriage.toml"
     path.write_text(CARRIAGE)
     times = round(step / 1.25e-4)
-    exact, found = (
-        simulate(full_model(load_scene(path, [f"simulation.step={h}"])), MPI.COMM_SELF) for h in (step / times, step)
-    )
+    exact, found = (trajectory("full", load_scene(path, [f"simulation.step={h}"])) for h in (step / times, step))
     error = np.abs(found.outputs["x"] - exact.outputs["x"][::times]).max()
     assert error / 3.0 < np.abs(found.errors.outputs["x"]).max() < 3.0 * error
 
@@ -279,6 +276,6 @@ def test_kinks_of_a_largest_value_are_no_lost_vibration() -> None:
     largest = 'outputs.worst={type="stress", body="coupler", quantity="stress_max"}'
     path, short = ROOT / "scenes" / "four_bar.toml", "simulation.duration=0.5"
     scenes = [load_scene(path, (largest, short, f"simulation.step={step}")) for step in (1.25e-4, 1e-3)]
-    exact, found = (simulate(full_model(scene), MPI.COMM_SELF) for scene in scenes)
+    exact, found = (trajectory("full", scene) for scene in scenes)
     error = np.abs(found.outputs["worst"] - exact.outputs["worst"][::8]).max()
     assert error / 3.0 < np.abs(found.errors.outputs["worst"]).max() < 3.0 * error
