@@ -8,6 +8,7 @@ from scipy.sparse import csr_matrix
 
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.mechanism.body_frames import constraint_jacobian
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 
@@ -26,6 +27,13 @@ def constraints_at(kinematics: RigidKinematics, theta: float | np.ndarray) -> np
     """Return the Jacobian of the constraints, dense, at one configuration."""
     poses = kinematics.poses(np.atleast_1d(theta))[..., 0]
     return constraint_jacobian(kinematics.mechanism, poses).toarray()
+
+
+def dense_jacobian(constraints: ConstraintSet, q: np.ndarray) -> np.ndarray:
+    """Return the Jacobian of a set of constraints, dense, at unknowns of shape (n_dofs,)."""
+    jacobian = np.zeros((constraints.n_constraints, q.size))
+    np.add.at(jacobian, constraints.jacobian_pattern, constraints.jacobian_values(q[:, None])[:, 0])
+    return jacobian
 
 
 def dense_pencil(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
+from pencils import dense_jacobian
 from runs import quick_return
 from scipy.spatial.transform import Rotation
 from slopes import slopes
@@ -28,13 +29,6 @@ def anywhere(mechanism: Mechanism, n: int = 1) -> tuple[np.ndarray, np.ndarray, 
     random = np.random.default_rng(3)
     shapes = ((mechanism.n_dofs, n), (mechanism.n_dofs, n), (mechanism.n_constraints, n))
     return tuple(random.normal(size=shape) for shape in shapes)
-
-
-def dense_jacobian(constraints: ConstraintSet, q: np.ndarray) -> np.ndarray:
-    """Return C at q of shape (n_dofs,)."""
-    jacobian = np.zeros((constraints.n_constraints, q.size))
-    np.add.at(jacobian, constraints.jacobian_pattern, constraints.jacobian_values(q[:, None])[:, 0])
-    return jacobian
 
 
 # Central differences with a step of 1e-6 on numbers of order one: round-off 1e-10, truncation 1e-12.

@@ -5,7 +5,7 @@ from functools import cache
 import exported
 import numpy as np
 import pytest
-from alike import assert_alike, assert_samples_are_those_alone, residuals
+from alike import assert_alike, assert_samples_are_those_alone, balances, residuals
 from differences import compare
 from loose_scenes import ball, follower, gears, worn
 from machine_scenes import run
@@ -361,7 +361,7 @@ def test_a_contact_under_a_large_force_is_stiff_across_in_c_too(tmp_path):
 
 def test_the_balance_of_energy_holds_at_second_order():
     """What contacts take is in it, by the name of the joint."""
-    off = residuals("reduced", lambda step: worn(step, *RUBS), 2e-5, 1e-5)
+    off = residuals(balances("reduced", lambda step: worn(step, *RUBS), 2e-5, 1e-5))
     assert np.min(motion("reduced", worn("simulation.step=1e-5", *RUBS)).balance.work["pin"]) < -10.0 * off[-1]
     assert 2.5 < off[0] / off[1] < 6.0, off
 
