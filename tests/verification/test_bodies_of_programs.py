@@ -14,7 +14,6 @@ from contextlib import redirect_stderr, redirect_stdout
 from functools import cache
 from pathlib import Path
 
-import meshio
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -25,7 +24,7 @@ from runs import refused, said
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 from scipy.sparse.linalg import eigsh
-from solids import body_of, matrices_of
+from solids import body_of, grouped, matrices_of
 
 from pgmp_petsc.bodies.assembled_reading import read_assembled
 from pgmp_petsc.mesh import SolidMesh
@@ -93,12 +92,9 @@ def rotor_mesh(n: int) -> SolidMesh:
     nodes, cells = np.unique(np.concatenate(places).round(12), axis=0, return_inverse=True)
     cells = cells.reshape(-1, 20)
     faces = cell_faces("hexahedron20", cells)
-    sides = [faces[(abs(nodes[faces, 0] - end) < 1e-9).all(axis=1)] for end in (0.0, LENGTH)]
-    blocks = [("hexahedron20", cells), *(("quad8", side) for side in sides)]
-    tags = [np.full(len(block), number) for number, (_, block) in enumerate(blocks, start=1)]
-    names = {"body": np.array([1, 3]), "left": np.array([2, 2]), "right": np.array([3, 2])}
-    tagged = {"gmsh:physical": tags, "gmsh:geometrical": list(tags)}
-    return solid_mesh(meshio.Mesh(nodes, blocks, cell_data=tagged, field_data=names), 3, "rotor")
+    at = {"left": 0.0, "right": LENGTH}
+    sides = {name: faces[(abs(nodes[faces, 0] - x) < 1e-9).all(axis=1)] for name, x in at.items()}
+    return solid_mesh(grouped(nodes, "hexahedron20", cells, sides), 3, "rotor")
 
 
 MESH = rotor_mesh(COARSE)
