@@ -20,6 +20,12 @@ coordinates.theta2: joint = "elbow"; {FULL_TURN}
 effects.motor: type = "torque"; joint = "elbow"; table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
 reduction: modes = 3; angles = 8
 """)
+# a third bar on the double pendulum, with a coordinate
+THIRD = (
+    'bodies.hand={mesh="0.0:0.1:2",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
+    'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}',
+    'coordinates.theta3={joint="wrist",range=[0.0,1.0]}',
+)
 
 # two driven cranks on a ground of 0.6 m, joined by two couplers that meet at a pin
 BASE, LEFT, RIGHT, COUPLER = 0.6, 0.2, 0.25, 0.6
