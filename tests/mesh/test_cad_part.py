@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 from conftest import ROOT
+from pencils import free_hz
 from refusals import cases, check_said, refusal
 from runs import in_turn, one_message, overridden, refused, said
-from scipy.sparse.linalg import eigsh
 from solids import body_of, box_mesh, matrices_of
 
 from pgmp_petsc.figures.solids import part_picture
@@ -101,9 +100,7 @@ def test_units_of_the_file_and_of_the_scene(parts: Path) -> None:
 
 
 def first_frequencies(mesh, n: int = 4) -> np.ndarray:
-    stiffness, mass = matrices_of(body_of(mesh, 210e9, 7800.0))
-    values = eigsh(sp.csc_matrix(stiffness), n + 6, mass, sigma=-1e5, return_eigenvectors=False)
-    return np.sqrt(np.sort(values)[6:]) / (2.0 * np.pi)
+    return free_hz(*matrices_of(body_of(mesh, 210e9, 7800.0)), n)
 
 
 def test_cells_by_the_walls_are_fine_enough_and_finer_ones_converge(parts: Path) -> None:
