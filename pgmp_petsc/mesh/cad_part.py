@@ -66,6 +66,11 @@ def read_part(path: Path, received: str, unit: float, size: float | None = None,
     content = path.read_bytes()
     if not content.lstrip().startswith(b"ISO-10303-21"):
         raise InputError(f"{received}: this is no STEP file, which begins with ISO-10303-21; export the part anew")
+    if b"END-ISO-10303-21" not in content:
+        cure = "copy or export the part anew"
+        raise InputError(
+            f"{received}: the file breaks off: END-ISO-10303-21, with which a STEP file ends, is missing; {cure}"
+        )
     asked = 0.0 if size is None else size * unit / MILLIMETRE
     found = _by_gmsh(sha256(content).hexdigest(), path, asked, coarser)
     if isinstance(found, str):

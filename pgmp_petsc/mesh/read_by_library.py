@@ -170,6 +170,8 @@ def urdf(path: str, kind: str) -> dict[str, np.ndarray]:
     from yourdfpy import URDF
 
     written = ElementTree.parse(path).getroot()  # yourdfpy would leave out what is behind a mistake
+    if any("ros.org/wiki/xacro" in one.tag for one in written.iter()):
+        raise Refused("it has tags of xacro: run xacro first, and take what it makes")
     for part in ("link", "joint"):  # and of two links of a name the first
         names = [one.get("name") for one in written.findall(part)]
         if twice := [name for name in names if names.count(name) > 1]:
@@ -192,7 +194,8 @@ def urdf(path: str, kind: str) -> dict[str, np.ndarray]:
         axis = [1.0, 0.0, 0.0] if joint.axis is None else np.asarray(joint.axis).tolist()
         limit = None if joint.limit is None else (joint.limit.lower, joint.limit.upper)
         own = {"name": joint.name, "type": joint.type, "parent": joint.parent, "child": joint.child, "axis": axis}
-        joints.append(own | {"place": place.tolist(), "limit": limit, "mimic": joint.mimic is not None})
+        mimic = joint.mimic and (joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
+        joints.append(own | {"place": place.tolist(), "limit": limit, "follows": mimic})
         given = {name: getattr(joint.dynamics, name, None) for name in ("damping", "friction")}  # yourdfpy's are text
         left += [(name, joint.name) for name, value in given.items() if float(value or 0.0)]
     return as_text({"name": robot.name, "links": links, "joints": joints, "left": left})
@@ -214,9 +217,18 @@ def mjcf(path: str, kind: str) -> dict[str, np.ndarray]:
     model = mujoco.MjModel.from_xml_path(path)
     of = {"body": mujoco.mjtObj.mjOBJ_BODY, "joint": mujoco.mjtObj.mjOBJ_JOINT}
     names = [mujoco.mj_id2name(model, of["body"], k) or f"body{k}" for k in range(model.nbody)]
-    if model.neq:
-        cure = "leave them out and add them to the scene"
-        raise Refused(f"it has {model.neq} equality constraints, of loops or couplings; {cure}")
+    equal = [k for k in range(model.neq) if model.eq_active0[k]]
+    pairs = [k for k in equal if model.eq_type[k] == int(mujoco.mjtEq.mjEQ_JOINT) and model.eq_obj2id[k] >= 0]
+    straight = [k for k in pairs if not model.eq_data[k, 2:5].any()]
+    if len(straight) < len(equal):
+        cure = "those of one joint in proportion to another are taken; leave others out and add them to the scene"
+        raise Refused(f"it has {len(equal)} equality constraints, of loops or by powers among them; {cure}")
+    follows = {
+        int(model.eq_obj1id[k]): (mujoco.mj_id2name(model, of["joint"], model.eq_obj2id[k]), *model.eq_data[k, 1::-1])
+        for k in straight
+    }
+    if len(follows) < len(straight):
+        raise Refused(f"of its {len(equal)} equality constraints several move the same joint; leave one for each")
     kinds = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic", "mjJNT_BALL": "ball", "mjJNT_FREE": "floating"}
     kinds = {int(getattr(mujoco.mjtJoint, name)): kind for name, kind in kinds.items()}
     shift, links, joints, left = np.zeros((model.nbody, 3)), [], [], []
@@ -244,11 +256,14 @@ def mjcf(path: str, kind: str) -> dict[str, np.ndarray]:
         # a joint's body is placed where the joint is at its reference, from which a coordinate of a scene counts
         limit = (model.jnt_range[first] - model.qpos0[model.jnt_qposadr[first]]).tolist() if limited else None
         own = {"name": joint, "type": kind, "parent": names[parent], "child": name, "axis": axis}
-        joints.append(own | {"place": place.tolist(), "limit": limit, "mimic": False})
+        joints.append(own | {"place": place.tolist(), "limit": limit, "follows": follows.get(first) if n else None})
         at = int(model.jnt_dofadr[first])
         own = {"stiffness": model.jnt_stiffness[first], "damping": model.dof_damping[at]} if n else {}
         own |= {"friction": model.dof_frictionloss[at], "armature": model.dof_armature[at]} if n else {}
         left += [(what, joint) for what, value in own.items() if np.any(value)]
+    of |= {"equality": mujoco.mjtObj.mjOBJ_EQUALITY}
+    for k in set(range(model.neq)) - {*equal}:
+        left.append(("equality", mujoco.mj_id2name(model, of["equality"], k) or f"number {k + 1}"))
     of |= {"tendon": mujoco.mjtObj.mjOBJ_TENDON, "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR}
     for what, count in (("tendon", model.ntendon), ("actuator", model.nu)):
         left += [(what, mujoco.mj_id2name(model, of[what], k) or f"number {k + 1}") for k in range(count)]

@@ -40,6 +40,7 @@ MILLIMETRE = 1e-3
 STEEL = {"nu": 0.3, "rho": 7.85e-9, "yields": 250.0}  # in mm, t, s
 STEPS_A_PERIOD, PERIODS = 20.0, 15.0
 ROUND_OFF = 1e-9  # of the largest moment of inertia
+SMALLEST = 1e-30  # number that a scene takes, but for 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +63,9 @@ class _Place:
 
 def scene_of_part(source: Path, file: Path) -> PartScene:
     """Return the scene of a STEP file; `file` is where the scene will be. Raises `InputError` as `read_part`."""
+    if source.suffix.lower() == ".xacro":
+        made = f"{source.stem.removesuffix('.urdf')}.urdf"
+        raise InputError(f"--from {source}: run xacro first, and take what it makes: xacro {source.name} -o {made}")
     if source.suffix.lower() not in CAD:
         raise InputError(
             f"--from {source}: a scene is made of a part of CAD as STEP ({', '.join(CAD)}; export it so from CAD), or "
@@ -113,7 +117,11 @@ def _directions(hold: _Place, load: _Place) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _numbers(values: Sequence[float], digits: int = 9) -> str:
-    return "[" + ", ".join(repr(float(f"{value:.{digits}g}") + 0.0) for value in np.ravel(values)) + "]"
+    """Return numbers as TOML; what is round-off beside the largest one is 0."""
+    given = np.ravel(values)
+    least = max(10.0**-digits * np.abs(given).max(initial=0.0), SMALLEST)
+    given = np.where(np.abs(given) < least, 0.0, given)
+    return "[" + ", ".join(repr(float(f"{value:.{digits}g}") + 0.0) for value in given) + "]"
 
 
 _exact = partial(_numbers, digits=12)
@@ -186,6 +194,7 @@ CURES = {
     "friction": "add effects joint_friction",
     "armature": "add the inertia of the drive to its bodies",
     "tendon": "add springs or couplings",
+    "equality": "it is not active; where it should hold, add a joint or a coupling",
     "actuator": "drives hold the joints in place of it; change effects hold_JOINT, or take controllers",
 }
 
@@ -211,6 +220,7 @@ def scene_of_robot(source: Path, file: Path) -> tuple[str, list[str]]:
     try:
         root = _root(links, joints)
         _check_meshes(links.values(), source)
+        _check_followed(joints)
         bodies, kept = _placed(links, joints, root)
         if not any(joint["type"] in MOVING for joint in kept):
             raise InputError("no joint of it moves; a scene needs one that is revolute, continuous or prismatic")
@@ -225,6 +235,10 @@ def scene_of_robot(source: Path, file: Path) -> tuple[str, list[str]]:
         f"joints and centres span {extent:.4g} m",
         f"  ground        {root}, and what is fixed to it",
     ]
+    for joint in moving:
+        if joint["follows"]:
+            other, factor, offset = joint["follows"]
+            lines.append(f"  coupling      {joint['name']} = {factor:g} {other} + {offset:g}")
     own = {one.name: one for one in bodies.values() if one.name}
     lines += [f"  body          {name}: {one.link['mass']:g} kg" for name, one in own.items()]
     if extent > LONGEST_MESH:
@@ -301,15 +315,13 @@ def _placed(links: Mapping, joints: Sequence, root: str) -> tuple[dict[str, _Bod
                 raise InputError(
                     f"the joint {joint['name']} is {kind}; revolute, continuous, prismatic and fixed ones are taken"
                 )
-            if joint["mimic"]:
-                raise InputError(
-                    f"the joint {joint['name']} mimics another one; leave that out, and couple both in the scene by "
-                    'type = "coupling"'
-                )
             link, place = links[child], frames[parent] @ np.array(joint["place"])
+            within = np.linalg.solve(owner.place, place)
+            follows = joint["follows"] if kind in MOVING else None
+            if follows:
+                place = place @ _moved(kind, joint["axis"], follows[2])
             frames[child] = place
             waiting.append(child)
-            within = np.linalg.solve(owner.place, place)
             if kind == "fixed" and (not link["mass"] or owner is ground):
                 bodies[child] = owner
                 owner.points[_free_name(child, owner.points)] = within[:3, 3]
@@ -322,7 +334,7 @@ def _placed(links: Mapping, joints: Sequence, root: str) -> tuple[dict[str, _Bod
             if not np.any(link["inertia"]):
                 raise InputError(f"the link {child} has a mass and no moments of inertia; its inertial needs them")
             low, high = joint["limit"] or (None, None)
-            if kind in ("revolute", "prismatic") and (None in (low, high) or not low < high):
+            if not follows and kind in ("revolute", "prismatic") and (None in (low, high) or not low < high):
                 raise InputError(
                     f"the joint {joint['name']} has no limits that are a range ({joint['limit']}); give "
                     "lower and upper, or make it continuous"
@@ -335,6 +347,34 @@ def _placed(links: Mapping, joints: Sequence, root: str) -> tuple[dict[str, _Bod
             axis = within[:3, :3] @ np.array(joint["axis"], dtype=float)
             kept.append({**joint, "of": owner.name or "ground", "point": point, "body": name, "in_owner": axis})
     return bodies, kept
+
+
+def _moved(kind: str, axis: Sequence[float], by: float) -> np.ndarray:
+    """Return the motion of a joint by an angle or a way, shape (4, 4)."""
+    motion, way = np.eye(4), by * np.array(axis, dtype=float) / np.linalg.norm(axis)
+    if kind == "prismatic":
+        motion[:3, 3] = way
+    else:
+        motion[:3, :3] = Rotation.from_rotvec(way).as_matrix()
+    return motion
+
+
+def _check_followed(joints: Sequence[Mapping[str, Any]]) -> None:
+    """Refuse joints that follow what does not move, or one another in a ring."""
+    moving = {joint["name"]: joint["follows"] for joint in joints if joint["type"] in MOVING}
+    for name, follows in moving.items():
+        behind = [name]
+        while follows:
+            other, factor, _ = follows
+            if not factor:
+                raise InputError(f"the joint {behind[-1]} follows {other} with the factor 0; make it fixed")
+            if other not in moving:
+                cure = f"one that is revolute, continuous or prismatic is needed ({', '.join(moving)})"
+                raise InputError(f"the joint {behind[-1]} follows {other}; {cure}")
+            if other in behind:
+                raise InputError(f"the joints {', '.join(behind)} follow one another in a ring; one has to lead")
+            behind.append(other)
+            follows = moving[other]
 
 
 def _free_name(given: str, taken: object) -> str:
@@ -354,10 +394,11 @@ def _robot_text(
     file: Path, source: Path, root: str, bodies: Mapping[str, _Body], joints: Sequence[Mapping], weight: list[str]
 ) -> str:
     own = {id(body): body for body in bodies.values()}.values()
-    names, joined, coordinates = set[str](), [], []
+    names, joined, coordinates = dict[str, str](), [], []  # scene's names by the file's
     for joint in joints:
-        name = _free_name(joint["name"], names)
-        names.add(name)
+        names[joint["name"]] = _free_name(joint["name"], names.values())
+    for joint in joints:
+        name, follows = names[joint["name"]], joint["follows"]
         kind = MOVING.get(joint["type"], "fixed")
         joined += [
             f"[joints.{name}]",
@@ -366,7 +407,16 @@ def _robot_text(
             *([f"axis = {_exact(joint['in_owner'])}"] if kind != "fixed" else []),
             "",
         ]
-        coordinates += _held(name, kind, joint) if kind != "fixed" else []
+        if kind != "fixed" and follows:
+            other, factor, offset = follows
+            joined += [
+                f"[joints.{_free_name(f'{name}_follows', names.values())}]",
+                f'type = "coupling"  # {name} = {factor:g} {names[other]} + {offset:g}; it stands at {offset:g} here',
+                f"terms = {{ {name} = 1.0, {names[other]} = {-factor!r} }}",
+                "",
+            ]
+        elif kind != "fixed":
+            coordinates += _held(name, kind, joint)
     held = {joint["point"]: bodies[root].points[joint["point"]] for joint in joints if joint["of"] == "ground"}
     entries = {
         "source": source.name, "file": file.name, "title": _free_name(file.stem, ()),

@@ -36,6 +36,11 @@ JOINTS = (
 )
 
 
+def mimic(joint: str, other: str, factor: float = 1.0, offset: float = 0.0) -> str:
+    own = f'<mimic joint="{other}" multiplier="{factor}" offset="{offset}"/>'
+    return joint.replace("</joint>", f"{own}</joint>")
+
+
 def urdf(*parts: str) -> str:
     return f'<robot name="arm">{"".join(parts or (*LINKS, link("tool"), *JOINTS))}</robot>'
 
@@ -101,8 +106,12 @@ SWAPPED = {
     "massless": (urdf(LINKS[0], link("upper"), JOINTS[0]), "upper moves in the joint shoulder and has no mass"),
     "planar": (urdf(*LINKS[:2], JOINTS[0].replace("revolute", "planar")), "the joint shoulder is planar"),
     "limits": (urdf(*LINKS[:2], JOINTS[0].replace('upper="1.2"', 'upper="-2"')), "no limits that are a range"),
-    "mimics": (urdf(*LINKS[:3], JOINTS[0], JOINTS[1].replace("</joint>", '<mimic joint="shoulder"/></joint>')),
-               'the joint elbow mimics another one'),
+    "ring of mimics": (urdf(*LINKS[:3], mimic(JOINTS[0], "elbow"), mimic(JOINTS[1], "shoulder")),
+               "the joints shoulder, elbow follow one another in a ring"),
+    "mimics": (urdf(*LINKS, mimic(JOINTS[1], "wrist"), JOINTS[0], JOINTS[3]),
+               "the joint elbow follows wrist; one that"),
+    "no mimic": (urdf(*LINKS[:3], JOINTS[0], mimic(JOINTS[1], "shoulder", 0.0)),
+                 "elbow follows shoulder with the factor 0"),
     "lost": (urdf(*LINKS[:2], JOINTS[0].replace("base", "bas")), "the link bas, which is not there"),
     "inertia": (urdf(LINKS[0], link("upper", 1.0).replace("0.0105", "0.2"), JOINTS[0]), "no body has it"),
     "twins": (urdf(*LINKS[:2], link("upper", 2.0), JOINTS[0]), "2 links upper; give each a name of its own"),
@@ -110,6 +119,8 @@ SWAPPED = {
               "no joint of it moves"),
     "turns": (urdf(LINKS[0], re.sub('(i[xyz]{2})="[0-9.]*"', r'\1="0"', LINKS[1]), JOINTS[0]),
               "the link upper has a mass and no moments of inertia"),
+    "xacro": (urdf().replace('name="arm">', 'name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/>'),
+              "it has tags of xacro: run xacro first"),
     "xml": (urdf()[:400], "yourdfpy cannot read this file (ParseError"),
 }  # fmt: skip
 
@@ -136,12 +147,19 @@ def test_what_is_no_tree_of_bodies_is_refused_in_one_message_on_any_number_of_ra
     assert "no such file" in one_message("new", tmp_path / "x", "--from", tmp_path / "none.urdf")
 
 
+def equal(constraints: str) -> str:
+    return MJCF.replace("</worldbody>", f"</worldbody><equality>{constraints}</equality>")
+
+
 def test_what_mjcf_has_and_a_tree_has_not(tmp_path, read_here) -> None:
     pytest.importorskip("mujoco")
-    held = MJCF.replace("</worldbody>", '</worldbody><equality><weld body1="fore" body2="lift"/></equality>')
+    held = equal('<weld body1="fore" body2="lift"/>')
+    bent = equal('<joint joint1="elbow" joint2="shoulder" polycoef="0 1 0.2 0 0"/>')
+    both = equal('<joint joint1="elbow" joint2="shoulder"/><joint joint1="elbow" joint2="rail"/>')
     two = MJCF.replace('<inertial pos="0.1', '<joint name="more" type="hinge" axis="1 0 0"/><inertial pos="0.1')
     ball = MJCF.replace('<joint name="elbow" type="hinge" axis="0 0 1"/>', '<joint name="elbow" type="ball"/>')
-    known = {"held": (held, "1 equality constraints"), "two": (two, "the body fore has 2 joints"),
+    known = {"held": (held, "1 equality constraints, of loops or by powers"), "bent": (bent, "by powers among them"),
+             "both": (both, "several move the same joint"), "two": (two, "the body fore has 2 joints"),
              "ball": (ball, "the joint elbow is ball")}  # fmt: skip
     for name, (text, words) in known.items():
         (tmp_path / f"{name}.xml").write_text(text)
@@ -190,3 +208,41 @@ def test_what_a_urdf_has_and_a_scene_has_not(tmp_path, read_here) -> None:
     figure = loads(replace(held, coordinates=noise), "torques")
     (curve,) = (line for line in figure.axes[0].lines if len(line.get_xdata()) > 2)
     assert not np.any(curve.get_xdata())
+
+
+@pytest.mark.parametrize("library", ["yourdfpy", "mujoco"])
+def test_joints_that_follow_others_are_coupled_and_load_their_drives(library: str, tmp_path, read_here) -> None:
+    """The elbow as -0.5 of the shoulder and 0.3 rad more: by virtual work the drive carries both moments."""
+    pytest.importorskip(library)
+    if library == "yourdfpy":
+        parts = (LINKS[0], *LINKS[1:3], mimic(JOINTS[1].replace("0 0 1", "0 1 0"), "shoulder", -0.5, 0.3), JOINTS[0])
+        (tmp_path / "arm.urdf").write_text(urdf(*parts).replace("0 0 0.5", "0 0 0"))
+        source, gravity = "arm.urdf", G
+    else:
+        own = '<joint joint1="elbow" joint2="shoulder" polycoef="0.3 -0.5 0 0 0"/><weld active="false" body1="fore"/>'
+        text = equal(own).replace('type="hinge" axis="0 0 1"', 'type="hinge" axis="0 1 0"').replace("0 0 0.5", "0 0 0")
+        (tmp_path / "arm.xml").write_text(text)
+        source, gravity = "arm.xml", 9.81
+    out, _ = said("new", tmp_path / "robot", "--from", tmp_path / source)
+    assert "coupling      elbow = -0.5 shoulder + 0.3" in out
+    assert library == "yourdfpy" or "left out      equality (number 2); it is not active" in out
+    at = "effects.hold_shoulder.constant_speed={ speed = 0.0, start = 0.4 }"
+    said("simulate", tmp_path / "robot.toml", "--full", "--override", at, "-o", tmp_path / "run.h5")
+    outputs = Trajectory.read(tmp_path / "run.h5").outputs
+    upper, fore = 0.4, 0.4 + 0.3 - 0.5 * 0.4  # rad, about y
+    moments = 0.2 * np.cos(upper) + 0.5 * 0.4 * np.cos(upper) + 0.5 * 0.1 * np.cos(fore) * (1.0 - 0.5)
+    assert outputs["drive_shoulder"][-1] == pytest.approx(-gravity * moments, rel=1e-8)
+    assert "drive_elbow" not in outputs
+
+
+def test_quarter_turns_leave_no_round_off_in_a_scene(tmp_path, read_here) -> None:
+    """Two of them in a row had components of 1e-33 in axes and points, which scenes refuse."""
+    pytest.importorskip("yourdfpy")
+    quarter = "1.5707963267948966 0 1.5707963267948966"
+    parts = (*LINKS[:3], link("tool", 0.1), JOINTS[0], JOINTS[1].replace("0 0 0.5", quarter))
+    flange = joint("flange", "fixed", "fore", "tool", "0 0 0.2", quarter, "1 0 0")
+    (tmp_path / "arm.urdf").write_text(urdf(*parts, flange))
+    said("new", tmp_path / "robot", "--from", tmp_path / "arm.urdf")
+    scene = load_scene(tmp_path / "robot.toml")
+    assert scene.joints["elbow"].axis == (1.0, 0.0, 0.0)
+    assert list(scene.bodies["fore"].rigid.places["flange"]) == [0.0, 0.0, 0.2]
