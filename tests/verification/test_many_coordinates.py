@@ -127,9 +127,9 @@ def test_open_chains_are_placed_along_their_tree(name: str) -> None:
 
 
 #: Scenes, models, what is given to them, and the shares that are allowed of deformations. Of components' places 1e-6 is
-#: measured, of deformations 3e-4, from modes that are left out. Reduced models have few angles: two arms that turn and a
-#: quill on a spring, 0.41 % over 0.2 s (0.06 % with 7; without terms of second order 0.85 and 0.38
-#: %), and a closed loop in space, whose rods forces stiffen, 4e-4 (3 % without such terms). Half of that time is run.
+#: measured, of deformations 3e-4, from modes that are left out. Reduced models have few angles: two arms and a quill on
+#: a spring 0.41 % over 0.2 s (0.06 % with 7; without terms of second order 0.85 and 0.38 %), a closed loop in space,
+#: whose rods forces stiffen, 4e-4 (3 % without such terms). Half of that time is run.
 ROBOTS = [
     *((name, "components", ("simulation.duration=0.3", "simulation.step=1e-3"), 1e-3)
       for name in ("six_joint_arm", "scara", "delta_robot", "payload_arm", "palletizer")),
