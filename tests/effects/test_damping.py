@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 from compiled_elements import damped_beam2d
-from effect_scenes import BAR, CANTILEVER, line_meshes, mechanism_with_lines, scene_of
+from effect_scenes import BAR, CANTILEVER, scene_of
 from slopes import slopes
 
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.effects.damping import free_modes, modal_damping
+from scenes import mechanism_of, meshes_of
 
 # shear and rotary inertia lower the third frequency by (k^2 EI / GA + k^2 rho I / rho A) / 2 or so, 1e-4, k = 11; more
 # slender still, and round-off relative to the highest frequencies is seen in the lowest
@@ -21,7 +22,7 @@ def beam(n_elements: int, **section: float) -> Body:
     """Return the beam of the cantilever, EI = rho A = L = 1."""
     overrides = [f"bodies.beam.section.{key}={value}" for key, value in section.items()]
     scene = scene_of(CANTILEVER, "", f"bodies.beam.line.elements={n_elements}", *overrides)
-    return mechanism_with_lines(scene).bodies[0]
+    return mechanism_of(scene).bodies[0]
 
 
 @pytest.mark.parametrize("n_elements", [64, 128], ids=["dense solver", "sparse solver"])
@@ -42,7 +43,7 @@ def test_the_error_of_frequencies_falls_at_second_order() -> None:
 def test_modal_damping_gives_the_ratios_and_leaves_rigid_motions_alone() -> None:
     ratios = (0.02, 0.0, 0.05)
     scene = scene_of(CANTILEVER, f'[effects.loss]\ntype = "structural_damping"\nratios = {list(ratios)}')
-    mechanism = mechanism_with_lines(scene)
+    mechanism = mechanism_of(scene)
     (damping,) = modal_damping(effects_of(scene, mechanism), mechanism.bodies, {})
     body = mechanism.bodies[0]
     omega, phi, _ = free_modes(body, {}, 3, "entry")
@@ -58,8 +59,8 @@ def test_modal_damping_gives_the_ratios_and_leaves_rigid_motions_alone() -> None
 
 def test_rigid_bodies_have_no_modes_and_no_damping() -> None:
     scene = scene_of(BAR)
-    assert line_meshes(scene)["bar"].points["tip"] == 2
-    mechanism = mechanism_with_lines(scene)
+    assert meshes_of(scene)["bar"].points["tip"] == 2
+    mechanism = mechanism_of(scene)
     assert modal_damping(effects_of(scene, mechanism), mechanism.bodies, {}) == ()
 
 

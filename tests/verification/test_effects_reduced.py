@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 from counting import count_calls
-from effect_scenes import BAR, BAR_INERTIA, STEP, G, line_model, scene_of, turning
-from runs import FEW_MODES, history, motion, reduced_model, rom_of, samples, trajectory
+from effect_scenes import BAR, BAR_INERTIA, STEP, G, scene_of, turning
+from runs import FEW_MODES, full_model, history, motion, reduced_model, rom_of, samples, trajectory
 from slopes import characteristic_roots
 from test_damping_and_drives import DECAYS, MOTIONS, SPINNER
 from test_effects_full import ANCHOR, TURNED
@@ -157,7 +157,7 @@ def written(folder: Path, scene: Scene) -> dict[str, object]:
     rom = rom_of(scene)
     rom.write(folder / "rom.h5")
     trajectory(ReducedModel(scene, rom)).write(folder / "reduced.h5")
-    trajectory(line_model(scene)).write(folder / "full.h5")
+    trajectory(full_model(scene)).write(folder / "full.h5")
     for name in ("rom", "reduced", "full"):
         with h5py.File(folder / f"{name}.h5") as file:
             paths: list[str] = []

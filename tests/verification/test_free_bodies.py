@@ -7,7 +7,6 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.called import Called
 from pgmp_petsc.bodies.floating import first_moments, second_moments
-from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
@@ -71,12 +70,6 @@ simulation.initial: yaw = { velocity = 5.0 }; pitch = { velocity = 0.6 }; roll =
     return scene_from_toml(text, ".", overrides)
 
 
-def model_of(scene: Scene) -> ComponentModel:
-    lines = {name: body.line for name, body in scene.bodies.items()}
-    meshes = {name: straight_beam(line.length, line.elements, 0.0, scene.dimension) for name, line in lines.items()}
-    return components_model(scene, meshes)
-
-
 def momenta(model: ComponentModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return linear and angular momentum about the origin of all flexible bodies, and the spin of the last one's frame,
     at every instant, shapes (n_t, 3), (n_t, 3) and (n_t,)."""
@@ -129,7 +122,7 @@ def test_a_flexible_body_in_free_flight_keeps_its_momentum() -> None:
     """It stretches by its own spin, and turns more slowly for it; what is not kept is of order two in the step."""
     errors = []
     for step in (1e-4, 5e-5):
-        linear, angular, spins = momenta(model_of(in_the_plane(f"simulation.step={step}")))
+        linear, angular, spins = momenta(components_model(in_the_plane(f"simulation.step={step}")))
         errors.append([np.abs(part - part[0]).max() / np.abs(part[0]).max() for part in (linear, angular)])
     assert max(errors[1]) < 1e-4
     assert np.log2(np.array(errors[0]) / errors[1]) == pytest.approx(2.0, abs=0.1)
@@ -141,7 +134,7 @@ def test_a_stiff_cross_turns_as_eulers_top() -> None:
     errors, times = [], None
     for step in (1e-3, 5e-4):
         scene = in_space("materials.steel.E=2.1e14", f"simulation.step={step}")
-        times, found = history(model_of(scene), samples(scene, 1), 1)
+        times, found = history(components_model(scene), samples(scene, 1), 1)
         exact = eulers_top(times)
         errors.append(
             max(np.abs(found[name][:, 0] - exact[k]).max() for k, name in enumerate(("yaw", "pitch", "roll")))

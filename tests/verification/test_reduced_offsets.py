@@ -25,7 +25,7 @@ from offset_scenes import (
     offset,
     spatial_four_bar,
 )
-from runs import built_rom, full_model, in_turn, motion, overridden, pgmp, reduced_model, refused, trajectory
+from runs import built_rom, full_model, in_turn, motion, overridden, pgmp, reduced_model, refused, samples, trajectory
 from scipy.optimize import brentq
 from scipy.stats import norm
 from solid_scenes import solid_meshes, solid_slider_crank
@@ -63,7 +63,7 @@ DRAWN = (
 
 def begun(model: Model) -> tuple[float, dict[str, float]]:
     """Return strain energy and outputs at the start of a run."""
-    system = model.batch({name: np.array([value]) for name, value in model.scene.values.items()}, 1)
+    system = model.batch(samples(model.scene, 1), 1)
     state = system.start()
     outputs = model.outputs.evaluate(model.observed(system, state))
     return float(system.energies(0.0, state).strain[0]), {name: float(value[0]) for name, value in outputs.items()}

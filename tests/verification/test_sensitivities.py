@@ -9,7 +9,7 @@ from combinations import meshes_for, scene_of
 from differences import carefully, compare
 from length_scenes import BRIEF, GUIDE, long_crank
 from mpi4py import MPI
-from runs import FEW_MODES, reduced_model, rom_of
+from runs import FEW_MODES, reduced_model, rom_of, samples
 from solid_scenes import solid_meshes, solid_slider_crank
 from two_coordinates import double_pendulum, five_bar
 
@@ -25,9 +25,7 @@ from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.gradients.local_effects import LocalDerivatives
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.models import ReducedModel, of_samples
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction import tables as tables_of_reduction
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Design, Fit
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.edge_search import EventLocation
@@ -123,8 +121,7 @@ def test_derivatives_of_solids_are_central_differences() -> None:
         "parameters={E={nominal=210e9}, t={nominal=10e-3}}", 'materials.steel.E="E"', 'bodies.crank.thickness="t"',
         "reduction.modes=3", "reduction.angles=16", *MOVING,
     )  # fmt: skip
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        compare(ReducedModel(scene, build_rom(scene, solid_meshes(n_per_metre=20), group)))
+    compare(reduced_model(scene, solid_meshes(n_per_metre=20)))
 
 
 def test_derivatives_in_space_and_of_stresses_are_central_differences() -> None:
@@ -133,8 +130,7 @@ def test_derivatives_in_space_and_of_stresses_are_central_differences() -> None:
     drawn = scene_of("beams in space", "stress")
     start = ("simulation.initial.theta={position=0.1,velocity=5.0}", 'reduction.interpolation="spline"')
     scene = scene_from_toml(scene_to_toml(drawn), ".", (*start, *RUN))
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        rom = build_rom(scene, meshes_for(scene), group)
+    rom = rom_of(scene, meshes=meshes_for(scene))
     assert rom.branch.is_exact
     for found in (rom, replace(rom, branch=replace(rom.branch, is_exact=False))):
         model = ReducedModel(scene, found)
@@ -259,8 +255,7 @@ def test_derivatives_over_contacts_are_central_differences(model: ReducedModel) 
 def test_edges_are_differentiated(model: ReducedModel) -> None:
     """Against differences of how far they are crossed, at the end of the run and along its motion."""
     trail = StateRecord(lambda n_steps: None)
-    values = {name: np.array([value]) for name, value in model.scene.values.items()}
-    integrate(model.batch(values, 1), model.scene.simulation, observer=trail)
+    integrate(model.batch(samples(model.scene, 1), 1), model.scene.simulation, observer=trail)
     before, q = np.split(trail.states()[1].q[-2:], 2)
     linearisation, step = Linearisation(model, model.scene.values, ["r1"][: "r1" in model.scene.values]), 1e-3
     v, a = (q - before) / step, 30.0 * np.ones(q.shape)

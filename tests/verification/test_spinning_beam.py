@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from cantilevers import PUBLISHED, SPINS
 from conftest import ROOT
-from effect_scenes import CANTILEVER, line_meshes, scene_of
+from effect_scenes import CANTILEVER, scene_of
 from refusals import refusal
 from runs import motion, reduced_model
 from slopes import characteristic_roots, slopes
@@ -183,9 +183,7 @@ def test_static_stretching_takes_any_number_of_modes(n_modes: int) -> None:
         "interpolation='spline'}"
     )
     scene = load_scene(ROOT / "scenes" / "slider_crank_effects.toml", [*FLYWHEEL, reduction])
-    meshes = line_meshes(scene)
-    exact = motion("full", scene, meshes).outputs
-    found = motion("reduced", scene, meshes).outputs
+    exact, found = (motion(kind, scene).outputs for kind in ("full", "reduced"))
     left = {name: np.abs(found[name] - at).max() / np.abs(at).max() for name, at in exact.items()}
     # measured: 1.1e-3 and 1.0e-3 of the bending; of the slide 2.0e-3 with fourteen modes, 3.4e-2 with six
     assert left["bending"] < 3e-3

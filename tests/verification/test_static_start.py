@@ -8,7 +8,7 @@ import pytest
 import spatial
 from combinations import without_effects
 from mpi4py import MPI
-from runs import full_model, motion, reduced_model, rom_of, trajectory
+from runs import full_model, motion, reduced_model, rom_of, samples, trajectory
 from two_coordinates import DOUBLE_PENDULUM
 
 from pgmp_petsc.base.errors import InputError
@@ -20,7 +20,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.static_equilibrium import Search, settle
 from pgmp_petsc.stepping.status import Status
-from scenes import PENDULUM, RADIUS, SLIDER_CRANK, STEEL, meshes_of, tables
+from scenes import PENDULUM, RADIUS, SLIDER_CRANK, STEEL, tables
 
 BAR = PENDULUM.replace("radius = 2e-4", "radius = 5e-3").replace(
     "modes = 2\nangles = 6", 'modes = 5\nangles = 24\nstatic_modes = true\ninterpolation = "spectral"'
@@ -47,7 +47,7 @@ def reduced_of(scene: Scene) -> ReducedModel:
 
 def settled_frames(model: FullModel | ReducedModel) -> np.ndarray:
     """Return the frames of all nodes at the start, shape (n_nodes, 3)."""
-    system = model.batch({name: np.array([value]) for name, value in model.scene.values.items()}, 1)
+    system = model.batch(samples(model.scene, 1), 1)
     state = system.start()
     return (model.frames_of(state.q) if isinstance(model, ReducedModel) else system.frames(state))[..., 0]
 
@@ -266,9 +266,7 @@ def test_two_free_coordinates_hang_straight_down() -> None:
     text = CHAIN + GRAVITY + RUN + '[initial]\nequilibrium = true\ncoordinates = "free"\n'
     start = ("simulation.initial.theta1.position=0.4", "simulation.initial.theta2.position=1.1")
     scene = scene_from_toml(text, ".", (*start, "reduction.static_modes=true", "reduction.angles=8"))
-    meshes = meshes_of(scene)
-    reduced = reduced_model(scene, meshes)
-    for model in (full_model(scene, meshes), reduced):
+    for model in (full_model(scene), reduced_model(scene)):
         settled = model.batch({}, 1).settled
         assert not settled.reasons and not settled.unstable[0]
         turns = (settled.theta[0] - [-np.pi / 2, 0.0]) / (2 * np.pi)
@@ -322,10 +320,8 @@ def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
                'outputs.sag={type="deformation", point="crank:tip", axis="y"}')  # fmt: skip
     settled = ("initial.equilibrium=true", f'initial.coordinates="{coordinates}"')
     scene = scene_from_toml(spatial.SLIDER_CRANK, ".", (*entries, *settled))
-    meshes = meshes_of(scene)
-    rom = rom_of(scene, meshes=meshes)
     found = []
-    for model in (full_model(scene, meshes), ReducedModel(scene, rom)):
+    for model in (full_model(scene), reduced_model(scene)):
         with closing(model.batch({}, 1)) as system:
             start = system.start()
             outputs = model.outputs.evaluate(model.observed(system, start))

@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 from length_scenes import PART, long_crank, numbered
 from mpi4py import MPI
-from runs import MODELS, accurate_scene, full_model, motion, reduced_model, rom_of, trajectory
+from runs import MODELS, accurate_scene, full_model, motion, reduced_model, rom_of, samples, trajectory
 from sealed import resealed
 from solid_scenes import solid_meshes, solid_slider_crank
 from solids import box_mesh, grid, grouped, rectangle_mesh, straightened
@@ -508,7 +508,7 @@ def test_forces_follow_the_mesh_at_other_lengths_too() -> None:
     bare = ReducedModel(model.scene, replace(model.rom, missed=None, family=replace(family, members=members)))
     found, worse, reference = motion(model), motion(bare), motion(full_model(model.scene))
     lanes = of_samples(model, ["rod_length"])
-    batch = lanes.batch({name: np.full(2, value) for name, value in model.scene.values.items()}, 2)
+    batch = lanes.batch(samples(model.scene, 2), 2)
     ended = lanes.outputs.evaluate(lanes.observed(batch, integrate(batch, model.scene.simulation).state))
     for name, exact in reference.outputs.items():
         largest = np.max(np.abs(exact))
