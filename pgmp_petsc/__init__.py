@@ -14,6 +14,7 @@ if TYPE_CHECKING:  # the names that `__getattr__` gives, for editors and checker
     from pgmp_petsc.api.designs import Robust as Robust
     from pgmp_petsc.api.designs import fit as fit
     from pgmp_petsc.api.designs import optimize as optimize
+    from pgmp_petsc.api.designs import sensitivities as sensitivities
     from pgmp_petsc.api.ensembles import Correction as Correction
     from pgmp_petsc.api.ensembles import Stopping as Stopping
     from pgmp_petsc.api.ensembles import merge as merge
@@ -36,14 +37,13 @@ if TYPE_CHECKING:  # the names that `__getattr__` gives, for editors and checker
     from pgmp_petsc.api.result import Rom as Rom
     from pgmp_petsc.api.result import StoppedRun as StoppedRun
     from pgmp_petsc.api.runs import fields as fields
-    from pgmp_petsc.api.runs import histories as histories
-    from pgmp_petsc.api.runs import sensitivities as sensitivities
     from pgmp_petsc.api.runs import simulate as simulate
     from pgmp_petsc.api.scenes import compose as compose
     from pgmp_petsc.api.scenes import load as load
     from pgmp_petsc.api.scenes import new as new
     from pgmp_petsc.api.scenes import schema as schema
     from pgmp_petsc.api.scenes import use as use
+    from pgmp_petsc.api.sweeps import histories as histories
     from pgmp_petsc.base.errors import InputError as InputError
     from pgmp_petsc.base.errors import PgmpError as PgmpError
     from pgmp_petsc.base.errors import RunError as RunError

@@ -3,9 +3,10 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
-from runs import history, motion, samples
+from runs import Meshes, history, motion, samples
 
 from pgmp_petsc.models import Model
+from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import Scene
 
 Outputs = Mapping[str, np.ndarray]
@@ -51,7 +52,16 @@ def assert_order(errors: Sequence[float | Sequence[float]], order: float = 2.0, 
     np.testing.assert_allclose(orders(errors), order, rtol=0, atol=within, err_msg=str(errors))
 
 
-def residuals(kind: str, scene_of: Callable[[str], Scene], *steps: float) -> list[float]:
-    """Return the largest residual of the energy balance of runs with these steps."""
-    balances = (motion(kind, scene_of(f"simulation.step={step}")).balance for step in steps)
-    return [float(np.abs(balance.residual).max()) for balance in balances]
+def balances(kind: str, scene_of: Callable[[str], Scene], *steps: float, meshes: Meshes | None = None) -> list[Balance]:
+    """Return the energy balances of runs with these steps."""
+    return [motion(kind, scene_of(f"simulation.step={step}"), meshes).balance for step in steps]
+
+
+def residuals(found: Iterable[Balance]) -> list[float]:
+    """Return the largest residual of each balance."""
+    return [float(np.abs(balance.residual).max()) for balance in found]
+
+
+def shares_left(found: Iterable[Balance]) -> list[float]:
+    """Return the same as shares of the energy that is exchanged."""
+    return [float(np.abs(balance.residual).max() / balance.exchanged) for balance in found]

@@ -36,7 +36,7 @@ from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.modes_table import tabulate_modes
 from pgmp_petsc.studies.simulate import simulate
-from scenes import SLIDER_CRANK, meshes_of
+from scenes import SLIDER_CRANK, meshes_of, tables
 
 BEAM = 'element = "beam2d"\nmaterial = "steel"\nsection = { shape = "circle", radius = "r1" }'
 SOLID = 'element = "solid2d"\nmaterial = "steel"\nthickness = 0.01'
@@ -57,19 +57,11 @@ SPATIAL = PARAMETER + without_effects(IN_SPACE)
 OF_CELLS = 'element = "solid3d"\nmaterial = "steel"'
 IN_A_LINE = 'element = "beam3d"\nmaterial = "steel"\nsection = { shape = "circle", radius = "r1" }'
 
-HAND = """
-[bodies.hand]
-mesh = "0.0:0.3:2"
-element = "beam2d"
-material = "steel"
-section = { shape = "circle", radius = "r1" }
-[joints.wrist]
-type = "revolute"
-connect = ["lower:tip", "hand:hinge"]
-[coordinates.theta3]
-joint = "wrist"
-range = [-0.3, 0.6]
-"""
+HAND = tables("""
+bodies.hand: mesh = "0.0:0.3:2"; element = "beam2d"; material = "steel"; section = { shape = "circle", radius = "r1" }
+joints.wrist: type = "revolute"; connect = ["lower:tip", "hand:hinge"]
+coordinates.theta3: joint = "wrist"; range = [-0.3, 0.6]
+""")
 
 #: A scene of every kind of mechanism; joints crank_hinge and elbow (shoulder and elbow of two coordinates).
 KINDS = {

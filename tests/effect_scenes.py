@@ -5,13 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
+from runs import full_model
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
-from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh import LineMesh
-from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import Scene, scene_from_toml
@@ -92,19 +90,6 @@ def scene_of(base: str, text: str = "", *overrides: str) -> Scene:
     return scene_from_toml(base + text, ".", overrides)
 
 
-def line_meshes(scene: Scene) -> dict[str, LineMesh]:
-    lines = {name: body.line for name, body in scene.bodies.items()}
-    return {name: straight_beam(line.length, line.elements, line.start) for name, line in lines.items()}
-
-
-def mechanism_with_lines(scene: Scene) -> Mechanism:
-    return Mechanism.from_scene(scene, line_meshes(scene))
-
-
-def line_model(scene: Scene) -> FullModel:
-    return FullModel(scene, line_meshes(scene))
-
-
 @dataclass(frozen=True)
 class Recorded:
     """A full-order run."""
@@ -135,14 +120,14 @@ class Recorded:
 
 def run_distributed(scene: Scene, start: np.ndarray | None = None) -> Recorded:
     """Run the distributed model on one rank; `start` is added to the velocities at the start, shape (n_dofs,)."""
-    model = line_model(scene)
+    model = full_model(scene)
     with model.distributed(scene.values, MPI.COMM_SELF) as system:
         return _run(model, system, start)
 
 
 def run_batch(scene: Scene, n: int = 2, start: np.ndarray | None = None) -> Recorded:
     """Run a batch of equal samples; return the last one."""
-    model = line_model(scene)
+    model = full_model(scene)
     return _run(model, model.batch({name: np.full(n, value) for name, value in scene.values.items()}, n), start)
 
 
@@ -211,7 +196,7 @@ def turning(
 
 def linear_mode(scene: Scene, clamped: int, number: int) -> tuple[float, np.ndarray]:
     """Return angular frequency and shape (n_dofs,) of a mode of a single beam at rest, the unknowns `clamped` held."""
-    model = line_model(scene)
+    model = full_model(scene)
     n = model.kinematics.mechanism.n_dofs
     matrices = AffineMatrices(model.kinematics.mechanism.bodies, range(n))
     free = np.setdiff1d(np.arange(n), clamped)

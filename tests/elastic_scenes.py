@@ -5,9 +5,9 @@ from mpi4py import MPI
 
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
-from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.modes_table import springs_of
-from scenes import HEADER, kinematics_of, tables
+from scenes import HEADER, kinematics_of, of_text, tables
 
 # a frame of 1 m on two mounts, on its middle a balanced wheel that a torque may turn
 RIGID = HEADER + tables("""
@@ -27,6 +27,7 @@ outputs.y: type = "displacement"; point = "frame:centre"; axis = "y"
 outputs.x: type = "displacement"; point = "frame:centre"; axis = "x"
 outputs.left: type = "displacement"; point = "frame:left"; axis = "y"
 """)
+rigid_frame = of_text(RIGID)
 
 # the same with a flexible frame and a flexible crank
 MACHINE = HEADER + tables("""
@@ -50,6 +51,8 @@ outputs.lift: type = "displacement"; point = "frame:tip"; axis = "y"
 outputs.bent: type = "deformation"; point = "crank:tip"; axis = "y"; frame = "body"
 outputs.theta: type = "angle"; joint = "hub"
 """)
+machine = of_text(MACHINE)
+# the same in space, on soft mounts, without a motor
 MACHINE_IN_SPACE = HEADER + tables("""
 ground.points: left = [0.0, 0.0, 0.0]; right = [1.0, 0.0, 0.0]
 bodies.frame: line = { length = 1.0, elements = 4 }; element = "beam3d"; material = "steel";
@@ -66,6 +69,7 @@ joints.two.elastic: reference = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]; stiffness = 
     turning_stiffness = [1e4, 0.0, 0.0]
 coordinates.theta: joint = "hub"; range = [0.0, 6.283185307179586]; periodic = true
 """)
+machine_in_space = of_text(MACHINE_IN_SPACE)
 # a boom, level at 0.7 rad, and at its end a head that an elastic belt holds
 BOOM = HEADER + tables("""
 bodies.boom: line = { length = 3.0, elements = 6 }; element = "beam2d"; material = "steel";
@@ -77,6 +81,7 @@ joints.axle: type = "revolute"; connect = ["boom:tip", "head:axle"]
 joints.belt: type = "belt"; joints = ["pivot", "axle"]; ratio = -1.0; elastic = { stiffness = 1e3 }
 coordinates.theta: joint = "pivot"; range = [0.3, 1.1]
 """)
+boom = of_text(BOOM)
 # a tube that sags under a panel beside its axis, on a flange that turns
 TUBE = HEADER + tables("""
 ground.points: post = [12.0, 0.0, 0.0]
@@ -102,6 +107,7 @@ simulation: duration = 1.0; step = 2e-3
 outputs.aside: type = "deformation"; point = "panel:on"; axis = "y"
 outputs.twist: type = "angle"; joint = "post"
 """)
+tube = of_text(TUBE)
 
 SHAFT, N_ELEMENTS, SIDE = 0.8, 8, 0.02
 DISCS = {"2": 3.0, "5": 2.0}  # kg, by the node that they are on
@@ -121,34 +127,7 @@ effects.one: type = "point_mass"; point = "shaft:2"; mass = {DISCS["2"]}
 effects.other: type = "point_mass"; point = "shaft:5"; mass = {DISCS["5"]}
 reduction: modes = 6; angles = 4
 """)
-
-
-def rigid_frame(*overrides: str) -> Scene:
-    """Return a rigid frame on two mounts with a wheel on it, which falls onto them at the start."""
-    return scene_from_toml(RIGID, ".", overrides)
-
-
-def machine(*overrides: str) -> Scene:
-    """Return a flexible frame on two mounts with a driven crank on it."""
-    return scene_from_toml(MACHINE, ".", overrides)
-
-
-def machine_in_space(*overrides: str) -> Scene:
-    """Return the same in space, on soft mounts, without a motor."""
-    return scene_from_toml(MACHINE_IN_SPACE, ".", overrides)
-
-
-def boom(*overrides: str) -> Scene:
-    return scene_from_toml(BOOM, ".", overrides)
-
-
-def tube(*overrides: str) -> Scene:
-    """Return a tube that sags under a panel, on a flange that turns by 0.03 rad."""
-    return scene_from_toml(TUBE, ".", overrides)
-
-
-def rotor(*overrides: str) -> Scene:
-    return scene_from_toml(ROTOR, ".", overrides)
+rotor = of_text(ROTOR)
 
 
 def vibrations(scene: Scene, theta: float = 0.0) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Scenes with clearance in joints: a ball in a bore, a slider-crank with a worn pin."""
 
-from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import HEADER, tables
+from scenes import HEADER, of_text, tables
 
+# a rigid ball in a bore, which falls from the middle to the side and bounces
 BALL = HEADER + tables("""
 parameters.K: nominal = 1e8
 bodies.ball: rigid = { mass = 0.5, centre = [0, 0], inertia = 2e-4, points = { far = [0.1, 0] } }
@@ -14,7 +14,9 @@ simulation: duration = 0.03; step = 1e-4
 outputs.x: type = "position"; point = "ball:centre"; axis = "x"
 outputs.y: type = "position"; point = "ball:centre"; axis = "y"
 """)
+ball = of_text(BALL)
 
+# a flexible slider-crank whose pin has room
 CRANK = HEADER + tables("""
 parameters.radius: nominal = 1e-4; distribution = { name = "uniform", loc = 8e-5, scale = 6e-5 }
 parameters.K: nominal = 5e8
@@ -33,7 +35,9 @@ simulation: duration = 0.02; step = 2e-5; initial = { theta = { position = 0.5, 
 outputs.theta: type = "angle"; joint = "main"
 outputs.x: type = "position"; point = "rod:tip"; axis = "x"
 """)
+worn = of_text(CRANK)
 
+# two rigid wheels in mesh with backlash, driven forth and back
 GEARS = HEADER + tables("""
 ground.points: other = [0.3, 0.0]
 bodies.one: rigid = { mass = 1.0, centre = [0, 0], inertia = 0.01, points = { far = [0.1, 0] } }
@@ -49,7 +53,9 @@ simulation: duration = 0.2; step = 4e-4
 outputs.one: type = "angle"; joint = "input"
 outputs.two: type = "angle"; joint = "output"
 """)
+gears = of_text(GEARS)
 
+# a cam's follower at rest, on which a sprung arm falls by the room of a pin
 FOLLOWER = HEADER + tables("""
 ground.points: pivot = [-0.15, 0.235]; spring = [0.15, 0.0]
 materials.aluminium: E = 70e9; nu = 0.33; rho = 2700.0
@@ -81,23 +87,4 @@ simulation: duration = 0.006; step = 2e-4
 outputs.y: type = "position"; point = "arm:tip"; axis = "y"
 outputs.force: type = "joint_force"; joint = "pin"
 """)
-
-
-def follower(*overrides: str) -> Scene:
-    """Return a cam's follower at rest, on which a sprung arm falls by the room of a pin."""
-    return scene_from_toml(FOLLOWER, ".", overrides)
-
-
-def gears(*overrides: str) -> Scene:
-    """Return two rigid wheels in mesh with backlash, driven forth and back."""
-    return scene_from_toml(GEARS, ".", overrides)
-
-
-def ball(*overrides: str) -> Scene:
-    """Return a rigid ball in a bore, which falls from the middle to the side and bounces."""
-    return scene_from_toml(BALL, ".", overrides)
-
-
-def worn(*overrides: str) -> Scene:
-    """Return a flexible slider-crank whose pin has room."""
-    return scene_from_toml(CRANK, ".", overrides)
+follower = of_text(FOLLOWER)

@@ -8,8 +8,9 @@ from runs import MODELS, history, samples
 from scipy.integrate import solve_ivp
 
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import HEADER, tables
+from scenes import HEADER, of_text, tables
 
+# a cart on a rail with a pole that swings, which starts level
 CART = HEADER + tables("""
 bodies.cart: line = { length = 0.2, elements = 1 }; element = "beam2d"; material = "steel"; flexible = false;
     section = { shape = "rectangle", width = 0.05, height = 0.05 }
@@ -27,6 +28,7 @@ outputs.x: type = "sliding"; joint = "rail"
 outputs.swing: type = "angle"; joint = "pivot"
 outputs.bent: type = "deformation"; point = "pole:tip"; axis = "y"; frame = "body"
 """)  # the cart's turning is held by its second point, the pole has one freedom of its own
+cart = of_text(CART)
 RIGID = ("bodies.pole.flexible=false", "outputs={x={type='sliding',joint='rail'},swing={type='angle',joint='pivot'}}")
 
 RAIL = HEADER + tables("""
@@ -46,11 +48,6 @@ IN_PLANE = (
     .replace("[0.0, 1.0, 0.0]", "[0.0, 1.0]")
 )
 RAIL_MASS = 7800.0 * 0.5 * 0.02**2
-
-
-def cart(*overrides: str) -> Scene:
-    """Return a cart on a rail with a pole that swings, which starts level."""
-    return scene_from_toml(CART, ".", overrides)
 
 
 def rail(*overrides: str, dimension: int = 3) -> Scene:
@@ -126,11 +123,6 @@ def errors_of(
         times, outputs = run(scene(f"simulation.step={step}"), model)
         found.append([np.abs(outputs[name] - values).max() for name, values in exact(times).items()])
     return np.array(found)
-
-
-def of_text(text: str, *overrides: str) -> Callable[..., Scene]:
-    """Return what makes the scene of a text with these overrides and those that it is given."""
-    return lambda *more: scene_from_toml(text, ".", (*overrides, *more))
 
 
 def cart_errors(

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import HEADER, tables
+from scenes import HEADER, of_text, tables
 
 LENGTH, WIDTH, HEIGHT = 0.5, 0.02, 0.01
 E, NU = 210e9, 0.3
 G, SHEAR = E / (2.0 * (1.0 + NU)), 10.0 * (1.0 + NU) / (12.0 + 11.0 * NU)  # Cowper 1966, of rectangles
+# a beam that is straight unless overrides give its right end an offset
 CLAMPED = HEADER + tables(f"""
 ground.points: end = [{LENGTH}, 0.0]; beside = [0.0, -0.2]
 bodies.beam: line = {{ length = {LENGTH}, elements = 4 }}; element = "beam2d"; material = "steel";
@@ -22,11 +22,7 @@ simulation: duration = 0.01; step = 1e-3
 reduction: modes = 2; angles = 6
 outputs.middle: type = "displacement"; point = "beam:middle"; axis = "y"
 """)
-
-
-def clamped_beam(*overrides: str) -> Scene:
-    """Return the beam, which is straight unless overrides give its right end an offset."""
-    return scene_from_toml(CLAMPED, ".", overrides)
+clamped_beam = of_text(CLAMPED)
 
 
 def offset(joint: str, **given: object) -> str:
@@ -65,11 +61,7 @@ simulation: duration = 0.005; step = 2.5e-4
 outputs.angle: type = "angle"; joint = "D"
 outputs.aside: type = "displacement"; point = "coupler:tip"; axis = "z"
 """)
-
-
-def spatial_four_bar(*overrides: str) -> Scene:
-    """Return the four-bar, which closes without a gap unless overrides make it crooked."""
-    return scene_from_toml(FOUR_BAR, ".", overrides)
+spatial_four_bar = of_text(FOUR_BAR)
 
 
 def pivot_off(distance: float) -> str:

@@ -63,6 +63,11 @@ SMALL = (
     "reduction.modes=4", "reduction.angles=24", "simulation.duration=0.05", "simulation.step=1e-3",
     "simulation.frames=9",
 )  # fmt: skip
+# few modes beside static answers, and angles close enough to compare with differences of runs
+FEW_MODES = (
+    "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
+    'reduction.interpolation="spline"',
+)  # fmt: skip
 
 # A quick-return: the crank's pin slides along the rocker, so the line of the joint `pin` turns with a flexible body.
 QUICK_RETURN = HEADER + tables("""

@@ -6,6 +6,7 @@ the points, or groups of faces, hinge and tip.
 """
 
 import re
+from collections.abc import Callable
 
 import numpy as np
 
@@ -25,6 +26,11 @@ def tables(text: str) -> str:
     """Return TOML of lines ``table: entry; entry``; a line that ends in a semicolon goes on, indented, in the next."""
     lines = re.compile(r"^([\w.]+): (.*(?:(?<=;)\n +.*)*)$", re.MULTILINE)
     return lines.sub(lambda row: "\n".join([f"[{row[1]}]", *re.split(r";\s+", row[2])]), text)
+
+
+def of_text(text: str, *overrides: str) -> Callable[..., Scene]:
+    """Return what makes the scene of a text with these overrides and those that it is given."""
+    return lambda *more: scene_from_toml(text, ".", (*overrides, *more))
 
 
 HEADER = tables("""

@@ -4,7 +4,7 @@ They reach from the origin to the given lengths. Their sides are groups of faces
 bottom and top across y; in space front and back across y, bottom and top across z. The region body has all cells.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import meshio
@@ -124,16 +124,21 @@ def grid(kind: str, counts: Sequence[int], lengths: Sequence[float]) -> meshio.M
     cells = cells.reshape(-1, parts.shape[1])
     points = np.zeros((len(used), 3))
     points[:, :dimension] = used * np.array(lengths) / (2 * counts)
-    blocks, names = [(kind, cells)], {"body": np.array([1, dimension])}
-    faces, face_kind = cell_faces(kind, cells), reference_element(kind).face_kind
+    faces, groups = cell_faces(kind, cells), {}
     for axis, sides in enumerate(SIDES[dimension]):
         for name, place in zip(sides, (0, 2 * counts[axis])):
-            blocks.append((face_kind, faces[(used[faces, axis] == place).all(axis=1)]))
-            names[name] = np.array([len(blocks), dimension - 1])
+            groups[name] = faces[(used[faces, axis] == place).all(axis=1)]
+    return grouped(points, kind, cells, groups)
+
+
+def grouped(points: np.ndarray, kind: str, cells: np.ndarray, groups: Mapping[str, np.ndarray]) -> meshio.Mesh:
+    """Return meshio's mesh of a body's cells and groups of their faces, which are gmsh's physical groups."""
+    element = reference_element(kind)
+    blocks = [(kind, cells), *((element.face_kind, faces) for faces in groups.values())]
     tags = [np.full(len(block), number) for number, (_, block) in enumerate(blocks, start=1)]
-    return meshio.Mesh(
-        points, blocks, cell_data={"gmsh:physical": tags, "gmsh:geometrical": list(tags)}, field_data=names
-    )
+    names = {name: np.array([number, element.dimension - 1]) for number, name in enumerate(groups, start=2)}
+    tagged = {"gmsh:physical": tags, "gmsh:geometrical": list(tags)}
+    return meshio.Mesh(points, blocks, cell_data=tagged, field_data={"body": np.array([1, element.dimension])} | names)
 
 
 def _parts(kind: str) -> tuple:

@@ -15,11 +15,11 @@ from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
-from scenes import HEADER, tables
+from scenes import HEADER, of_text, tables
 
 WIDTH = 0.01  # of the square bars, m
 DENSITY = 7800.0  # of steel, kg/m3
-TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
+TURN = "range = [0.0, 6.283185307179586]; periodic = true"
 
 # the slider-crank of `scenes`, crank 0.3 m and rod 0.7 m, with hinges in space
 SLIDER_CRANK = HEADER + tables(f"""
@@ -28,8 +28,7 @@ bodies.rod: mesh = "0.3:1.0:3"; element = "solid3d"; material = "steel"
 joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]; axis = [0.0, 0.0, 1.0]
 joints.elbow: type = "revolute"; connect = ["crank:tip", "rod:hinge"]; axis = [0.0, 0.0, 1.0]
 joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0, 0.0]
-coordinates.theta: joint = "crank_hinge"
-{TURN}
+coordinates.theta: joint = "crank_hinge"; {TURN}
 reduction: modes = 4; angles = 16
 """)
 
@@ -41,12 +40,11 @@ bodies.upper: mesh = "0.0:{UPPER}:2"; element = "solid3d"; material = "steel"
 bodies.lower: mesh = "0.0:{LOWER}:2"; element = "solid3d"; material = "steel"
 joints.shoulder: type = "revolute"; connect = ["ground:origin", "upper:hinge"]; axis = [0.0, 0.0, 1.0]
 joints.elbow: type = "revolute"; connect = ["upper:tip", "lower:hinge"]; axis = {SECOND_AXIS.tolist()}
-coordinates.theta1: joint = "shoulder"
-{TURN}
-coordinates.theta2: joint = "elbow"
-{TURN}
+coordinates.theta1: joint = "shoulder"; {TURN}
+coordinates.theta2: joint = "elbow"; {TURN}
 reduction: modes = 3; angles = 6
 """)
+arm = of_text(ARM)
 
 # the repository's spatial slider-crank: crank, rod, and the bearing of the crank
 CRANK, ROD, BEARING = 0.1, 0.3, np.array([0.0, 0.1, 0.12])
@@ -67,11 +65,6 @@ def bar(first: float, last: float, n: int, dimension: int = 3) -> SolidMesh:
 def slider_crank_in_space(*overrides: str) -> Scene:
     """Return the slider-crank of `scenes` with hinges in space."""
     return scene_from_toml(SLIDER_CRANK, ".", overrides)
-
-
-def arm(*overrides: str) -> Scene:
-    """Return two bars with two coordinates: an open chain that leaves the plane."""
-    return scene_from_toml(ARM, ".", overrides)
 
 
 def spatial_slider_crank(*overrides: str) -> Scene:
@@ -105,9 +98,9 @@ def solid(
     )
 
 
-def assembled(*tables: str, joint: str = "drive", coordinate: str = TURN) -> Scene:
+def assembled(*parts: str, joint: str = "drive", coordinate: str = TURN) -> Scene:
     """Return a scene of tables with one coordinate, the angle of a joint."""
-    text = HEADER + "".join(tables) + f'[coordinates.theta]\njoint = "{joint}"\n{coordinate}\n'
+    text = HEADER + "".join(parts) + tables(f'coordinates.theta: joint = "{joint}"; {coordinate}\n')
     return scene_from_toml(text, ".")
 
 

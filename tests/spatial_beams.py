@@ -7,7 +7,7 @@ body's frame. Solids of the same scene are bars of `spatial`.
 from spatial import TURN
 
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import HEADER, tables
+from scenes import HEADER, of_text, tables
 
 WIDTH, HEIGHT = 0.008, 0.012  # of the rectangular sections, m
 RECTANGLE = f'section = {{ shape = "rectangle", width = {WIDTH}, height = {HEIGHT} }}\norientation = [0.0, 1.0, 0.0]'
@@ -26,8 +26,7 @@ parameters.r1: nominal = 5.6e-3; unit = "m"
 joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]; axis = [0.0, 0.0, 1.0]
 joints.elbow: type = "revolute"; connect = ["crank:tip", "rod:hinge"]; axis = [0.0, 0.0, 1.0]
 joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0, 0.0]
-coordinates.theta: joint = "crank_hinge"
-{TURN}
+coordinates.theta: joint = "crank_hinge"; {TURN}
 effects.motor: type = "torque"; joint = "crank_hinge"; table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
 reduction: modes = 5; angles = 24
 """)
@@ -38,18 +37,13 @@ PENDULUM = (
     + beam("arm", "0.0:1.0:10")
     + tables(f"""
 joints.hinge: type = "revolute"; connect = ["ground:origin", "arm:hinge"]; axis = [0.0, 0.0, 1.0]
-coordinates.phi: joint = "hinge"
-{TURN}
+coordinates.phi: joint = "hinge"; {TURN}
 reduction: modes = 4; angles = 6
 """)
 )
+pendulum_in_space = of_text(PENDULUM)
 
 
 def slider_crank_of_beams(*overrides: str) -> Scene:
     """Return the slider-crank of `scenes` given in space."""
     return scene_from_toml(SLIDER_CRANK, ".", overrides)
-
-
-def pendulum_in_space(*overrides: str) -> Scene:
-    """Return a rectangular beam of 1 m on a hinge."""
-    return scene_from_toml(PENDULUM, ".", overrides)

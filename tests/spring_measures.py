@@ -1,4 +1,4 @@
-"""What springs measure when nodes are turned exactly, and its differences: references for their stiffness."""
+"""What springs measure when nodes are turned exactly: a reference for their stiffness."""
 
 from collections.abc import Callable
 
@@ -35,19 +35,3 @@ def measure_of(action: Action, mechanism: Mechanism, poses: np.ndarray) -> tuple
         return float(action.statement.value(*frames))
 
     return np.concatenate([side.dofs for side in sides]), measure
-
-
-def slopes_of(measure: Callable, n: int, step: float = 1e-5) -> np.ndarray:
-    """Return the first derivatives of a function of n unknowns at zero, by central differences."""
-    return np.array([(measure(step * e) - measure(-step * e)) / (2 * step) for e in np.eye(n)])
-
-
-def bends_of(measure: Callable, n: int, step: float = 1e-4) -> np.ndarray:
-    """Return the second derivatives (n, n) of a function of n unknowns at zero, by central differences."""
-    ways = step * np.eye(n)
-    return np.array(
-        [
-            [(measure(a + b) - measure(a - b) - measure(b - a) + measure(-a - b)) / (4 * step**2) for b in ways]
-            for a in ways
-        ]
-    )

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import HEADER, tables
+from scenes import HEADER, of_text, tables
 
 UPPER, LOWER = 0.5, 0.4
-FULL_TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
+FULL_TURN = "range = [0.0, 6.283185307179586]; periodic = true"
 
 DOUBLE_PENDULUM = HEADER + tables(f"""
 bodies.upper: mesh = "0.0:{UPPER}:4"; element = "beam2d"; material = "steel";
@@ -15,13 +15,17 @@ bodies.lower: mesh = "0.0:{LOWER}:4"; element = "beam2d"; material = "steel";
     section = {{ shape = "circle", radius = 4e-3 }}
 joints.shoulder: type = "revolute"; connect = ["ground:origin", "upper:hinge"]
 joints.elbow: type = "revolute"; connect = ["upper:tip", "lower:hinge"]
-coordinates.theta1: joint = "shoulder"
-{FULL_TURN}
-coordinates.theta2: joint = "elbow"
-{FULL_TURN}
+coordinates.theta1: joint = "shoulder"; {FULL_TURN}
+coordinates.theta2: joint = "elbow"; {FULL_TURN}
 effects.motor: type = "torque"; joint = "elbow"; table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
 reduction: modes = 3; angles = 8
 """)
+# a third bar on the double pendulum, with a coordinate
+THIRD = (
+    'bodies.hand={mesh="0.0:0.1:2",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
+    'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}',
+    'coordinates.theta3={joint="wrist",range=[0.0,1.0]}',
+)
 
 # two driven cranks on a ground of 0.6 m, joined by two couplers that meet at a pin
 BASE, LEFT, RIGHT, COUPLER = 0.6, 0.2, 0.25, 0.6
@@ -40,22 +44,16 @@ joints.right_hinge: type = "revolute"; connect = ["ground:right", "right:hinge"]
 joints.left_elbow: type = "revolute"; connect = ["left:tip", "first:hinge"]
 joints.right_elbow: type = "revolute"; connect = ["right:tip", "second:hinge"]
 joints.pin: type = "revolute"; connect = ["first:tip", "second:tip"]
-coordinates.theta1: joint = "left_hinge"
-{FULL_TURN}
-coordinates.theta2: joint = "right_hinge"
-{FULL_TURN}
+coordinates.theta1: joint = "left_hinge"; {FULL_TURN}
+coordinates.theta2: joint = "right_hinge"; {FULL_TURN}
 reduction: modes = 3; angles = 12
 """)
+five_bar = of_text(FIVE_BAR)
 
 
 def double_pendulum(*overrides: str) -> Scene:
     """Return two bars of 0.5 m and 0.4 m that hang from each other, four cells each."""
     return scene_from_toml(DOUBLE_PENDULUM, ".", overrides)
-
-
-def five_bar(*overrides: str) -> Scene:
-    """Return a five-bar linkage with two driven cranks, both of which turn all the way round."""
-    return scene_from_toml(FIVE_BAR, ".", overrides)
 
 
 def over(scene: Scene, angles: Sequence[int]) -> Scene:

@@ -1,4 +1,5 @@
-"""Parameters that are looked for: those that fit a measured history, and those that meet a goal best."""
+"""What derivatives of runs are for: what parameters do to a run, those that fit a measured history, and those that meet
+a goal best."""
 
 from __future__ import annotations
 
@@ -20,12 +21,13 @@ from pgmp_petsc.design.goals import read_constraint, read_goal
 from pgmp_petsc.design.measured_history import read_history
 from pgmp_petsc.design.optimization import Question, designed_parameters
 from pgmp_petsc.design.optimization import optimize as designed
+from pgmp_petsc.design.sensitivities import sensitivities as differentiated
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results.gradients import Design, Fit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import parameter_units
-from pgmp_petsc.texts.studies import report_of_design, report_of_fit
+from pgmp_petsc.texts.studies import report_of_derivatives, report_of_design, report_of_fit
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,37 @@ class Robust:
 
 
 NAMES = "a list of parameters' names, such as ['r1']"
+
+
+@command(
+    "sensitivities", "What parameters do to the outputs of a run.", 100, report=report_of_derivatives,
+    about="rom", output=OPTIONAL_OUTPUT, rom=SOURCE, model=DIFFERENTIABLE,
+    names=Argument("Differentiate with parameter NAME, instead of all of the scene.", "--parameter", "NAME", NAMES),
+    gives="With the attributes of `results.Derivatives`.",
+)  # fmt: skip
+def sensitivities(
+    rom: AnySource,
+    names: Sequence[str] = (),
+    *,
+    model: str | None = None,
+    parameters: Parameters | None = None,
+    overrides: Overrides = (),
+    output: str | PathLike[str] | None = None,
+    plot: str | PathLike[str] | None = None,
+    on_all_ranks: bool = True,
+    comm: Comm | None = None,
+) -> Result:
+    """Say what a change of each parameter does to the outputs of a run of the model `rom`.
+
+    Derivatives of the outputs over time, of their largest and smallest values and of the values at the end come from
+    one run; of component models, and with controllers, from differences of runs. Printed are the effects of one
+    standard deviation of each parameter, the largest first.
+    """
+    comm = solving_ranks_of(comm)
+    origin = Origin.of(comm, rom, model, overrides, parameters, differentiated=True)
+    with keeping("sensitivities", comm, output, on_all_ranks, (origin.path,), plot) as keeper:
+        prepared = origin.settled(comm)
+        return keeper.result(differentiated(prepared, tuple(names), comm), prepared.scene)
 
 
 def _status_of_fit(found: Fit) -> int:

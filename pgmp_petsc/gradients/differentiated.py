@@ -61,7 +61,7 @@ from pgmp_petsc.models.reduced_statics import JointAngles
 from pgmp_petsc.outputs.of_outputs import FormulaOfOutputs
 from pgmp_petsc.outputs.outputs import in_order
 from pgmp_petsc.outputs.rainflow import counted_after, counted_changes
-from pgmp_petsc.scene.uses import offset_directions, velocity_names
+from pgmp_petsc.scene.uses import offset_directions, ordered_ends, velocity_names
 from pgmp_petsc.stepping.alpha_step import LENGTHS, WEIGHTS, First, first_accelerations, goes_on_resolved
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, StateRecord, integrate, integrate_with_smaller_steps
 from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State
@@ -98,10 +98,14 @@ def differentiate(
     The model is that of samples in which these parameters vary (`models.of_samples`), with the value of every parameter
     of the scene; `pulse` is called with the number of steps that have been taken since the last call. Raises
     `InputError` if the scene has no outputs, there is no static equilibrium to start from, or an end stop is grazed;
-    `RunError` if the run stops before its end, with smaller steps too.
+    `RunError` if the run stops before its end, with smaller steps too, or the lower end of a stop or limit is not below
+    its upper one.
     """
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
+    for entry, other, lower, upper, share in ordered_ends(model.scene):
+        if not model.scene.number(lower, values) < share * model.scene.number(upper, values):
+            raise RunError(f"{entry} is not below {other} there")
     if why_differences(model):
         return _by_differences(model, values, names, pulse)
 

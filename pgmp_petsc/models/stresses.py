@@ -23,7 +23,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import replace
 
 import numpy as np
-import scipy.spatial.transform
+import scipy
 
 from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.beam_strains import BeamStrains

@@ -10,7 +10,7 @@ import xarray
 from refusals import cases
 
 import pgmp_petsc as pgmp
-from pgmp_petsc.api import runs
+from pgmp_petsc.api import sweeps
 from pgmp_petsc.scene import scene_from_toml
 from scenes import HEADER, tables
 
@@ -118,7 +118,7 @@ def test_histories_are_those_of_the_samples(rom: pgmp.Rom, tmp_path: Path) -> No
 
 
 def test_what_memory_cannot_hold_is_refused(rom: pgmp.Rom, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, "free_memory", lambda: 1e3)
+    monkeypatch.setattr(sweeps, "free_memory", lambda: 1e3)
     with pytest.raises(pgmp.InputError, match="parameters: 2 points need 6.82e-06 GB .* 1e-06 GB are free; take fewer"):
         pgmp.simulate(rom, {"push": [0.01, 0.02]})
 

@@ -3,6 +3,7 @@
 import io
 import sys
 import time
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 
@@ -53,6 +54,11 @@ class Clock:
 
     def __call__(self) -> float:
         return self.now
+
+    def after(self, seconds: float, act: Callable[..., None], *given: float) -> None:
+        """Let so much time go by, and act then."""
+        self.now += seconds
+        act(*given)
 
 
 class Terminal(io.StringIO):
@@ -105,8 +111,7 @@ def test_long_work_says_how_far_it_is() -> None:
     clock = Clock()
     with Lines(1000, "full samples", clock.stream, clock=clock) as bar:
         for _ in range(100):
-            clock.now += 1.0
-            bar.update(10)
+            clock.after(1.0, bar.update, 10)
     assert clock.lines()[:3] == [
         "full samples: 50 of 1000, 5 s, about 95 s to go",
         "full samples: 100 of 1000, 10 s, about 90 s to go",
@@ -123,12 +128,10 @@ def test_long_work_says_how_far_it_is() -> None:
     ]
     with Lines(10, "samples", (short := Clock()).stream, clock=short) as bar:
         for _ in range(10):
-            short.now += 0.49
-            bar.update()
+            short.after(0.49, bar.update)
     assert short.lines() == [], "short work says nothing"
     bar = Lines(1000, "samples", (resumed := Clock()).stream, initial=900, clock=resumed)
-    resumed.now += 10.0
-    bar.update(10)
+    resumed.after(10.0, bar.update, 10)
     assert resumed.lines() == ["samples: 910 of 1000, 10 s, about 90 s to go"], "what was done before is no speed"
 
 
@@ -136,8 +139,7 @@ def test_a_rate_of_less_than_a_moment_says_nothing_about_the_rest(monkeypatch: p
     monkeypatch.setattr("pgmp_petsc.base.progress._beats", [Beat(io.StringIO(), clock := Clock(now=94.0))])
     clock.now = 100.0
     with Lines(64, "samples", clock.stream, clock=clock) as bar:
-        clock.now += 0.3
-        bar.update()
+        clock.after(0.3, bar.update)
     assert clock.lines() == ["samples: 1 of 64, 0 s"]
 
 
@@ -145,8 +147,7 @@ def test_a_search_says_what_is_done_and_not_how_much_is_left() -> None:
     clock = Clock()
     with Lines(None, "comparisons", clock.stream, clock=clock) as count:
         for _ in range(83):
-            clock.now += 0.2
-            count.update()
+            clock.after(0.2, count.update)
     assert clock.lines() == [f"comparisons: {n}, {s} s" for n, s in ((25, 5), (50, 10), (75, 15), (83, 17))]
 
 
@@ -154,8 +155,7 @@ def test_there_is_a_line_every_five_seconds_however_long_work_takes() -> None:
     clock = Clock()
     bar = Lines(100_000, "samples", clock.stream, clock=clock)
     for _ in range(10_000):
-        clock.now += 1.0
-        bar.update()
+        clock.after(1.0, bar.update)
     said = clock.lines()
     assert len(said) == 10_000 / 5
     assert said[-1].endswith("h to go") or "about 25 h" in said[-1], said[-1]
@@ -165,13 +165,11 @@ def test_there_is_a_line_every_five_seconds_however_long_work_takes() -> None:
 def test_work_that_fails_does_not_say_that_it_is_done() -> None:
     clock = Clock()
     with pytest.raises(ZeroDivisionError), Lines(2, "samples", clock.stream, clock=clock) as bar:
-        clock.now += 6.0
-        bar.update()
+        clock.after(6.0, bar.update)
         raise ZeroDivisionError
     assert clock.lines() == ["samples: 1 of 2, 6 s, about 6 s to go"]
     bar = Lines(2, "samples", Full(), clock=clock)  # and a stream that fails does not end the work
-    clock.now += 6.0
-    bar.update(2)
+    clock.after(6.0, bar.update, 2)
 
 
 def test_work_of_which_nothing_is_done_is_seen_to_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -197,11 +195,9 @@ def test_what_work_waits_for_is_said_beside_the_count(monkeypatch: pytest.Monkey
     waits_for("compiling")
     waits_for("compiling what that calls")
     waits_for(None)
-    clock.now += 6.0
-    count.look()
+    clock.after(6.0, count.look)
     waits_for(None)
-    clock.now += 20.0
-    count.look()
+    clock.after(20.0, count.look)
     assert clock.lines() == ["samples: 0 of 7, 6 s, compiling", "samples: 0 of 7, 26 s"]
 
 
@@ -211,10 +207,8 @@ def test_what_goes_on_within_a_count_is_said_beside_it() -> None:
     with doing("times"):
         count = Lines(26, "settings", clock.stream, clock=clock)
         with doing("full order, 4000 steps"), doing("kinematics"):
-            clock.now += 6.0
-            count.look()
-        clock.now += 6.0
-        count.look()
+            clock.after(6.0, count.look)
+        clock.after(6.0, count.look)
     assert clock.lines() == ["settings: 0 of 26, 6 s, full order, 4000 steps", "settings: 0 of 26, 12 s"]
 
 
@@ -247,12 +241,10 @@ def test_minutes_of_compiling_do_not_make_hours_to_go(monkeypatch: pytest.Monkey
     count = Lines(512, "reduced samples", clock.stream, clock=clock)
     count.update(3)
     waits_for("compiling")
-    clock.now += 160.0
-    count.look()
+    clock.after(160.0, count.look)
     waits_for(None)
     for _ in range(20):
-        clock.now += 1.0
-        count.update(25)
+        clock.after(1.0, count.update, 25)
         count.look()
     told = [line for line in clock.lines() if "to go" in line]
     assert told and "h" not in told[0].split("to go")[0].split("about ")[1]
@@ -265,8 +257,7 @@ def test_slow_first_samples_do_not_tell_how_long_the_others_take() -> None:
     clock = Clock()
     count = Lines(1000, "samples", clock.stream, clock=clock)
     for k in range(160):
-        clock.now += 1.0
-        count.update(1 if k < 60 else 9)
+        clock.after(1.0, count.update, 1 if k < 60 else 9)
     line = next(line for line in clock.lines() if int(line.split(", ")[1].split(" ")[0]) >= 120)
     done = int(line.split(": ")[1].split(" of")[0])
     said = int(line.split("about ")[1].split(" s")[0])
@@ -277,8 +268,7 @@ def test_samples_under_way_count_by_their_steps() -> None:
     clock = Clock()
     with Lines(512, "samples", clock.stream, clock=clock) as bar:
         for k in range(1, 101):
-            clock.now += 0.4
-            bar.within(512 * k / 100)
+            clock.after(0.4, bar.within, 512 * k / 100)
         bar.within(0.0)
         bar.update(512)
     lines = clock.lines()
@@ -290,12 +280,10 @@ def test_a_command_shows_what_it_does_where_nothing_is_counted() -> None:
     beat = Beat(terminal, clock)
     with doing("reading meshes"):
         beat.look()
-        clock.now += 3.0
-        beat.look()
+        clock.after(3.0, beat.look)
         assert terminal.getvalue() == "", "short work says nothing"
         for _ in range(4):
-            clock.now += 1.0
-            beat.look()
+            clock.after(1.0, beat.look)
         assert terminal.getvalue().endswith("\r\x1b[Kpgmp: reading meshes, 7 s\r")
         with Lines(3, "samples", clock.stream, clock=clock):
             beat.look()
@@ -304,13 +292,11 @@ def test_a_command_shows_what_it_does_where_nothing_is_counted() -> None:
     quiet = Beat(log, clock)
     with doing("reading meshes"):
         for _ in range(12):
-            clock.now += 1.0
-            quiet.look()
+            clock.after(1.0, quiet.look)
     assert log.getvalue().splitlines() == [f"pgmp: reading meshes, {s} s" for s in (3, 8)]
     waits_for("compiling")
     for _ in range(10):
-        clock.now += 1.0
-        quiet.look()
+        clock.after(1.0, quiet.look)
     waits_for(None)
     assert log.getvalue().splitlines()[2:] == [f"pgmp: compiling, {s} s" for s in (1, 6)]
 
@@ -324,8 +310,7 @@ def test_short_phases_in_turn_are_not_silent_for_longer_than_a_long_one(monkeypa
         counted = Lines(4, "samples", clock.stream, clock=clock) if number % 2 else nullcontext()
         with doing(f"phase {number}"), counted as count:
             for _ in range(4):
-                clock.now += 1.0
-                beat.look()
+                clock.after(1.0, beat.look)
                 if count is not None:
                     count.update()
                 if len(clock.stream.getvalue().splitlines()) > len(said):

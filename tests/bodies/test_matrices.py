@@ -6,7 +6,7 @@ import combinations
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from effect_scenes import BAR, mechanism_with_lines, scene_of
+from effect_scenes import BAR, scene_of
 from mpi4py import MPI
 from scipy.sparse.linalg import ArpackNoConvergence
 from solids import body_of, box_mesh, matrices_of, mesh_of, rectangle_mesh
@@ -257,7 +257,7 @@ effects.bob: type = "point_mass"; point = "bar:tip"; mass = "m"; inertia = 0.3
 effects.second: type = "point_mass"; point = "bar:middle"; mass = 0.5
 """),
     )
-    mechanism = mechanism_with_lines(scene)
+    mechanism = mechanism_of(scene)
     matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
     mass = weighted_sum(matrices.mass, {"m": 3.0}).toarray()
     # the bar and each of its masses, numbered after it; the bar lends them half of the inertia that it has left

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT, run_mpi
 from runs import PAPER_SCENE, PGMP, overridden, pgmp
-from two_coordinates import DOUBLE_PENDULUM, LOWER, UPPER
+from two_coordinates import DOUBLE_PENDULUM, LOWER, THIRD, UPPER
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import ModesTable, Trajectory
@@ -127,11 +127,7 @@ def test_the_scenes_run_as_they_are(name: str, tmp_path: Path) -> None:
     assert Trajectory.read(tmp_path / "run.h5").status == 0
 
 
-THIRD = overridden(
-    'bodies.hand={mesh="crank_5.msh",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
-    'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}',
-    'coordinates.theta3={joint="wrist",range=[0.0,1.0]}', "reduction.angles=400",
-)  # fmt: skip
+WITH_THIRD = overridden(*THIRD, 'bodies.hand.mesh="crank_5.msh"', "reduction.angles=400")
 
 
 @pytest.fixture(scope="module")
@@ -162,6 +158,6 @@ def test_check_build_info_and_modes(scene: Path) -> None:
 
 @pytest.mark.parametrize("command", ["build", "modes"])
 def test_a_third_one_is_refused_where_its_grid_is_dear(scene: Path, command: str) -> None:
-    done = pgmp(command, scene, "-o", scene.parent / "none.h5", *THIRD, status=2)
+    done = pgmp(command, scene, "-o", scene.parent / "none.h5", *WITH_THIRD, status=2)
     assert "400 along each would make 400^3 = 6.4e+07 configurations" in done.stderr and "Traceback" not in done.stderr
     assert not (scene.parent / "none.h5").exists()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cantilevers import BAR, BEAM_IN_SPACE, IN_SPACE, PLATE, bar_mesh, cantilever, plate_mesh
 from conftest import run_mpi
-from effect_scenes import CANTILEVER, line_meshes, scene_of
+from effect_scenes import CANTILEVER, scene_of
 from mpi4py import MPI
 
 from pgmp_petsc.bodies.floating import FloatingBody, first_moments
@@ -14,6 +14,7 @@ from pgmp_petsc.components.condensing import floating_shapes
 from pgmp_petsc.components.large_deformation import contraction_of, foreshortening
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import straight_beam
+from scenes import meshes_of
 
 STIFFENING = ('effects.stiffening={type="geometric_stiffening"}', 'effects.shapes={type="mode_inertia"}')
 TIP = 'outputs.tip={type="position", point="beam:tip", axis="x"}'
@@ -27,7 +28,7 @@ def floating(scene, meshes) -> FloatingBody:
 
 def planar() -> FloatingBody:
     scene = scene_of(CANTILEVER, "", "bodies.beam.line.elements=16", *FEW)
-    return floating(scene, line_meshes(scene))
+    return floating(scene, meshes_of(scene))
 
 
 def spatial() -> FloatingBody:

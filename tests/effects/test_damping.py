@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from compiled_elements import damped_beam2d
-from effect_scenes import BAR, CANTILEVER, line_meshes, mechanism_with_lines, scene_of
+from effect_scenes import BAR, CANTILEVER, scene_of
+from slopes import slopes
 
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.effects.damping import free_modes, modal_damping
+from scenes import mechanism_of, meshes_of
 
 # shear and rotary inertia lower the third frequency by (k^2 EI / GA + k^2 rho I / rho A) / 2 or so, 1e-4, k = 11; more
 # slender still, and round-off relative to the highest frequencies is seen in the lowest
@@ -20,7 +22,7 @@ def beam(n_elements: int, **section: float) -> Body:
     """Return the beam of the cantilever, EI = rho A = L = 1."""
     overrides = [f"bodies.beam.section.{key}={value}" for key, value in section.items()]
     scene = scene_of(CANTILEVER, "", f"bodies.beam.line.elements={n_elements}", *overrides)
-    return mechanism_with_lines(scene).bodies[0]
+    return mechanism_of(scene).bodies[0]
 
 
 @pytest.mark.parametrize("n_elements", [64, 128], ids=["dense solver", "sparse solver"])
@@ -41,7 +43,7 @@ def test_the_error_of_frequencies_falls_at_second_order() -> None:
 def test_modal_damping_gives_the_ratios_and_leaves_rigid_motions_alone() -> None:
     ratios = (0.02, 0.0, 0.05)
     scene = scene_of(CANTILEVER, f'[effects.loss]\ntype = "structural_damping"\nratios = {list(ratios)}')
-    mechanism = mechanism_with_lines(scene)
+    mechanism = mechanism_of(scene)
     (damping,) = modal_damping(effects_of(scene, mechanism), mechanism.bodies, {})
     body = mechanism.bodies[0]
     omega, phi, _ = free_modes(body, {}, 3, "entry")
@@ -57,8 +59,8 @@ def test_modal_damping_gives_the_ratios_and_leaves_rigid_motions_alone() -> None
 
 def test_rigid_bodies_have_no_modes_and_no_damping() -> None:
     scene = scene_of(BAR)
-    assert line_meshes(scene)["bar"].points["tip"] == 2
-    mechanism = mechanism_with_lines(scene)
+    assert meshes_of(scene)["bar"].points["tip"] == 2
+    mechanism = mechanism_of(scene)
     assert modal_damping(effects_of(scene, mechanism), mechanism.bodies, {}) == ()
 
 
@@ -89,11 +91,11 @@ def states() -> list[tuple[np.ndarray, np.ndarray]]:
 
 def test_stresses_follow_the_rate_of_the_strains() -> None:
     for u, v in states():
-        slopes = np.array([(strains(u + STEP * unit) - strains(u - STEP * unit)) / (2 * STEP) for unit in np.eye(6)])
+        changes = slopes(strains, u, STEP).T
         rates = (strains(u + STEP * v) - strains(u - STEP * v)) / (2 * STEP)
         force, _, power = damped(u, v)
         # central differences: round-off over the step, 1e-10
-        np.testing.assert_allclose(force, LENGTH * slopes @ (BETA * SECTION * rates), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(force, LENGTH * changes @ (BETA * SECTION * rates), rtol=0, atol=1e-9)
         assert power == pytest.approx(-LENGTH * BETA * SECTION @ rates**2, rel=0, abs=1e-9)
         assert power == pytest.approx(-force @ v, rel=1e-12)
 
@@ -101,8 +103,8 @@ def test_stresses_follow_the_rate_of_the_strains() -> None:
 def test_the_tangent_is_that_of_the_rates() -> None:
     for u, v in states():
         _, tangent, _ = damped(u, v)
-        columns = [(damped(u, v + STEP * unit)[0] - damped(u, v - STEP * unit)[0]) / (2 * STEP) for unit in np.eye(6)]
-        np.testing.assert_allclose(tangent, GAIN_V * np.array(columns).T, rtol=0, atol=GAIN_V * 1e-9)
+        changes = slopes(lambda rates: damped(u, rates)[0], v, STEP)
+        np.testing.assert_allclose(tangent, GAIN_V * changes, rtol=0, atol=GAIN_V * 1e-9)
 
 
 def test_a_rigid_motion_is_not_damped_however_deformed_the_element_is() -> None:

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 from counting import count_calls
-from effect_scenes import BAR, CANTILEVER, line_meshes, line_model, run_batch, run_distributed, scene_of
+from effect_scenes import BAR, CANTILEVER, run_batch, run_distributed, scene_of
 from mpi4py import MPI
+from runs import full_model
 
 from benchmarks import effect_cost
 from pgmp_petsc.effects import Effect, Motion, effects_of
@@ -15,6 +16,7 @@ from pgmp_petsc.full.distributed import FullDistributed
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.edge_search import EventLocation
+from scenes import meshes_of
 
 SHORT = "[simulation]\nduration = 5e-3\nstep = 1e-3\n"
 BEAM = CANTILEVER.split("[effects.hold]")[0]
@@ -39,7 +41,7 @@ def run_both(scene: Scene) -> None:
 
 def test_a_load_is_no_action(calls: Counter) -> None:
     scene = scene_of(BEAM, SHORT)
-    assert effects_of(scene, line_model(scene).kinematics.mechanism) == ()
+    assert effects_of(scene, full_model(scene).kinematics.mechanism) == ()
     run_both(scene)
     assert not calls, "without effects nothing of them is evaluated"
     run_both(scene_of(BEAM, SHORT + WEIGHT))
@@ -51,7 +53,7 @@ def test_a_load_is_no_action(calls: Counter) -> None:
 
 def test_only_what_is_there_is_built() -> None:
     bare, damped = (
-        line_model(scene_of(BEAM, SHORT + text))
+        full_model(scene_of(BEAM, SHORT + text))
         for text in ("", '[effects.e]\ntype = "structural_damping"\nstiffness = 1e-3\nmass = 1.0\n')
     )
     for model, any_damping in ((bare, False), (damped, True)):
@@ -71,14 +73,14 @@ def test_the_cost_of_effects_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(effect_cost, "N_STEPS", 3)
     monkeypatch.setattr(effect_cost, "N_REPEATS", 1)
     scene = scene_of(BEAM, SHORT)
-    costs = effect_cost.measure(scene, line_meshes(scene), line_model)
+    costs = effect_cost.measure(scene, meshes_of(scene), full_model)
     assert [cost.effects for cost in costs][:3] == ["none", "torque", "force"] and costs[-1].effects == "all"
     assert len(costs) == 12
     assert all(cost.seconds > 0.0 and cost.corrections >= 1.0 for cost in costs)
     text = effect_cost.table(costs)
     assert len(text.splitlines()) == 13 and text.splitlines()[1].split()[2] == "1.00"
     scene = scene_of(BAR)
-    assert "structural_damping" not in effect_cost.one_of_each(scene, line_meshes(scene)), "of rigid bodies"
+    assert "structural_damping" not in effect_cost.one_of_each(scene, meshes_of(scene)), "of rigid bodies"
 
 
 def test_the_script_asks_for_a_scene(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from mpi4py import MPI
-from runs import PAPER_SCENE, full_model, trajectory
+from runs import PAPER_SCENE, trajectory
 
 from pgmp_petsc.estimates import coarser_run
 from pgmp_petsc.estimates.own_error import step_remarks, too_few_steps
@@ -20,7 +20,7 @@ from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha
 from pgmp_petsc.stepping.second_order_system import Moment, SecondOrderSystem, StepsTaken
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.simulate import simulate
+from scenes import tables
 
 N_STEPS, STEP = 1000, 1e-3
 RADIUS = 0.8  # spectral radius of the scene
@@ -181,40 +181,18 @@ def test_errors_fall_as_the_step_where_a_force_jumps(entries: str, jumps: bool) 
     np.testing.assert_allclose(found.outputs["x"] * order, sure.outputs["x"] * (r**2 - 1.0), rtol=1e-12)
 
 
-CARRIAGE = """
-[scene]
-name = "carriage"
-[bodies.mass]
-rigid = { mass = 1.0, inertia = 1.0, points = { c = [0.0, 0.0] } }
-[joints.rail]
-type = "prismatic"
-connect = ["ground:origin", "mass:c"]
-axis = [1.0, 0.0]
-[coordinates.x]
-joint = "rail"
-range = [-2.0, 2.0]
-[controllers.servo]
-type = "pid"
-measures = "x"
-joint = "rail"
-reference = 1.0
-gains = { p = 40.0 }
-sample_time = 0.02
-[effects.oil]
-type = "joint_damping"
-joint = "rail"
-coefficient = 4.0
-[effects.rubs]
-type = "joint_friction"
-joint = "rail"
-limit = 3.0
-speed = 0.05
-[simulation]
-duration = 0.5
-[outputs.x]
-type = "sliding"
-joint = "rail"
-"""
+CARRIAGE = tables("""
+scene: name = "carriage"
+bodies.mass: rigid = { mass = 1.0, inertia = 1.0, points = { c = [0.0, 0.0] } }
+joints.rail: type = "prismatic"; connect = ["ground:origin", "mass:c"]; axis = [1.0, 0.0]
+coordinates.x: joint = "rail"; range = [-2.0, 2.0]
+controllers.servo: type = "pid"; measures = "x"; joint = "rail"; reference = 1.0; gains = { p = 40.0 };
+    sample_time = 0.02
+effects.oil: type = "joint_damping"; joint = "rail"; coefficient = 4.0
+effects.rubs: type = "joint_friction"; joint = "rail"; limit = 3.0; speed = 0.05
+simulation: duration = 0.5
+outputs.x: type = "sliding"; joint = "rail"
+""")
 
 
 @pytest.mark.parametrize("step", [1e-2, 5e-3, 2.5e-3])
@@ -223,9 +201,7 @@ def test_friction_turns_at_once_with_a_force_that_is_held(tmp_path: Path, step: 
     path = tmp_path / "carriage.toml"
     path.write_text(CARRIAGE)
     times = round(step / 1.25e-4)
-    exact, found = (
-        simulate(full_model(load_scene(path, [f"simulation.step={h}"])), MPI.COMM_SELF) for h in (step / times, step)
-    )
+    exact, found = (trajectory("full", load_scene(path, [f"simulation.step={h}"])) for h in (step / times, step))
     error = np.abs(found.outputs["x"] - exact.outputs["x"][::times]).max()
     assert error / 3.0 < np.abs(found.errors.outputs["x"]).max() < 3.0 * error
 
@@ -300,6 +276,6 @@ def test_kinks_of_a_largest_value_are_no_lost_vibration() -> None:
     largest = 'outputs.worst={type="stress", body="coupler", quantity="stress_max"}'
     path, short = ROOT / "scenes" / "four_bar.toml", "simulation.duration=0.5"
     scenes = [load_scene(path, (largest, short, f"simulation.step={step}")) for step in (1.25e-4, 1e-3)]
-    exact, found = (simulate(full_model(scene), MPI.COMM_SELF) for scene in scenes)
+    exact, found = (trajectory("full", scene) for scene in scenes)
     error = np.abs(found.outputs["worst"] - exact.outputs["worst"][::8]).max()
     assert error / 3.0 < np.abs(found.errors.outputs["worst"]).max() < 3.0 * error

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import paper_scene, rom_of
+from runs import built_rom, paper_scene, rom_of
 from solid_scenes import solid_meshes, solid_slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
@@ -14,8 +14,6 @@ from pgmp_petsc.estimates.own_error import FEW_STEPS, absence_of_estimates, few_
 from pgmp_petsc.estimates.validity import BodyStrains, Kept, Places, Weights, half_height, look_at, remarks_of
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.sampler import TurnedLoads
 from pgmp_petsc.reduction.tables import StiffnessChanges
@@ -124,8 +122,7 @@ def test_estimates_of_a_few_steps_are_said_to_be_unsure() -> None:
 )
 def test_what_estimates_leave_out(entries: tuple[str, ...], why: str | None) -> None:
     scene = solid_slider_crank("reduction.modes=3", "reduction.angles=8", *entries)
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        rom = build_rom(scene, solid_meshes(n_per_metre=10), group)
+    rom = built_rom(scene, meshes=solid_meshes(n_per_metre=10))
     told = scene.model_copy(update={"simulation": scene.simulation.model_copy(update={"error_indicator": True})})
     remarks = left_out_of_estimates(ReducedModel(told, rom))
     assert len(remarks) == (why is not None)

@@ -20,8 +20,8 @@ from scenes import four_bar, meshes_of, slider_crank, trammel
 STIFFENING = ('effects.stiffening={type="geometric_stiffening"}', 'effects.shapes={type="mode_inertia"}')
 # of joints that turn, slide, are balls and close loops, in the plane and in space
 MECHANISMS = {
-    "four-bar": lambda: components_model(four_bar(), meshes_of(four_bar())),
-    "free body": lambda: components_model(trammel(), meshes_of(trammel())),
+    "four-bar": lambda: components_model(four_bar()),
+    "free body": lambda: components_model(trammel()),
     "slider-crank, stiffened": lambda: _of_beams(*STIFFENING),
     "ball": lambda: _of_beams(
         'joints.elbow={type="universal", connect=["crank:tip", "rod:hinge"], axis=[0.0, 0.0, 1.0], '

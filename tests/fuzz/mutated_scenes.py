@@ -35,6 +35,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.inputs import read_scene
+from scenes import tables
 
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT = 60  # s of processor time of a case, against loops
@@ -142,24 +143,13 @@ def prepare(folder: Path) -> Path:
 
 
 #: Outputs of fatigue and of forces, behind the tables of a scene with a body `rod`.
-WEAR = """
-[outputs.worn_by]
-type = "stress"
-body = "rod"
-quantity = "stress_max"
-[outputs.damage]
-type = "rainflow"
-of = "worn_by"
-curve = { exponent = 5.0, reference = 1e8, cycles = 1e6 }
-mean_stress = "goodman"
-ultimate = 6e8
-[outputs.life]
-type = "rainflow"
-of = "worn_by"
-curve = { table = [[1e7, 1e9], [1e8, 1e6]] }
-quantity = "life"
-run_out = 1e12
-"""
+WEAR = tables("""
+outputs.worn_by: type = "stress"; body = "rod"; quantity = "stress_max"
+outputs.damage: type = "rainflow"; of = "worn_by"; curve = { exponent = 5.0, reference = 1e8, cycles = 1e6 };
+    mean_stress = "goodman"; ultimate = 6e8
+outputs.life: type = "rainflow"; of = "worn_by"; curve = { table = [[1e7, 1e9], [1e8, 1e6]] }; quantity = "life";
+    run_out = 1e12
+""")
 
 
 def bases() -> list[dict[str, Any]]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from runs import reduced_model
+from runs import FEW_MODES, reduced_model
 from two_coordinates import double_pendulum
 
 from pgmp_petsc.bodies.affine import Monomial
@@ -11,10 +11,6 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 from scenes import slider_crank
 
-MODES = (
-    "reduction.modes=3", "reduction.static_modes=true", "reduction.angles=32", 'reduction.interpolation="spline"',
-    "reduction.inertia_modes=true",
-)  # fmt: skip
 LOADS = ("parameters.g={nominal=9.81}", 'effects.weight={type="gravity",acceleration="g"}')
 DAMPING = ('effects.material={type="structural_damping",stiffness=2e-4,mass=2.0}',)
 SPRING = (
@@ -28,11 +24,11 @@ FRICTION_IN_JOINT = (
 SLOW = ('effects.velocities={type="gyroscopic",keep=false}',)
 SECOND = ("reduction.second_order=true",)
 SCENES = {
-    "first order": slider_crank(*MODES, *LOADS),
-    "second order": slider_crank(*MODES, *LOADS, *SECOND, *DAMPING),
-    "without inertia of velocities": slider_crank(*MODES, *LOADS, *SLOW, *DAMPING),
-    "spring and damper": slider_crank(*MODES, *LOADS, *SPRING),
-    "friction": slider_crank(*MODES, *FRICTION_IN_JOINT),
+    "first order": slider_crank(*FEW_MODES, *LOADS),
+    "second order": slider_crank(*FEW_MODES, *LOADS, *SECOND, *DAMPING),
+    "without inertia of velocities": slider_crank(*FEW_MODES, *LOADS, *SLOW, *DAMPING),
+    "spring and damper": slider_crank(*FEW_MODES, *LOADS, *SPRING),
+    "friction": slider_crank(*FEW_MODES, *FRICTION_IN_JOINT),
     "two coordinates": double_pendulum(*SECOND, "parameters.g={nominal=9.81}", LOADS[1]),
 }
 N_TIMES = 3
@@ -137,7 +133,7 @@ def test_the_derivative_with_time_is_that_of_the_engine_s_residual() -> None:
     """Loads that set in over a table and a wave, and a force that follows its body, which is none."""
     jet = 'type="force",point="rod:1",direction=[0.0,1.0],follows=true,harmonic={amplitude=4.0,frequency_hz=3.0}'
     push = 'type="force",point="rod:tip",direction=[1.0,0.0],harmonic={amplitude=9.0,frequency_hz=2.0}'
-    model = reduced_model(slider_crank(*MODES, f"effects.jet={{{jet}}}", f"effects.push={{{push}}}"))
+    model = reduced_model(slider_crank(*FEW_MODES, f"effects.jet={{{jet}}}", f"effects.push={{{push}}}"))
     times, states = somewhere(model)
     found = Linearisation(model, model.scene.values, ["r1"]).at(times, states, by_time=True)
     expected = slopes(lambda h: engine_residual(model, times + h, states), 1e-4)

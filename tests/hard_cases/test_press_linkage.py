@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import overridden, pgmp, rom_of
+from runs import overridden, pgmp, rom_of, trajectory
 
 from pgmp_petsc.api.sources import Origin
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import FullModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Ensemble, Trajectory
@@ -38,7 +38,7 @@ def scene_of(*overrides: str) -> Scene:
 
 @lru_cache(maxsize=1)
 def linear() -> Trajectory:
-    return simulate(ReducedModel(scene_of(), rom_of(scene_of())), MPI.COMM_SELF)
+    return trajectory("reduced", scene_of())
 
 
 @lru_cache(maxsize=1)
@@ -46,8 +46,8 @@ def of_full_order() -> Trajectory:
     return simulate(FullModel(scene_of(), rom_of(scene_of()).meshes), MPI.COMM_SELF)
 
 
-def warnings_of(trajectory: Trajectory) -> str:
-    return "\n".join(remark.text for remark in trajectory.record.remarks if remark.kind == "warning")
+def warnings_of(run: Trajectory) -> str:
+    return "\n".join(remark.text for remark in run.record.remarks if remark.kind == "warning")
 
 
 def test_the_linear_model_errs_and_warns() -> None:
@@ -69,7 +69,7 @@ def test_the_linear_model_errs_and_warns() -> None:
 def test_static_stretching_follows_it_to_the_end() -> None:
     """What is left, some seven per cent of the bending, is a tenth of what the linear model leaves."""
     scene = scene_of(*SECOND_ORDER)
-    run = simulate(ReducedModel(scene, rom_of(scene)), MPI.COMM_SELF)
+    run = trajectory("reduced", scene)
     full = of_full_order()
     assert run.status == 0
     exact = full.outputs["coupler_bending"]

@@ -165,6 +165,15 @@ def printed(module: Path, **environment: str) -> str:
     return out.strip()
 
 
+def said(module: Path, script: str) -> list[str]:
+    """Return the lines that a script prints which finds its modules in the folder's source, and ends well."""
+    command = [sys.executable, "-c", script, str(module / "source"), str(module / "cache")]
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(module / "cache"), "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=TIMEOUT_SECONDS)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
 def files(module: Path, ending: str) -> list[Path]:
     return sorted((module / "cache").rglob(f"*.{ending}"))
 
@@ -188,18 +197,10 @@ def test_what_is_compiled_is_kept(kept: Path) -> None:
 def test_what_is_kept_is_loaded_without_what_compiles(module: Path) -> None:
     """Arrays, errors and all; what is compiled after it in the same process is none the worse for it."""
     (module / "source" / "stairs.py").write_text(ARRAYS)
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(module / "cache"), "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-c", STAIRS, str(module / "source")]
-
-    def lines() -> list[str]:
-        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=TIMEOUT_SECONDS)
-        assert done.returncode == 0, done.stderr
-        return done.stdout.splitlines()
-
-    first = lines()
+    first = said(module, STAIRS)
     (of_integers,) = (path for path in files(module, "nbc") if path.name.endswith(".2.nbc"))
     of_integers.unlink()  # the second signature is compiled anew
-    second = lines()
+    second = said(module, STAIRS)
     assert first[:2] == second[:2] == ["[[0.0, 1.0, 2.0], [1.0, 2.0, 3.0]]", "too long"]
     assert first[2] == "True 0" and second[2] == "False 1"
     assert first[3] == second[3] == "[[0.0, 1.0], [1.0, 2.0]] True [[1.0], [2.0]] None"
@@ -252,7 +253,7 @@ def test_a_wheel_carries_code_for_a_family_of_processors(module: Path) -> None:
     environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA")}
     environment["PYTHONPATH"] = str(ROOT)
 
-    def said(**more: str) -> list[str]:
+    def lines(**more: str) -> list[str]:
         done = subprocess.run(
             command, capture_output=True, text=True, env=environment | more, timeout=TIMEOUT_SECONDS, check=True
         )
@@ -262,22 +263,22 @@ def test_a_wheel_carries_code_for_a_family_of_processors(module: Path) -> None:
         about = {"numba": version, "processors": [[machine, *family] for family in families]}
         (source / "carried.json").write_text(json.dumps(about))
 
-    assert said(NUMBA_CPU_NAME=FAMILY[0], NUMBA_CPU_FEATURES=FAMILY[1]) == ["6 1.0 None", "0"]
+    assert lines(NUMBA_CPU_NAME=FAMILY[0], NUMBA_CPU_FEATURES=FAMILY[1]) == ["6 1.0 None", "0"]
     made = {path: path.read_bytes() for path in (source / "__pycache__").glob("*.nb?")}
     assert len(made) == 3
     carries(numba.__version__, ("new", "+cx16,+fly"), FAMILY)
-    assert said() == ["6 1.0 None", "2"], "loaded here"
-    assert said(NUMBA_CACHE_DIR=str(module / "cache")) == ["6 1.0 None", "2"], "and where another folder is written to"
-    assert said(NUMBA_CPU_NAME="x86-64", NUMBA_CPU_FEATURES="+cx16") == ["6 1.0 None", "0"], "another one is asked for"
+    assert lines() == ["6 1.0 None", "2"], "loaded here"
+    assert lines(NUMBA_CACHE_DIR=str(module / "cache")) == ["6 1.0 None", "2"], "and where another folder is written to"
+    assert lines(NUMBA_CPU_NAME="x86-64", NUMBA_CPU_FEATURES="+cx16") == ["6 1.0 None", "0"], "another one is asked for"
     for path, content in made.items():
         path.write_bytes(content)
     carries(numba.__version__, ("new", "+cx16,+fly"))
-    line, hits = said()
+    line, hits = lines()
     assert hits == "0" and f"is of numba {numba.__version__} for processors new, and this is numba" in line
     assert "compiled once, and takes minutes" in line
-    assert said() == ["6 1.0 None", "2"], "that is kept as in a checkout"
+    assert lines() == ["6 1.0 None", "2"], "that is kept as in a checkout"
     carries("0.1", FAMILY)
-    assert said(NUMBA_CACHE_DIR=str(module / "others")) == ["6 1.0 None", "2"]
+    assert lines(NUMBA_CACHE_DIR=str(module / "others")) == ["6 1.0 None", "2"]
 
 
 def test_without_a_folder_that_can_be_written(module: Path) -> None:
@@ -365,10 +366,7 @@ print(len(locks))
 
 def test_nobody_waits_for_a_compilation_that_failed(module: Path) -> None:
     (module / "source" / "kernel.py").write_text(FAILING)
-    command = [sys.executable, "-c", FAILED, str(module / "source"), str(module / "cache")]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=TIMEOUT_SECONDS)
-    assert (done.stdout, done.returncode) == ("2\n", 0), done.stderr
+    assert said(module, FAILED) == ["2"]
 
 
 def decorated(node: ast.FunctionDef) -> dict[str, object] | None:
@@ -466,26 +464,15 @@ def test_a_value_whose_changes_nothing_tells_is_refused() -> None:
         compiled.compiled_mark(names["outer"].py_func)
 
 
-def test_functions_apart(tmp_path: Path):
+def test_functions_apart(module: Path):
     """Their code is not in their callers; what is not called is not compiled, nor loaded from the cache."""
-    source, cache = tmp_path / "source", tmp_path / "cache"
-    source.mkdir()
-    (source / "apart.py").write_text(APART)
-    (source / "caller.py").write_text(CALLER)
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-c", QUARTERS, str(source)]
-
-    def said() -> list[str]:
-        return subprocess.run(
-            command, capture_output=True, text=True, check=True, env=environment, timeout=TIMEOUT_SECONDS
-        ).stdout.splitlines()
-
-    values = "3.0 0.75 None"
-    assert said() == [values, "[0, 0, 0] 0", "False", "not compiled"]
-    assert said() == [values, "[1, 1, 1] 0", "False", "not compiled"]
-    for kept in cache.rglob("*halved*"):
-        kept.unlink()
-    assert said() == [values, "[0, 1, 1] 0", "False", "not compiled"]
+    (module / "source" / "apart.py").write_text(APART)
+    (module / "source" / "caller.py").write_text(CALLER)
+    for hits in ("[0, 0, 0] 0", "[1, 1, 1] 0", "[0, 1, 1] 0"):
+        assert said(module, QUARTERS) == ["3.0 0.75 None", hits, "False", "not compiled"]
+        if hits == "[1, 1, 1] 0":
+            for kept in (module / "cache").rglob("*halved*"):
+                kept.unlink()
 
 
 def test_variables_are_found_where_numba_finds_them() -> None:

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
+from pencils import dense_jacobian
 from runs import quick_return
 from scipy.spatial.transform import Rotation
+from slopes import slopes
 from spatial import slider_crank_in_space, spatial_slider_crank
 
 from pgmp_petsc.mechanism.body_frames import ConstraintHessians, ConstraintJacobian, constraint_jacobian
@@ -29,21 +31,6 @@ def anywhere(mechanism: Mechanism, n: int = 1) -> tuple[np.ndarray, np.ndarray, 
     return tuple(random.normal(size=shape) for shape in shapes)
 
 
-def dense_jacobian(constraints: ConstraintSet, q: np.ndarray) -> np.ndarray:
-    """Return C at q of shape (n_dofs,)."""
-    jacobian = np.zeros((constraints.n_constraints, q.size))
-    np.add.at(jacobian, constraints.jacobian_pattern, constraints.jacobian_values(q[:, None])[:, 0])
-    return jacobian
-
-
-def differences(function, q: np.ndarray, step: float = 1e-6) -> np.ndarray:
-    """Return central differences of a function of q, shape (n_values, n_dofs)."""
-    columns = []
-    for unit in np.eye(q.size):
-        columns.append((function(q + step * unit) - function(q - step * unit)) / (2 * step))
-    return np.array(columns).T
-
-
 # Central differences with a step of 1e-6 on numbers of order one: round-off 1e-10, truncation 1e-12.
 DIFFERENCE = {"rtol": 0.0, "atol": 2e-9}
 
@@ -52,13 +39,13 @@ def test_the_jacobian_is_the_derivative_of_the_residual(mechanism: Mechanism) ->
     constraints, (q, _, _) = ConstraintSet(Unknowns(mechanism)), anywhere(mechanism)
     rows, columns = constraints.jacobian_pattern
     assert len(set(zip(rows, columns))) == rows.size
-    expected = differences(lambda x: constraints.residual(x[:, None])[:, 0], q[:, 0])
+    expected = slopes(lambda x: constraints.residual(x[:, None])[:, 0], q[:, 0], 1e-6)
     np.testing.assert_allclose(dense_jacobian(constraints, q[:, 0]), expected, **DIFFERENCE)
 
 
 def test_reactions_change_with_pairs_of_unknowns_that_are_known(mechanism: Mechanism) -> None:
     constraints, (q, _, multipliers) = ConstraintSet(Unknowns(mechanism)), anywhere(mechanism)
-    changes = differences(lambda x: dense_jacobian(constraints, x).T @ multipliers[:, 0], q[:, 0])
+    changes = slopes(lambda x: dense_jacobian(constraints, x).T @ multipliers[:, 0], q[:, 0], 1e-6)
     # every pair of unknowns once: one triangle of each joint, not always that of the whole matrix
     i, j = constraints.curvature_pattern
     pairs = {(min(a, b), max(a, b)) for a, b in zip(i, j)}

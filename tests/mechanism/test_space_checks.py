@@ -11,6 +11,18 @@ BEAMS, PLANE, SPACE = "slider_crank", "slider_crank_solid2d", "slider_crank_soli
 MOUNT = "effects.mount={type='bushing', points=['crank:tip', 'rod:tip'], stiffness=[1, 1, 1], reference="
 GUIDE = "joints.elbow={type='cylindrical', connect=['crank:tip', 'rod:hinge'], axis=[0, 0, 1]}"
 SPRINGY = "effects.more={type='spring_damper', joint='elbow', stiffness=1.0"
+#: Of cells in the plane and in space, which a D stands for.
+OF_CELLS = """
+bodies.crank.section={shape='circle', radius=0.01} -> = { shape = "circle", radius = 0.01 }: solidDd takes its shape
+bodies.crank={line={length=0.3, elements=4}, element='solidDd', material='steel'} -> \
+    bodies.crank.line = { length = 0.3, elements = 4 }: solidDd takes its shape from a mesh; line is for beamDd
+bodies.crank.line={length=0.3, elements=4} -> \
+    = { length = 0.3, elements = 4 }: exactly one of mesh, line, matrices, rigid
+bodies.crank={mesh='a.msh', element='solidDd', thickness=0.01} -> bodies.crank.material: missing; needed: name of a
+bodies.rod.material='stel' -> = "stel": there is no such material; did you mean 'steel'?
+bodies.rod.regions={core='stel'} -> bodies.rod.regions.core = "stel": there is no such material; did you mean 'steel'?
+bodies.rod.regions={core=3} -> bodies.rod.regions.core = 3: text in quotes is needed
+"""
 REFUSED = {
     BEAMS: """
 bodies.crank.thickness=0.01 -> = 0.01: for solid2d and solid3d only
@@ -43,15 +55,6 @@ MOUNT[[1, 0, 0], [0, 1, 0]]} -> \
 outputs.slider_position.axis='z' -> = "z": x or y is needed in the plane
 """,
     PLANE: """
-bodies.crank.section={shape='circle', radius=0.01} -> = { shape = "circle", radius = 0.01 }: solid2d takes its shape
-bodies.crank={line={length=0.3, elements=4}, element='solid2d', material='steel'} -> \
-    bodies.crank.line = { length = 0.3, elements = 4 }: solid2d takes its shape from a mesh; line is for beam2d
-bodies.crank.line={length=0.3, elements=4} -> \
-    = { length = 0.3, elements = 4 }: exactly one of mesh, line, matrices, rigid
-bodies.crank={mesh='a.msh', element='solid2d', thickness=0.01} -> bodies.crank.material: missing; needed: name of a
-bodies.rod.material='stel' -> = "stel": there is no such material; did you mean 'steel'?
-bodies.rod.regions={core='stel'} -> bodies.rod.regions.core = "stel": there is no such material; did you mean 'steel'?
-bodies.rod.regions={core=3} -> bodies.rod.regions.core = 3: text in quotes is needed
 bodies.rod={mesh='a.msh', element='solid2d', material='steel'} -> bodies.rod.thickness: missing; needed: thickness of
 bodies.rod.thickness=0 -> = 0: a positive number or the name of a parameter is needed
 bodies.rod.thickness='t2' -> = "t2": there is no such parameter; known: t1
@@ -61,15 +64,6 @@ bodies.rod.section_scale='s' -> = "s": there is no such parameter; known: t1
 joints.elbow.axis=[0, 0, 1] -> = [0.0, 0.0, 1.0]: for mechanisms in space; in the plane the axis is z
 """,
     SPACE: """
-bodies.crank.section={shape='circle', radius=0.01} -> = { shape = "circle", radius = 0.01 }: solid3d takes its shape
-bodies.crank={line={length=0.3, elements=4}, element='solid3d', material='steel'} -> \
-    bodies.crank.line = { length = 0.3, elements = 4 }: solid3d takes its shape from a mesh; line is for beam3d
-bodies.crank.line={length=0.3, elements=4} -> \
-    = { length = 0.3, elements = 4 }: exactly one of mesh, line, matrices, rigid
-bodies.crank={mesh='a.msh', element='solid3d', thickness=0.01} -> bodies.crank.material: missing; needed: name of a
-bodies.rod.material='stel' -> = "stel": there is no such material; did you mean 'steel'?
-bodies.rod.regions={core='stel'} -> bodies.rod.regions.core = "stel": there is no such material; did you mean 'steel'?
-bodies.rod.regions={core=3} -> bodies.rod.regions.core = 3: text in quotes is needed
 bodies.rod.thickness=0.01 -> = 0.01: for solid2d only; a solid3d body has its thickness from its mesh
 bodies.rod={mesh='a.msh', element='solid3d', material='steel', section_scale=1.1, flexible=false} -> \
     bodies.rod.section_scale = 1.1: for flexible bodies; the inertia of a rigid one would not be affine in it
@@ -123,6 +117,7 @@ outputs.tilt={type='rotation', point='rod:tip'} -> outputs.tilt.type = "rotation
 """,
 }
 ENTRIES = [(scene, *case) for scene, text in REFUSED.items() for case in cases(text.replace("MOUNT", MOUNT))]
+ENTRIES += [(scene, *case) for scene in (PLANE, SPACE) for case in cases(OF_CELLS.replace("Dd", scene[-2:]))]
 
 
 @pytest.mark.parametrize(("scene", "override", "said"), ENTRIES, ids=[f"{e[0]}: {e[1][:50]}" for e in ENTRIES])

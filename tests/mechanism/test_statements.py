@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from slopes import slopes
 
 from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.statements import ANGLE, FOLLOWING, Statement, evaluate, n_frame
@@ -33,11 +34,6 @@ def halves(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return z[: len(z) // 2], z[len(z) // 2 :]
 
 
-def central(function, z: np.ndarray, step: float) -> np.ndarray:
-    """Return differences of a function, the derivative's index last."""
-    return np.stack([(function(z + step * e) - function(z - step * e)) / (2 * step) for e in np.eye(len(z))], axis=-1)
-
-
 @pytest.fixture(autouse=True)
 def the_same_numbers_whatever_ran_before() -> None:
     RANDOM.bit_generator.state = BEGUN
@@ -45,7 +41,7 @@ def the_same_numbers_whatever_ran_before() -> None:
 
 def falls_at_order_two(function, exact: np.ndarray, z: np.ndarray) -> None:
     """Say that differences go to the derivative with the square of the step, or are exact."""
-    coarse, fine = (np.abs(central(function, z, step) - exact).max() for step in STEPS)
+    coarse, fine = (np.abs(slopes(function, z, step) - exact).max() for step in STEPS)
     assert coarse < 1e-11 or 3.5 < coarse / fine < 4.5, (coarse, fine)
 
 

@@ -5,7 +5,7 @@ import pytest
 from conftest import ROOT
 from frames import check_derivatives
 from refusals import refusal
-from two_coordinates import BASE, COUPLER, LEFT, RIGHT, UPPER, double_pendulum, five_bar
+from two_coordinates import BASE, COUPLER, LEFT, RIGHT, THIRD, UPPER, double_pendulum, five_bar
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.block_solves import solved, triangular_blocks
@@ -273,12 +273,7 @@ def test_an_isolated_singular_configuration_is_found_between_the_points_of_the_g
 
 def test_a_third_coordinate() -> None:
     """An open chain in the plane: every angle adds to those before it."""
-    third = (
-        'bodies.hand={mesh="0.0:0.1:2",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
-        'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}',
-        'coordinates.theta3={joint="wrist",range=[0.0,1.0]}',
-    )
-    kinematics = kinematics_of(double_pendulum(*third))
+    kinematics = kinematics_of(double_pendulum(*THIRD))
     theta = np.array([[0.4, -0.7, 0.2], [-2.0, 9.0, 1.0]])
     np.testing.assert_allclose(kinematics.poses(theta)[:, 2].T, np.cumsum(theta, axis=1), rtol=0.0, atol=1e-12)
     assert kinematics.n_redundant == 0 and kinematics.branch is None

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 from conftest import ROOT
+from pencils import free_hz
 from refusals import cases, check_said, refusal
 from runs import in_turn, one_message, overridden, refused, said
-from scipy.sparse.linalg import eigsh
 from solids import body_of, box_mesh, matrices_of
 
 from pgmp_petsc.figures.solids import part_picture
@@ -22,6 +21,7 @@ from pgmp_petsc.mesh import cad_part
 from pgmp_petsc.mesh.cad_part import CadPart, read_part
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.studies.inputs import with_meshes
+from scenes import tables
 
 pytestmark = pytest.mark.skipif(find_spec("gmsh") is None, reason="gmsh is not installed")
 MM = 1e-3
@@ -107,9 +107,7 @@ def test_units_of_the_file_and_of_the_scene(parts: Path) -> None:
 
 
 def first_frequencies(mesh, n: int = 4) -> np.ndarray:
-    stiffness, mass = matrices_of(body_of(mesh, 210e9, 7800.0))
-    values = eigsh(sp.csc_matrix(stiffness), n + 6, mass, sigma=-1e5, return_eigenvectors=False)
-    return np.sqrt(np.sort(values)[6:]) / (2.0 * np.pi)
+    return free_hz(*matrices_of(body_of(mesh, 210e9, 7800.0)), n)
 
 
 def test_cells_by_the_walls_are_fine_enough_and_finer_ones_converge(parts: Path) -> None:
@@ -120,26 +118,13 @@ def test_cells_by_the_walls_are_fine_enough_and_finer_ones_converge(parts: Path)
     assert np.abs(fine / known - 1.0).max() < 0.3 * np.abs(own / known - 1.0).max()
 
 
-PART = """
-[scene]
-name = "part"
-units = "mm"
-[materials.steel]
-E = 210e3
-nu = 0.3
-rho = 7.8e-9
-[bodies.rod]
-mesh = "PART.step"
-element = "solid3d"
-material = "steel"
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "rod:POINT"]
-axis = [0.0, 0.0, 1.0]
-[coordinates.angle]
-joint = "hinge"
-range = [-1.0, 1.0]
-"""
+PART = tables("""
+scene: name = "part"; units = "mm"
+materials.steel: E = 210e3; nu = 0.3; rho = 7.8e-9
+bodies.rod: mesh = "PART.step"; element = "solid3d"; material = "steel"
+joints.hinge: type = "revolute"; connect = ["ground:origin", "rod:POINT"]; axis = [0.0, 0.0, 1.0]
+coordinates.angle: joint = "hinge"; range = [-1.0, 1.0]
+""")
 
 
 def scene_of(parts: Path, name: str = "rod", point: str = "bore1") -> Path:

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 from coupled_scenes import CAM, RACK, ROTORS, ROTORS_IN_SPACE, SCREW
-from effect_scenes import BAR, BASE, CANTILEVER, line_model, scene_of
+from effect_scenes import BAR, BASE, CANTILEVER, scene_of
 from refusals import cases, check_said, refusal
+from runs import full_model
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import load_scene, scene_from_toml
@@ -492,7 +493,7 @@ def test_lines_and_dotted_names() -> None:
 
 
 def test_the_base_is_sound() -> None:
-    assert line_model(scene_from_toml(BASE, ".", [f"effects.e={DRIVE}"])).kinematics.mechanism.n_nodes == 5
+    assert full_model(scene_from_toml(BASE, ".", [f"effects.e={DRIVE}"])).kinematics.mechanism.n_nodes == 5
 
 
 def test_a_driven_coordinate_starts_where_its_motion_says() -> None:
@@ -521,13 +522,13 @@ IN_THE_MESH = {
 @pytest.mark.parametrize("name", IN_THE_MESH)
 def test_points_that_a_mesh_does_not_have(name: str) -> None:
     override, entry = IN_THE_MESH[name]
-    message = refusal(line_model, scene_from_toml(BASE, ".", [override]))
+    message = refusal(full_model, scene_from_toml(BASE, ".", [override]))
     assert message.startswith(f"{entry} = ") and "did you mean" in message
 
 
 def test_more_ratios_than_a_body_has_modes() -> None:
     ratios = [0.01] * 30
-    model = line_model(scene_of(CANTILEVER, f'[effects.e]\ntype = "structural_damping"\nratios = {ratios}'))
+    model = full_model(scene_of(CANTILEVER, f'[effects.e]\ntype = "structural_damping"\nratios = {ratios}'))
     with pytest.raises(InputError, match=r"^effects\.e\.ratios: 30 modes of beam are asked for; its mesh has 24$"):
         model.batch({}, 1)
 

@@ -7,16 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import one_message, said
+from runs import one_message, said, trajectory
 
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.scene.loading import template_names, write_template
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.simulate import simulate
 
 NAMES = ("arm", "four_bar", "gantry", "press", "rotor", "servo", "slider_crank", "solid_link", "spatial")
 # a shortened run of a coarse model: 12 configurations of one coordinate, 4 x 4 of two
@@ -39,9 +35,7 @@ def test_a_template_is_sound_and_runs(name: str, tmp_path: Path) -> None:
     angles = 12 if len(whole.coordinates) == 1 else 4
     overrides = (*SHORT, f"reduction.angles={angles}")
     scene, meshes = read_scene(written[0], overrides, (), MPI.COMM_SELF, Purpose.BUILD)
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        rom = build_rom(scene, meshes, group)
-    run = simulate(ReducedModel(scene, rom), MPI.COMM_SELF)
+    run = trajectory("reduced", scene, meshes)
     assert run.status == Status.FINE and run.time[-1] == pytest.approx(0.02)
     assert all(np.isfinite(values).all() for values in run.outputs.values())
     assert any(np.ptp(values) > 0.0 for values in run.outputs.values())

@@ -1,7 +1,8 @@
 """Steps that end where a law has an edge: a bar that bounces between its stops."""
 
 import numpy as np
-from effect_scenes import BAR, BAR_INERTIA, line_model, scene_of
+from effect_scenes import BAR, BAR_INERTIA, scene_of
+from runs import full_model
 
 from benchmarks.called import Called
 from pgmp_petsc.scene import Scene
@@ -42,7 +43,7 @@ def exact(time: float) -> float:
 
 def angles(scene: Scene, n: int = 1, **values: np.ndarray) -> np.ndarray:
     """Return the angle of every sample at every step, shape (n_t, n)."""
-    system, found = line_model(scene).batch(values, n), []
+    system, found = full_model(scene).batch(values, n), []
     integrate(system, scene.simulation, observer=Called(lambda k, t, state: found.append(system.unpack(state.q)[2])))
     return np.array(found)
 
@@ -89,10 +90,10 @@ def test_a_sample_with_events_does_not_change_the_others() -> None:
 
 def test_a_start_within_a_stop_is_no_event_until_it_is_left() -> None:
     scene = bouncing(1e-3, 0.2, upper=-0.05)
-    model = line_model(scene)
+    model = full_model(scene)
     system = model.batch({}, 1)
     state = system.start()
-    assert system.n_events == 2 and line_model(scene_of(BAR)).batch({}, 1).n_events == 0
+    assert system.n_events == 2 and full_model(scene_of(BAR)).batch({}, 1).n_events == 0
     np.testing.assert_array_equal(system.depths(0.0, state)[:, 0] > 0.0, [False, True])
     found = angles(scene)[:, 0]
     rate = np.sqrt(STIFFNESS / BAR_INERTIA)

@@ -14,18 +14,17 @@ from contextlib import redirect_stderr, redirect_stdout
 from functools import cache
 from pathlib import Path
 
-import meshio
 import numpy as np
 import pytest
 import scipy.sparse as sp
 from assembled import ABAQUS, GAP, labels_of, write_body, write_inp
 from conftest import ROOT
+from pencils import free_hz
 from refusals import refusal
 from runs import refused, said
 from scipy.linalg import eigh
 from scipy.optimize import brentq
-from scipy.sparse.linalg import eigsh
-from solids import body_of, matrices_of
+from solids import body_of, grouped, matrices_of
 
 from pgmp_petsc.bodies.assembled_reading import read_assembled
 from pgmp_petsc.mesh import SolidMesh
@@ -35,32 +34,22 @@ from pgmp_petsc.mesh.solid_mesh import cell_faces, reference_element
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.results import ModesTable
 from pgmp_petsc.scene import load_scene
+from scenes import tables
 
 LENGTH, E, RHO = 0.86130775, 210e9, 7800.0  # m, Pa, kg/m3
 RADIUS, DISC, WIDTH = 0.01, 0.06, 0.02  # of the shaft and the disc, and how wide this is, m
 COARSE, KNOWN = 2, 104.637  # cells on either side of the disc, Hz
 SAME = 1e-6
-SCENE = f"""
-[scene]
-name = "rotor"
-[materials.steel]
-E = {E}
-nu = 0.3
-rho = {RHO}
-[bodies.rod]
-element = "solid3d"
+SCENE = tables(f"""
+scene: name = "rotor"
+materials.steel: E = {E}; nu = 0.3; rho = {RHO}
+bodies.rod: element = "solid3d"
 BODY
-[joints.hinge]
-type = "revolute"
-connect = ["ground:origin", "rod:left"]
-axis = [0.0, 0.0, 1.0]
+joints.hinge: type = "revolute"; connect = ["ground:origin", "rod:left"]; axis = [0.0, 0.0, 1.0]
 ELASTIC
-[coordinates.angle]
-joint = "hinge"
-range = [-1.0, 1.0]
-[reduction]
-modes = 4
-"""
+coordinates.angle: joint = "hinge"; range = [-1.0, 1.0]
+reduction: modes = 4
+""")
 #: Stiffness, mass, nodes and further entries, by the program.
 FILES = {
     "Abaqus": ("rod_k_abaqus.mtx", "rod_m_abaqus.mtx", "rod.inp", ""),
@@ -103,12 +92,9 @@ def rotor_mesh(n: int) -> SolidMesh:
     nodes, cells = np.unique(np.concatenate(places).round(12), axis=0, return_inverse=True)
     cells = cells.reshape(-1, 20)
     faces = cell_faces("hexahedron20", cells)
-    sides = [faces[(abs(nodes[faces, 0] - end) < 1e-9).all(axis=1)] for end in (0.0, LENGTH)]
-    blocks = [("hexahedron20", cells), *(("quad8", side) for side in sides)]
-    tags = [np.full(len(block), number) for number, (_, block) in enumerate(blocks, start=1)]
-    names = {"body": np.array([1, 3]), "left": np.array([2, 2]), "right": np.array([3, 2])}
-    tagged = {"gmsh:physical": tags, "gmsh:geometrical": list(tags)}
-    return solid_mesh(meshio.Mesh(nodes, blocks, cell_data=tagged, field_data=names), 3, "rotor")
+    at = {"left": 0.0, "right": LENGTH}
+    sides = {name: faces[(abs(nodes[faces, 0] - x) < 1e-9).all(axis=1)] for name, x in at.items()}
+    return solid_mesh(grouped(nodes, "hexahedron20", cells, sides), 3, "rotor")
 
 
 MESH = rotor_mesh(COARSE)
@@ -195,10 +181,7 @@ def scene_of(folder: Path, body: str, name: str, elastic: str = "") -> Path:
 
 
 def free_frequency(stiffness: sp.spmatrix, mass: sp.spmatrix) -> float:
-    """Return the first elastic frequency of a free body, Hz."""
-    start = np.random.default_rng(0).standard_normal(stiffness.shape[0])
-    values = eigsh(sp.csc_matrix(stiffness), 8, sp.csc_matrix(mass), sigma=-1e5, v0=start, return_eigenvectors=False)
-    return float(np.sqrt(np.sort(values)[6]) / (2.0 * np.pi))
+    return float(free_hz(stiffness, mass, 2)[0])
 
 
 def test_finer_meshes_lie_between_two_beams() -> None:

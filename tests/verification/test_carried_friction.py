@@ -25,15 +25,16 @@ from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.models.lengths import of_samples
-from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.simulate import why_stopped
-from scenes import HEADER, mechanism_of, meshes_of, tables
+from scenes import HEADER, mechanism_of, meshes_of, of_text, tables
 
 MASS, LEVER, INERTIA, G = 2.0, 0.3, 0.05, 9.80665
 MU, RADIUS, SLOW = 0.2, 0.05, 0.2  # it sets in within 8 ms, which the steps below resolve
+# a rigid pendulum that falls from level and rubs in its bearing
 PENDULUM = HEADER + tables("""
 bodies.rod: rigid = { mass = 2.0, centre = [0.3, 0.0], inertia = 0.05, points = { hub = [0.0, 0.0] } }
 joints.hinge: type = "revolute"; connect = ["ground:origin", "rod:hub"]
@@ -45,15 +46,11 @@ outputs.angle: type = "angle"; joint = "hinge"
 outputs.carried: type = "joint_force"; joint = "hinge"
 simulation: duration = 0.5; step = 1e-3
 """)
+pendulum = of_text(PENDULUM)
 IN_SPACE = (
     "bodies.rod.rigid={mass=2.0,centre=[0.3,0,0],inertia=[0.05,0.05,0.05,0,0,0],points={hub=[0,0,0]}}",
     "joints.hinge.axis=[0.0,0.0,1.0]", "effects.weight.direction=[0.0,-1.0,0.0]",
 )  # fmt: skip
-
-
-def pendulum(*overrides: str) -> Scene:
-    """Return a rigid pendulum that falls from level and rubs in its bearing."""
-    return scene_from_toml(PENDULUM, ".", overrides)
 
 
 def falling(angle: float, speed: float, mu: float = MU) -> tuple[float, float]:
@@ -115,6 +112,7 @@ def test_a_block_on_an_incline_slides_by_the_closed_form_and_another_one_creeps(
     assert np.ptp(found["x"][later]) / np.ptp(times[later]) == pytest.approx(1e-4 * np.arctanh(0.75 / 0.9), rel=1e-3)
 
 
+# a flexible slider-crank that rubs in all of its joints
 SLIDER = HEADER + tables("""
 parameters.mu: nominal = 0.2; bounds = [0.0, 0.5]
 bodies.crank: line = { length = 0.1, elements = 2 }; element = "beam2d"; material = "steel";
@@ -134,14 +132,10 @@ simulation: duration = 0.04; step = 1e-4; initial = { theta = { position = 0.5, 
 outputs.theta: type = "angle"; joint = "main"
 outputs.pin: type = "joint_force"; joint = "pin"
 """)
+slider = of_text(SLIDER)
 
 
 JOINTS = ("in_main", "main"), ("in_pin", "pin"), ("in_guide", "guide")
-
-
-def slider(*overrides: str) -> Scene:
-    """Return a flexible slider-crank that rubs in all of its joints."""
-    return scene_from_toml(SLIDER, ".", overrides)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from functools import cache
 import exported
 import numpy as np
 import pytest
-from alike import assert_alike, assert_samples_are_those_alone, residuals
+from alike import assert_alike, assert_samples_are_those_alone, balances, residuals
 from differences import compare
 from loose_scenes import ball, follower, gears, worn
 from machine_scenes import run
@@ -24,7 +24,7 @@ from pgmp_petsc.mechanism.composition import loosened
 from pgmp_petsc.mechanism.joints import meeting
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.check import describe_scene
-from scenes import kinematics_of, meshes_of, tables
+from scenes import kinematics_of, meshes_of, of_text, tables
 
 
 def _normal(p: list[float], x: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -341,30 +341,16 @@ def test_c_code_runs_as_the_model(tmp_path):
     )
 
 
-PULLED = """
-[scene]
-name = "pulled"
-[bodies.bar]
-rigid = { mass = 1.0, inertia = 0.01, centre = [0.2, 0.0], points = { pin = [0.0, 0.0] } }
-[joints.pin]
-type = "revolute"
-connect = ["ground:origin", "bar:pin"]
-clearance = { radius = 5e-4, stiffness = 1e10, restitution = 0.1, restitution_speed = 0.02 }
-[coordinates.phi]
-joint = "pin"
-range = [-2.0, 2.0]
-[effects.pull]
-type = "force"
-point = "bar:centre"
-direction = [1.0, 0.0]
-table = [[0.0, 0.0], [0.04, 1e4]]
-[simulation]
-duration = 0.05
-step = 2.5e-4
-[outputs.force]
-type = "joint_force"
-joint = "pin"
-"""
+PULLED = tables("""
+scene: name = "pulled"
+bodies.bar: rigid = { mass = 1.0, inertia = 0.01, centre = [0.2, 0.0], points = { pin = [0.0, 0.0] } }
+joints.pin: type = "revolute"; connect = ["ground:origin", "bar:pin"];
+    clearance = { radius = 5e-4, stiffness = 1e10, restitution = 0.1, restitution_speed = 0.02 }
+coordinates.phi: joint = "pin"; range = [-2.0, 2.0]
+effects.pull: type = "force"; point = "bar:centre"; direction = [1.0, 0.0]; table = [[0.0, 0.0], [0.04, 1e4]]
+simulation: duration = 0.05; step = 2.5e-4
+outputs.force: type = "joint_force"; joint = "pin"
+""")
 
 
 @exported.needs_compiler
@@ -375,7 +361,7 @@ def test_a_contact_under_a_large_force_is_stiff_across_in_c_too(tmp_path):
 
 def test_the_balance_of_energy_holds_at_second_order():
     """What contacts take is in it, by the name of the joint."""
-    off = residuals("reduced", lambda step: worn(step, *RUBS), 2e-5, 1e-5)
+    off = residuals(balances("reduced", lambda step: worn(step, *RUBS), 2e-5, 1e-5))
     assert np.min(motion("reduced", worn("simulation.step=1e-5", *RUBS)).balance.work["pin"]) < -10.0 * off[-1]
     assert 2.5 < off[0] / off[1] < 6.0, off
 
@@ -405,6 +391,7 @@ outputs.speed: type = "speed"; joint = "main"
 outputs.y: type = "position"; point = "slider:pin"; axis = "y"
 outputs.left: type = "position"; point = "slider:left"; axis = "y"
 """)
+loose = of_text(SCENE)
 ROOM = 1e-3
 # time (s), height of the slider's middle over its room, speed of the crank (rad/s): until it is about to impact twice
 PUBLISHED = np.array([
@@ -412,11 +399,6 @@ PUBLISHED = np.array([
     (0.002, 0.4871, 120.82), (0.0025, 0.8302, 112.79), (0.0027, 0.9901, 109.92), (0.0033, 0.8845, 101.19),
     (0.0043, 0.7606, 91.29), (0.0053, 0.8204, 84.21), (0.0062, 0.9919, 79.48),
 ])  # fmt: skip
-
-
-def loose(*overrides: str) -> Scene:
-    """Return the slider-crank."""
-    return scene_from_toml(SCENE, ".", overrides)
 
 
 L1, L2, M1, M2, M3, J1, J2, J3, G = 0.153, 0.306, 0.038, 0.038, 0.076, 7.4e-5, 5.9e-4, 2.7e-6, 9.81

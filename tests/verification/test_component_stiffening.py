@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cantilevers import SPINS
 from conftest import ROOT
-from effect_scenes import CANTILEVER, line_meshes, scene_of
+from effect_scenes import CANTILEVER, scene_of
 from runs import components_model, full_model, history, motion, samples
 from solid_scenes import solid_meshes, solid_slider_crank
 from spatial import slider_crank_in_space
@@ -40,7 +40,7 @@ KINDS = {
 
 def planar(text: str, *overrides: str) -> tuple[Scene, dict]:
     scene = scene_of(CANTILEVER, text, "bodies.beam.line.elements=16", *overrides)
-    return scene, line_meshes(scene)
+    return scene, meshes_of(scene)
 
 
 def of_kind(kind: str) -> Callable[..., tuple[Scene, dict]]:

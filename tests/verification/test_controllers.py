@@ -15,10 +15,21 @@ import pytest
 from alike import assert_alike, assert_order, assert_samples_are_those_alone
 from conftest import ROOT
 from exported import FMPY, Unit, assert_equal, compiled, needs_compiler, outputs_of
-from machine_scenes import MODELS, cart, errors_of, of_text, run
+from machine_scenes import MODELS, cart, errors_of, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
-from runs import assert_close, full_model, history, in_turn, motion, overridden, reduced_model, run_model, samples
+from runs import (
+    assert_close,
+    full_model,
+    history,
+    in_turn,
+    motion,
+    overridden,
+    reduced_model,
+    run_model,
+    samples,
+    trajectory,
+)
 from scipy.integrate import solve_ivp, trapezoid
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
@@ -43,8 +54,7 @@ from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.effect_sizes import estimate_effects
-from pgmp_petsc.studies.simulate import simulate
-from scenes import HEADER, meshes_of, slider_crank, tables
+from scenes import HEADER, meshes_of, of_text, slider_crank, tables
 
 SERVO_ARM = ROOT / "pgmp_petsc" / "scene" / "templates" / "servo.toml"
 FEW = "reduction.angles=12"
@@ -402,7 +412,7 @@ def test_errors_of_the_step_under_control(every: int, known: bool) -> None:
     torque = 'outputs.torque={type="control_force",controller="servo"}'
     short = f"controllers.servo.sample_time={every}e-3", "simulation.duration=0.15", torque
     one, fine = (load_scene(SERVO_ARM, (*short, f"simulation.step={step}")) for step in (1e-3, 2.5e-4))
-    found = simulate(full_model(one), MPI.COMM_SELF)
+    found = trajectory("full", one)
     said = [remark.text for remark in found.record.remarks if "would miss samplings" in remark.text]
     assert bool(said) != known and (found.errors is None) != known
     if known:
@@ -418,8 +428,7 @@ def test_too_many_samplings_have_no_estimated_errors() -> None:
     scene = load_scene(
         SERVO_ARM, (FEW, "simulation.step=1e-5", "controllers.servo.sample_time=1e-5", "simulation.duration=0.06")
     )
-    model = reduced_model(scene)
-    found = simulate(model, MPI.COMM_SELF)
+    found = trajectory("reduced", scene)
     assert set(found.errors.absent.values()) == {TOO_OFTEN} and set(found.errors.absent) == set(found.outputs)
     assert sum(TOO_OFTEN in remark.text for remark in found.record.remarks) == 1
 

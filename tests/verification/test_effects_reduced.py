@@ -8,9 +8,9 @@ import h5py
 import numpy as np
 import pytest
 from counting import count_calls
-from effect_scenes import BAR, BAR_INERTIA, STEP, G, line_model, scene_of, turning
-from runs import history, motion, reduced_model, rom_of, samples, trajectory
-from runs import reduced_model as in_memory
+from effect_scenes import BAR, BAR_INERTIA, STEP, G, scene_of, turning
+from runs import FEW_MODES, full_model, history, motion, reduced_model, rom_of, samples, trajectory
+from slopes import characteristic_roots
 from test_damping_and_drives import DECAYS, MOTIONS, SPINNER
 from test_effects_full import ANCHOR, TURNED
 
@@ -37,17 +37,13 @@ reduction: modes = 2; angles = 24; interpolation = "spline"
 """)
 
 
-def build(scene: Scene) -> ReducedModel:
-    return reduced_model(scene)
-
-
 def run_of(text: str, duration: float, *overrides: str, **initial: float) -> Trajectory:
     """Run the reduced model of the stiff bar with effects."""
     start = "".join(f"{key} = {value}\n" for key, value in initial.items())
     simulation = f"[simulation]\nduration = {duration}\nstep = {STEP}\nspectral_radius = 0.9\n"
     begin = f"[simulation.initial.theta]\n{start}" if initial else ""
     scene = scene_of(BAR, f"{ANGLE}{text}\n{simulation}{begin}", *STIFF, *overrides)
-    return motion(build(scene))
+    return motion(reduced_model(scene))
 
 
 ONE = {"velocity": 1.0}
@@ -115,23 +111,13 @@ reduction: modes = 3; angles = 4; interpolation = "spline"
 def test_the_decay_of_a_mode(name: str) -> None:
     """Of the second free mode, antisymmetric, by the linearised equations; a rotation decays by mass alone."""
     text, decay = DECAYS[name]
-    model = build(scene_of(SPINNER, DAMPED.format(damping=text)))
+    model = reduced_model(scene_of(SPINNER, DAMPED.format(damping=text)))
     system, n = model.batch({}, 1), model.terms.layout.n_eta
 
-    def slopes(kind: int) -> np.ndarray:
-        columns = []
-        for i in range(n):
-            at = np.zeros((2, 3, 1, n))
-            at[:, kind, 0, i] = 1e-6, -1e-6
-            up, down = (system.residual(0.0, State(*state, np.zeros(0)))[0].copy() for state in at)
-            columns.append((up - down) / 2e-6)
-        return np.array(columns).T
+    def residual(state: np.ndarray) -> np.ndarray:
+        return system.residual(0.0, State(*state[:, None], np.zeros(0)))[0].copy()
 
-    stiffness, damping, mass = (slopes(kind) for kind in range(3))
-    first_order = np.block(
-        [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]]
-    )
-    roots = np.linalg.eigvals(first_order)
+    roots = characteristic_roots(residual, np.zeros((3, n)), 1e-6)
     expected = 7.8532**2  # of a free beam; 8 elements: (k h)^2 / 8
     mode = roots[np.argmin(np.abs(roots - 1j * expected))]
     omega = np.abs(mode)
@@ -141,10 +127,7 @@ def test_the_decay_of_a_mode(name: str) -> None:
     np.testing.assert_allclose(rotation, [0.0, float(name == "both")], rtol=0, atol=1e-4)
 
 
-MODES = (
-    "reduction.modes=4", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
-    'reduction.interpolation="spline"',
-)  # fmt: skip
+MODES = *FEW_MODES, "reduction.modes=4"
 SHORT = "\n[simulation]\nduration = 2e-2\nstep = 2e-3\n"
 NAMED = {
     "torque": 'type = "torque"\njoint = "hinge"\nharmonic = { amplitude = 1.0, frequency_hz = 1.0 }',
@@ -174,7 +157,7 @@ def written(folder: Path, scene: Scene) -> dict[str, object]:
     rom = rom_of(scene)
     rom.write(folder / "rom.h5")
     trajectory(ReducedModel(scene, rom)).write(folder / "reduced.h5")
-    trajectory(line_model(scene)).write(folder / "full.h5")
+    trajectory(full_model(scene)).write(folder / "full.h5")
     for name in ("rom", "reduced", "full"):
         with h5py.File(folder / f"{name}.h5") as file:
             paths: list[str] = []
@@ -230,7 +213,7 @@ def test_an_effect_adds_and_evaluates_only_what_is_its_own(
     rest = changed - works - {"loads", "rom:stiffness_changes/influence"}
     assert all(any(name.startswith(part) for part in ADDED.get(kind, ())) for name in rest), sorted(rest)
     assert held["loads"] == (["extra"] if kind in ("torque", "gravity") else [])
-    model = build(scene)
+    model = reduced_model(scene)
     calls.clear()
     system: ReducedSystem = model.batch({}, 1)
     motion(model)
@@ -255,7 +238,7 @@ def bending(speed: float, keep: bool) -> tuple[np.ndarray, ReducedModel]:
         *MODES, 'outputs.bend={type="deformation",point="rod:2",axis="y"}',
         "simulation.duration=0.1", "simulation.step=1e-3",
     )  # fmt: skip
-    model = in_memory(scene)
+    model = reduced_model(scene)
     _, found = history(model, samples(scene, 1), 1)
     return found["bend"][:, 0], model
 

@@ -10,7 +10,7 @@ import pytest
 import runs
 from conftest import ROOT
 from mpi4py import MPI
-from runs import components_model, full_model, history, samples, trajectory
+from runs import components_model, full_model, history, reduced_model, samples, trajectory
 from solid_scenes import solid_meshes, solid_slider_crank
 from spatial import slider_crank_in_space
 from spatial_beams import slider_crank_of_beams
@@ -478,8 +478,7 @@ FEWER = "reduction.angles=96"  # than by default, which do not change what is es
 @cache
 def model_of(path: Path, *overrides: str) -> ReducedModel:
     scene, meshes = read_scene(path, (FEWER, *overrides), (), MPI.COMM_SELF, Purpose.BUILD)
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        return ReducedModel(scene, build_rom(scene, meshes, group))
+    return reduced_model(scene, meshes)
 
 
 @pytest.mark.parametrize("case", OF_USERS)

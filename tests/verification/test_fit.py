@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import components_model, full_model, history, reduced_model, samples
+from runs import FEW_MODES, components_model, full_model, history, reduced_model, samples
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
@@ -33,10 +33,7 @@ parameters.idle: nominal = 3.0; distribution = { name = "discrete", values = [2.
 simulation: duration = 1.0; step = 1e-3
 simulation.initial.theta: velocity = 2.0
 """)
-MODES = (
-    "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
-    'reduction.interpolation="spline"', "reduction.second_order=true",
-)  # fmt: skip
+MODES = *FEW_MODES, "reduction.second_order=true"
 SCENE = (
     'parameters.r1={nominal=5.6e-3,bounds=[3e-3,9e-3],distribution={name="norm",loc=5.6e-3,scale=0.56e-3}}',
     "parameters.c={nominal=0.02,bounds=[1e-3,0.1]}",

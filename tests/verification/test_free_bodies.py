@@ -7,13 +7,12 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.called import Called
 from pgmp_petsc.bodies.floating import first_moments, second_moments
-from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ComponentModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from scenes import HEADER, tables
 
-TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
+TURN = "range = [0.0, 6.283185307179586]; periodic = true"
 #: Of arms and gimbals, whose mass a billion times that of the bodies would be felt in the digits that are compared.
 MASSLESS = {
     2: 'element = "beam2d"\nflexible = false\nsection = { shape = "coefficients", axial = 1.0, shear = 1.0, '
@@ -30,17 +29,12 @@ def line(name: str, length: float, rest: str, elements: int = 1) -> str:
 
 def hinge(name: str, connect: tuple[str, str], axis: str = "") -> str:
     """Return the tables of a revolute joint with its coordinate and the output of its angle."""
-    return f"""[joints.{name}]
-type = "revolute"
-connect = ["{connect[0]}", "{connect[1]}"]
+    return tables(f"""
+joints.{name}: type = "revolute"; connect = ["{connect[0]}", "{connect[1]}"]
 {axis}
-[coordinates.{name}]
-joint = "{name}"
-{TURN}
-[outputs.{name}]
-type = "angle"
-joint = "{name}"
-"""
+coordinates.{name}: joint = "{name}"; {TURN}
+outputs.{name}: type = "angle"; joint = "{name}"
+""")
 
 
 def in_the_plane(*overrides: str) -> Scene:
@@ -74,12 +68,6 @@ simulation: duration = 0.5; step = 1e-3; spectral_radius = 1.0
 simulation.initial: yaw = { velocity = 5.0 }; pitch = { velocity = 0.6 }; roll = { velocity = 0.8 }
 """)
     return scene_from_toml(text, ".", overrides)
-
-
-def model_of(scene: Scene) -> ComponentModel:
-    lines = {name: body.line for name, body in scene.bodies.items()}
-    meshes = {name: straight_beam(line.length, line.elements, 0.0, scene.dimension) for name, line in lines.items()}
-    return components_model(scene, meshes)
 
 
 def momenta(model: ComponentModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -134,7 +122,7 @@ def test_a_flexible_body_in_free_flight_keeps_its_momentum() -> None:
     """It stretches by its own spin, and turns more slowly for it; what is not kept is of order two in the step."""
     errors = []
     for step in (1e-4, 5e-5):
-        linear, angular, spins = momenta(model_of(in_the_plane(f"simulation.step={step}")))
+        linear, angular, spins = momenta(components_model(in_the_plane(f"simulation.step={step}")))
         errors.append([np.abs(part - part[0]).max() / np.abs(part[0]).max() for part in (linear, angular)])
     assert max(errors[1]) < 1e-4
     assert np.log2(np.array(errors[0]) / errors[1]) == pytest.approx(2.0, abs=0.1)
@@ -146,7 +134,7 @@ def test_a_stiff_cross_turns_as_eulers_top() -> None:
     errors, times = [], None
     for step in (1e-3, 5e-4):
         scene = in_space("materials.steel.E=2.1e14", f"simulation.step={step}")
-        times, found = history(model_of(scene), samples(scene, 1), 1)
+        times, found = history(components_model(scene), samples(scene, 1), 1)
         exact = eulers_top(times)
         errors.append(
             max(np.abs(found[name][:, 0] - exact[k]).max() for k, name in enumerate(("yaw", "pitch", "roll")))

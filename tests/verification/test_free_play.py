@@ -10,7 +10,7 @@ from conftest import ROOT
 from differences import carefully, differences
 from effect_scenes import BAR_INERTIA, bar, recorded
 from exported import Unit, assert_equal, assert_same_in_c, needs_compiler
-from runs import MODELS, history, motion, reduced_model, samples
+from runs import FEW_MODES, MODELS, history, motion, reduced_model, samples
 from test_effects_reduced import INERTIA, run_of
 
 import pgmp_petsc as pgmp
@@ -23,8 +23,7 @@ from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from scenes import slider_crank
 
 SETTINGS = (
-    "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
-    'reduction.interpolation="spline"', "simulation.step=1e-3", "simulation.duration=0.06",
+    *FEW_MODES, "simulation.step=1e-3", "simulation.duration=0.06",
     "simulation.initial.theta={position=0.4,velocity=9.0}", "parameters.k={nominal=8000.0}",
     'outputs.x={type="position",point="rod:tip",axis="x"}',
     'outputs.turning={type="speed",joint="crank_hinge"}', 'outputs.v={type="speed",point="rod:tip",axis="x"}',

@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from effect_scenes import CANTILEVER, line_model, scene_of
+from effect_scenes import CANTILEVER, scene_of
 from elimination import Beams, Eliminated, chain, circle
 from mpi4py import MPI
 from runs import full_model, history, paper_scene, quick_return, run_model, samples
@@ -266,7 +266,7 @@ def moving(radius: float) -> FullModel:
     """Return a beam clamped to a hub that swings."""
     swing = 'effects.hold={type="prescribed_motion", coordinate="theta", harmonic={amplitude=0.5, frequency_hz=4.0}}'
     run = "simulation={duration=0.05, step=1e-3}"
-    return line_model(scene_of(CANTILEVER, "", swing, run, f"simulation.spectral_radius={radius}"))
+    return full_model(scene_of(CANTILEVER, "", swing, run, f"simulation.spectral_radius={radius}"))
 
 
 def last(model: FullModel) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from length_scenes import HIGH, LOW, SMALL, long_crank, numbered
 from mpi4py import MPI
 from refusals import refusal
 from runs import history, reduced_model, rom_of, samples
-from two_coordinates import double_pendulum, five_bar, over
+from two_coordinates import THIRD, double_pendulum, five_bar, over
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
@@ -177,11 +177,6 @@ def test_modes_at_other_parameters_extend_a_basis_over_two_coordinates() -> None
     assert rom.points.n_vectors == 1 and errors[1] < 0.3 * errors[0]
 
 
-THIRD = (
-    'bodies.hand={mesh="0.0:0.1:2",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
-    'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}',
-    'coordinates.theta3={joint="wrist",range=[0.0,1.0]}',
-)
 FOURTH = (
     'bodies.finger={mesh="0.0:0.1:2",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
     'joints.knuckle={type="revolute",connect=["hand:tip","finger:hinge"]}',

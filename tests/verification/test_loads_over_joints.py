@@ -10,9 +10,8 @@ from differences import SHARES, carefully, compare
 from exported import assert_same_in_c, needs_compiler
 from length_scenes import BRIEF, long_crank
 from machine_scenes import ACROSS, MODELS, RIGID, CartAndPole, cart, rail, run
-from mpi4py import MPI
 from refusals import cases, check_said, refusal
-from runs import assert_close, full_model, reduced_model
+from runs import assert_close, reduced_model, trajectory
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.optimize import root
 
@@ -21,7 +20,6 @@ from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.models import of_samples
 from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.scene.uses import motion_over
-from pgmp_petsc.studies.simulate import simulate
 from scenes import pendulum, slider_crank
 
 ROWS = ((-3.0, 0.3), (-2.0, -0.2), (-1.0, 0.4), (0.0, 0.0), (0.1, 0.5))
@@ -64,7 +62,7 @@ def test_the_work_of_a_torque_over_turns_of_a_crank() -> None:
         "bodies.crank.flexible=false", "bodies.rod.flexible=false", "simulation.initial.theta.velocity=40.0",
         "simulation.duration=0.5", "simulation.step=5e-4", 'outputs.angle={type="angle",joint="crank_hinge"}',
     )  # fmt: skip
-    found = simulate(full_model(scene), MPI.COMM_SELF)
+    found = trajectory("full", scene)
     angle, kinetic = found.outputs["angle"], found.balance.kinetic
     grid = np.linspace(0.0, angle[-1], 100_001)
     area = cumulative_trapezoid(np.interp(grid % turn, [0.0, 1.0, 2.0], [0.0, 3.0, 0.0]), grid, initial=0.0)

@@ -12,13 +12,12 @@ from machine_scenes import MODELS
 from mpi4py import MPI
 from offset_scenes import CLAMPED, SHEAR, E, G, clamped_beam, clamped_stiffness, offset, pivot_off, spatial_four_bar
 from refusals import cases, check_said, refusal
-from runs import PGMP, full_model, motion, overridden
+from runs import PGMP, full_model, motion, overridden, trajectory
 
 from pgmp_petsc.full.distributed import FullStatics
 from pgmp_petsc.models import of_samples
 from pgmp_petsc.results import Ensemble, Trajectory
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies.simulate import simulate
 
 TILT = float(np.radians(5.0))
 FREE = ("effects={}", "simulation.initial.theta.velocity=20.0", "simulation.spectral_radius=1.0")
@@ -109,7 +108,7 @@ def test_the_stress_built_into_a_four_bar_in_space(given: dict, gap: list | None
 @cache
 def crooked(model: str, off: str) -> Trajectory:
     """Return the run of a linkage that turns freely."""
-    return simulate(MODELS[model](spatial_four_bar(off, *FREE, "simulation.step=5e-5")), MPI.COMM_SELF)
+    return trajectory(model, spatial_four_bar(off, *FREE, "simulation.step=5e-5"))
 
 
 TILTED = offset("C", turn=[TILT, 0.0, 0.0])
@@ -150,7 +149,7 @@ def test_every_way_to_start(model: str, way: str) -> None:
     off = pivot_off(1e-9) if way == "rounded" else offset("C", turn=[0.02, 0.0, 0.0])
     drive = 'effects={drive={type="prescribed_motion",coordinate="theta",constant_speed={speed=-0.6}}}'
     given = ["initial.equilibrium=true"] if way == "held" else [drive]
-    found = simulate(MODELS[model](spatial_four_bar(off, *given)), MPI.COMM_SELF)
+    found = trajectory(model, spatial_four_bar(off, *given))
     assert found.status == 0
     # built in at the start as later: the coupler does not jump out of the plane
     aside = found.outputs["aside"]

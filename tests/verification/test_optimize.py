@@ -222,6 +222,17 @@ def test_a_search_turns_back_from_where_a_run_stops(wound: ReducedModel, monkeyp
     assert "the run stopped at 1 ms; what lies beyond was not searched, and" in told
 
 
+def test_a_search_turns_back_from_where_the_ends_of_a_stop_cross() -> None:
+    stop = '[effects.stop]\ntype = "end_stop"\njoint = "hinge"\nlower = -1.0\nupper = "top"\nstiffness = 50.0\n'
+    top = '[parameters.top]\nnominal = 1.0\nunit = "rad"\nbounds = [-2.0, 2.0]\n'
+    model = reduced_model(scene_from_toml(WOUND + stop + top, "."))
+    known = model.outputs.functions, model.scene.parameters
+    found = optimize(model, Question(read_goal("minimise top", *known), (), ("top",)), MPI.COMM_SELF)
+    assert found.parameters[0].value == pytest.approx(-1.0, abs=1e-3) and found.parameters[0].value > -1.0
+    (told,) = [remark.text for remark in found.record.remarks if "turned back" in remark.text]
+    assert "effects.stop.lower is not below upper there" in told
+
+
 def test_of_samples_the_first_that_stops_is_named(wound: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
     failing_at(8 + 4, monkeypatch)
     found = design_of(wound, "minimise push", f"start(angle) >= {LEAST}", deviations=3.0, n_samples=8, seed=4)

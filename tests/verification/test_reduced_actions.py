@@ -5,7 +5,17 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from runs import assert_forces_do_the_work, full_model, history, motion, reduced_model, rom_of, samples, still
+from runs import (
+    FEW_MODES,
+    assert_forces_do_the_work,
+    full_model,
+    history,
+    motion,
+    reduced_model,
+    rom_of,
+    samples,
+    still,
+)
 from spatial import arm, slider_crank_in_space
 
 from pgmp_petsc.models import ReducedModel
@@ -16,10 +26,7 @@ from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 from scenes import slider_crank
 
-MODES = (
-    "reduction.modes=4", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
-    'reduction.interpolation="spline"',
-)  # fmt: skip
+MODES = *FEW_MODES, "reduction.modes=4"
 OUTPUTS = (
     'outputs.angle={type="angle",joint="crank_hinge"}',
     'outputs.bend={type="deformation",point="rod:tip",axis="x"}',

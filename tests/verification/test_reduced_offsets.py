@@ -25,7 +25,7 @@ from offset_scenes import (
     offset,
     spatial_four_bar,
 )
-from runs import built_rom, full_model, in_turn, motion, overridden, pgmp, reduced_model, refused
+from runs import built_rom, full_model, in_turn, motion, overridden, pgmp, reduced_model, refused, samples, trajectory
 from scipy.optimize import brentq
 from scipy.stats import norm
 from solid_scenes import solid_meshes, solid_slider_crank
@@ -45,7 +45,6 @@ from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.field_frames import mode_shape
 from pgmp_petsc.studies.modes_table import tabulate_modes
-from pgmp_petsc.studies.simulate import simulate
 from scenes import meshes_of
 
 TILT = float(np.radians(5.0))
@@ -64,7 +63,7 @@ DRAWN = (
 
 def begun(model: Model) -> tuple[float, dict[str, float]]:
     """Return strain energy and outputs at the start of a run."""
-    system = model.batch({name: np.array([value]) for name, value in model.scene.values.items()}, 1)
+    system = model.batch(samples(model.scene, 1), 1)
     state = system.start()
     outputs = model.outputs.evaluate(model.observed(system, state))
     return float(system.energies(0.0, state).strain[0]), {name: float(value[0]) for name, value in outputs.items()}
@@ -97,9 +96,7 @@ def test_modes_to_see_are_of_what_is_free_to_move() -> None:
 
 @pytest.mark.parametrize("off", [offset("C", turn=[TILT, 0.0, 0.0]), offset("C", place=[0.0, 0.0, 2e-3])])
 def test_the_energy_of_a_crooked_linkage_over_a_revolution(off: str) -> None:
-    reduced, full = (
-        simulate(MODELS[name](spatial_four_bar(off, *TURNING)), MPI.COMM_SELF) for name in ("reduced", "full")
-    )
+    reduced, full = (trajectory(name, spatial_four_bar(off, *TURNING)) for name in ("reduced", "full"))
     strain, expected = reduced.balance.strain, full.balance.strain
     # it takes a torque to turn it, the slope of this energy: it changes by a fifth and more
     assert np.ptp(expected) > 0.2 * expected.max()
@@ -131,10 +128,10 @@ def test_what_is_left_out_is_of_second_order_in_the_offset(key: str, direction: 
 
 def test_without_an_offset_it_is_the_model_of_the_rigid_joint() -> None:
     straight, none = (
-        simulate(reduced_model(spatial_four_bar(*given)), MPI.COMM_SELF)
+        trajectory("reduced", spatial_four_bar(*given))
         for given in ((), (offset("C", place=[0.0, 0.0, 0.0], turn=[0.0, 0.0, 0.0]),))
     )
-    nominal = simulate(reduced_model(spatial_four_bar(*DRAWN)), MPI.COMM_SELF)
+    nominal = trajectory("reduced", spatial_four_bar(*DRAWN))
     for found in (none, nominal):
         for name, values in straight.outputs.items():  # sums with zeros in another order
             np.testing.assert_allclose(found.outputs[name], values, rtol=0, atol=1e-12)
@@ -163,7 +160,7 @@ def test_every_sample_has_its_own_offsets_and_its_own_error() -> None:
     energies = system.energies(0.0, system.start()).strain
     for k in range(2):
         own = scene.with_values({name: float(value[k]) for name, value in values.items()})
-        reduced, full = (simulate(MODELS[name](own), MPI.COMM_SELF) for name in ("reduced", "full"))
+        reduced, full = (trajectory(name, own) for name in ("reduced", "full"))
         assert energies[k] == pytest.approx(reduced.balance.strain[0], rel=1e-9)
         for name, expected in full.outputs.items():
             true = np.abs(reduced.outputs[name] - expected).max()
@@ -352,8 +349,7 @@ def test_forces_at_other_parameters_are_those_of_the_mesh() -> None:
     for values in ({}, {"E": 100e9}, {"h": 0.012}):
         own = scene.with_values(values)
         found, expected = (
-            simulate(model, MPI.COMM_SELF).outputs
-            for model in (ReducedModel(own, reduced_model(scene).rom), full_model(own))
+            trajectory(model).outputs for model in (ReducedModel(own, reduced_model(scene).rom), full_model(own))
         )
         for name in ("root", "axial"):  # of second order in 2e-5, and in a fifth of the height
             assert found[name][0] == pytest.approx(expected[name][0], rel=3e-3), (values, name)
@@ -390,7 +386,7 @@ def test_derivatives_are_central_differences(run: str) -> None:
 
 def test_an_offset_is_recovered_from_a_full_order_history() -> None:
     scene = spatial_four_bar(*CROOKED, "parameters.bore.bounds=[-2e-3,2e-3]")
-    run = simulate(full_model(scene.with_values({"bore": -5e-4})), MPI.COMM_SELF)
+    run = trajectory("full", scene.with_values({"bore": -5e-4}))
     # of the angle the reduced model has what is of first order in the offsets, which is nothing
     history = MeasuredHistory(run.time, {"aside": run.outputs["aside"]})
     (found,) = fit(reduced_model(scene), history, ["bore"], {}, MPI.COMM_SELF).parameters

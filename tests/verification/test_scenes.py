@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from alike import assert_groups_alike
+from alike import assert_groups_alike, shares_left
 from conftest import ROOT
 from mpi4py import MPI
 from runs import motion, reduced_model
@@ -109,9 +109,6 @@ ORDERS = {("slider_crank_effects", "full"): 0.9, ("slider_crank_effects", "reduc
 @pytest.mark.parametrize("name", BALANCED)
 def test_the_balance_of_energy_holds(name: str, kind: str) -> None:
     duration, step = BALANCED[name]
-    shares = []
-    for h in (2.0 * step, step):
-        balance = run(name, kind, duration, h).balance
-        shares.append(np.abs(balance.residual).max() / balance.exchanged)
+    shares = shares_left(run(name, kind, duration, h).balance for h in (2.0 * step, step))
     assert shares[1] < 1e-6, shares
     assert np.log2(shares[0] / shares[1]) > ORDERS.get((name, kind), 1.8), shares

@@ -9,7 +9,7 @@ from combinations import meshes_for, scene_of
 from differences import carefully, compare
 from length_scenes import BRIEF, GUIDE, long_crank
 from mpi4py import MPI
-from runs import reduced_model, rom_of
+from runs import FEW_MODES, reduced_model, rom_of, samples
 from solid_scenes import solid_meshes, solid_slider_crank
 from two_coordinates import double_pendulum, five_bar
 
@@ -25,20 +25,14 @@ from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.gradients.local_effects import LocalDerivatives
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.models import ReducedModel, of_samples
-from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction import tables
-from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction import tables as tables_of_reduction
 from pgmp_petsc.results import Design, Fit
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.edge_search import EventLocation
 from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.second_order_system import State
-from scenes import PENDULUM, slider_crank
+from scenes import PENDULUM, slider_crank, tables
 
-MODES = (
-    "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
-    'reduction.interpolation="spline"',
-)  # fmt: skip
 OUTPUTS = (
     'outputs.angle={type="angle",joint="crank_hinge"}',
     'outputs.x={type="position",point="rod:tip",axis="x"}',
@@ -67,22 +61,22 @@ PUSH = (
 DRIVE = ('effects={drive={type="prescribed_motion",coordinate="theta",spin_up={speed=8.0,time=0.1}}}', *RUN)
 DAMPING = 'effects.material={type="structural_damping",stiffness=2e-4,mass=2.0}'
 SCENES = {
-    "beams": slider_crank(*MODES, *OUTPUTS, *MOVING, *WEIGHT),
-    "beams of second order": slider_crank(*MODES, "reduction.second_order=true", *OUTPUTS, *MOVING, DAMPING),
-    "spring and damper": slider_crank(*MODES, *OUTPUTS, *MOVING, *SPRING),
-    "friction and damping of a joint": slider_crank(*MODES, *OUTPUTS, *MOVING, *ELBOW),
-    "bushing that pulls at the start": slider_crank(*MODES, *OUTPUTS, *MOVING, *BUSHING),
-    "following force": slider_crank(*MODES, *OUTPUTS, *MOVING, *PUSH),
-    "driven": slider_crank(*MODES, *OUTPUTS, *DRIVE),
-    "driven, of second order": slider_crank(*MODES, "reduction.second_order=true", *OUTPUTS, *DRIVE),
+    "beams": slider_crank(*FEW_MODES, *OUTPUTS, *MOVING, *WEIGHT),
+    "beams of second order": slider_crank(*FEW_MODES, "reduction.second_order=true", *OUTPUTS, *MOVING, DAMPING),
+    "spring and damper": slider_crank(*FEW_MODES, *OUTPUTS, *MOVING, *SPRING),
+    "friction and damping of a joint": slider_crank(*FEW_MODES, *OUTPUTS, *MOVING, *ELBOW),
+    "bushing that pulls at the start": slider_crank(*FEW_MODES, *OUTPUTS, *MOVING, *BUSHING),
+    "following force": slider_crank(*FEW_MODES, *OUTPUTS, *MOVING, *PUSH),
+    "driven": slider_crank(*FEW_MODES, *OUTPUTS, *DRIVE),
+    "driven, of second order": slider_crank(*FEW_MODES, "reduction.second_order=true", *OUTPUTS, *DRIVE),
     "shaken": slider_crank(
-        *MODES, *OUTPUTS, *MOVING, "parameters.a={nominal=0.5}", "parameters.b={nominal=2.0}",
+        *FEW_MODES, *OUTPUTS, *MOVING, "parameters.a={nominal=0.5}", "parameters.b={nominal=2.0}",
         'effects.base={type="base_motion",direction=[3.0,4.0],of="displacement",harmonic={amplitude="a",mean="b",frequency_hz=4.0}}',
         'outputs.place={type="position",point="rod:tip",axis="x",absolute=true}',
         'outputs.moved={type="displacement",point="rod:tip",axis="x",absolute=true}',
         'outputs.v={type="speed",point="rod:1",axis="y",absolute=true}', 'outputs.turning={type="speed",joint="elbow"}',
     ),
-    "overhauser": slider_crank(*MODES, 'reduction.interpolation="overhauser"', *OUTPUTS, *MOVING),
+    "overhauser": slider_crank(*FEW_MODES, 'reduction.interpolation="overhauser"', *OUTPUTS, *MOVING),
     "two coordinates": double_pendulum(
         *RUN, "reduction.second_order=true", *WEIGHT, 'parameters.r={nominal=5e-3}', 'bodies.upper.section.radius="r"',
         "simulation.initial={theta1={position=0.4,velocity=2.0},theta2={position=-0.3,velocity=-1.0}}",
@@ -127,8 +121,7 @@ def test_derivatives_of_solids_are_central_differences() -> None:
         "parameters={E={nominal=210e9}, t={nominal=10e-3}}", 'materials.steel.E="E"', 'bodies.crank.thickness="t"',
         "reduction.modes=3", "reduction.angles=16", *MOVING,
     )  # fmt: skip
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        compare(ReducedModel(scene, build_rom(scene, solid_meshes(n_per_metre=20), group)))
+    compare(reduced_model(scene, solid_meshes(n_per_metre=20)))
 
 
 def test_derivatives_in_space_and_of_stresses_are_central_differences() -> None:
@@ -137,8 +130,7 @@ def test_derivatives_in_space_and_of_stresses_are_central_differences() -> None:
     drawn = scene_of("beams in space", "stress")
     start = ("simulation.initial.theta={position=0.1,velocity=5.0}", 'reduction.interpolation="spline"')
     scene = scene_from_toml(scene_to_toml(drawn), ".", (*start, *RUN))
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        rom = build_rom(scene, meshes_for(scene), group)
+    rom = rom_of(scene, meshes=meshes_for(scene))
     assert rom.branch.is_exact
     for found in (rom, replace(rom, branch=replace(rom.branch, is_exact=False))):
         model = ReducedModel(scene, found)
@@ -146,16 +138,17 @@ def test_derivatives_in_space_and_of_stresses_are_central_differences() -> None:
         compare(model)
 
 
-BAR = (
-    PENDULUM.replace("radius = 2e-4", 'radius = "r"').replace("modes = 2", "modes = 3").replace(
-        "angles = 6", 'angles = 16\nstatic_modes = true\ninterpolation = "spline"'
-    )
-    + '[parameters.r]\nnominal = 5e-3\n[parameters.g]\nnominal = 9.81\n[parameters.k]\nnominal = 40.0\n'
-    + '[effects.weight]\ntype = "gravity"\nacceleration = "g"\n'
-    + '[effects.spring]\ntype = "spring_damper"\njoint = "hinge"\nstiffness = "k"\ndamping = 0.1\nrest = 0.3\n'
-    + '[outputs.tip]\ntype = "position"\npoint = "arm:tip"\naxis = "y"\n'
-    + '[outputs.hinge]\ntype = "angle"\njoint = "hinge"\n'
-)  # fmt: skip
+BAR = PENDULUM.replace("radius = 2e-4", 'radius = "r"').replace(
+    "modes = 2\nangles = 6", 'modes = 3\nangles = 16\nstatic_modes = true\ninterpolation = "spline"'
+) + tables("""
+parameters.r: nominal = 5e-3
+parameters.g: nominal = 9.81
+parameters.k: nominal = 40.0
+effects.weight: type = "gravity"; acceleration = "g"
+effects.spring: type = "spring_damper"; joint = "hinge"; stiffness = "k"; damping = 0.1; rest = 0.3
+outputs.tip: type = "position"; point = "arm:tip"; axis = "y"
+outputs.hinge: type = "angle"; joint = "hinge"
+""")
 
 
 @pytest.mark.parametrize("coordinates", ["held", "free"])
@@ -180,7 +173,7 @@ def test_halving_the_step_quarters_the_error_of_derivatives() -> None:
 
 
 def test_a_scene_without_outputs_is_refused() -> None:
-    model = reduced_model(slider_crank(*MODES, *MOVING))
+    model = reduced_model(slider_crank(*FEW_MODES, *MOVING))
     with pytest.raises(InputError, match="outputs: none is given, so there is nothing to differentiate"):
         differentiate(model, model.scene.values, ["r1"])
 
@@ -200,7 +193,7 @@ def test_a_run_that_fails_is_an_error_with_its_reason() -> None:
         'coordinates.theta={joint="crank_hinge",range=[0.0,1.5]}',
         "simulation.initial.theta={position=1.4,velocity=9.0}",
     )
-    model = reduced_model(slider_crank(*MODES, *OUTPUTS, *RUN, *far))
+    model = reduced_model(slider_crank(*FEW_MODES, *OUTPUTS, *RUN, *far))
     with pytest.raises(RunError, match="the run stopped at .* s: a coordinate left the range"):
         differentiate(model, model.scene.values, ["r1"])
 
@@ -215,14 +208,7 @@ def test_one_run_and_all_parameters_take_steps_together() -> None:
         np.testing.assert_allclose(found["k"], together[output]["k"], rtol=0, atol=1e-9 * np.abs(found["k"]).max())
 
 
-SEEN = (
-    "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
-    'reduction.interpolation="spline"',
-    'outputs.x={type="position",point="rod:tip",axis="x"}',
-    'outputs.bend={type="deformation",point="rod:tip",axis="x"}',
-)  # fmt: skip
-SHORT = ("simulation.step=1e-3", "simulation.duration=0.025")
-TURNING = ("simulation.initial.theta={position=0.4,velocity=3.0}", *SHORT)
+SEEN = *FEW_MODES, *OUTPUTS[1:]
 K = ("parameters.k={nominal=400.0}",)
 STOP = 'effects.stop={type="end_stop",joint="crank_hinge",upper=0.45,stiffness="k",damping=0.05}'
 # to and fro between two ends, under loads that change with time and follow the body, and friction
@@ -237,16 +223,16 @@ BOUNCING = (
 )  # fmt: skip
 WAVE = "{amplitude=0.12,frequency_hz=10.0,mean=0.5}"
 DRIVEN_INTO = (
-    f'effects.drive={{type="prescribed_motion",coordinate="theta",harmonic={WAVE}}}', "simulation.initial={}", *SHORT,
+    f'effects.drive={{type="prescribed_motion",coordinate="theta",harmonic={WAVE}}}', "simulation.initial={}", *RUN,
 )  # fmt: skip
 NO_MOTOR = 'effects={weight={type="gravity"}}'
 SLIDER = 'effects.stop={type="end_stop",joint="slider",lower=0.94,upper=0.97,stiffness="k",damping=0.2}'
 ELBOW_STOP = 'effects.stop={type="end_stop",joint="elbow",lower=-0.33,stiffness="k",damping=0.1}'
 CONTACTS = {
-    "a contact": slider_crank(*SEEN, *TURNING, *K, STOP),
+    "a contact": slider_crank(*SEEN, *MOVING, *K, STOP),
     "a drive": slider_crank(*SEEN, NO_MOTOR, *DRIVEN_INTO, "parameters.k={nominal=3e3}", SLIDER),
     "two coordinates": double_pendulum(
-        *SHORT, "reduction.modes=2", "reduction.angles=4", "parameters.k={nominal=40.0}", ELBOW_STOP,
+        *RUN, "reduction.modes=2", "reduction.angles=4", "parameters.k={nominal=40.0}", ELBOW_STOP,
         'coordinates.theta1={joint="shoulder",range=[0.2,0.8]}', 'coordinates.theta2={joint="elbow",range=[-0.6,0.0]}',
         'parameters.r={nominal=5e-3}', 'bodies.upper.section.radius="r"',
         "simulation.initial={theta1={position=0.4,velocity=2.0},theta2={position=-0.3,velocity=-2.0}}",
@@ -257,7 +243,7 @@ CONTACTS = {
 @pytest.fixture(scope="module", params=list(CONTACTS))
 def model(request) -> ReducedModel:
     with pytest.MonkeyPatch.context() as patch:  # runs and their derivatives are of one table, over 0.6 rad
-        patch.setattr(tables, "N_FINE_OF_MORE", 24)
+        patch.setattr(tables_of_reduction, "N_FINE_OF_MORE", 24)
         return reduced_model(CONTACTS[request.param])
 
 
@@ -269,8 +255,7 @@ def test_derivatives_over_contacts_are_central_differences(model: ReducedModel) 
 def test_edges_are_differentiated(model: ReducedModel) -> None:
     """Against differences of how far they are crossed, at the end of the run and along its motion."""
     trail = StateRecord(lambda n_steps: None)
-    values = {name: np.array([value]) for name, value in model.scene.values.items()}
-    integrate(model.batch(values, 1), model.scene.simulation, observer=trail)
+    integrate(model.batch(samples(model.scene, 1), 1), model.scene.simulation, observer=trail)
     before, q = np.split(trail.states()[1].q[-2:], 2)
     linearisation, step = Linearisation(model, model.scene.values, ["r1"][: "r1" in model.scene.values]), 1e-3
     v, a = (q - before) / step, 30.0 * np.ones(q.shape)
@@ -341,13 +326,16 @@ def test_derivatives_with_a_length_or_place_through_contacts_are_central_differe
 
 # a bar that is too stiff to bend meets a soft stop: a free motion, half a period of the stop's spring, and back
 SPEED, PLACE = 2.0, 0.0507
-FALLING_BAR = (
-    PENDULUM.replace("radius = 2e-4", 'radius = "r"').replace("modes = 2\nangles = 6", "modes = 1\nangles = 8")
-    + '[parameters.r]\nnominal = 5e-3\n[parameters.k]\nnominal = 2000.0\nbounds = [200.0, 20000.0]\n'
-    + f'[effects.stop]\ntype = "end_stop"\njoint = "hinge"\nupper = {PLACE}\nstiffness = "k"\n'
-    + '[outputs.angle]\ntype = "angle"\njoint = "hinge"\n'
-    + f"[simulation]\nduration = 0.12\nstep = 1e-3\n[simulation.initial.phi]\nvelocity = {SPEED}\n"
-)  # fmt: skip
+FALLING_BAR = PENDULUM.replace("radius = 2e-4", 'radius = "r"').replace(
+    "modes = 2\nangles = 6", "modes = 1\nangles = 8"
+) + tables(f"""
+parameters.r: nominal = 5e-3
+parameters.k: nominal = 2000.0; bounds = [200.0, 20000.0]
+effects.stop: type = "end_stop"; joint = "hinge"; upper = {PLACE}; stiffness = "k"
+outputs.angle: type = "angle"; joint = "hinge"
+simulation: duration = 0.12; step = 1e-3
+simulation.initial.phi: velocity = {SPEED}
+""")
 STIFF = "materials.steel.E=2.1e17"
 
 

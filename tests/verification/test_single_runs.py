@@ -27,8 +27,9 @@ SCENES = (
 )  # fmt: skip
 WEIGHT = 'effects.load={type="gravity"}'
 PUSH = 'effects.push={type="torque", joint="crank_hinge", table=[[0.0, %g], [1.0, %g]]}'
-# what shipped scenes have not: another start, a run that hits an end stop, and one whose steps fail
-OTHERS = {
+# scenes that ship, and what these have not: another start, a run that hits an end stop, and one whose steps fail
+CASES = {
+    **{name: (name, ()) for name in SCENES},
     "settled": ("slider_crank", (WEIGHT, "initial.equilibrium=true", 'initial.coordinates="free"')),
     "end stop": (
         "slider_crank_effects",
@@ -76,16 +77,9 @@ def compare(lanes: Trajectory, matrices: Trajectory) -> None:
         np.testing.assert_allclose(one.work[name], done, rtol=0, atol=tolerance)
 
 
-@pytest.mark.parametrize("name", SCENES)
-def test_both_forms_of_a_run_agree(name: str) -> None:
-    lanes, matrices = both(name)
-    assert lanes.status == Status.FINE
-    compare(lanes, matrices)
-
-
-@pytest.mark.parametrize("case", OTHERS)
-def test_both_forms_agree_beyond_the_scenes(case: str) -> None:
-    name, overrides = OTHERS[case]
+@pytest.mark.parametrize("case", CASES)
+def test_both_forms_of_a_run_agree(case: str) -> None:
+    name, overrides = CASES[case]
     lanes, matrices = both(name, *overrides)
     assert (lanes.status != Status.FINE) == (case == "failing")
     compare(lanes, matrices)

@@ -4,11 +4,12 @@ import os
 
 import numpy as np
 import pytest
+from alike import balances, orders, shares_left
 from equations import evaluated
 from mpi4py import MPI
 from runs import full_model, motion
-from spatial import DENSITY, SECOND_AXIS, TURN
-from spatial_beams import HEIGHT, SLIDER_CRANK, WIDTH, beam, pendulum_in_space, slider_crank_of_beams
+from spatial import ARM, DENSITY
+from spatial_beams import HEIGHT, RECTANGLE, SLIDER_CRANK, WIDTH, pendulum_in_space, slider_crank_of_beams
 
 from benchmarks.called import Called
 from pgmp_petsc.base.errors import InputError
@@ -18,29 +19,15 @@ from pgmp_petsc.estimates.validity import BodyStrains, half_height
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import LineMesh
-from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from scenes import HEADER, kinematics_of, mechanism_of, meshes_of, tables
+from scenes import kinematics_of, mechanism_of, meshes_of, of_text
 
 N_STEPS = int(os.environ.get("PGMP_STEPS", "1000"))  # of 1e-4 s without forces; 10,000 take a minute
 
 
-def arm(*overrides: str) -> Scene:
-    """Return two beams with two coordinates, hinged about axes that are not parallel."""
-    text = (
-        HEADER
-        + beam("upper", "0.0:0.5:2")
-        + beam("lower", "0.0:0.4:2")
-        + tables(f"""
-joints.shoulder: type = "revolute"; connect = ["ground:origin", "upper:hinge"]; axis = [0.0, 0.0, 1.0]
-joints.elbow: type = "revolute"; connect = ["upper:tip", "lower:hinge"]; axis = {SECOND_AXIS.tolist()}
-coordinates.theta1: joint = "shoulder"
-{TURN}
-coordinates.theta2: joint = "elbow"
-{TURN}
-""")
-    )
-    return scene_from_toml(text, ".", overrides)
+# two beams with two coordinates, hinged about axes that are not parallel
+arm = of_text(ARM.replace('element = "solid3d"', f'element = "beam3d"\n{RECTANGLE}'))
 
 
 def test_energy_and_momentum_of_free_motion() -> None:
@@ -79,13 +66,9 @@ DAMPED = (
 
 def test_energy_is_balanced_with_the_square_of_the_step() -> None:
     """With gravity out of the plane, a point mass on a node, both dampings and a torque."""
-    shares = []
-    for step in (1e-3, 5e-4):
-        made = slider_crank_of_beams(*DAMPED, "simulation.duration=0.06", f"simulation.step={step}")
-        run = motion("full", made)
-        assert run.balance.work["friction"][-1] < 0.0
-        shares.append(np.abs(run.balance.residual).max() / run.balance.exchanged)
-    assert np.log2(shares[0] / shares[1]) > 1.7, shares
+    found = balances("full", lambda step: slider_crank_of_beams(*DAMPED, "simulation.duration=0.06", step), 1e-3, 5e-4)
+    assert all(balance.work["friction"][-1] < 0.0 for balance in found)
+    assert orders(shares_left(found))[0] > 1.7
 
 
 def test_sections_have_the_inertia_forces_of_their_fibres() -> None:

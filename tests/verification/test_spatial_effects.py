@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from effect_scenes import line_meshes, turning
-from runs import full_model, motion, with_step
+from effect_scenes import turning
+from runs import motion, with_step
 from scipy.spatial.transform import Rotation
 from spatial import WIDTH, assembled, table
 
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import STEEL, tables
+from scenes import HEADER, STEEL, tables
 
 LENGTH = 0.5
 AXIS = np.array([0.48, -0.6, 0.64])  # of the hinge; the bar is at a right angle to it
@@ -156,57 +156,37 @@ simulation.initial.theta: position = 0.3; velocity = 2.0
 """)
 
 
-def planar() -> Scene:
-    text = '[scene]\nname = "plane"\n[ground.points]\npost = [0.1, 0.4]\n'
-    for name, length in (("crank", CRANK), ("rod", ROD)):
-        origin = "" if name == "crank" else f"placement = {{ origin = [{CRANK}, 0.0] }}\n"
-        text += (
-            f'[bodies.{name}]\nline = {{ length = {length}, elements = 2 }}\nelement = "beam2d"\nflexible = false\n'
-            f'{origin}section = {{ shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, '
-            f"line_density = {DENSITY}, rotary_density = {DENSITY * WIDTH**2 / 12} }}\n"
-        )
-    text += tables("""
-joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
-joints.elbow: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
-joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0]
+BODIES = {
+    2: 'line = {{ length = {0}, elements = 2 }}; element = "beam2d"; section = {{ shape = "coefficients", axial = 1.0, '
+    f"shear = 1.0, bending = 1.0, line_density = {DENSITY}, rotary_density = {DENSITY * WIDTH**2 / 12} }}}}",
+    3: 'mesh = "0.0:{0}:2"; element = "solid3d"; material = "steel"',
+}
+
+
+def rigid_slider_crank(dimension: int) -> Scene:
+    """Return a rigid slider-crank under all of these effects, in the plane or given in space."""
+    space = dimension == 3
+    away, axis = ([0.0], "; axis = [0.0, 0.0, 1.0]") if space else ([], "")
+    text = HEADER + tables(f"""
+ground.points: post = {[0.1, 0.4, *away]}
+bodies.crank: {BODIES[dimension].format(CRANK)}; flexible = false
+bodies.rod: {BODIES[dimension].format(ROD)}; flexible = false; placement = {{ origin = {[CRANK, 0.0, *away]} }}
+joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]{axis}
+joints.elbow: type = "revolute"; connect = ["crank:tip", "rod:hinge"]{axis}
+joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = {[1.0, 0.0, *away]}
 """)
-    return scene_from_toml(text + _effects({}) + OUTPUTS, ".")
-
-
-def spatial() -> Scene:
-    text = '[scene]\nname = "space"\n[materials.steel]\nE = 210e9\nnu = 0.3\n' + f"rho = {STEEL['rho']}\n"
-    text += "[ground.points]\npost = [0.1, 0.4, 0.0]\n"
-    for name, length in (("crank", CRANK), ("rod", ROD)):
-        origin = "" if name == "crank" else f"placement = {{ origin = [{CRANK}, 0.0, 0.0] }}\n"
-        text += (
-            f'[bodies.{name}]\nmesh = "0.0:{length}:2"\nelement = "solid3d"\nmaterial = "steel"\nflexible = false\n'
-            f"{origin}"
-        )
-    axis = "axis = [0.0, 0.0, 1.0]"
-    text += tables(f"""
-joints.crank_hinge: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
-{axis}
-joints.elbow: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
-{axis}
-joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; direction = [1.0, 0.0, 0.0]
-""")
-    return scene_from_toml(text + _effects(IN_SPACE) + OUTPUTS, ".")
-
-
-def _effects(changes: dict[str, str]) -> str:
-    text = "\n[effects]\n" + "".join(f"{name} = {{ {entries} }}\n" for name, entries in ALL.items())
-    for before, after in changes.items():
-        text = text.replace(before, after)
-    return text
+    effects = "\n[effects]\n" + "".join(f"{name} = {{ {entries} }}\n" for name, entries in ALL.items())
+    for before, after in IN_SPACE.items() if space else ():
+        effects = effects.replace(before, after)
+    return scene_from_toml(text + effects + OUTPUTS, ".")
 
 
 def test_a_planar_scene_given_in_space_moves_as_in_the_plane() -> None:
     """Steps in angles and in directors differ by the square of the step, which is extrapolated away."""
-    plane, space, names = planar(), spatial(), list(ALL)
+    plane, space, names = rigid_slider_crank(2), rigid_slider_crank(3), list(ALL)
     away: dict[str, list[np.ndarray]] = {}
     for step, every in ((5e-4, 1), (2.5e-4, 2)):
-        model = full_model(with_step(plane, step), line_meshes(plane))
-        expected, found = motion(model), run(with_step(space, step))
+        expected, found = (run(with_step(scene, step)) for scene in (plane, space))
         for name, values in expected.outputs.items():
             away.setdefault(name, []).append((found.outputs[name] - values)[::every])
         for name in names:

@@ -430,7 +430,7 @@ def test_a_chain_of_three_coordinates_is_where_its_angles_put_it() -> None:
     third = (
         'bodies.hand={mesh="0.0:0.1:1",element="solid3d",material="steel"}',
         'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"],axis=[0.0,1.0,0.0]}',
-        f'coordinates.theta3={{joint="wrist",{TURN.replace(chr(10), ",")}}}',
+        f'coordinates.theta3={{joint="wrist",{TURN.replace(";", ",")}}}',
     )
     kinematics = kinematics_of(arm(*third))
     theta = np.array([[0.3, -1.2, 2.0], [4.0, 0.5, -7.0], [0.3, -1.2, 2.1]])

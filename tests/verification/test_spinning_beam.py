@@ -11,15 +11,16 @@ import numpy as np
 import pytest
 from cantilevers import PUBLISHED, SPINS
 from conftest import ROOT
-from effect_scenes import CANTILEVER, line_meshes, scene_of
+from effect_scenes import CANTILEVER, scene_of
 from refusals import refusal
 from runs import motion, reduced_model
+from slopes import characteristic_roots, slopes
 from solids import rectangle_mesh
 
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.scene import Scene, load_scene
+from pgmp_petsc.scene import load_scene
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.check import describe_scene
 from scenes import tables
@@ -56,8 +57,7 @@ def fundamental(model: ReducedModel, spin: float) -> float:
 def frequencies(model: ReducedModel, spin: float) -> np.ndarray:
     """Return all angular frequencies, ascending.
 
-    ``r(delta, delta', delta'') = 0`` are the rows of the flexible coordinates; about their steady state
-    ``M delta'' + C delta' + K delta = 0`` with M, C and K by central differences of r.
+    ``r(delta, delta', delta'') = 0`` are the rows of the flexible coordinates, which vibrate about their steady state.
     """
     system = model.batch({}, 1)
     n = model.terms.layout.n_eta - 1
@@ -66,23 +66,12 @@ def frequencies(model: ReducedModel, spin: float) -> np.ndarray:
         rows = [np.concatenate([[rigid], part])[None] for rigid, part in zip((0.0, spin, 0.0), flexible)]
         return system.residual(0.0, State(*rows, np.zeros(0)))[0, 1:].copy()
 
-    def slopes(flexible: np.ndarray, kind: int) -> np.ndarray:
-        columns = []
-        for i in range(n):
-            nudge = np.zeros((3, n))
-            nudge[kind, i] = 1e-5
-            columns.append((balance(flexible + nudge) - balance(flexible - nudge)) / 2e-5)
-        return np.array(columns).T
-
     steady = np.zeros((3, n))
     for _ in range(5):
-        steady[0] -= np.linalg.solve(slopes(steady, 0), balance(steady))
+        stiffness = slopes(lambda delta: balance(np.stack([delta, *steady[1:]])), steady[0], 1e-5)
+        steady[0] -= np.linalg.solve(stiffness, balance(steady))
     assert np.abs(balance(steady)).max() < 1e-9 * max(1.0, spin**2)
-    stiffness, damping, mass = (slopes(steady, kind) for kind in range(3))
-    first_order = np.block(
-        [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]]
-    )
-    roots = np.linalg.eigvals(first_order)
+    roots = characteristic_roots(balance, steady, 1e-5)
     assert np.abs(roots.real).max() < 1e-6 * np.abs(roots).max(), "vibrations neither grow nor decay"
     return np.sort(np.abs(roots.imag))[::2]
 
@@ -107,14 +96,10 @@ def test_without_stiffening_a_beam_does_not_feel_its_spin(
     assert 1.0 - found / published == pytest.approx(too_low, abs=1e-3)
 
 
-def built(scene: Scene, meshes: dict) -> ReducedModel:
-    return reduced_model(scene, meshes)
-
-
 @pytest.mark.parametrize("stretching", ["static", "dynamic"])
 def test_the_frequency_of_a_rotating_plate_of_cells(stretching: str) -> None:
     scene = cantilevers.cantilever(cantilevers.PLATE, MODELS[stretching] + REDUCTION)
-    model = built(scene, {"beam": cantilevers.plate_mesh()})
+    model = reduced_model(scene, {"beam": cantilevers.plate_mesh()})
     for spin, published in SPINS:
         # found within 2e-3; the bar, with a third of the beam's EA, is longer by a thousandth at the last spin
         assert fundamental(model, spin) == pytest.approx(published, rel=4e-3)
@@ -134,7 +119,7 @@ def test_the_frequencies_of_a_rotating_beam_in_space(stretching: str) -> None:
     scene = cantilevers.cantilever(
         cantilevers.BEAM_IN_SPACE, MODELS[stretching] + REDUCTION, cantilevers.IN_SPACE, "reduction.modes=8"
     )
-    model = built(scene, {"beam": straight_beam(1.0, 16, 0.0, 3)})
+    model = reduced_model(scene, {"beam": straight_beam(1.0, 16, 0.0, 3)})
     still = frequencies(model, 0.0)
     assert still[2] == pytest.approx(np.pi / 2 * np.sqrt(cantilevers.TORSION / sum(cantilevers.ROTARY)), rel=2e-3)
     lever = (cantilevers.ROTARY[1] - cantilevers.ROTARY[0]) / sum(cantilevers.ROTARY)
@@ -150,7 +135,7 @@ def test_the_frequencies_of_a_rotating_beam_in_space(stretching: str) -> None:
 @pytest.mark.parametrize("stretching", ["static", "dynamic"])
 def test_the_frequencies_of_a_rotating_bar_of_solids(stretching: str) -> None:
     mesh = cantilevers.bar_mesh()
-    model = built(
+    model = reduced_model(
         cantilevers.cantilever(
             cantilevers.BAR, MODELS[stretching] + REDUCTION, cantilevers.IN_SPACE, "reduction.modes=8"
         ),
@@ -168,7 +153,7 @@ def test_a_body_without_a_long_axis_has_no_static_stretching() -> None:
     scene = cantilevers.cantilever(cantilevers.PLATE, MODELS["static"] + REDUCTION)
     mesh = cantilevers.ends(rectangle_mesh("quad8", (3, 2), (1.0, 0.5)))
     asked = cantilevers.cantilever(cantilevers.PLATE, REDUCTION, "reduction.second_order=true")
-    for command, given in ((built, scene), (describe_scene, scene), (describe_scene, asked)):
+    for command, given in ((reduced_model, scene), (describe_scene, scene), (describe_scene, asked)):
         message = refusal(command, given, {"beam": mesh})
         entry = "reduction" if given is asked else "effects.stiffening"
         assert message == (
@@ -198,9 +183,7 @@ def test_static_stretching_takes_any_number_of_modes(n_modes: int) -> None:
         "interpolation='spline'}"
     )
     scene = load_scene(ROOT / "scenes" / "slider_crank_effects.toml", [*FLYWHEEL, reduction])
-    meshes = line_meshes(scene)
-    exact = motion("full", scene, meshes).outputs
-    found = motion("reduced", scene, meshes).outputs
+    exact, found = (motion(kind, scene).outputs for kind in ("full", "reduced"))
     left = {name: np.abs(found[name] - at).max() / np.abs(at).max() for name, at in exact.items()}
     # measured: 1.1e-3 and 1.0e-3 of the bending; of the slide 2.0e-3 with fourteen modes, 3.4e-2 with six
     assert left["bending"] < 3e-3

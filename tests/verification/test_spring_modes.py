@@ -9,9 +9,10 @@ from mpi4py import MPI
 from pencils import dense_of, matrices_of
 from runs import full_model, history, rom_of
 from scipy.optimize import brentq
+from slopes import slopes
 from spatial import slider_crank_in_space
 from spatial_beams import pendulum_in_space, slider_crank_of_beams
-from spring_measures import measure_of, slopes_of
+from spring_measures import measure_of
 from two_coordinates import double_pendulum
 
 from pgmp_petsc.components.condensing import condensed
@@ -66,8 +67,8 @@ def spring_stiffness(scene: Scene, kinematics: RigidKinematics, poses: np.ndarra
     stiffness = np.zeros((mechanism.n_dofs, mechanism.n_dofs))
     for action in (a for a in actions_of(effects_of(scene, mechanism)) if a.stiffness):
         dofs, measure = measure_of(action, mechanism, poses)
-        slopes = slopes_of(measure, dofs.size)
-        stiffness[np.ix_(dofs, dofs)] += action.parameters[0].at(scene.values) * np.outer(slopes, slopes)
+        slope = slopes(measure, np.zeros(dofs.size), 1e-5)
+        stiffness[np.ix_(dofs, dofs)] += action.parameters[0].at(scene.values) * np.outer(slope, slope)
     return stiffness
 
 

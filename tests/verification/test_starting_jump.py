@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from runs import MODELS, motion, reduced_model, trajectory
+from runs import MODELS, motion, reduced_model, samples, trajectory
 
 from pgmp_petsc.base.errors import Remark
 from pgmp_petsc.estimates.starts import jump_remarks
@@ -61,7 +61,7 @@ def said(model: ReducedModel) -> list[Remark]:
 def test_shares_are_those_of_the_quasi_static_deformation(text: str, energy: float) -> None:
     """Six modes of 24 elements leave 0.5 % of the energies: elements 1 / n^2 and the modes beyond."""
     model = reduced(text)
-    system = model.batch({name: np.array([value]) for name, value in model.scene.values.items()}, 1)
+    system = model.batch(samples(model.scene, 1), 1)
     start = system.start()
     for share in (0.6, 0.8):
         (remark,) = jump_remarks(model, system, start, np.array([0.0, energy * (2.0 / share) ** 2]))
@@ -158,7 +158,7 @@ outputs.moment: type = "stress"; body = "arm"; quantity = "bending_moment"; at =
 def test_a_motor_that_is_switched_on_bends_the_arm_no_more_than_it_can(model: str) -> None:
     """Of the bending moment beside a torque of 1 Nm 1.14 Nm are reached with steps of 10 us; it was 6.3 with 1 ms."""
     scene = scene_from_toml(ARM, ".")
-    run = motion(MODELS[model](scene, meshes_of(scene)))
+    run = motion(model, scene)
     assert np.abs(run.outputs["moment"]).max() == pytest.approx(1.14, rel=0.15)
     assert run.outputs["angle"][-1] == pytest.approx(0.12999, rel=1e-2)
     assert np.abs(run.balance.residual).max() < 3e-3 * run.balance.exchanged  # 1.3e-3

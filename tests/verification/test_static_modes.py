@@ -13,7 +13,7 @@ from mpi4py import MPI
 from offset_scenes import clamped_beam
 from pencils import constraints_at, dense_of
 from petsc4py import PETSc
-from runs import built_rom, full_model, history, motion, paper_scene, quick_return, reduced_model, rom_of
+from runs import FEW_MODES, built_rom, full_model, history, motion, paper_scene, quick_return, reduced_model, rom_of
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.affine import evaluate_weights
@@ -251,8 +251,7 @@ def test_answers_that_are_combinations_at_one_angle_are_continued_by_their_limit
     )  # fmt: skip
     kinematics, n_modes, upright = kinematics_of(scene), 3, 0.5 * np.pi
     with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
-        effects = effects_of(scene, problem.mechanism)
-        loads = StaticLoads.of(problem, patterns_of(effects, problem.matrices), scene.reduction)
+        loads = static_loads(problem, scene)
 
         def basis(angle: float) -> np.ndarray:
             modes = problem.solve(angle)
@@ -310,9 +309,7 @@ def test_a_spring_on_a_rigid_pendulum_beside_a_beam_has_no_answer() -> None:
 UNCERTAIN = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}'
 LOW = 0.7 * RADIUS
 SPLINE = 'reduction.interpolation="spline"'
-SMALL = (
-    "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=48", SPLINE,
-)  # fmt: skip
+SMALL = *FEW_MODES, "reduction.angles=48"
 SHARES = np.array([0.7, 0.76, 0.88, 1.0, 1.12, 1.24, 1.3])
 HALF_SINE = str([[float(t), float(0.8 * np.sin(np.pi * t))] for t in np.linspace(0.0, 1.0, 201)])
 TORQUES = {

@@ -8,7 +8,7 @@ import pytest
 import spatial
 from combinations import without_effects
 from mpi4py import MPI
-from runs import full_model, motion, reduced_model, rom_of, trajectory
+from runs import full_model, motion, reduced_model, rom_of, samples, trajectory
 from two_coordinates import DOUBLE_PENDULUM
 
 from pgmp_petsc.base.errors import InputError
@@ -20,7 +20,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.static_equilibrium import Search, settle
 from pgmp_petsc.stepping.status import Status
-from scenes import PENDULUM, RADIUS, SLIDER_CRANK, STEEL, meshes_of, tables
+from scenes import PENDULUM, RADIUS, SLIDER_CRANK, STEEL, tables
 
 BAR = PENDULUM.replace("radius = 2e-4", "radius = 5e-3").replace(
     "modes = 2\nangles = 6", 'modes = 5\nangles = 24\nstatic_modes = true\ninterpolation = "spectral"'
@@ -39,33 +39,27 @@ def scene_of(text: str, coordinates: str | None, start: float = 0.0, more: str =
     return scene_from_toml(text, ".")
 
 
-_ROMS: dict[str, object] = {}
-
-
-def reduced_of(scene: Scene, text: str) -> ReducedModel:
+def reduced_of(scene: Scene) -> ReducedModel:
     """Return the reduced model; one for all starts of a mechanism."""
-    effects = text + ",".join(scene.effects)
-    if effects not in _ROMS:
-        held = scene.model_copy(update={"initial": scene_of(BAR, "held").initial})
-        _ROMS[effects] = rom_of(held, meshes=meshes_of(scene))
-    return ReducedModel(scene, _ROMS[effects])
+    held = scene.model_copy(update={"initial": scene_of(BAR, "held").initial})
+    return ReducedModel(scene, rom_of(held))
 
 
 def settled_frames(model: FullModel | ReducedModel) -> np.ndarray:
     """Return the frames of all nodes at the start, shape (n_nodes, 3)."""
-    system = model.batch({name: np.array([value]) for name, value in model.scene.values.items()}, 1)
+    system = model.batch(samples(model.scene, 1), 1)
     state = system.start()
     return (model.frames_of(state.q) if isinstance(model, ReducedModel) else system.frames(state))[..., 0]
 
 
-def both(scene: Scene, text: str) -> list[FullModel | ReducedModel]:
-    return [full_model(scene), reduced_of(scene, text)]
+def both(scene: Scene) -> list[FullModel | ReducedModel]:
+    return [full_model(scene), reduced_of(scene)]
 
 
 def test_a_held_bar_bends_under_its_weight_as_a_cantilever_does() -> None:
     line_load = STEEL["rho"] * np.pi * 5e-3**2 * 9.80665
     stiffness = STEEL["E"] * np.pi * 5e-3**4 / 4
-    for model in both(scene_of(BAR, "held"), BAR):
+    for model in both(scene_of(BAR, "held")):
         frames = settled_frames(model)
         # 1e-4: shear makes it longer by 2e-4 of (r / L)^2; large deflections shorter by the square of 0.7 %
         np.testing.assert_allclose(frames[-1, 1], -line_load / (8 * stiffness), rtol=1e-4)
@@ -77,7 +71,7 @@ def test_a_link_between_two_hinges_bends_as_a_beam_on_two_supports() -> None:
     line_load, stiffness = STEEL["rho"] * area * 9.80665, STEEL["E"] * np.pi * RADIUS**4 / 4
     sag = 5 * line_load * length**4 / (384 * stiffness)
     text = LINK.replace(":16", ":64")
-    for model in both(scene_of(text, "held"), text):
+    for model in both(scene_of(text, "held")):
         rod = settled_frames(model)[-65:, 1]
         # elements: 1.5 / n^2 = 4e-4 (n = 16: 6e-3); shear: 10 EI / (k_s G A L^2) = 4e-4 to the other side
         np.testing.assert_allclose(0.5 * (rod[0] + rod[-1]) - rod[32], sag, rtol=1e-3)
@@ -85,7 +79,7 @@ def test_a_link_between_two_hinges_bends_as_a_beam_on_two_supports() -> None:
 
 @pytest.mark.parametrize("start", [0.3, 3.0])
 def test_a_free_pendulum_hangs_straight_down_and_stays_there(start: float) -> None:
-    for model in both(scene_of(BAR, "free", start), BAR):
+    for model in both(scene_of(BAR, "free", start)):
         system = model.batch({}, 1)
         down = system.settled.theta[0, 0] + np.pi / 2
         np.testing.assert_allclose(down, 2 * np.pi * np.rint(down / (2 * np.pi)), atol=1e-10)
@@ -98,9 +92,9 @@ def test_a_free_pendulum_hangs_straight_down_and_stays_there(start: float) -> No
 
 
 def test_a_pendulum_on_its_head_is_said_to_be_unstable() -> None:
-    for model in both(scene_of(BAR, "free", np.pi / 2), BAR):
+    for model in both(scene_of(BAR, "free", np.pi / 2)):
         assert model.batch({}, 1).settled.unstable[0]
-    trajectory = motion(reduced_of(scene_of(BAR, "free", np.pi / 2), BAR))
+    trajectory = motion(reduced_of(scene_of(BAR, "free", np.pi / 2)))
     assert [r.kind for r in trajectory.record.remarks if "unstable" in r.text] == ["warning"]
 
 
@@ -110,17 +104,17 @@ def test_a_spring_holds_free_coordinates_where_its_torque_balances_the_weight() 
     theta = 0.0
     for _ in range(50):  # of the rigid bar: 4 (theta - 0.3) = - m g L / 2 cos(theta)
         theta -= (4 * (theta - 0.3) + 0.5 * mass * 9.80665 * np.cos(theta)) / (4 - 0.5 * mass * 9.80665 * np.sin(theta))
-    full, reduced = (model.batch({}, 1).settled.theta[0, 0] for model in both(scene, BAR))
+    full, reduced = (model.batch({}, 1).settled.theta[0, 0] for model in both(scene))
     # the bar bends by 0.7 % of its length: the weight's arm changes by its square and by the turn of the load
     assert abs(full - theta) < 2e-3
     # that of the hinge, as runs say it; the reduced coordinate is the mean turn of the bar, up to 2e-2 away
     np.testing.assert_allclose(reduced, full, atol=2e-4)
-    np.testing.assert_allclose(settled_frames(reduced_of(scene, BAR))[0, 2], reduced, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(settled_frames(reduced_of(scene))[0, 2], reduced, rtol=0, atol=1e-12)
 
 
 def test_reduced_and_full_deformation_agree_anywhere() -> None:
     for start in (0.7, 2.0, 4.4):
-        full, reduced = (settled_frames(model) for model in both(scene_of(LINK, "held", start), LINK))
+        full, reduced = (settled_frames(model) for model in both(scene_of(LINK, "held", start)))
         undeformed = scene_of(LINK, None, start)
         bent = np.max(np.abs(full - settled_frames(full_model(undeformed))))
         assert np.max(np.abs(full - reduced)) < 0.02 * bent
@@ -130,7 +124,7 @@ def test_reduced_and_full_deformation_agree_anywhere() -> None:
 def test_samples_settle_each_for_itself() -> None:
     scene = scene_of(LINK, "held", 0.4)
     radii = np.array([4e-3, 5.6e-3, 7e-3, 7e-3])
-    for model in both(scene, LINK):
+    for model in both(scene):
         together = model.batch({"r1": radii}, 4)
         for k, radius in enumerate(radii):
             alone = model.batch({"r1": np.array([radius])}, 1)
@@ -176,7 +170,7 @@ def test_a_step_beyond_what_bodies_bear_or_the_range_is_taken_in_parts(statics, 
 
 def test_energy_is_kept_from_the_strain_at_the_start_on() -> None:
     scene = scene_of(LINK, "held", 0.4)
-    full, reduced = both(scene, LINK)
+    full, reduced = both(scene)
     found = motion(full).balance, motion(reduced).balance
     for balance in found:
         assert balance.strain[0] > 0.0 and balance.kinetic[0] == 0.0
@@ -191,7 +185,7 @@ def test_a_torque_that_nothing_holds_is_refused_with_what_it_leaves() -> None:
     scene = scene_of(BAR, "free", 0.0, motor)
     with pytest.raises(InputError, match=r'initial.coordinates = "free".*no static equilibrium.*N m on phi.*"held"'):
         motion("full", scene)
-    model = reduced_of(scene, BAR)
+    model = reduced_of(scene)
     with pytest.raises(InputError, match='take coordinates = "held"'):
         motion(model)
     run = integrate(model.batch({}, 2), scene.simulation)
@@ -272,9 +266,7 @@ def test_two_free_coordinates_hang_straight_down() -> None:
     text = CHAIN + GRAVITY + RUN + '[initial]\nequilibrium = true\ncoordinates = "free"\n'
     start = ("simulation.initial.theta1.position=0.4", "simulation.initial.theta2.position=1.1")
     scene = scene_from_toml(text, ".", (*start, "reduction.static_modes=true", "reduction.angles=8"))
-    meshes = meshes_of(scene)
-    reduced = reduced_model(scene, meshes)
-    for model in (full_model(scene, meshes), reduced):
+    for model in (full_model(scene), reduced_model(scene)):
         settled = model.batch({}, 1).settled
         assert not settled.reasons and not settled.unstable[0]
         turns = (settled.theta[0] - [-np.pi / 2, 0.0]) / (2 * np.pi)
@@ -297,7 +289,7 @@ def driven() -> Scene:
 @pytest.mark.parametrize("name", ["reduced", "full"])
 def test_samples_without_equilibrium_are_records_and_are_not_tried_again(name: str, tmp_path: Path) -> None:
     scene = driven()
-    model = full_model(scene) if name == "full" else reduced_of(scene, BAR)
+    model = full_model(scene) if name == "full" else reduced_of(scene)
     ensemble = run_ensemble(model, Plan(4, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1))
     # 3 N m times T against the weight's m g L / 2, the arm a little shorter as it bends
     largest = 0.5 * STEEL["rho"] * np.pi * 5e-3**2 * 9.80665 / 3.0
@@ -328,10 +320,8 @@ def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
                'outputs.sag={type="deformation", point="crank:tip", axis="y"}')  # fmt: skip
     settled = ("initial.equilibrium=true", f'initial.coordinates="{coordinates}"')
     scene = scene_from_toml(spatial.SLIDER_CRANK, ".", (*entries, *settled))
-    meshes = meshes_of(scene)
-    rom = rom_of(scene, meshes=meshes)
     found = []
-    for model in (full_model(scene, meshes), ReducedModel(scene, rom)):
+    for model in (full_model(scene), reduced_model(scene)):
         with closing(model.batch({}, 1)) as system:
             start = system.start()
             outputs = model.outputs.evaluate(model.observed(system, start))
@@ -347,20 +337,17 @@ def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
 SOFT_FOUR_BAR = tables("""
 scene: name = "soft_four_bar"
 ground.points: d = [0.55, 0.0]
-[bodies.crank]
-line = { length = 0.2, elements = 4 }
-element = "beam2d"
-section = { shape = "coefficients", axial = 2e6, shear = 8e5, bending = 40.0, line_density = 0.5, rotary_density=1e-5 }
-[bodies.coupler]
-line = { length = 0.6, elements = 12 }
-element = "beam2d"
-section = { shape = "coefficients", axial = 1e6, shear = 4e5, bending = 6.0, line_density = 0.3, rotary_density = 6e-6 }
-placement = { origin = [0.2, 0.0], angle = 0.84 }
-[bodies.rocker]
-line = { length = 0.45, elements = 8 }
-element = "beam2d"
-section = { shape = "coefficients", axial = 2e6, shear = 8e5, bending = 30.0, line_density = 0.4, rotary_density=1e-5 }
-placement = { origin = [0.55, 0.0], angle = 1.46 }
+bodies.crank: line = { length = 0.2, elements = 4 }; element = "beam2d"
+bodies.crank.section: shape = "coefficients"; axial = 2e6; shear = 8e5; bending = 40.0; line_density = 0.5;
+    rotary_density = 1e-5
+bodies.coupler: line = { length = 0.6, elements = 12 }; element = "beam2d";
+    placement = { origin = [0.2, 0.0], angle = 0.84 }
+bodies.coupler.section: shape = "coefficients"; axial = 1e6; shear = 4e5; bending = 6.0; line_density = 0.3;
+    rotary_density = 6e-6
+bodies.rocker: line = { length = 0.45, elements = 8 }; element = "beam2d";
+    placement = { origin = [0.55, 0.0], angle = 1.46 }
+bodies.rocker.section: shape = "coefficients"; axial = 2e6; shear = 8e5; bending = 30.0; line_density = 0.4;
+    rotary_density = 1e-5
 joints.crank_joint: type = "revolute"; connect = ["ground:origin", "crank:hinge"]
 joints.elbow: type = "revolute"; connect = ["crank:tip", "coupler:hinge"]
 joints.knee: type = "revolute"; connect = ["coupler:tip", "rocker:tip"]

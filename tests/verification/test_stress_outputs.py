@@ -4,16 +4,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import meshio
 import numpy as np
 import pytest
 from conftest import ROOT
 from length_scenes import PART, long_crank, numbered
 from mpi4py import MPI
-from runs import MODELS, accurate_scene, full_model, motion, reduced_model, rom_of, trajectory
+from runs import MODELS, accurate_scene, full_model, motion, reduced_model, rom_of, samples, trajectory
 from sealed import resealed
 from solid_scenes import solid_meshes, solid_slider_crank
-from solids import box_mesh, grid, rectangle_mesh, straightened
+from solids import box_mesh, grid, grouped, rectangle_mesh, straightened
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design.goals import read_goal
@@ -145,13 +144,8 @@ def plate(n_around: int, n_out: int, hole: float = 1.0, half_width: float = 20.0
         name: outer[np.isclose(places[outer, 0], x).all(axis=1)]
         for name, x in (("left", -half_width), ("right", half_width))
     }
-    faces = {"hole": renumber[inner], **sides}
-    blocks = [("quad8", cells.reshape(-1, 8)), *(("line3", face) for face in faces.values())]
-    tags = [np.full(len(block), k) for k, (_, block) in enumerate(blocks, start=1)]
-    names = {"plate": np.array([1, 2])} | {name: np.array([k, 1]) for k, name in enumerate(faces, start=2)}
     points = np.column_stack([places, np.zeros(len(places))])
-    data = {"gmsh:physical": tags, "gmsh:geometrical": list(tags)}
-    return solid_mesh(meshio.Mesh(points, blocks, cell_data=data, field_data=names), 2, "plate")
+    return solid_mesh(grouped(points, "quad8", cells.reshape(-1, 8), {"hole": renumber[inner], **sides}), 2, "plate")
 
 
 def test_the_edge_of_a_hole_has_three_times_the_stress_converging_with_the_mesh() -> None:
@@ -184,12 +178,9 @@ def eye(n_around: int = 16, n_out: int = 3, hole: float = 0.01, half: tuple[floa
     sides = {
         name: outer[np.isclose(points[outer, 0], x).all(axis=1)] for name, x in (("left", -half[0]), ("right", half[0]))
     }
-    faces = {"hole": blocks["front"], **sides}
-    cells = [("tetra10", blocks["body"]), *(("triangle6", face) for face in faces.values())]
-    tags = [np.full(len(block), k) for k, (_, block) in enumerate(cells, start=1)]
-    names = {"eye": np.array([1, 3])} | {name: np.array([k, 2]) for k, name in enumerate(faces, start=2)}
-    data = {"gmsh:physical": tags, "gmsh:geometrical": list(tags)}
-    return straightened(solid_mesh(meshio.Mesh(points, cells, cell_data=data, field_data=names), 3, "eye"))
+    return straightened(
+        solid_mesh(grouped(points, "tetra10", blocks["body"], {"hole": blocks["front"], **sides}), 3, "eye")
+    )
 
 
 # CalculiX 2.20, *STATIC on the same C3D10: its nodes have the weights of a mean frame as forces on the right, and
@@ -517,7 +508,7 @@ def test_forces_follow_the_mesh_at_other_lengths_too() -> None:
     bare = ReducedModel(model.scene, replace(model.rom, missed=None, family=replace(family, members=members)))
     found, worse, reference = motion(model), motion(bare), motion(full_model(model.scene))
     lanes = of_samples(model, ["rod_length"])
-    batch = lanes.batch({name: np.full(2, value) for name, value in model.scene.values.items()}, 2)
+    batch = lanes.batch(samples(model.scene, 2), 2)
     ended = lanes.outputs.evaluate(lanes.observed(batch, integrate(batch, model.scene.simulation).state))
     for name, exact in reference.outputs.items():
         largest = np.max(np.abs(exact))

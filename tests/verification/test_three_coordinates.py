@@ -53,18 +53,6 @@ def test_outputs_are_prepared_where_drives_begin() -> None:
     assert "force" in OutputSet.of(scene, kinematics).units
 
 
-@pytest.mark.usefixtures("coarse")
-@pytest.mark.parametrize(("name", "angles", "share"), [("scara", 5, 5e-3), ("delta_robot", 4, 1e-3)])
-def test_a_robot_moves_as_its_mesh(name: str, angles: int, share: float) -> None:
-    """Two arms that turn and a quill that slides, on a spring: 0.41 % over 0.2 s, of few angles (0.06 % with 7; without
-    terms of second order 0.85 and 0.38 %); a closed loop in space, whose rods forces stiffen: 3 % of its deformation
-    without such terms, of few modes and angles 4e-4. Half of that time is run here."""
-    scene = load_scene(ROOT / "scenes" / f"{name}.toml", ("simulation.duration=0.1", f"reduction.angles={angles}"))
-    (_, exact), (_, found) = (history(model(scene), samples(scene, 1), 1) for model in (full_model, reduced_model))
-    limits = {name: share if one.type == "deformation" else 1e-5 for name, one in scene.outputs.items()}
-    assert_close(exact, found, **limits)
-
-
 @pytest.mark.parametrize("name", ["platform_3rrr", "scara", "delta_robot"])
 def test_a_built_model_is_interpolated_as_its_scene(name: str) -> None:
     """A file names its scene with all defaults: what these are must not hang on who gave them."""

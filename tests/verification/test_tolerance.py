@@ -54,15 +54,8 @@ class Chosen:
         return self.choice.scene.model_copy(update={"effects": {"motor": motor}})
 
     def errors(self, table: LoadTable, finer: int, smaller: int) -> np.ndarray:
-        """Return the largest error of every output under a torque, for the held-out radii.
-
-        Parameters
-        ----------
-        finer
-            Steps of the reduced model for one of the chosen ones.
-        smaller
-            Steps of the full-order model, likewise.
-        """
+        """Return the largest error of every output under a torque, for the held-out radii, with so many steps of the
+        reduced and of the full-order model for one of the chosen ones."""
         scene, values = self.under(table), {"r1": SHARES * RADIUS}
         n_steps = scene.simulation.n_steps
         full = full_model(scene, self.choice.rom.meshes)
