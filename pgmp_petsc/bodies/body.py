@@ -370,7 +370,7 @@ def dense_entries(dofs: np.ndarray, terms: Mapping[Monomial, np.ndarray]) -> Ent
 def frame_mesh(centres: np.ndarray, points: Mapping[str, int]) -> LineMesh:
     """Return frames as nodes, joined one to the next for pictures."""
     order = np.arange(len(centres))
-    return LineMesh(centres, np.column_stack([order[:-1], order[1:]]), dict(points))
+    return LineMesh(centres, np.column_stack([order[:-1], order[1:]]), dict(points), numbered=False)
 
 
 def element_dofs(elements: np.ndarray, per_node: int = DOFS_PER_NODE) -> np.ndarray:

@@ -70,6 +70,26 @@ def blaming(cls: type) -> Iterator[None]:
         raise to_blame(error, [str(place_of(cls)[0])]) or refuse(cls, why) from error
 
 
+def _check_methods(cls: type) -> None:
+    """Refuse a class whose methods cannot be called as those of its base in the package are, which they stand for."""
+    bases = [base for base in cls.__mro__ if base.__module__.startswith(PACKAGE)]
+    for name, own in vars(cls).items():
+        theirs = next((vars(base)[name] for base in bases if name in vars(base)), None)
+        is_property, is_method = isinstance(theirs, property), callable(getattr(theirs, "__func__", theirs))
+        if not (is_property or is_method) or inspect.isclass(theirs) or name.startswith("__"):
+            continue
+        if is_property:
+            if inspect.isfunction(own):
+                raise refuse(cls, f"{name} is a property: write @property above it")
+            continue
+        takes = inspect.signature(getattr(theirs, "__func__", theirs))
+        given = getattr(own, "__func__", own)
+        try:
+            inspect.signature(given).bind(*takes.parameters)
+        except (TypeError, ValueError):
+            raise refuse(cls, f"{name} is a method that is called as {name}({', '.join(takes.parameters)})") from None
+
+
 def _plugin(cls: type) -> Plugin:
     """Return the file outside the package that a class is from."""
     file, _ = place_of(cls)
@@ -110,6 +130,8 @@ class Family:
             if cls.__module__ != other.__module__ and place_of(cls) == (file, line):
                 cure = "another plugin imports this file: do not give it as one too"
             raise refuse(cls, f"there is the {self.what} '{names[0]}' already, {file}, line {line}; {cure}")
+        if not cls.__module__.startswith(PACKAGE):
+            _check_methods(cls)
         self.classes[names[0]] = cls
         if not cls.__module__.startswith(PACKAGE):
             IN_USE[self.group, names[0]] = _plugin(cls)

@@ -15,6 +15,7 @@ s_1', s_2')`` along g_2, with s_1' as its amplitude and s_2' as its rate.
 
 from __future__ import annotations
 
+import math
 import sys
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -24,8 +25,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import AffineSum, Quantity
-from pgmp_petsc.effects.law import Law, Laws
+from pgmp_petsc.effects.law import TRIED, Law, Laws
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -54,6 +56,10 @@ FRICTION = Law(
     left_out="it is friction, not linear and without stiffness",
 )
 
+# Where a law is tried beside an edge, as shares of s: what is continuous differs less there, the closer it is.
+BESIDE = (1e-10, 1e-9)
+SMALL = 1e-9  # of a force, what round-off leaves of it
+CLOSE, MOST_ITERATIONS = 1e-13, 20  # of s, how near an edge is found, and in how many steps
 ALONE, LEADS, LED, BY_LOAD = range(4)  # whose measure a law is of: see `Action.role`
 NOTHING = Law("nothing", (), force="0")  # of an action that leads
 
@@ -132,6 +138,38 @@ class Action:
             return True
         anything = defaultdict(np.random.default_rng(0).random)  # a number for each name: none cancels another
         return self.law.evaluate([parameter.at(anything) for parameter in self.parameters], 0.0).damping != 0.0
+
+
+def check_edges(action: Action, p: Sequence[float]) -> None:
+    """Raise `InputError` if the force of a law, with parameters p, jumps at one of its edges, which it must not."""
+    law = action.law
+    for number, edge in enumerate(law.edges):
+        s = _place_of(law, number, p)
+        for rate in TRIED if s is not None else ():
+            near, far = (
+                [law.evaluate(p, s + side * way * max(1.0, abs(s)), rate, 1.0).force for side in (-1.0, 1.0)]
+                for way in BESIDE
+            )
+            jump, further = abs(near[1] - near[0]), abs(far[1] - far[0])
+            if jump > 0.5 * further and jump > SMALL * max(map(abs, near)):
+                raise InputError(
+                    f"{law.place}: effects.{action.effect}: law {law.name} jumps at its edge '{edge}' = 0, "
+                    f"s = {s:.6g}: at a rate of {rate:g} from {near[0]:.6g} to {near[1]:.6g} (SI units); a force is "
+                    "continuous there: let what sets in grow from zero, such as a damping by how deep it is"
+                )
+
+
+def _place_of(law: Law, number: int, p: Sequence[float]) -> float | None:
+    """Return a measure at which an edge of a law is, by Newton's method; None if none is found."""
+    for s in (0.0, *p, *(-x for x in p)):
+        for _ in range(MOST_ITERATIONS):
+            depth, slope = law.depths(p, s)[number], law.edge_slopes(number, p, s)[0]
+            if not (slope and math.isfinite(depth / slope)):
+                break
+            if abs(depth) <= CLOSE * abs(slope) * max(1.0, abs(s)):
+                return s
+            s -= depth / slope
+    return None
 
 
 class Actions(NamedTuple):

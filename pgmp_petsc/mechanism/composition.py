@@ -52,6 +52,7 @@ from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.fields import GROUND
 from pgmp_petsc.scene.joints import DAMPED_BY, PARALLEL, TURNS, CouplingEntry, Elastic, JointEntry, Offset, followed
 from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.references import point_problems
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.uses import slides
 
@@ -85,8 +86,10 @@ def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]
 def attachment_at(scene: Scene, bodies: Sequence[Body], address: str, entry: str) -> Attachment:
     """Return the attachment at ``"body:point"`` or ``"ground:point"``.
 
-    Raises `InputError` if the body's mesh has no such point; `entry` is the scene entry to blame.
+    Raises `InputError` if there is no such point, on the ground or on a body; `entry` is the scene entry to blame.
     """
+    for line in point_problems(scene, entry, address, ground_allowed=True):
+        raise InputError(line)
     name, _, point = address.partition(":")
     if name == GROUND:
         return Attachment.on_ground_at(np.asarray(scene.ground_position(point), dtype=float))

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
@@ -28,6 +29,7 @@ from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connectio
 from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupling
 from pgmp_petsc.mechanism.space import SPATIAL, Space, rotate, space_of
 from pgmp_petsc.mechanism.statements import ANGLE, Statement, distance, within
+from pgmp_petsc.scene.messages import unknown
 from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.scene.uses import slides
 
@@ -158,8 +160,11 @@ class Mechanism:
         return tuple((body.dofs, body.linear_fields()) for body in self.bodies)
 
     def connection(self, name: str) -> Connection:
-        """Return the connection of the joint with this name."""
-        return next(connection for connection in self.connections if connection.name == name)
+        """Return the connection of the joint with this name; raises `InputError` if there is none."""
+        for connection in self.connections:
+            if connection.name == name:
+                return connection
+        raise InputError(unknown("joint", "joint", name, self.scene.joints))
 
     def attachment(self, address: str, entry: str) -> Attachment:
         """Return the attachment at ``"body:point"`` or ``"ground:point"``.

@@ -37,6 +37,7 @@ class LineMesh(Counted):
     points: dict[str, int] = field(default_factory=dict)  # the node of each named point
     #: names that cannot serve as a point, with the number of nodes they hold; kept to explain the refusal
     groups: dict[str, int] = field(default_factory=dict)
+    numbered: bool = True  # whether a node may be named by its index: frames of a body are no nodes of its mesh
 
     kind = "line"  # meshio's name of the cells
 
@@ -54,6 +55,12 @@ class LineMesh(Counted):
             raise InputError(
                 f'{entry} = "{name}": this group holds {self.groups[name]} nodes of line cells; a point '
                 "holds exactly one"
+            )
+        if not self.numbered:
+            known = ", ".join(self.points)
+            raise InputError(
+                f'{entry} = "{shortened(name)}": the body has no frame there in this model, which has those of points '
+                f"that the scene names: {known}; name it in an entry of the scene that is a point"
             )
         if name.isascii() and name.isdecimal():
             if len(name) <= MOST_DIGITS and int(name) < self.n_nodes:

@@ -10,6 +10,7 @@ those of what it names (`declare.formulas.Series`); comparisons are 1 or 0, and 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -20,7 +21,7 @@ import numpy as np
 from pydantic import Field
 
 from pgmp_petsc.base.units import UnknownUnit, measure, si_name
-from pgmp_petsc.declare.expressions import symbolic
+from pgmp_petsc.declare.expressions import check, symbolic
 from pgmp_petsc.declare.formulas import (
     ALLOWED,
     NUMBER,
@@ -53,6 +54,12 @@ class Expression(Protocol):
 
     def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
         """Return it in sympy's form; `names` has the time t, and parameters as of `in_law`."""
+
+
+def called_at() -> str:
+    """Return the file and line from which a class is called whose ``__post_init__`` asks."""
+    caller = sys._getframe(3)
+    return f"{caller.f_code.co_filename}:{caller.f_lineno}"
 
 
 def in_law(parameter: str) -> str:
@@ -92,7 +99,11 @@ class FormulaOf:
 
     text: str
     parts: tuple[tuple[str, Expression], ...]
-    own: tuple[str, ...]
+    own: tuple[str, ...]  # names of parameters, which are called ``of_NAME`` in the formula
+
+    def __post_init__(self) -> None:
+        names = (*(name for name, _ in self.parts), *(f"of_{one}" for one in self.own), TIME)
+        check("FormulaOf", self.text, names, called_at())
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -278,6 +289,7 @@ class Combined:
     reads_time: bool = False
 
     def __post_init__(self) -> None:
+        check("Combined", self.text, (*self.parts, *self.constants, TIME), called_at())
         one = SeriesAlgebra(0).number(1.0)
         with np.errstate(all="ignore"):
             evaluated(self.text, dict.fromkeys((*self.parts, *self.constants, TIME), one), SeriesAlgebra(0))

@@ -18,7 +18,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import UnknownUnit, measure
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.declare.ideas import refuse
+from pgmp_petsc.declare.ideas import blaming, refuse
 from pgmp_petsc.effects import start_of
 from pgmp_petsc.effects.motion import bases_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -192,9 +192,11 @@ class OutputSet:
                 beside.append((name, entry.controller))
             elif "outputs" in entry.reads:
                 parts = {one: functions[one] for one in entry.made_in(scene)}
-                functions[name] = entry.combined(f"outputs.{name}", parts, scene)
+                with blaming(type(entry)):
+                    functions[name] = entry.combined(f"outputs.{name}", parts, scene)
             else:
-                functions[name] = entry.reading(f"outputs.{name}", start, kinematics)
+                with blaming(type(entry)):
+                    functions[name] = entry.reading(f"outputs.{name}", start, kinematics)
             if not hasattr(functions[name], "jet"):
                 found = type(functions[name]).__name__
                 raise refuse(type(entry), f"an output is made of outputs.readings, and this is a {found}")
@@ -202,7 +204,11 @@ class OutputSet:
                 measure(entry.unit_in(scene))
             except UnknownUnit as error:
                 raise refuse(type(entry), f"unit_in: '{entry.unit_in(scene)}': {error}") from error
-            needs |= functions[name].needs
+            with blaming(type(entry)):
+                own = functions[name].needs
+            if unknown := sorted(own.parameters - set(scene.parameters)):
+                raise refuse(type(entry), f"it reads the parameter '{unknown[0]}', which the scene has not")
+            needs |= own
             try:
                 order = max(order, functions[name].depth(0))
             except InputError as error:

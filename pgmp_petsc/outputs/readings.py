@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Literal, NamedTuple, Protocol, Self
+from typing import Literal, NamedTuple, Protocol, Self, get_args
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.mechanism.space import SPATIAL, Space, leibniz
 from pgmp_petsc.mechanism.statements import Statement
 
+Kind = Literal["MEASURE", "POSITION", "ROTATION", "DEFORMATION"]
 AXES = {"x": 0, "y": 1, "z": 2}
 Frames = dict[int, np.ndarray]  # node -> frame, shape (n_frame, n)
 HIGHEST = 2  # derivative over time of what models know: they have accelerations
@@ -99,7 +100,7 @@ class Reading:
 
     #: ``MEASURE`` of a statement, ``POSITION`` of a point along an axis, ``ROTATION`` of its node in the plane, or
     #: ``DEFORMATION``: the position from that in the rigid mechanism
-    kind: Literal["MEASURE", "POSITION", "ROTATION", "DEFORMATION"]
+    kind: Kind
     sides: tuple[Attachment, ...]  # the attachments: two of a statement, else the point
     statement: Statement | None = None  # of a measure
     space: Space = SPATIAL  # of the mechanism
@@ -109,6 +110,15 @@ class Reading:
     origin: float = 0.0
     in_body: bool = False  # whether the axis of a deformation is one of the body
     of_coordinates: frozenset[int] = frozenset()  # nodes that the rigid mechanism of a deformation is measured at
+
+    def __post_init__(self) -> None:
+        kinds, n_sides = get_args(Kind), 1 + (self.kind == "MEASURE")
+        if self.kind not in kinds:
+            raise ValueError(f"a reading is of {', '.join(kinds)}, and not {self.kind!r}")
+        if len(self.sides) != n_sides or (self.kind == "MEASURE") != (self.statement is not None):
+            raise ValueError(f"{self.kind} is read of {n_sides} of the sides, and a statement of two of MEASURE")
+        if self.statement is not None and self.statement.axes.shape[1] != self.space.dimension:
+            raise ValueError("directions have 2 numbers in the plane, 3 in space; space is that of the mechanism")
 
     @classmethod
     def of_coordinate(cls, coordinate: Coordinate, kinematics: RigidKinematics) -> Self:

@@ -492,13 +492,14 @@ TwoNames = Annotated[
         lambda value: _is_list(value, 2) and all(isinstance(name, str) for name in value),
     ),
 ]
+_AT_A_POINT = needed(
+    'a point is needed, written "body:point" or "ground:point"',
+    lambda value: isinstance(value, str) and all(split_point(value)),
+)
 #: "body:point" or "ground:point".
 Point = Annotated[
     str,
-    needed(
-        'a point is needed, written "body:point" or "ground:point"',
-        lambda value: isinstance(value, str) and all(split_point(value)),
-    ),
+    _AT_A_POINT,
     WithJsonSchema({"type": "string", "pattern": "^[^:]+:.+$"}),
 ]
 #: The two points that a joint connects.
@@ -508,6 +509,12 @@ Connection = Annotated[
         'two points in brackets are needed, such as ["ground:origin", "crank:hinge"]', lambda value: _is_list(value, 2)
     ),
 ]
+
+
+@cache
+def points_of(table: type[Table]) -> tuple[str, ...]:
+    """Return the entries of a table that are points, or several of them, in their order."""
+    return tuple(key for key, field in table.model_fields.items() if _AT_A_POINT in notes_on(field, BeforeValidator))
 
 
 Rows = tuple[tuple[float, float | str], ...]

@@ -75,7 +75,7 @@ class OutputEntry(Table):
             raise refuse(cls, "an output has the method reading(self, name, start, kinematics) if it reads frames")
         if of_frames and not getattr(cls, "unit", ""):
             raise refuse(cls, 'an output of frames says its unit: unit = "m"')
-        if of_frames:
+        if isinstance(getattr(cls, "unit", None), str):
             try:
                 take_unit(cls.unit)
             except UnknownUnit as error:

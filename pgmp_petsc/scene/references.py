@@ -28,7 +28,7 @@ import numpy as np
 from pgmp_petsc.base.errors import nearest_name, shortened
 from pgmp_petsc.declare.ideas import JOINTS
 from pgmp_petsc.scene.effects import Driving, EffectEntry, OverTime
-from pgmp_petsc.scene.fields import GROUND, AnyScene, split_point, with_values
+from pgmp_petsc.scene.fields import GROUND, AnyScene, Table, points_of, split_point, with_values
 from pgmp_petsc.scene.joints import MEASURED, WHERE, CouplingEntry, JointEntry
 from pgmp_petsc.scene.messages import COMPONENTS, MAX_RECEIVED, problem, unknown
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, OutputEntry, circle_of
@@ -74,13 +74,13 @@ def _place_problems(scene: AnyScene, entry: str, table: EffectEntry | OutputEntr
         yield from motion_problems(scene, entry, table, table.joints)
     elif table.joints and getattr(table, "motion", None) is not None:
         yield problem(f"{entry}.motion", "without effect, as no joint is named; leave it out", table.motion)
-    for key, ground_allowed in (("point", False), ("towards", True)):
-        point = getattr(table, key, None)
-        if point is not None:
-            yield from point_problems(scene, f"{entry}.{key}", point, ground_allowed)
-    points = getattr(table, "points", None)
-    if points is not None:
-        yield from points_problems(scene, f"{entry}.points", points)
+    for key in points_of(type(table)):
+        where, given = f"{entry}.{key}", points_in(table, key)
+        if key == "points" and given:
+            yield from points_problems(scene, where, given)
+            continue
+        for point in given:
+            yield from point_problems(scene, where, point, ground_allowed=key != "point")
     if scene.dimension == 2 and getattr(table, "axis", None) == "z":
         yield problem(f"{entry}.axis", "x or y is needed in the plane", "z")
 
@@ -321,14 +321,19 @@ def stress_problems(scene: AnyScene, name: str, output: OutputEntry) -> Iterator
         yield problem(f"{entry}.region", why, output.region)
 
 
+def points_in(table: Table, key: str) -> tuple[str, ...]:
+    """Return the points of an entry that is a point, or several; empty where it is left out."""
+    value = getattr(table, key)
+    return (value,) if isinstance(value, str) else tuple(value or ())
+
+
 def points_used(scene: AnyScene, body: str) -> dict[str, str]:
     """Return the points of a body that the scene names, each with the entry that names it first."""
     found: dict[str, str] = {}
     for table in ("joints", "coordinates", "effects", "outputs"):
         for name, entry in getattr(scene, table).items():
-            for key in ("connect", "point", "points", "towards"):
-                value = getattr(entry, key, None)
-                for address in (value,) if isinstance(value, str) else value or ():
+            for key in points_of(type(entry)):
+                for address in points_in(entry, key):
                     owner, point = split_point(address)
                     if owner == body:
                         found.setdefault(point, f"{table}.{name}.{key}")

@@ -161,6 +161,7 @@ class Pull(OutputEntry):
 TWICE = """
 from dataclasses import dataclass
 from typing import Any, Literal
+from pgmp_petsc.outputs.of_outputs import Combined
 from pgmp_petsc.scene.outputs import OutputEntry
 
 @dataclass(frozen=True, eq=False)
@@ -199,6 +200,8 @@ EXPRESSED = """
 """
 
 
+#: An effect whose point is in an entry that no effect of the program has.
+HELD = LISTING.replace("    point: Point", "    held: Point").replace("self.point", "self.held")
 ALONG = 'outputs.mine={type="along", point="rod:tip", direction=[2.0, 0.0]}'
 DOUBLED = 'outputs.mine={type="twice", of="place"}'
 AT_TIP = 'point="crank:tip", direction=[0.0, 1.0]'
@@ -212,6 +215,12 @@ WRITINGS = {
         (LISTING,), ("simulation.initial.theta={position=0.4, velocity=0.0}",),
         'effects.x={type="line_spring", point="rod:tip", direction=[0.6, 0.8], stiffness=20.0, damping=0.5}',
         'effects.x={type="bushing", points=["ground:origin", "rod:tip"], reference=[[0.6, 0.8]], '
+        "stiffness=[20.0, 0.0], damping=[0.5, 0.0]}", 1e-12, 1e-5,
+    ),
+    "effect at an entry of its own name": (
+        (HELD,), ("simulation.initial.theta={position=0.4, velocity=0.0}",),
+        'effects.x={type="line_spring", held="rod:1", direction=[0.6, 0.8], stiffness=20.0, damping=0.5}',
+        'effects.x={type="bushing", points=["ground:origin", "rod:1"], reference=[[0.6, 0.8]], '
         "stiffness=[20.0, 0.0], damping=[0.5, 0.0]}", 1e-12, 1e-5,
     ),
     "controller of the page": (
@@ -243,6 +252,31 @@ def test_two_writings_of_one_force_act_alike(tmp_path: Path, name: str, model: s
         close = {"rtol": share, "atol": 1e-14} if "page" in name else {"rtol": 0, "atol": share * np.abs(values).max()}
         np.testing.assert_allclose(plugin[output], values, **close, err_msg=output)
     assert np.abs(wanted["angle"] - none["angle"]).max() > moved
+
+
+def test_points_are_looked_at_whatever_their_entry_is_called(tmp_path: Path) -> None:
+    plugged(tmp_path, HELD)
+    held = TABLE.replace("point", "held")
+    with pytest.raises(InputError, match=r'effects\.x\.held = "ground:eye": there is no such ground point'):
+        beams(f"effects.x={held.replace('rod:tip', 'ground:eye')}")
+    own = ["ground.points.eye=[0.0, 0.5]", f"effects.x={held.replace('rod:tip', 'ground:eye')}"]
+    checked = pgmp.check(ROOT / "scenes" / "slider_crank.toml", overrides=own)
+    assert not any("nothing is attached" in remark for remark in map(str, checked.scene.remarks))
+
+
+@pytest.mark.parametrize(
+    ("point", "words"),
+    [
+        # frames that a body was condensed to are no nodes of its mesh: one of them was taken for the node
+        ("rod:1", r'"1": .* those of points that the scene names: hinge, tip; name it in an entry'),
+        ("ground:orign", r'"ground:orign": there is no such ground point'),
+        ("rdo:1", r"\"rdo:1\": there is no body 'rdo'"),
+    ],
+)
+def test_component_models_refuse_a_point_that_no_entry_names(tmp_path: Path, point: str, words: str) -> None:
+    plugged(tmp_path, LISTING.replace("attachment(self.point,", f'attachment("{point}",'))
+    with pytest.raises(InputError, match=rf"effects\.x\.point = {words}"):
+        MODELS["components"](beams(f"effects.x={TABLE}"))
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -503,6 +537,15 @@ LATER = {
         ),
         r".*: class LineSpring: 1 of its actions have a law that is loaded; by_load says whether one has$",
     ),
+    "a law that jumps at an edge": (
+        LISTING,
+        (
+            "import SPRING_DAMPER",
+            "import ALONE\nfrom pgmp_petsc.effects.law import Law\n"
+            "SPRING_DAMPER = Law('own', ('k', 'c', 'at'), force='-2 * rate if s > at else 0', edges=('s - at',))",
+        ),
+        r".*mine\.py:\d+: effects\.e: law own jumps at its edge 's - at' = 0, s = 0: at a rate of -1 from 0 to 2 ",
+    ),
     "no forces": (
         LISTING, ("return ActionEffect", "ActionEffect"), r".*: forces returns an Effect, .* not a NoneType$",
     ),
@@ -530,6 +573,19 @@ LATER = {
     "a controller of no law": (
         CONTROLLER, ("return LAW", "return LAW.name"), r".*: class Bang: law returns a ControlLaw, and not a str$",
     ),
+    "a reading of no kind": (OUTPUT, ('"MEASURE"', '"PLACE"'), r"plugin '.*', line 20: .* and not 'PLACE'; repair"),
+    "a reading in space": (OUTPUT, (", space=mechanism.space", ""), r"plugin '.*', line 20: .* 2 numbers in the plane"),
+    "a formula that names what it has not": (
+        TWICE, ("Doubled(parts[self.of])", "Combined('2 * y', {'x': parts[self.of]}, {})"),
+        r".*mine\.py:\d+: Combined: '2 \* y' names 'y', which is not declared; an expression has numbers, x, time, abs",
+    ),
+    "a formula for controllers that names what it has not": (
+        TWICE + EXPRESSED, ('"2 * a"', '"2 * b"'), r".*mine\.py:\d+: FormulaOf: '2 \* b' names 'b', which is not decl",
+    ),
+    "a formula of a parameter that is none": (
+        TWICE, ("Doubled(parts[self.of])", "Combined('2 * y', {}, {'y': 'far'})"),
+        r".*: class Twice: it reads the parameter 'far', which the scene has not$",
+    ),
     "no reading": (
         OUTPUT, ("return Reading", "Reading"), r".*: an output is made of outputs\.readings, .* a NoneType$",
     ),
@@ -548,9 +604,11 @@ def test_what_fails_in_a_scene_is_refused_with_its_line(tmp_path: Path, name: st
     square = 'bodies.crank.section={shape="square", side=0.01}'
     bang = f'controllers.x={{type="bang", most=2.0, {BY_REFERENCE}}}'
     angle = 'outputs.angle={type="angle", joint="crank_hinge"}'
-    overrides = {OUTPUT: [along], LISTING: [f"effects.e={TABLE}"], SECTION: [square], CONTROLLER: [bang, angle]}[text]
+    twice = [angle, 'outputs.e={type="twice", of="angle"}']
+    overrides = {OUTPUT: [along], LISTING: [f"effects.e={TABLE}"], SECTION: [square], CONTROLLER: [bang, angle]}
+    overrides |= {TWICE: twice, TWICE + EXPRESSED: [*twice, MEASURES % ("e", "y")]}
     with pytest.raises(InputError, match=words) as caught:
-        pgmp.simulate(pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=overrides), model="full")
+        pgmp.simulate(pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=overrides[text]), model="full")
     assert "mine.py" in str(caught.value)
 
 
@@ -641,6 +699,14 @@ BROKEN = {
     "it ends": (("@", "raise SystemExit(3)\n"), r"plugin '.*', line 1: SystemExit: 3; repair the file$"),
     "a name that is taken": (('"line_spring"', '"torque"'), r"line \d+: .* 'torque' already, .*loads\.py, line \d+"),
     "no name": (('Literal["line_spring"]', "str"), r'\.py, line \d+: .* type: Literal\["NAME"\]$'),
+    "a maker that takes too little": (
+        ("(self, name, mechanism)", "(self, name)"),
+        r"line \d+: .*: forces is a method that is called as forces\(self, name, mechanism\)$",
+    ),
+    "no property": (
+        ("*", OUTPUT.replace("def reading", "def is_stated(self):\n        pass\n\n    def reading")),
+        r"line \d+: class Along: is_stated is a property: write @property above it$",
+    ),
     "no maker": (("def forces", "def force"), r"\.py, line \d+: .* needs the method forces\(self, name, mechanism\)"),
     "a maker too many": (('acts = "forces"', 'acts = "reduction"'), r'acts = "reduction" has no forces$'),
     "a part of no mechanism": (("*", NOTHING.format("mechanism")), r"line 4: .* is an AddedMass, or a Driving"),
@@ -656,6 +722,10 @@ BROKEN = {
     "an output without a maker": (("*", OUTPUT.replace("def reading", "def read")), r"an output has the method read"),
     "an output without a unit": (("*", OUTPUT.replace('"m"', '""')), r'an output of frames says its unit: unit = "m"$'),
     "an output in another unit": (("*", OUTPUT.replace('"m"', '"lbf"')), r"unit = 'lbf' is no SI unit: it is 4\.4"),
+    "an output of outputs in another unit": (
+        ("*", TWICE.replace('"m"', '"lbf"')),
+        r"unit = 'lbf' is no SI unit: it is 4\.",
+    ),
     "a type that is nowhere": ((": Point =", ": Pnt ="), r"line \d+: .*: an entry has the type Pnt, which is not def"),
     "a type without what it is": (
         ("import Annotated, Literal", "import Annotated"),

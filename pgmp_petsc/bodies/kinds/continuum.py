@@ -197,7 +197,7 @@ class BodyInFloatingFrame(Recovered, Body):
     @classmethod
     def of(cls, scene: Scene, name: str, shape: FloatingBody) -> BodyInFloatingFrame:
         frames, origin = frame_mesh(shape.centres, shape.frames), np.zeros((1, shape.centres.shape[1]))
-        mesh = LineMesh(np.concatenate([shape.centres, origin]), frames.cells, dict(shape.frames))
+        mesh = LineMesh(np.concatenate([shape.centres, origin]), frames.cells, dict(shape.frames), numbered=False)
         return cls(name, mesh, mesh, floating=shape)
 
     step_seconds = STEP_SECONDS  # `bench.prices` knows component models by their trees
