@@ -159,6 +159,8 @@ class _Samples:
         self.bands, ends = _bands(origin.scene, kept, self.chosen)
         self.peaks = Peaks(self.outputs, self.over_time["extremes"], ends)
         lines = [origin.scene.number(one.line.length) for one in origin.scene.bodies.values() if one.line is not None]
+        rigid = [one.rigid for one in origin.scene.bodies.values() if one.rigid is not None]
+        lines += [float(np.linalg.norm(place)) for one in rigid for place in one.places.values()]
         self.length = max(lines, default=0.0)  # of the mechanism, m, beside which displacements are round-off
         #: beside what outputs, at the end and over time, vary by round-off
         self.sizes = self.peaks.sizes(origin.units, self.fine, self.length)

@@ -20,6 +20,7 @@ VANISHING = 1e-9  # of the largest output of its unit: an output that small is w
 # ISO 2768-2, class H, allows 0.2 mm on 100 mm, twenty times as much
 MISALIGNED = 1e-4
 Arrays = Mapping[str, np.ndarray]  # by the names of outputs or parameters
+TORQUES = "N m", "N mm"
 DIGITS = 2  # of an interval's width that are shown
 PLAIN = (1e-4, 1e7)  # sizes that are written without a power of ten
 MOST = 100.0  # a share beyond it is of something that is hardly there
@@ -31,13 +32,19 @@ _largest: ContextVar[Mapping[str, float]] = ContextVar("largest", default={})
 
 
 def sizes_of(outputs: Mapping[str, np.ndarray], units: Mapping[str, str], length: float = 0.0) -> dict[str, float]:
-    """Return beside what each output is round-off: the largest one in its unit, at least 1 rad and a length. Pure
-    numbers are not beside others: damages may be tiny."""
+    """Return beside what each output is round-off: the largest one in its unit, at least 1 rad and a length; of forces
+    and torques also that of the others at the length. Pure numbers are not beside others: damages may be tiny."""
     kinds = {name: (units.get(name, "1"), name if units.get(name, "1") == "1" else "") for name in outputs}
     found = {kind: {"rad": 1.0, **dict.fromkeys(LENGTHS, length)}.get(kind[0], 0.0) for kind in kinds.values()}
     for name, values in outputs.items():
         sizes = np.abs(values)
         found[kinds[name]] = max(found[kinds[name]], float(np.max(sizes[np.isfinite(sizes)], initial=0.0)))
+    force = ("N", "")
+    for torque in [kind for kind in found if kind[0] in TORQUES and force in found and length > 0.0]:
+        found[force], found[torque] = (
+            max(found[force], found[torque] / length),
+            max(found[torque], found[force] * length),
+        )
     return {name: found[kind] for name, kind in kinds.items()}
 
 

@@ -220,6 +220,10 @@ def test_what_vanishes_beside_others_of_its_unit_has_no_share(error: float, warn
     assert bool(remarks) == bool(warned) and all(warned in remark.text for remark in remarks)
     assert not any("has not converged" in remark.text for remark in remarks)
     assert felt(sizes, dict.fromkeys(sizes, "m"))["sway"] == 0.0
+    # a force beside a torque at a length, and the other way round
+    for grip, drive in (("N", "N m"), ("N m", "N")):
+        carried, units = {"grip": np.array([1e-15]), "drive": np.array([2.0])}, {"grip": grip, "drive": drive}
+        assert felt(carried, units)["grip"] > 0.0 == felt(carried, units, 0.4)["grip"]
     # pure numbers are beside 1, as a damage is
     tiny = {"whole": np.array([5.0]), "damage": np.array([1.5e-14, 2e-12])}
     assert felt(tiny, {})["damage"].tolist() == [0.0, 2e-12]

@@ -246,3 +246,16 @@ def test_quarter_turns_leave_no_round_off_in_a_scene(tmp_path, read_here) -> Non
     scene = load_scene(tmp_path / "robot.toml")
     assert scene.joints["elbow"].axis == (1.0, 0.0, 0.0)
     assert list(scene.bodies["fore"].rigid.places["flange"]) == [0.0, 0.0, 0.2]
+
+
+def test_samples_of_a_robot_say_nothing_of_forces_that_are_round_off(tmp_path, read_here) -> None:
+    """What holds a hand on a level rail is none beside the shoulder's torque: its errors were more than all of it."""
+    pytest.importorskip("yourdfpy")
+    rail = joint("rail", "prismatic", "upper", "fore", "0.4 0 0", "0 0 0", "0 1 0", LIMIT)
+    (tmp_path / "arm.urdf").write_text(urdf(LINKS[0], *LINKS[1:3], JOINTS[0], rail))
+    said("new", tmp_path / "robot", "--from", tmp_path / "arm.urdf")
+    mass = 'parameters.m={nominal=0.5, distribution={name="uniform", loc=0.4, scale=0.2}}', 'bodies.fore.rigid.mass="m"'
+    overrides = [word for one in mass for word in ("--override", one)]
+    most = ("--full", "-n", "5", "--seed", "1", "-o", tmp_path / "many.h5")
+    out, errors = said("montecarlo", tmp_path / "robot.toml", *most, *overrides)
+    assert "drive_rail is constant" in out and "warning" not in out + errors, out + errors
