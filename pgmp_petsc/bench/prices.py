@@ -77,6 +77,11 @@ CARRIED_IN_LANES, CONTROLLED_IN_LANES, READ_APART = 4.5e-6, 1e-6, (1e-4, 1e-5)
 MODEL = 0.6  # s, of a build besides its configurations
 GAPS = 0.2  # of a configuration's time, for each mode where joints tell their forces: 0.13 to 0.24 were measured
 CONDENSING, CONDENSING_POWER = 9e-6, 1.3  # s, of a body of cells by its unknowns; measured from 5,850 to 298,134
+# of a body of cells whose matrices are a sum over parameters, as with a random field: fields of a mode, how many times
+# as many for each further term, and s for the cube of their number at a configuration; 72, 181, 409 and 577 fields, and
+# 8, 8, 100 and 230 ms, were measured with 1, 2, 3 and 5 terms and 15 modes, stresses included
+FIELDS, OF_TERM, FIELDS_CUBE = 5.0, 1.9, 1e-9
+SERVING = 2.2  # power of their number with which condensing grows: 0.7, 3.7, 12 and 22 s were measured
 STRAIN = 1.6e-8  # s, of a strain at a point of a body of cells, from some 80 coordinates of the body condensed
 GOOD = 0.01  # share of a deformation up to which an error is small
 MANY = 10_000  # samples that a choice is said for
@@ -322,7 +327,20 @@ def reduced_step(n_flexible: int, n_rigid: int, second_order: bool, n_effects: i
 
 def condensing(mechanism: Mechanism) -> float:
     """Return the predicted processor time of condensing all bodies of cells, s."""
-    return sum(CONDENSING * body.n_internal**CONDENSING_POWER for body in mechanism.bodies if body.to_condense)
+    cells = (body for body in mechanism.bodies if body.to_condense)
+    return sum(CONDENSING * body.n_internal**CONDENSING_POWER * _n_terms(body) ** SERVING for body in cells)
+
+
+def _n_terms(body: Body) -> int:
+    """Return how many terms the mass or the stiffness of a body of cells is a sum of."""
+    return max(len(one.solid.weights(kind)) for one in body.to_condense for kind in ("mass", "stiffness"))
+
+
+def _dense(scene: Scene, mechanism: Mechanism) -> float:
+    """Return the predicted processor time of the fields of condensed bodies at a configuration, s."""
+    cells = [body for body in mechanism.bodies if body.to_condense]
+    n_fields = [FIELDS * scene.reduction.modes * (1.0 + OF_TERM * (_n_terms(body) - 1)) for body in cells]
+    return sum(FIELDS_CUBE * min(n, body.n_internal) ** 3 for n, body in zip(n_fields, cells))
 
 
 def build_seconds(scene: Scene, mechanism: Mechanism) -> float:
@@ -333,5 +351,5 @@ def build_seconds(scene: Scene, mechanism: Mechanism) -> float:
     told = {one.joint for one in scene.outputs.values() if isinstance(one, InJoint)}
     held = scene.carried or any(not scene.joints[joint].gives_way for joint in told)
     gaps = GAPS * scene.reduction.modes if held else 0.0
-    each = (SECONDS + SECONDS_PER_UNKNOWN * n_unknowns) * (1.0 + gaps)
+    each = (SECONDS + SECONDS_PER_UNKNOWN * n_unknowns) * (1.0 + gaps) + _dense(scene, mechanism)
     return count_builds(scene) * (MODEL + condensing(mechanism) + n_configurations * each)

@@ -263,7 +263,8 @@ class _Reader:
             self.refuse(f"{name} is a figure of one output or of its abs: {needed}", token.start())
         if name not in self._parameters:
             hint = nearest_name(name, dict.fromkeys((*self._parameters, *FIGURES, *formulas.FUNCTIONS)))
-            self.refuse(f"there is no such parameter, figure or function{hint}", token.start())
+            apart = "; for a difference leave spaces around -, which names may have in them" if "-" in name else ""
+            self.refuse(f"there is no parameter, figure or function '{name}'{apart}{hint}", token.start())
         return self._part(
             parts, f"parameters.{name}",
             lambda outcome: Dual(outcome.values[name], np.array([float(name == one) for one in outcome.names])),

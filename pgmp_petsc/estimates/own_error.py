@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from pgmp_petsc.base.errors import Remark, gathered, note, warning
+from pgmp_petsc.base.errors import Remark, counted, gathered, note, warning
 from pgmp_petsc.base.units import SI, Units, UnitSystem
 from pgmp_petsc.bodies.shape import lacks_foreshortening
 from pgmp_petsc.estimates.coarser_run import CoarserRun, StepErrors, fewest_steps, most_of, times_of
@@ -428,6 +428,6 @@ def of_figures(
     if told:
         named = [text for _, text in sorted(told, key=lambda one: -one[0])[:MOST_NAMED]]
         if len(told) > MOST_NAMED:
-            named.append(f"and of {len(told) - MOST_NAMED} others, by a smaller share")
+            named.append(f"and of {counted(len(told) - MOST_NAMED, 'other')}, by a smaller share")
         return (warning(f"the reduced model's own error is a good part of {'; '.join(named)}; {CURE}"),)
     return (note(f"errors of the reduced model are estimated at up to {100 * max(shares):.2g} % of {sizes}"),)

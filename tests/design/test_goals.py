@@ -81,7 +81,7 @@ def test_constraints_have_two_sides(relation: str, sense: float) -> None:
         ("minimise max(abs(angle)", "angle is an output over time; take a figure of it, such as max(angle)", 17),
         ("minimise angle", "angle is an output over time; take a figure of it, such as max(angle)", 9),
         ("minimise rms(angle^2)", "rms is a figure of one output or of its abs: rms(OUTPUT) or rms(abs(", 9),
-        ("minimise c-3", "there is no such parameter, figure or function; did you mean 'c-2'?", 9),
+        ("minimise c-3", "'c-3'; for a difference leave spaces around -, which names may have in them; did you", 9),
         ("minimise r1 r1", "it is no formula", 12), ("minimise r1 +* 2", "it is no formula", 13),
         ("minimise " + "(" * 40, "it is no formula ('(' was never closed)", 48),
         ("minimise 1 + 1 / 0", "it has 1.0 / 0.0, which is no finite number", 13),

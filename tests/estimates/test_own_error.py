@@ -16,9 +16,10 @@ import pgmp_petsc as pgmp
 import pgmp_petsc.estimates.reference_motion as module
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.estimates import starts
-from pgmp_petsc.estimates.checking_model import CheckingModel
+from pgmp_petsc.estimates.checking_model import CheckingModel, SampledLoad
 from pgmp_petsc.estimates.error_indicator import Estimate
 from pgmp_petsc.estimates.own_error import (
+    MOST_NAMED,
     errors_of_runs,
     large_errors,
     not_estimated,
@@ -36,7 +37,6 @@ from pgmp_petsc.estimates.reference_motion import (
     places_of,
     schedules,
 )
-from pgmp_petsc.estimates.checking_model import SampledLoad
 from pgmp_petsc.estimates.starts import growth_of, spread_remarks
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import EstimatedErrors, Trajectory
@@ -63,6 +63,12 @@ def test_a_spread_of_errors_is_told_beside_the_deviation() -> None:
     assert said.startswith("warning: the reduced model's own error is a good part of deviation, quantiles of force: ")
     deviations = values[:20].std(ddof=1), exact[:20].std(ddof=1)
     assert f"20 checked samples have a deviation of {deviations[0]:.3g} N, and of {deviations[1]:.3g} N without" in said
+
+
+def test_figures_that_a_warning_leaves_out_are_counted() -> None:
+    for n, words in ((MOST_NAMED + 1, "and of 1 other, by"), (MOST_NAMED + 2, "and of 2 others, by")):
+        (said,) = of_figures((f"d x / d p{k}", 1.0, 2.0, 1.0) for k in range(n))
+        assert words in str(said)
 
 
 def test_a_mean_of_errors_is_told_beside_the_mean_and_small_errors_are_not() -> None:
