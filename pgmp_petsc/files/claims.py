@@ -217,12 +217,15 @@ def check_output(
 
 def check_folder(folder: str | os.PathLike[str], output: str | os.PathLike[str] | None = None) -> None:
     """Check that a folder for pictures is there, or can be made with those above it, before a run; make nothing. Raises
-    `InputError` if it is the output of the same command or something that is no folder, lies in such, or may not be
-    written in."""
+    `InputError` if it is the output of the same command or something that is no folder, has a file's ending, lies in
+    such, or may not be written in."""
     if output is not None and os.path.realpath(folder) == os.path.realpath(output):
         raise InputError(f"output directory '{folder}' is the output file too; give another name")
     target = Path(os.path.abspath(folder))
     nearest = next(path for path in (target, *target.parents) if os.path.lexists(path))
+    if target.suffix.lower() in _ENDINGS and nearest != target:
+        what = f"output directory '{folder}' has the ending of a file"
+        raise InputError(f"{what}; give a directory, in which pictures have names of their own")
     if not nearest.is_dir():
         raise InputError(f"output directory '{folder}' cannot be made: '{nearest}' is no directory; give another name")
     if not os.access(nearest, os.W_OK | os.X_OK):

@@ -38,6 +38,7 @@ BAD = {
     ("sensitivities", "-o", "both.h5", "--plot", "both.h5"): "output directory 'both.h5' is the output file too; give",
     ("fit", "measured.csv", "--plot", "empty.csv/deeper/pictures"): "/empty.csv' is no directory; give another name",
     ("optimize", "minimise r1", "--plot", "/dev/null"): "directory '/dev/null' cannot be made: '/dev/null' is no",
+    ("optimize", "minimise r1", "--plot", "fit.PNG"): "output directory 'fit.PNG' has the ending of a file; give a",
     ("optimize", "minimise r1", "--samples", "4"): "--samples 4: for figures over samples; give --robust K too",
     ("optimize", "minimise r1", "--seed", "3", "--samples", "5"): "--samples 5 and --seed 3: for figures over samples",
     ("optimize", "minimise r1", "--robust", "nan"): "'nan' is not a number in the range x>=0.0",

@@ -279,6 +279,13 @@ def test_component_models_refuse_a_point_that_no_entry_names(tmp_path: Path, poi
         MODELS["components"](beams(f"effects.x={TABLE}"))
 
 
+def test_a_joint_that_an_entry_of_its_own_names_and_the_scene_has_not_is_named(tmp_path: Path) -> None:
+    plugged(tmp_path, PULL)
+    pull = 'outputs.pull={type="pull", bearing="crank_hing"}'
+    with pytest.raises(InputError, match=r'^joint = "crank_hing": there is no such joint; did you mean'):
+        simulate(_full(beams(pull), meshes_for(beams()), {}), MPI.COMM_SELF)
+
+
 @pytest.mark.parametrize("model", MODELS)
 def test_outputs_are_those_that_they_are_made_of(tmp_path: Path, model: str) -> None:
     plugged(tmp_path, OUTPUT, PULL)
