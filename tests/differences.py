@@ -9,7 +9,7 @@ from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.reduced.system import ReducedSystem
-from pgmp_petsc.stepping.generalised_alpha import Run, integrate
+from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 
 # what the issue asks for; differences of runs carried to round-off are good to some 1e-8 of the largest value
@@ -34,11 +34,6 @@ class ToRoundOff:
         for _ in range(CORRECTIONS):
             size = self._system.correct(*arguments[:-1], True)
         return size
-
-
-def carefully(system: ReducedSystem, *arguments: Any, **named: Any) -> Run:
-    """Integrate to round-off, in place of `differentiated.integrate`."""
-    return integrate(ToRoundOff(system), *arguments, **named)
 
 
 def outputs_of(model: ReducedModel, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -32,7 +32,6 @@ from pgmp_petsc.stepping.alpha_step import (
     PROBED_EVERY,
     REFRESH_EVERY,
     ROUND_OFF,
-    TOLERANCE_OF_ONE,
     contraction_of,
     expected_after,
     goes_on,
@@ -163,7 +162,7 @@ class Progress(NamedTuple):
     #: accelerations after them, (n_t, 3, n_samples, n_eta)
     shown: np.ndarray
     trail: np.ndarray
-    precise: bool  # whether iterations go on as far as those of runs whose differences are taken
+    precise: bool  # whether iterations go on to round-off, in runs that derivatives are of
 
 
 @njit(cache=True, entry=True, error_model="numpy", counted=False)
@@ -374,15 +373,17 @@ def _prescribe(equations, clocks, lanes, work):
 def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, state, progress, control):
     """Run Newton's iteration of some lanes, each to its own convergence; return those that are lost.
 
-    At the second attempt every correction has factors of its own. The tolerance of `careful` lanes is that of trials.
-    What remains after a correction is estimated from the contraction between the last two, and after the first one
+    At the second attempt every correction has factors of its own. The tolerance of `careful` lanes is that of trials,
+    and of runs that are `precise` round-off: what is left of velocities and accelerations is larger by the gains of a
+    step, and derivatives of deformations of micrometres saw it. What remains after a correction is estimated from the contraction between the last two, and after the first one
     from that expected, in `state`; see `alpha_step.judge`.
     """
     gain_v, gain_a, strengths = load(clocks.pace, GAIN_V), load(clocks.pace, GAIN_A), clocks.strengths
     expected, work, local = state[5], room.work, room.local
     last, active, lost = spread(np.inf), lanes, 0
-    usual = TOLERANCE_OF_TRIALS if progress.precise else NEWTON_TOLERANCE
-    tolerance = blend(careful, spread(TOLERANCE_OF_TRIALS), spread(usual))
+    tolerance = blend(careful, spread(TOLERANCE_OF_TRIALS), spread(NEWTON_TOLERANCE))
+    if progress.precise:
+        tolerance = spread(ROUND_OFF)
     forget_rates(memory.known, memory.samples[block], lanes)
     # it goes on until forces that joints carry are settled; with those as they are found a sample is not lost
     rubbing, parameters = equations.carried.actions, equations.local.actions.parameters
@@ -425,10 +426,7 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
             store(expected, 0, blend(active, expected_after(contraction), load(expected, 0)))
         broken = active & exceeding(size * 0.0, spread(0.0))  # infinity times zero is no number either
         lost |= broken & active
-        if iteration == 0 and progress.precise:
-            active &= ~broken & goes_on(size, contraction, spread(TOLERANCE_OF_ONE))
-        else:
-            active &= ~broken & goes_on(size, contraction, tolerance)
+        active &= ~broken & goes_on(size, contraction, tolerance)
         last = size
         going = going & (active | (unsettled & exceeding(size, spread(ROUND_OFF)))) if carries else active
         if going == 0:

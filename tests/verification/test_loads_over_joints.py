@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from coupled_scenes import SCREW
-from differences import SHARES, carefully, compare
+from differences import SHARES, compare
 from exported import assert_same_in_c, needs_compiler
 from length_scenes import BRIEF, long_crank
 from machine_scenes import ACROSS, MODELS, RIGID, CartAndPole, cart, rail, run
@@ -16,7 +16,6 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.optimize import root
 
 from pgmp_petsc.effects.formula import table_law, turns_of
-from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.models import of_samples
 from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.scene.uses import motion_over
@@ -162,15 +161,13 @@ def test_derivatives_of_loads_over_the_other_joint() -> None:
     compare(reduced_model(cart(*ACROSS, "simulation.duration=0.1")))
 
 
-def test_derivatives_with_a_length_of_what_leads(monkeypatch) -> None:
+def test_derivatives_with_a_length_of_what_leads() -> None:
     """The way of the slider hangs on the rod's length, and the crank's torque on that; the elbow's on the crank."""
     scene = long_crank(
         *BRIEF, "simulation.initial.theta={position=0.4,velocity=-20.0}", "parameters.rod_length.value=0.698",
         'effects.brake={type="law",joint="crank_hinge",over="slider",force="-0.3 * s - 0.02 * v"}',
         'effects.turn={type="torque",joint="elbow",over="crank_hinge",table=[[-1.0,0.3],[1.0,-0.2]]}',
     )  # fmt: skip
-
-    monkeypatch.setattr(differentiated, "integrate", carefully)
     compare(of_samples(reduced_model(scene), ["rod_length"]), SHARES, "rod_length")
 
 
