@@ -165,7 +165,7 @@ class Contacts:
         length, (4, n_eta)."""
         h, scheme = part.duration, Scheme.of(self._radius, part.duration)
         weight, (start, behind) = 1.0 / (1.0 - scheme.alpha_m), before
-        there = self._linearisation.at(np.array([part.end]), part.state, scheme, by_time=True)
+        there = self._linearisation.at(np.array([part.end]), part.state, by_time=True)
         late = np.append(moved, 1.0)[:, None]  # how the end moves
         of_q, of_v, now, auxiliary = np.concatenate([moment, np.zeros((4, 1, moment.shape[2]))], axis=1)
         ahead = (now - scheme.alpha_m * auxiliary) * weight

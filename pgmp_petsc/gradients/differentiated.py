@@ -244,7 +244,7 @@ def _propagated(
         crossing = contacts.following(first)
         for begin in range(first, crossing, at_once):
             part = slice(begin, min(begin + at_once, crossing))
-            here = linearisation.at(times[part], states.at(part), scheme)
+            here = linearisation.at(times[part], states.at(part))
             found = np.empty((3, *here.by_parameters.shape))
             propagate(
                 here.by_q, here.by_v, here.by_a, here.by_parameters, astuple(scheme), step, prescribed, moment, found

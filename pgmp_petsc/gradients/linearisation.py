@@ -30,7 +30,7 @@ from numba.extending import intrinsic
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.gradients.local_effects import LocalDerivatives
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import WIDE, aligned, eliminate, items
+from pgmp_petsc.lanes.lane_items import WIDE, aligned, items
 from pgmp_petsc.lanes.tiles import store_rows
 from pgmp_petsc.lanes.vectors import (
     CACHE_LINE,
@@ -50,7 +50,7 @@ from pgmp_petsc.models import Observing
 from pgmp_petsc.reduced.arrays import Layout
 from pgmp_petsc.reduced.cells import Grid, place_of
 from pgmp_petsc.reduced.lagrangian import fill_residual, fill_tangents
-from pgmp_petsc.stepping.second_order_system import Scheme, State
+from pgmp_petsc.stepping.second_order_system import State
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
@@ -167,13 +167,9 @@ class Linearisation:
         self.prescribed = tables.prescribed(model.motions)
         self._room = _room(terms.layout, len(tables.load_weights))
 
-    def at(
-        self, times: np.ndarray, states: State, scheme: Scheme | None = None, by_time: bool = False, loaded: bool = True
-    ) -> Linearised:
+    def at(self, times: np.ndarray, states: State, by_time: bool = False, loaded: bool = True) -> Linearised:
         """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta).
 
-        With a scheme they are those at the end of its steps, where the engine's iteration leaves a part of 1e-11 of the
-        mechanism's size: little of the coordinates, but more of the accelerations. One more correction takes that away.
         If asked for, the derivative with time in a given state is the last of those with the parameters, and loads are
         left out where it is not `loaded`.
         """
@@ -190,12 +186,11 @@ class Linearisation:
             *(np.zeros((n_t, n, n)) for _ in range(3)), np.zeros((n_t, len(weights) - 1, n)), np.zeros((n_t, n))
         )
         self.local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
-        damping, gains = self._terms.damping, (0.0, 0.0) if scheme is None else (scheme.gain_v, scheme.gain_a)
+        damping = self._terms.damping
         _linearise(
             self._terms.layout, self._terms.cells, weights, np.ascontiguousarray(loads),
-            0.0 if damping is None else damping.mass, self.prescribed, gains,
-            (np.argsort(cells, kind="stable"), cells, places), own, self.local.present, self._room,
-            (result.by_q, result.by_v, result.by_a, result.by_parameters, result.residual),
+            0.0 if damping is None else damping.mass, (np.argsort(cells, kind="stable"), cells, places), own,
+            self._room, (result.by_q, result.by_v, result.by_a, result.by_parameters, result.residual),
         )  # fmt: skip
         return result
 
@@ -220,10 +215,9 @@ class _Room(NamedTuple):
     state: np.ndarray  # state, moment: coordinates, velocities and accelerations (3, n_eta); see `_take_up`
     moment: np.ndarray
     balance: np.ndarray  # a residual, (n_eta,)
-    by_q: np.ndarray  # by_q, by_v, by_a, matrix: derivatives, and those within a step, (n_eta, n_eta)
+    by_q: np.ndarray  # by_q, by_v, by_a: derivatives, (n_eta, n_eta)
     by_v: np.ndarray
     by_a: np.ndarray
-    matrix: np.ndarray
 
 
 def _room(layout: Layout, n_loads: int) -> _Room:
@@ -234,7 +228,7 @@ def _room(layout: Layout, n_loads: int) -> _Room:
         "place": (r,), "jets": (layout.end, n_jets), "loads": (of_loads * N_POWERS**r,),
         "load_jets": (of_loads, n_jets), "amplitudes": (n_loads,), "state": (3, n), "moment": (4, n), "balance": (n,),
     }  # fmt: skip
-    square = dict.fromkeys(("by_q", "by_v", "by_a", "matrix"), (n, n))
+    square = dict.fromkeys(("by_q", "by_v", "by_a"), (n, n))
     room = _Room(**{name: aligned((*shape, LANES)) for name, shape in (shapes | square).items()})
     room.load_jets[:] = 0.0  # where there are no loads
     return room
@@ -261,7 +255,7 @@ def _located(grid: Sequence[Grid], theta: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, located, states, local, room, result):
+def _linearise(layout, tables, weights, loads, mass_damping, located, states, room, result):
     """Add the derivatives at all instants to those of local effects.
 
     Parameters
@@ -269,20 +263,14 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
     weights, loads
         Of terms, (n_sets, n_terms), and of load terms with their amplitudes, (n_t, n_sets, n_load_terms): of the
         sample, and their derivatives with the parameters.
-    prescribed
-        Whether a coordinate is given, shape (n_eta,).
-    gains
-        ``(gain_v, gain_a)`` of the step that ends here, zero where the states are to be taken as they are.
     located
         Instants in the order of their cells (n_t,), and of every instant cell (n_t,) and place (n_t, n_theta).
     states
         Coordinates, velocities and accelerations, (n_t, n_eta) each.
-    local
-        Whether there are local effects.
     room
         See `_Room`.
     result
-        See `Linearised`; the residual is that before a correction.
+        See `Linearised`.
     """
     all_by_q, all_by_v, all_by_a, by_parameters, residual = result
     turns, cells, places = located
@@ -321,8 +309,6 @@ def _linearise(layout, tables, weights, loads, mass_damping, prescribed, gains, 
         for lane in range(count):
             for i in range(n):
                 residual[at[lane], i] += room.balance[i, lane]
-        if gains[1] > 0.0:
-            _correct(layout, loaded, mass_damping, prescribed, gains, local, at, room, result)
         fill_tangents(
             layout, room.jets, room.load_jets, layout.rigid, loaded, room.moment, room.by_q, room.by_v, room.by_a
         )
@@ -361,38 +347,3 @@ def _fill_all_jets(layout, of_terms, of_rigid, of_loads, loads, s, at, whole, ro
                 room.amplitudes[j, lane] = loads[at[lane], s, j]
         weigh(of_loads, amplitudes, items(room.loads, WIDE))
         fill_jets(room.loads, room.place, layout.rigid, 0, layout.load_end, whole, room.load_jets)
-
-
-@njit(cache=True, apart=True, error_model="numpy", counted=False)
-def _correct(layout, loaded, mass_damping, prescribed, gains, local, at, room, result):
-    """Take away what the iteration of steps that end at instants `at` (LANES,) left.
-
-    It is so small that the tables stay as they are, and what deformations make of them, and that a matrix without
-    second derivatives of tables will do.
-    """
-    all_by_q, all_by_v, _, _, residual = result
-    n, gain_a = layout.n_eta, gains[1] + gains[0] * mass_damping
-    state, moment = items(room.state, WIDE), items(room.moment, WIDE)
-    balance, matrix = items(room.balance, WIDE), items(room.matrix, WIDE)
-    by_q, by_v, by_a = items(room.by_q, WIDE), items(room.by_v, WIDE), items(room.by_a, WIDE)
-    fill_tangents(layout, room.jets, room.load_jets, layout.rigid, loaded, room.moment, room.by_q, room.by_v, room.by_a)
-    for i in range(n):
-        for j in range(n):
-            matrix[i, j] = by_q[i, j] + gains[0] * by_v[i, j] + gain_a * by_a[i, j]
-    for lane in range(LANES):
-        for i in range(n):
-            room.balance[i, lane] = residual[at[lane], i]
-            if local:
-                for j in range(n):
-                    room.matrix[i, j, lane] += all_by_q[at[lane], i, j] + gains[0] * all_by_v[at[lane], i, j]
-    for k in range(n):
-        if prescribed[k]:
-            for j in range(n):
-                matrix[k, j] = spread(1.0 if j == k else 0.0)
-            balance[k] = spread(0.0)
-    eliminate(n, 1, matrix, items(room.balance.reshape(n, 1, LANES), WIDE))
-    for i in range(n):
-        state[0, i] -= balance[i]
-        state[1, i] -= gains[0] * balance[i]
-        state[2, i] -= gains[1] * balance[i]
-    _take_up(layout, state, mass_damping, moment)

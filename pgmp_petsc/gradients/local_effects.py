@@ -63,7 +63,6 @@ class LocalDerivatives:
 
     def __init__(self, model: Observing, values: Mapping[str, float], names: Sequence[str]) -> None:
         self._actions, self._terms = model.actions.actions, model.terms
-        self.present = bool(self._actions)  # whether there are local effects
         of_sample = {name: np.array([value]) for name, value in values.items()}
         self._local = model.actions.of_samples(of_sample, 1)
         weights = model.actions.weights
@@ -96,7 +95,7 @@ class LocalDerivatives:
 
         A row of `by_parameters` behind those of the parameters is that with time.
         """
-        if not self.present:
+        if not self._actions:
             return
         gradient, measured, slopes, _ = self._measured(times, states.q, states.v, self._weights)
         force, stiffness, damping = (measured[:, :, row] for row in (FORCE, STIFFNESS, DAMPING))

@@ -162,7 +162,7 @@ class Progress(NamedTuple):
     #: accelerations after them, (n_t, 3, n_samples, n_eta)
     shown: np.ndarray
     trail: np.ndarray
-    precise: bool  # whether iterations go on to round-off, in runs that derivatives are of
+    precise: bool  # whether steps are corrected once more, in runs that derivatives are of
 
 
 @njit(cache=True, entry=True, error_model="numpy", counted=False)
@@ -374,16 +374,16 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
     """Run Newton's iteration of some lanes, each to its own convergence; return those that are lost.
 
     At the second attempt every correction has factors of its own. The tolerance of `careful` lanes is that of trials,
-    and of runs that are `precise` round-off: what is left of velocities and accelerations is larger by the gains of a
-    step, and derivatives of deformations of micrometres saw it. What remains after a correction is estimated from the contraction between the last two, and after the first one
-    from that expected, in `state`; see `alpha_step.judge`.
+    and that of `precise` runs, whose lanes are corrected once more when they have met it: what is left of accelerations
+    is larger by the gain of a step, and derivatives of deformations of micrometres saw it. What remains after a
+    correction is estimated from the contraction between the last two, and after the first one from that expected, in
+    `state`; see `alpha_step.judge`.
     """
     gain_v, gain_a, strengths = load(clocks.pace, GAIN_V), load(clocks.pace, GAIN_A), clocks.strengths
     expected, work, local = state[5], room.work, room.local
     last, active, lost = spread(np.inf), lanes, 0
-    tolerance = blend(careful, spread(TOLERANCE_OF_TRIALS), spread(NEWTON_TOLERANCE))
-    if progress.precise:
-        tolerance = spread(ROUND_OFF)
+    strict = EVERY_LANE if progress.precise else careful
+    tolerance = blend(strict, spread(TOLERANCE_OF_TRIALS), spread(NEWTON_TOLERANCE))
     forget_rates(memory.known, memory.samples[block], lanes)
     # it goes on until forces that joints carry are settled; with those as they are found a sample is not lost
     rubbing, parameters = equations.carried.actions, equations.local.actions.parameters
@@ -426,9 +426,11 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
             store(expected, 0, blend(active, expected_after(contraction), load(expected, 0)))
         broken = active & exceeding(size * 0.0, spread(0.0))  # infinity times zero is no number either
         lost |= broken & active
-        active &= ~broken & goes_on(size, contraction, tolerance)
-        last = size
-        going = going & (active | (unsettled & exceeding(size, spread(ROUND_OFF)))) if carries else active
+        onward = active & ~broken & goes_on(size, contraction, tolerance)
+        once_more = active & ~broken & ~onward if progress.precise else 0
+        active, last = onward, size
+        unsettled &= exceeding(size, spread(ROUND_OFF))
+        going = (going & (active | unsettled) if carries else active) | once_more
         if going == 0:
             break
     return lost | active

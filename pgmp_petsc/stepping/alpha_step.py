@@ -280,8 +280,11 @@ def iterate(
         last[system.limited()] = 0.0  # nothing follows from the size of the last correction
         n_corrections += int(going.sum())
         n_calls += 1
+        begun = active.copy()
         judge(iteration, size, last, expected, active, lost)
         going &= active | beside.unsettled & (size > ROUND_OFF)
+        if system.precise:  # once more where the iteration has converged
+            going |= begun & ~active & ~lost
         if not going.any():
             break
     beside.end(time, state, scheme, alive & ~lost & ~active)

@@ -270,7 +270,8 @@ class SecondOrderSystem:
     bends: bool = False  # whether nothing is to be concluded from how an iteration contracted in the step before
     instants_at_once: int = 1  # instants of a run whose outputs and energies are best evaluated together
     has_range: bool = False  # whether samples may leave the model's range of validity (`outside`)
-    precise: bool = False  # whether iterations of a reduced model go on to round-off, as derivatives of runs take
+    #: whether iterations of a reduced model go on to round-off, by one more correction, for derivatives of runs
+    precise: bool = False
     moving_constraints: bool = False  # whether constraints turn or follow motions; see `AlphaStep`
     beside: Controls | None = None  # states beside the mechanics; None where there are none
     carries: bool = False  # whether steps of its own (`advance`) take what is beside along

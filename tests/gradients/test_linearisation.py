@@ -8,7 +8,7 @@ from two_coordinates import double_pendulum
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.gradients.linearisation import Linearisation, Linearised
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.stepping.second_order_system import Scheme, State
+from pgmp_petsc.stepping.second_order_system import State
 from scenes import slider_crank
 
 LOADS = ("parameters.g={nominal=9.81}", 'effects.weight={type="gravity",acceleration="g"}')
@@ -119,11 +119,11 @@ def test_an_instant_is_linearised_alone_as_among_others(model: ReducedModel) -> 
     turns = np.array([0, 1, 1, 2, 0, 1, 1, 1, 1, 1, 1, 1, 1, 2])  # more of one cell than there are lanes
     many = State(states.q[turns], states.v[turns], states.a[turns], states.multipliers)
     many.q[:, -1] *= np.linspace(1.0, 2.0, turns.size)
-    names, scheme = list(model.scene.parameters), Scheme.of(0.8, 1e-3)
-    together = Linearisation(model, model.scene.values, names).at(times[turns], many, scheme)
+    names = list(model.scene.parameters)
+    together = Linearisation(model, model.scene.values, names).at(times[turns], many)
     for k in range(turns.size):
         one = State(many.q[k : k + 1], many.v[k : k + 1], many.a[k : k + 1], many.multipliers)
-        alone = Linearisation(model, model.scene.values, names[-1:]).at(times[turns[k : k + 1]], one, scheme)
+        alone = Linearisation(model, model.scene.values, names[-1:]).at(times[turns[k : k + 1]], one)
         for part in ("by_q", "by_v", "by_a", "residual"):
             np.testing.assert_array_equal(getattr(alone, part)[0], getattr(together, part)[k])
         np.testing.assert_array_equal(alone.by_parameters[0, 0], together.by_parameters[k, -1])
@@ -140,25 +140,6 @@ def test_the_derivative_with_time_is_that_of_the_engine_s_residual() -> None:
     near(found.by_parameters[:, -1], expected, engine_residual(model, times, states), 1e-4)
     alone = Linearisation(model, model.scene.values, ["r1"]).at(times, states)
     np.testing.assert_array_equal(found.by_parameters[:, :1], alone.by_parameters)
-
-
-def test_a_correction_takes_the_rest_of_the_iteration_away() -> None:
-    """Beside a state that balances, a linearisation at the end of a step is that at the balance."""
-    model = reduced_model(SCENES["first order"])
-    times, states = somewhere(model)
-    times = np.full(N_TIMES, times[1])
-    states = State(*(np.tile(part[1], (N_TIMES, 1)) for part in (states.q, states.v, states.a)), np.zeros(0))
-    states.q[:, 1:] *= 1e-3
-    scheme = Scheme.of(0.8, 1e-3)
-    linearisation = Linearisation(model, model.scene.values, list(model.scene.parameters))
-    here = linearisation.at(times, states)
-    states.a -= np.linalg.solve(here.by_a, here.residual[..., None])[..., 0]
-    balance = linearisation.at(times, states)
-    away = 1e-10 / model.terms.scale
-    beside = State(states.q + away, states.v + scheme.gain_v * away, states.a + scheme.gain_a * away, np.zeros(0))
-    plain, corrected = linearisation.at(times, beside), linearisation.at(times, beside, scheme)
-    off, left = (np.abs(part.by_parameters - balance.by_parameters).max() for part in (plain, corrected))
-    assert left < 1e-2 * off
 
 
 def test_monomials_are_differentiated() -> None:
