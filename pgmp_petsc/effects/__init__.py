@@ -8,8 +8,8 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.matrices import AffineMatrices
-from pgmp_petsc.declare.ideas import PACKAGE, blaming, refuse
-from pgmp_petsc.effects.action import Action, check_edges
+from pgmp_petsc.declare.ideas import blaming, refuse
+from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.clearance import loose_coupling, loose_joint
 from pgmp_petsc.effects.effect import Effect, Load, Patterns
 from pgmp_petsc.effects.loads import HoldingTorque
@@ -44,10 +44,7 @@ def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
                 raise refuse(type(entry), words)
             _check_loads(named[-1], mechanism)
             try:
-                for action in named[-1].actions():
-                    p = [float(one.at(scene.values)) for one in action.parameters]
-                    if not type(entry).__module__.startswith(PACKAGE):
-                        check_edges(action, p)
+                [one.at(scene.values) for action in named[-1].actions() for one in action.parameters]
             except KeyError as error:
                 raise refuse(type(entry), f"its law is given the parameter {error}, which the scene has not") from None
     named += [entry.forces(name, mechanism) for name, entry in scene.controllers.items()]

@@ -25,7 +25,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import AffineSum, Quantity
 from pgmp_petsc.effects.law import TRIED, Law, Laws
 from pgmp_petsc.effects.time_function import TimeFunction
@@ -140,8 +139,8 @@ class Action:
         return self.law.evaluate([parameter.at(anything) for parameter in self.parameters], 0.0).damping != 0.0
 
 
-def check_edges(action: Action, p: Sequence[float]) -> None:
-    """Raise `InputError` if the force of a law, with parameters p, jumps at one of its edges, which it must not."""
+def jump_of(action: Action, p: Sequence[float]) -> str:
+    """Return at which of its edges the force of a law, with parameters p, jumps, in words; "" where it does nowhere."""
     law = action.law
     for number, edge in enumerate(law.edges):
         s = _place_of(law, number, p)
@@ -152,11 +151,9 @@ def check_edges(action: Action, p: Sequence[float]) -> None:
             )
             jump, further = abs(near[1] - near[0]), abs(far[1] - far[0])
             if jump > 0.5 * further and jump > SMALL * max(map(abs, near)):
-                raise InputError(
-                    f"{law.place}: effects.{action.effect}: law {law.name} jumps at its edge '{edge}' = 0, "
-                    f"s = {s:.6g}: at a rate of {rate:g} from {near[0]:.6g} to {near[1]:.6g} (SI units); a force is "
-                    "continuous there: let what sets in grow from zero, such as a damping by how deep it is"
-                )
+                where = f"at the edge '{edge}' = 0 of its law {law.name} ({law.place}), s = {s:.6g}"
+                return f"{where}, its force jumps from {near[0]:.6g} to {near[1]:.6g} at a rate of {rate:g} (SI units)"
+    return ""
 
 
 def _place_of(law: Law, number: int, p: Sequence[float]) -> float | None:

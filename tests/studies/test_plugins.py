@@ -544,15 +544,6 @@ LATER = {
         ),
         r".*: class LineSpring: 1 of its actions have a law that is loaded; by_load says whether one has$",
     ),
-    "a law that jumps at an edge": (
-        LISTING,
-        (
-            "import SPRING_DAMPER",
-            "import ALONE\nfrom pgmp_petsc.effects.law import Law\n"
-            "SPRING_DAMPER = Law('own', ('k', 'c', 'at'), force='-2 * rate if s > at else 0', edges=('s - at',))",
-        ),
-        r".*mine\.py:\d+: effects\.e: law own jumps at its edge 's - at' = 0, s = 0: at a rate of -1 from 0 to 2 ",
-    ),
     "no forces": (
         LISTING, ("return ActionEffect", "ActionEffect"), r".*: forces returns an Effect, .* not a NoneType$",
     ),
@@ -617,6 +608,15 @@ def test_what_fails_in_a_scene_is_refused_with_its_line(tmp_path: Path, name: st
     with pytest.raises(InputError, match=words) as caught:
         pgmp.simulate(pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=overrides[text]), model="full")
     assert "mine.py" in str(caught.value)
+
+
+def test_a_law_that_jumps_at_an_edge_is_warned_of(tmp_path: Path) -> None:
+    own = "import ALONE\nfrom pgmp_petsc.effects.law import Law\nSPRING_DAMPER = Law('own', ('k', 'c', 'at'), "
+    sets_in = "force='-2 * rate if s > at else 0', edges=('s - at',))"
+    plugged(tmp_path, LISTING.replace("import SPRING_DAMPER", own + sets_in, 1))
+    scene = pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=[f"effects.e={TABLE}"])
+    (told,) = [str(remark) for remark in pgmp.check(scene).scene.remarks if "jumps" in str(remark)]
+    assert re.search(r"effects\.e: at the edge 's - at' = 0 .*mine\.py:\d+\), s = 0, its force jumps ", told)
 
 
 BLOW = """

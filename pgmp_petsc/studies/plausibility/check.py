@@ -30,6 +30,7 @@ from pgmp_petsc.scene.uses import length_names, slides, uses_of
 from pgmp_petsc.studies.plausibility import bodies
 from pgmp_petsc.studies.plausibility.loads import (
     coupling_findings,
+    edge_findings,
     formula_findings,
     load_findings,
     motion_findings,
@@ -64,7 +65,8 @@ def plausibility(scene: Scene, meshes: Shapes | None = None) -> tuple[Remark, ..
     if not any(finding.refused for finding in findings):  # the mechanism of a scene with sense can be put together
         findings += stop_findings(scene, assembled, max((size.length for size in sizes.values()), default=1.0))
         if assembled is not None:
-            findings += [*coupling_findings(scene, assembled), *formula_findings(scene, assembled)]
+            for found_by in (coupling_findings, formula_findings, edge_findings):
+                findings += found_by(scene, assembled)
     shown = shown_in(scene)
     refused = [finding.text(shown) for finding in findings if finding.refused]
     if refused:

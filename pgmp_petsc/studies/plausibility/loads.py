@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 
 from pgmp_petsc.base.units import SI, UnitSystem
-from pgmp_petsc.effects import start_of
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.declare.ideas import PACKAGE
+from pgmp_petsc.effects import effects_of, start_of
+from pgmp_petsc.effects.action import Action, jump_of
 from pgmp_petsc.effects.formula import FormulaEffect, not_finite
 from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.mechanism.joints import Attachment
@@ -267,6 +268,19 @@ def formula_findings(scene: Scene, assembled: Callable[[], RigidKinematics]) -> 
             yield refusal(f"effects.{name}.force", f"{why} {where}", effect.force)
     if of_outputs:
         yield from _outputs_at_start(scene, kinematics, of_outputs, theta, rates, moment)
+
+
+def edge_findings(scene: Scene, assembled: Callable[[], RigidKinematics]) -> Iterator[Finding]:
+    """Yield effects of plugins whose forces jump where steps end. Raises `InputError` as `effects_of`."""
+    own = {name for name, effect in scene.effects.items() if not type(effect).__module__.startswith(PACKAGE)}
+    for effect in effects_of(scene, assembled().mechanism) if own else ():
+        for action in effect.actions() if effect.name in own else ():
+            if jump := jump_of(action, [float(one.at(scene.values)) for one in action.parameters]):
+                yield doubt(
+                    f"effects.{effect.name}",
+                    f"{jump}; errors then fall as the step, not as its square, and derivatives may have no value "
+                    "there; let what sets in grow from zero, such as a damping with the depth",
+                )
 
 
 def _outputs_at_start(
