@@ -31,6 +31,7 @@ joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; d
 coordinates.theta: joint = "crank_hinge"; {TURN}
 reduction: modes = 4; angles = 16
 """)
+slider_crank_in_space = of_text(SLIDER_CRANK)
 
 # two bars, the second one hinged to the first about an axis that is neither along it nor at a right angle
 UPPER, LOWER = 0.5, 0.4
@@ -60,11 +61,6 @@ def bar(first: float, last: float, n: int, dimension: int = 3) -> SolidMesh:
     mesh = box_mesh("hexahedron20", (n, 1, 1), size) if dimension == 3 else rectangle_mesh("quad8", (n, 1), size[:2])
     nodes = mesh.nodes + np.array([first, -WIDTH / 2, -WIDTH / 2])[:dimension]
     return replace(mesh, nodes=nodes, groups={"hinge": mesh.groups["left"], "tip": mesh.groups["right"]})
-
-
-def slider_crank_in_space(*overrides: str) -> Scene:
-    """Return the slider-crank of `scenes` with hinges in space."""
-    return scene_from_toml(SLIDER_CRANK, ".", overrides)
 
 
 def spatial_slider_crank(*overrides: str) -> Scene:

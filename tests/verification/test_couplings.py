@@ -15,6 +15,7 @@ from differences import compare, differences
 from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
 from machine_scenes import MODELS, errors_of, run
 from mpi4py import MPI
+from pencils import modal_problem
 from refusals import cases, check_said, refusal
 from runs import assert_close, history, motion, reduced_model, rom_of, samples
 from scipy.integrate import solve_ivp
@@ -30,7 +31,6 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel, SeparateLengths, of_samples
-from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 from pgmp_petsc.reduction import tables as tables_of_reduction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -656,7 +656,7 @@ def test_a_flexible_shaft_with_a_disc_and_a_geared_wheel_twists_at_the_rate_of_i
     scene = scene_from_toml(SHAFTS, ".", () if rigid else (f"joints.mesh.elastic={{stiffness={stiffness}}}",))
     kinematics = kinematics_of(scene)
     if rigid:
-        with ModalProblem(kinematics, scene.nominal, 8, MPI.COMM_SELF) as problem:
+        with modal_problem(kinematics, scene.nominal, 8) as problem:
             found = problem.solve(0.7).frequencies_hz
     else:
         springs, _ = springs_of(scene, kinematics)
