@@ -32,6 +32,7 @@ coordinates.theta: joint = "crank_hinge"; {TURN}
 reduction: modes = 4; angles = 16
 """)
 slider_crank_in_space = of_text(SLIDER_CRANK)
+LIMITED = ("coordinates.theta.range=[-1.0,1.0]", "coordinates.theta.periodic=false")
 
 # two bars, the second one hinged to the first about an axis that is neither along it nor at a right angle
 UPPER, LOWER = 0.5, 0.4
@@ -61,6 +62,13 @@ def bar(first: float, last: float, n: int, dimension: int = 3) -> SolidMesh:
     mesh = box_mesh("hexahedron20", (n, 1, 1), size) if dimension == 3 else rectangle_mesh("quad8", (n, 1), size[:2])
     nodes = mesh.nodes + np.array([first, -WIDTH / 2, -WIDTH / 2])[:dimension]
     return replace(mesh, nodes=nodes, groups={"hinge": mesh.groups["left"], "tip": mesh.groups["right"]})
+
+
+def part_of_arm(end: float) -> tuple[str, ...]:
+    """Return overrides that let the arm turn so far to both sides."""
+    return tuple(
+        f"coordinates.theta{k}.{entry}" for k in (1, 2) for entry in (f"range=[-{end},{end}]", "periodic=false")
+    )
 
 
 def spatial_slider_crank(*overrides: str) -> Scene:
