@@ -36,6 +36,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.expressions import Printed, check, check_names, kept, printed, symbolic
 from pgmp_petsc.declare.own_units import InSi, in_si
 from pgmp_petsc.effects.law import calling
@@ -136,6 +137,9 @@ class ControlLaw(Printed):
         for state, text in self.states.items():
             check(f"{entry}: {state}", text, (*self.states, *given, *FORCES), place)
         for state, text in self.starts.items():
+            if state not in self.states:
+                known = f"its states are {', '.join(self.states)}" if self.states else "it has none"
+                raise InputError(f"{place}: {entry}: a start is given for '{state}', which is no state of it; {known}")
             check(f"{entry}: start of {state}", text, given, place)
         self.enter()
 

@@ -90,10 +90,10 @@ class StructuralDamping(EffectEntry):
                 hint = nearest_name(body, flexible)
                 yield problem(f"{entry}.bodies", f"there is no body '{shortened(body, MAX_RECEIVED)}'{hint}", given)
             elif body not in flexible:
-                words = f"{body} is rigid; only flexible bodies have structural damping"
+                words = f"{body} is rigid; only flexible bodies have structural damping; leave it out"
                 yield problem(f"{entry}.bodies", words, given)
         if self.bodies is None and not flexible:
-            yield problem(entry, "all bodies are rigid; only flexible bodies have structural damping")
+            yield problem(entry, "all bodies are rigid; only flexible bodies have structural damping; leave it out")
         taken = {}
         for other, rival in scene.effects.items():
             if other == name:

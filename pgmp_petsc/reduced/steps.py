@@ -374,10 +374,10 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
     """Run Newton's iteration of some lanes, each to its own convergence; return those that are lost.
 
     At the second attempt every correction has factors of its own. The tolerance of `careful` lanes is that of trials,
-    and that of `precise` runs, whose lanes are corrected once more when they have met it: what is left of accelerations
-    is larger by the gain of a step, and derivatives of deformations of micrometres saw it. What remains after a
-    correction is estimated from the contraction between the last two, and after the first one from that expected, in
-    `state`; see `alpha_step.judge`.
+    and that of `precise` runs, whose lanes are then corrected once more if more than round-off is left: of
+    accelerations it is larger by the gain of a step, and derivatives of deformations of micrometres saw it. What
+    remains after a correction is estimated from the contraction between the last two, and after the first one from that
+    expected, in `state`; see `alpha_step.judge`.
     """
     gain_v, gain_a, strengths = load(clocks.pace, GAIN_V), load(clocks.pace, GAIN_A), clocks.strengths
     expected, work, local = state[5], room.work, room.local
@@ -427,7 +427,8 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
         broken = active & exceeding(size * 0.0, spread(0.0))  # infinity times zero is no number either
         lost |= broken & active
         onward = active & ~broken & goes_on(size, contraction, tolerance)
-        once_more = active & ~broken & ~onward if progress.precise else 0
+        once_more = goes_on(size, contraction, spread(ROUND_OFF)) if progress.precise else 0
+        once_more &= active & ~broken & ~onward
         active, last = onward, size
         unsettled &= exceeding(size, spread(ROUND_OFF))
         going = (going & (active | unsettled) if carries else active) | once_more

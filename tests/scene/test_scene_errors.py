@@ -250,7 +250,7 @@ effects.e={type="force", point="rod:tip", direction=[1, 0], table=[[0.5002, 0], 
     effects.e.table: has an impulse of 0.02 N s, but 0 with a force read every 0.001 s; take a smaller simulation.step
 effects.e={type="structural_damping", mass=1, bodies=["rd"]} -> effects.e.bodies = ["rd"]: there is no body 'rd'; did
 effects.e={type="structural_damping", mass=1, bodies=["rod", "crank"]} -> \
-    effects.e.bodies = ["rod", "crank"]: crank is rigid; only flexible bodies have structural damping
+    effects.e.bodies = ["rod", "crank"]: crank is rigid; only flexible bodies have structural damping; leave it out
 effects.e={type="structural_damping", mass=1, bodies=["rod"]} & \
     effects.f={type="structural_damping", ratios=[0.1], bodies=["rod"]} -> \
     effects.f: effects.e damps rod too; give all the damping of a body in one effect
@@ -398,7 +398,7 @@ outputs.x={type="position", point="drum:0", axis="x"} -> \
 outputs.s={type="stress", body="drum", quantity="axial_force"} -> \
     outputs.s.body = "drum": this body is rigid, so nothing is known of its stresses
 effects.e={type="structural_damping", mass=1.0, bodies=["drum"]} -> \
-    effects.e.bodies = ["drum"]: drum is rigid; only flexible bodies have structural damping
+    effects.e.bodies = ["drum"]: drum is rigid; only flexible bodies have structural damping; leave it out
 fields.f={body="drum", quantity="E", variation=0.1, length=1.0, terms=1} -> \
     fields.f.body = "drum": is rigid; a field needs a flexible body
 bodies.rod={material="steel", line={length=0.1, elements=2}} -> bodies.rod.element: missing; needed: beam2d, beam3d
@@ -504,7 +504,7 @@ def test_a_driven_coordinate_starts_where_its_motion_says() -> None:
 
 def test_rigid_bodies_alone_have_no_structural_damping() -> None:
     said = refusal(scene_of, BAR, '[effects.e]\ntype = "structural_damping"\nmass = 1.0')
-    assert said == "effects.e: all bodies are rigid; only flexible bodies have structural damping"
+    assert said == "effects.e: all bodies are rigid; only flexible bodies have structural damping; leave it out"
 
 
 IN_THE_MESH = {

@@ -714,6 +714,10 @@ BROKEN = {
         ("*", OUTPUT.replace("def reading", "def is_stated(self):\n        pass\n\n    def reading")),
         r"line \d+: class Along: is_stated is a property: write @property above it$",
     ),
+    "a start of no state": (
+        ("*", CONTROLLER.replace('("most", "width"), {}', '("most", "width"), {}, starts={"slo": "1"}')),
+        r"mine\.py:\d+: controller bang: a start is given for 'slo', which is no state of it; it has none$",
+    ),
     "no maker": (("def forces", "def force"), r"\.py, line \d+: .* needs the method forces\(self, name, mechanism\)"),
     "a maker too many": (('acts = "forces"', 'acts = "reduction"'), r'acts = "reduction" has no forces$'),
     "a part of no mechanism": (("*", NOTHING.format("mechanism")), r"line 4: .* is an AddedMass, or a Driving"),
