@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from differences import failing_at
 from mpi4py import MPI
 from runs import reduced_model
 
@@ -200,20 +201,8 @@ def test_a_design_that_takes_smaller_steps_is_kept_at_those_of_the_scene(cantile
     assert any("it was integrated with 1/2 of it" in remark.text for remark in found.record.remarks)
 
 
-def failing_at(number: int, monkeypatch: pytest.MonkeyPatch, reason: str = "the run stopped at 1 ms") -> None:
-    runs = []
-
-    def once(*given: object) -> DifferentiatedRun:
-        runs.append(given)
-        if len(runs) == number:
-            raise RunError(reason)
-        return differentiate(*given)
-
-    monkeypatch.setattr(optimization, "differentiate", once)
-
-
 def test_a_search_turns_back_from_where_a_run_stops(wound: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    failing_at(2, monkeypatch)
+    failing_at(2, optimization, monkeypatch)
     found = design_of(wound, "maximise start(angle) * (10 - push)")
     assert found.converged and found.parameters[0].value == pytest.approx(5.0, rel=1e-4)
     assert np.isfinite(found.goals).all() and len(found.goals) == len(found.tried)
@@ -234,7 +223,7 @@ def test_a_search_turns_back_from_where_the_ends_of_a_stop_cross() -> None:
 
 
 def test_of_samples_the_first_that_stops_is_named(wound: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    failing_at(8 + 4, monkeypatch)
+    failing_at(8 + 4, optimization, monkeypatch)
     found = design_of(wound, "minimise push", f"start(angle) >= {LEAST}", deviations=3.0, n_samples=8, seed=4)
     (told,) = [remark.text for remark in found.record.remarks if "turned back" in remark.text]
     assert re.search(r"first at push = [\d.]+, sample \d: the run stopped", told)
