@@ -19,6 +19,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 
 CRANK, ROD, RADIUS = 0.3, 0.7, 5.6e-3
 STEEL = {"E": 210e9, "nu": 0.3, "rho": 7800.0}
+TURN = "range = [0.0, 6.283185307179586]; periodic = true"
 SHEAR_FACTOR = 6 * 1.3 / (7 + 6 * 0.3)  # of a circle, nu = 0.3
 
 

@@ -15,11 +15,10 @@ from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
-from scenes import HEADER, of_text, tables
+from scenes import HEADER, TURN, of_text, tables
 
 WIDTH = 0.01  # of the square bars, m
 DENSITY = 7800.0  # of steel, kg/m3
-TURN = "range = [0.0, 6.283185307179586]; periodic = true"
 
 # the slider-crank of `scenes`, crank 0.3 m and rod 0.7 m, with hinges in space
 SLIDER_CRANK = HEADER + tables(f"""
