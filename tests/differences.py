@@ -1,11 +1,14 @@
 """Derivatives of runs by central differences, of runs whose iterations are carried to round-off."""
 
+from types import ModuleType
 from typing import Any
 
 import numpy as np
+import pytest
 
 from benchmarks.called import Called
-from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.reduced.system import ReducedSystem
@@ -16,6 +19,19 @@ from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 RELATIVE = 1e-6
 SHARES = (1e-3, 1e-4)
 CORRECTIONS = 5  # in place of one
+
+
+def failing_at(number: int, module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the run of this number stop that a module differentiates."""
+    runs = []
+
+    def once(*given: object) -> DifferentiatedRun:
+        runs.append(given)
+        if len(runs) == number:
+            raise RunError("the run stopped at 1 ms")
+        return differentiate(*given)
+
+    monkeypatch.setattr(module, "differentiate", once)
 
 
 class ToRoundOff:

@@ -2,8 +2,8 @@
 
 import numpy as np
 from mpi4py import MPI
+from pencils import modal_problem
 
-from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.modes_table import springs_of
@@ -135,7 +135,7 @@ def vibrations(scene: Scene, theta: float = 0.0) -> np.ndarray:
     kinematics = kinematics_of(scene)
     springs, _ = springs_of(scene, kinematics)
     if springs is None:
-        with ModalProblem(kinematics, scene.values, scene.reduction.modes, MPI.COMM_SELF) as problem:
+        with modal_problem(kinematics, scene.values, scene.reduction.modes) as problem:
             return problem.solve(theta).frequencies_hz
     with VibrationProblem(springs, scene.values, scene.reduction.modes, MPI.COMM_SELF) as problem:
         return frequencies_of(problem.eigenvalues(np.array([theta])))

@@ -11,13 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT, TIMEOUT_SECONDS
-from runs import motion, trajectory
+from runs import motion
 
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.source import compiled_of, write_sources
 from pgmp_petsc.c_export.tree import tree_constants_of
 from pgmp_petsc.models import ComponentModel, ReducedModel
-from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
@@ -70,11 +69,6 @@ def outputs_of(program: Path, *settings: str, check: bool = True) -> dict[str, n
     ).stdout.splitlines()
     rows = np.array([[float(number) for number in line.split(",")] for line in done[1:]])
     return dict(zip(done[0].split(","), rows.T))
-
-
-def simulated(model: ReducedModel) -> Trajectory:
-    """Return what ``pgmp simulate`` gives."""
-    return trajectory(model)
 
 
 def assert_equal(

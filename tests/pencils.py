@@ -1,9 +1,10 @@
-"""Stiffness and mass of mechanisms as matrices, by themselves and on a null space of their constraints."""
+"""Stiffness and mass of mechanisms as matrices, by themselves and on a null space of their constraints, and modes."""
 
 from collections.abc import Mapping
 
 import numpy as np
 import scipy.linalg
+from mpi4py import MPI
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import eigsh
 
@@ -12,6 +13,14 @@ from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.modes.problem import ModalProblem
+
+
+def modal_problem(
+    kinematics: RigidKinematics, values: Mapping[str, float], n_modes: int, *matrices: AffineMatrices
+) -> ModalProblem:
+    """Return the eigenproblem on this process; to be closed."""
+    return ModalProblem(kinematics, values, n_modes, MPI.COMM_SELF, *matrices)
 
 
 def matrices_of(mechanism: Mechanism, values: Mapping[str, float]) -> tuple[csr_matrix, csr_matrix]:

@@ -32,12 +32,12 @@ from pgmp_petsc.reduction import tables as tables_of_reduction
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.scene import Scene, load_scene, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.simulate import simulate
-from scenes import HEADER, meshes_of, tables
+from scenes import HEADER, meshes_of, of_text, tables
 
 MODULES = os.environ.get("PYTHONPATH")  # as this process found them
 MOST_ROMS = 40  # that are kept, of some megabytes each
@@ -69,7 +69,8 @@ FEW_MODES = (
     'reduction.interpolation="spline"',
 )  # fmt: skip
 
-# A quick-return: the crank's pin slides along the rocker, so the line of the joint `pin` turns with a flexible body.
+# A quick-return that moves: the crank's pin slides along the rocker, so the line of the joint `pin` turns with a
+# flexible body.
 QUICK_RETURN = HEADER + tables("""
 ground.points: pivot = [0.0, -0.4]
 parameters.r1: nominal = 5.6e-3
@@ -87,11 +88,7 @@ reduction: modes = 4; angles = 24
 simulation: duration = 0.2; step = 1e-3
 simulation.initial.theta: position = 0.3; velocity = 4.0
 """)
-
-
-def quick_return(*overrides: str) -> Scene:
-    """Return a mechanism whose point_on_line turns with a flexible body; it starts moving."""
-    return scene_from_toml(QUICK_RETURN, ".", overrides)
+quick_return = of_text(QUICK_RETURN)
 
 
 def paper_scene(*overrides: str, settings: tuple[str, ...] = ()) -> Scene:

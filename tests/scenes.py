@@ -19,6 +19,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 
 CRANK, ROD, RADIUS = 0.3, 0.7, 5.6e-3
 STEEL = {"E": 210e9, "nu": 0.3, "rho": 7800.0}
+TURN = "range = [0.0, 6.283185307179586]; periodic = true"
 SHEAR_FACTOR = 6 * 1.3 / (7 + 6 * 0.3)  # of a circle, nu = 0.3
 
 
@@ -38,6 +39,7 @@ scene: name = "test"
 materials.steel: E = 210e9; nu = 0.3; rho = 7800.0
 """)
 
+# the slider-crank of the paper, crank 0.3 m and rod 0.7 m of 5 cells each, with few modes and angles
 SLIDER_CRANK = HEADER + tables("""
 parameters.r1: nominal = 5.6e-3; unit = "m"
 bodies.crank: mesh = "0.0:0.3:5"; element = "beam2d"; material = "steel";
@@ -51,13 +53,16 @@ coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; peri
 effects.motor: type = "torque"; joint = "crank_hinge"; table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
 reduction: modes = 5; angles = 24
 """)
+slider_crank = of_text(SLIDER_CRANK)
 
+# a slender beam hinged to the ground at one end
 PENDULUM = HEADER + tables("""
 bodies.arm: mesh = "0.0:1.0:10"; element = "beam2d"; material = "steel"; section = { shape = "circle", radius = 2e-4 }
 joints.hinge: type = "revolute"; connect = ["ground:origin", "arm:hinge"]
 coordinates.phi: joint = "hinge"; range = [0.0, 6.283185307179586]; periodic = true
 reduction: modes = 2; angles = 6
 """)
+pendulum = of_text(PENDULUM)
 
 # ground 1 m, crank 0.3 m, coupler 0.9 m, rocker 0.7 m: the crank turns all the way round (Grashof)
 FOUR_BAR = HEADER + tables("""
@@ -75,6 +80,7 @@ joints.rocker_hinge: type = "revolute"; connect = ["rocker:hinge", "ground:pivot
 coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; periodic = true
 reduction: modes = 4; angles = 24
 """)
+four_bar = of_text(FOUR_BAR)
 
 # A rod of 1 m with its ends on the x and the y axis, and a crank of 0.5 m from the origin to its middle. The crank
 # follows from the rod, so one constraint is redundant without being the repetition of another. The angle between crank
@@ -91,25 +97,7 @@ joints.middle: type = "revolute"; connect = ["rod:2", "crank:tip"]
 coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; periodic = true
 reduction: modes = 3; angles = 16
 """)
-
-
-def slider_crank(*overrides: str) -> Scene:
-    """Return the slider-crank of the paper, with few modes and angles; crank 0.3 m, rod 0.7 m, 5 cells each."""
-    return scene_from_toml(SLIDER_CRANK, ".", overrides)
-
-
-def pendulum(*overrides: str) -> Scene:
-    """Return a slender beam of 1 m hinged to the ground at one end."""
-    return scene_from_toml(PENDULUM, ".", overrides)
-
-
-def four_bar(*overrides: str) -> Scene:
-    """Return a crank-rocker of 0.3 m, 0.9 m and 0.7 m on a ground of 1 m."""
-    return scene_from_toml(FOUR_BAR, ".", overrides)
-
-
-def trammel(*overrides: str) -> Scene:
-    return scene_from_toml(TRAMMEL, ".", overrides)
+trammel = of_text(TRAMMEL)
 
 
 def straight(first: float, last: float, n_cells: int) -> LineMesh:

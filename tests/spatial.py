@@ -15,11 +15,10 @@ from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
-from scenes import HEADER, of_text, tables
+from scenes import HEADER, TURN, of_text, tables
 
 WIDTH = 0.01  # of the square bars, m
 DENSITY = 7800.0  # of steel, kg/m3
-TURN = "range = [0.0, 6.283185307179586]; periodic = true"
 
 # the slider-crank of `scenes`, crank 0.3 m and rod 0.7 m, with hinges in space
 SLIDER_CRANK = HEADER + tables(f"""
@@ -31,6 +30,8 @@ joints.slider: type = "point_on_line"; connect = ["ground:origin", "rod:tip"]; d
 coordinates.theta: joint = "crank_hinge"; {TURN}
 reduction: modes = 4; angles = 16
 """)
+slider_crank_in_space = of_text(SLIDER_CRANK)
+LIMITED = ("coordinates.theta.range=[-1.0,1.0]", "coordinates.theta.periodic=false")
 
 # two bars, the second one hinged to the first about an axis that is neither along it nor at a right angle
 UPPER, LOWER = 0.5, 0.4
@@ -62,9 +63,11 @@ def bar(first: float, last: float, n: int, dimension: int = 3) -> SolidMesh:
     return replace(mesh, nodes=nodes, groups={"hinge": mesh.groups["left"], "tip": mesh.groups["right"]})
 
 
-def slider_crank_in_space(*overrides: str) -> Scene:
-    """Return the slider-crank of `scenes` with hinges in space."""
-    return scene_from_toml(SLIDER_CRANK, ".", overrides)
+def part_of_arm(end: float) -> tuple[str, ...]:
+    """Return overrides that let the arm turn so far to both sides."""
+    return tuple(
+        f"coordinates.theta{k}.{entry}" for k in (1, 2) for entry in (f"range=[-{end},{end}]", "periodic=false")
+    )
 
 
 def spatial_slider_crank(*overrides: str) -> Scene:

@@ -6,7 +6,6 @@ body's frame. Solids of the same scene are bars of `spatial`.
 
 from spatial import TURN
 
-from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, of_text, tables
 
 WIDTH, HEIGHT = 0.008, 0.012  # of the rectangular sections, m
@@ -30,6 +29,7 @@ coordinates.theta: joint = "crank_hinge"; {TURN}
 effects.motor: type = "torque"; joint = "crank_hinge"; table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
 reduction: modes = 5; angles = 24
 """)
+slider_crank_of_beams = of_text(SLIDER_CRANK)
 
 # one beam on a hinge about the y axis of a section's height
 PENDULUM = (
@@ -42,8 +42,3 @@ reduction: modes = 4; angles = 6
 """)
 )
 pendulum_in_space = of_text(PENDULUM)
-
-
-def slider_crank_of_beams(*overrides: str) -> Scene:
-    """Return the slider-crank of `scenes` given in space."""
-    return scene_from_toml(SLIDER_CRANK, ".", overrides)

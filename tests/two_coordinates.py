@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from pgmp_petsc.scene import Scene, scene_from_toml
-from scenes import HEADER, of_text, tables
+from pgmp_petsc.scene import Scene
+from scenes import HEADER, TURN, of_text, tables
 
 UPPER, LOWER = 0.5, 0.4
-FULL_TURN = "range = [0.0, 6.283185307179586]; periodic = true"
 
+# two bars of four cells that hang from each other
 DOUBLE_PENDULUM = HEADER + tables(f"""
 bodies.upper: mesh = "0.0:{UPPER}:4"; element = "beam2d"; material = "steel";
     section = {{ shape = "circle", radius = 5e-3 }}
@@ -15,11 +15,12 @@ bodies.lower: mesh = "0.0:{LOWER}:4"; element = "beam2d"; material = "steel";
     section = {{ shape = "circle", radius = 4e-3 }}
 joints.shoulder: type = "revolute"; connect = ["ground:origin", "upper:hinge"]
 joints.elbow: type = "revolute"; connect = ["upper:tip", "lower:hinge"]
-coordinates.theta1: joint = "shoulder"; {FULL_TURN}
-coordinates.theta2: joint = "elbow"; {FULL_TURN}
+coordinates.theta1: joint = "shoulder"; {TURN}
+coordinates.theta2: joint = "elbow"; {TURN}
 effects.motor: type = "torque"; joint = "elbow"; table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
 reduction: modes = 3; angles = 8
 """)
+double_pendulum = of_text(DOUBLE_PENDULUM)
 # a third bar on the double pendulum, with a coordinate
 THIRD = (
     'bodies.hand={mesh="0.0:0.1:2",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
@@ -44,16 +45,11 @@ joints.right_hinge: type = "revolute"; connect = ["ground:right", "right:hinge"]
 joints.left_elbow: type = "revolute"; connect = ["left:tip", "first:hinge"]
 joints.right_elbow: type = "revolute"; connect = ["right:tip", "second:hinge"]
 joints.pin: type = "revolute"; connect = ["first:tip", "second:tip"]
-coordinates.theta1: joint = "left_hinge"; {FULL_TURN}
-coordinates.theta2: joint = "right_hinge"; {FULL_TURN}
+coordinates.theta1: joint = "left_hinge"; {TURN}
+coordinates.theta2: joint = "right_hinge"; {TURN}
 reduction: modes = 3; angles = 12
 """)
 five_bar = of_text(FIVE_BAR)
-
-
-def double_pendulum(*overrides: str) -> Scene:
-    """Return two bars of 0.5 m and 0.4 m that hang from each other, four cells each."""
-    return scene_from_toml(DOUBLE_PENDULUM, ".", overrides)
 
 
 def over(scene: Scene, angles: Sequence[int]) -> Scene:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mpi4py import MPI
+from pencils import modal_problem
 from runs import built_rom, paper_scene, rom_of
 from solid_scenes import solid_meshes, solid_slider_crank
 
@@ -13,7 +13,6 @@ from pgmp_petsc.effects import actions_of, effects_of, loads_of
 from pgmp_petsc.estimates.own_error import FEW_STEPS, absence_of_estimates, few_steps, left_out_of_estimates
 from pgmp_petsc.estimates.validity import BodyStrains, Kept, Places, Weights, half_height, look_at, remarks_of
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.sampler import TurnedLoads
 from pgmp_petsc.reduction.tables import StiffnessChanges
@@ -206,7 +205,7 @@ def test_changes_of_stiffness_are_those_of_the_static_deformation(scene: Scene) 
     )
     v, a, amplitudes = np.array([[31.0]]), np.array([[-400.0]]), np.arange(2.0, 2.0 + len(loads))
     third = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs))
-    with ModalProblem(kinematics, scene.nominal, 3, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics, scene.nominal, 3) as problem:
         for number in (1, 5):
             modes = problem.solve(rom.tables.samples.theta[number])
             forces = TurnedLoads(problem, loads).at(modes.theta) @ (of_loads[0] * amplitudes)

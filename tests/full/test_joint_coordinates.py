@@ -121,7 +121,7 @@ def test_the_matrix_is_the_mass_of_the_energy(name: str) -> None:
         assert 0.5 * rates @ mass @ rates == pytest.approx(energy, rel=1e-9)
 
 
-@pytest.mark.parametrize("make", [slider_crank, slider_crank_of_beams])
+@pytest.mark.parametrize("make", [slider_crank, slider_crank_of_beams], ids=["plane", "space"])
 def test_the_limit_is_that_of_all_unknowns_with_multipliers(make, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two discretisations of the same equations, of second order each."""
     meshes, apart = meshes_of if make is slider_crank else meshes_of, []

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from mutated_scenes import run
 from random_mechanisms import random_scene
 from result_files import QUICK
-from runs import PAPER_SCENE
+from runs import PAPER_SCENE, trajectory
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.api.arguments import _KINDS, kinds_of
@@ -25,7 +25,6 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.simulate import simulate
 
 # in the suite; PGMP_FUZZ=100 tries a hundred times as many
 CASES = 4 * int(os.environ.get("PGMP_FUZZ", "1"))
@@ -64,8 +63,8 @@ def verdict_on(scene: Scene) -> Verdict:
     with without_progress(), RankGroup.split(MPI.COMM_SELF, 1) as group:
         rom = build_rom(scene, meshes, group)
         warned = scene.with_remarks((*scene.remarks, *rom.record.remarks))
-        reduced = simulate(ReducedModel(warned, rom), MPI.COMM_SELF)
-        full = simulate(FullModel(scene, meshes), MPI.COMM_SELF)
+        reduced = trajectory(ReducedModel(warned, rom))
+        full = trajectory(FullModel(scene, meshes))
     return Verdict(reduced, full)
 
 

@@ -5,7 +5,6 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.linalg
-from mpi4py import MPI
 from pencils import constraints_at, dense_of
 from runs import history, rom_of, samples
 
@@ -13,7 +12,6 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
@@ -108,11 +106,6 @@ def dense_eigenvalues(kinematics: RigidKinematics, theta: float, values: Mapping
     stiffness, mass = null.T @ stiffness @ null, null.T @ mass @ null
     mu = scipy.linalg.eigvalsh(mass, stiffness + shift * mass)[::-1]
     return 1 / mu[1 : n + 1] - shift
-
-
-def modal_problem(kinematics: RigidKinematics, values: Mapping[str, float], n_modes: int) -> ModalProblem:
-    """Return the eigenproblem on this process; to be closed."""
-    return ModalProblem(kinematics, values, n_modes, MPI.COMM_SELF)
 
 
 def interpolated_eigenvalues(rom: ReducedOrderModel, scene: Scene, theta: float) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from mpi4py import MPI
+from pencils import modal_problem
 from runs import assert_close, history, rom_of, samples
 from scrambling import clusters, turned
 
@@ -59,7 +60,7 @@ def largest_jump(rom: ReducedOrderModel, scene: Scene) -> float:
 def test_the_pairs_of_equal_blades_are_found_at_all_angles(differ: float) -> None:
     scene = mechanisms.with_flywheel()
     kinematics = RigidKinematics(Mechanism.from_scene(scene, mechanisms.flywheel_meshes(scene, differ=differ)))
-    with mechanisms.modal_problem(kinematics, scene.nominal, 9) as problem:
+    with modal_problem(kinematics, scene.nominal, 9) as problem:
         for theta in (0.0, 0.8, np.pi / 2, 2.4, np.pi):
             found = problem.solve(theta).eigenvalues
             exact = mechanisms.dense_eigenvalues(kinematics, theta, scene.nominal, 9)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 from elimination import circle
-from mechanisms import accurate, both, dense_eigenvalues, modal_problem, run_for, start
-from pencils import constraints_at, dense_of, matrices_of
+from mechanisms import accurate, both, dense_eigenvalues, run_for, start
+from pencils import constraints_at, dense_of, matrices_of, modal_problem
 from refusals import refusal
 from runs import assert_close, built_rom, full_model, history, samples
 

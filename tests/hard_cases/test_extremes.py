@@ -10,12 +10,12 @@ from mechanisms import (
     Outputs,
     accurate,
     both,
-    modal_problem,
     nominal_rom,
     run_for,
     smooth_torque,
     start,
 )
+from pencils import modal_problem
 from runs import assert_close, full_model, quick_return, rom_of, samples
 
 from benchmarks.called import Called

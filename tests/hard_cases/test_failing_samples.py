@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from mechanisms import accurate, run_for, start
-from mpi4py import MPI
-from runs import full_model, rom_of, run_model, still
+from runs import full_model, rom_of, run_model, still, trajectory
 
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
@@ -18,7 +17,7 @@ from pgmp_petsc.stepping.alpha_step import CAREFUL_ITERATIONS
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.status import Status
-from pgmp_petsc.studies.simulate import _Part, simulate
+from pgmp_petsc.studies.simulate import _Part
 from scenes import RADIUS
 
 N = 35  # more than one block of lanes in either model
@@ -96,11 +95,11 @@ def test_a_full_order_sample_that_leaves_the_range_and_comes_back_has_failed(ban
 
 
 def test_a_single_run_beyond_the_range_says_so_and_goes_on_without_deformations() -> None:
-    alone = simulate(model_of("full", *AWAY, "parameters.push.nominal=60.0"), MPI.COMM_SELF)
+    alone = trajectory(model_of("full", *AWAY, "parameters.push.nominal=60.0"))
     assert alone.status == Status.LEFT_RANGE and alone.record.remarks[0].text.startswith("full simulation stopped at")
     assert "widen the coordinate" in alone.record.remarks[0].text
     angle = 'outputs={angle={type="angle", joint="crank_hinge"}}'
-    further = simulate(model_of("full", *AWAY, "parameters.push.nominal=60.0", angle), MPI.COMM_SELF)
+    further = trajectory(model_of("full", *AWAY, "parameters.push.nominal=60.0", angle))
     assert further.status == Status.FINE and further.outputs["angle"].max() > 0.61
 
 
@@ -150,11 +149,11 @@ def test_a_sample_that_a_large_step_loses_is_tried_with_smaller_ones(name: str) 
 @pytest.mark.parametrize("name", ["full", "reduced"])
 def test_a_single_run_that_a_large_step_loses_is_tried_with_smaller_ones(name: str) -> None:
     """It is the run with that step, and says so."""
-    run = simulate(model_of(name, *FAST), MPI.COMM_SELF)
+    run = trajectory(model_of(name, *FAST))
     assert run.status == Status.FINE and run.steps_divided in (2, 4, 8)
     said = next(remark.text for remark in run.record.remarks if "integrated again" in remark.text)
     assert "with simulation.step = 0.01 s the run stopped at 0.0" in said and f"1/{run.steps_divided} of it" in said
-    alone = simulate(model_of(name, *FAST, f"simulation.step={1e-2 / run.steps_divided}"), MPI.COMM_SELF)
+    alone = trajectory(model_of(name, *FAST, f"simulation.step={1e-2 / run.steps_divided}"))
     assert alone.steps_divided == 1 and alone.time.size == run.time.size
     for output, values in run.outputs.items():
         np.testing.assert_allclose(values, alone.outputs[output], rtol=1e-9, atol=1e-12, err_msg=output)
@@ -163,7 +162,7 @@ def test_a_single_run_that_a_large_step_loses_is_tried_with_smaller_ones(name: s
 @pytest.mark.parametrize("name", ["full", "reduced"])
 def test_a_single_run_at_an_absurd_speed_is_a_failure(name: str) -> None:
     """As fast as a scene may ask for: never NaN in a run that is fine."""
-    run = simulate(model_of(name, *run_for(0.01, 1e-3), *start(0.3, 1e29)), MPI.COMM_SELF)
+    run = trajectory(model_of(name, *run_for(0.01, 1e-3), *start(0.3, 1e29)))
     assert run.status != Status.FINE
     assert run.record.remarks[0].kind == "warning" and "simulation stopped at" in run.record.remarks[0].text
     # of a full-order run those of the step, and those of the mesh

@@ -25,7 +25,6 @@ from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.effect_sizes import estimate_effects, remarks_on_sizes
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.simulate import simulate
 
 SCENE = Path(__file__).with_name("press_linkage.toml")
 SECOND_ORDER = ('effects.stiffening={type="geometric_stiffening"}', 'effects.changing={type="mode_inertia"}')
@@ -43,7 +42,7 @@ def linear() -> Trajectory:
 
 @lru_cache(maxsize=1)
 def of_full_order() -> Trajectory:
-    return simulate(FullModel(scene_of(), rom_of(scene_of()).meshes), MPI.COMM_SELF)
+    return trajectory(FullModel(scene_of(), rom_of(scene_of()).meshes))
 
 
 def warnings_of(run: Trajectory) -> str:

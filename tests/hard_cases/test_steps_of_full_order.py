@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from mpi4py import MPI
-from runs import overridden, pgmp
+from runs import overridden, pgmp, trajectory
 
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
@@ -17,7 +17,6 @@ from pgmp_petsc.results.estimates import OF_STEP
 from pgmp_petsc.scene.loading import write_template
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.simulate import simulate
 
 HERE, SLIDER_CRANK = Path(__file__).parent, ROOT / "scenes" / "slider_crank.toml"
 FINER = 8
@@ -27,7 +26,7 @@ FACTOR = 3.0  # within which estimates are to be, for vibrations that are resolv
 def run(scene: Path, *overrides: str, finer: int = 1) -> Trajectory:
     loaded, meshes = read_scene(scene, overrides, (), MPI.COMM_SELF, Purpose.FULL)
     simulation = loaded.simulation.model_copy(update={"step": loaded.simulation.step / finer})
-    return simulate(FullModel(loaded.model_copy(update={"simulation": simulation}), meshes), MPI.COMM_SELF)
+    return trajectory(FullModel(loaded.model_copy(update={"simulation": simulation}), meshes))
 
 
 def assert_estimated(found: Trajectory, finer: Trajectory, outputs: tuple[str, ...]) -> None:

@@ -16,7 +16,10 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from scenes import four_bar, kinematics_of, mechanism_of, pendulum, slider_crank, trammel
 
-SCENES = {one.__name__: one for one in (slider_crank, pendulum, four_bar, trammel, quick_return)}
+SCENES = {
+    "slider_crank": slider_crank, "pendulum": pendulum, "four_bar": four_bar, "trammel": trammel,
+    "quick_return": quick_return,
+}  # fmt: skip
 
 
 @pytest.fixture(params=SCENES)

@@ -94,7 +94,10 @@ def test_poses_are_those_of_the_closed_form(name: str) -> None:
     np.testing.assert_allclose(kinematics_of(scene()).poses(THETA), poses(THETA), rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("scene", [slider_crank, four_bar, lambda: quick_return(), trammel])
+NAMES = ("slider-crank", "four-bar", "quick return", "trammel")
+
+
+@pytest.mark.parametrize("scene", [slider_crank, four_bar, lambda: quick_return(), trammel], ids=NAMES)
 def test_derivatives_are_those_of_the_poses(scene) -> None:
     # dead centres are among the places
     check_derivatives(kinematics_of(scene()), np.linspace(-3.0, 9.0, 13)[:, None])

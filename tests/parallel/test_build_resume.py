@@ -130,8 +130,9 @@ def test_a_killed_build_is_resumed(
 def test_what_is_finished_is_not_computed_again(folder: Path, whole: dict[str, Path], name: str, last: str) -> None:
     path = folder / f"finished_{name}.h5"
     script = slowly().replace(
-        "main()\n", f"from pgmp_petsc.reduction import {last.split('.')[0]}\ndef stop(*args):\n    raise SystemExit(7)\n"
-        f"{last} = stop\nmain()\n"
+        "main()\n",
+        f"from pgmp_petsc.reduction import {last.split('.')[0]}\ndef stop(*args):\n    raise SystemExit(7)\n"
+        f"{last} = stop\nmain()\n",
     )  # fmt: skip
     stopped = run_mpi(1, "-c", script, "build", *SCENES[name], "-o", path, check_status=None)
     assert stopped.returncode != 0 and not path.exists()

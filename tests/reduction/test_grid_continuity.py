@@ -282,7 +282,8 @@ def test_fewer_modes_are_taken_where_the_default_cannot_be_followed(drawn: bool)
     where a length has a distribution."""
     toml = _GANTRY
     if drawn:
-        toml += 'length_points = 2\n[parameters.span]\nnominal = 0.5\ndistribution = { name = "uniform", loc = 0.49, scale = 0.02 }\n'
+        law = '{ name = "uniform", loc = 0.49, scale = 0.02 }'
+        toml += f"length_points = 2\n[parameters.span]\nnominal = 0.5\ndistribution = {law}\n"
         toml = toml.replace("length = 0.5, elements = 8, start = -0.25", 'length = "span", elements = 8, start = -0.25')
     scene, asked = (scene_from_toml(toml, ".", changes) for changes in ((), ["reduction.modes=15"]))
     fewer, found = built_rom(scene_from_toml(toml, ".", ["reduction.modes=14"])), built_rom(scene)

@@ -110,7 +110,7 @@ def test_the_basis_obeys_the_constraints_and_is_orthonormal(rom: ReducedOrderMod
         np.testing.assert_allclose(frequencies, rom.frequencies_hz[k], rtol=1e-8)
 
 
-@pytest.mark.parametrize(("scene", "n_turns"), [(slider_crank, 1), (four_bar, 2)])
+@pytest.mark.parametrize(("scene", "n_turns"), [(slider_crank, 1), (four_bar, 2)], ids=["slider-crank", "four-bar"])
 def test_where_a_revolution_begins_does_not_matter(scene: Callable[..., Scene], n_turns: int) -> None:
     """The basis closes as smoothly as it goes on elsewhere: another first angle gives the same, but for a rotation."""
     n, shift = 24, 7

@@ -221,12 +221,19 @@ def test_warned(scene: Path, overrides: list[str], entry: str, words: str) -> No
     assert all(remark.kind == "warning" for remark in remarks)
 
 
-def test_values_at_ends_of_discrete_distributions_are_meant() -> None:
+@pytest.mark.parametrize(
+    ("law", "ends"),
+    [
+        ('{name="discrete", values=[0.0, 2.0]}', (0.0, 2.0)),
+        ('{name="uniform", loc=1e-3, scale=2.0}', (1e-3, 2.001)),  # wear from next to nothing: no other unit
+        ('{name="expon", loc=1e-3, scale=2.0}', (1e-3,)),
+    ],
+)
+def test_values_at_ends_of_distributions_are_meant(law: str, ends: tuple[float, ...]) -> None:
     damping = 'effects.d={type="joint_damping", joint="elbow", coefficient="q"}'
-    law = 'distribution={name="discrete", values=[0.0, 2.0]}'
-    for nominal in (0.0, 2.0):
-        found = warnings_of(SCENE, [damping, f"parameters.q={{nominal={nominal}, bounds=[0.0, 2.0], {law}}}"])
-        assert not [text for text in found if "parameters.q" in text]
+    for nominal in ends:
+        asked = f"parameters.q={{nominal={nominal}, bounds=[0.0, 1000.0], distribution={law}}}"
+        assert not [text for text in warnings_of(SCENE, [damping, asked]) if "parameters.q" in text]
 
 
 def test_a_mesh_in_millimetres_is_asked_about(tmp_path: Path) -> None:

@@ -20,8 +20,7 @@ from conftest import ROOT
 from effect_scenes import BASE
 from exported import as_one, assert_equal, outputs_of
 from handbook_blocks import blocks_of
-from mpi4py import MPI
-from runs import in_turn, motion, refused
+from runs import in_turn, motion, refused, trajectory
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.base.errors import InputError
@@ -39,7 +38,6 @@ from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.bodies import Body
 from pgmp_petsc.scene.reference_page import reference_page
 from pgmp_petsc.studies.effect_sizes import choose_effects
-from pgmp_petsc.studies.simulate import simulate
 from scenes import tables
 
 LISTING, JOINT, CONTROLLER = (
@@ -99,9 +97,9 @@ def line_spring(tmp_path: Path) -> Path:
 
 
 MODELS: dict[str, Callable[[Scene], Trajectory]] = {
-    "full": lambda scene: simulate(_full(scene, meshes_for(scene), {}), MPI.COMM_SELF),
-    "components": lambda scene: simulate(_components(scene, meshes_for(scene), {}), MPI.COMM_SELF),
-    "reduced": lambda scene: simulate(ReducedModel(scene, _build(scene, meshes_for(scene), {})), MPI.COMM_SELF),
+    "full": lambda scene: trajectory(_full(scene, meshes_for(scene), {})),
+    "components": lambda scene: trajectory(_components(scene, meshes_for(scene), {})),
+    "reduced": lambda scene: trajectory(ReducedModel(scene, _build(scene, meshes_for(scene), {}))),
 }
 
 
@@ -283,7 +281,7 @@ def test_a_joint_that_an_entry_of_its_own_names_and_the_scene_has_not_is_named(t
     plugged(tmp_path, PULL)
     pull = 'outputs.pull={type="pull", bearing="crank_hing"}'
     with pytest.raises(InputError, match=r'^joint = "crank_hing": there is no such joint; did you mean'):
-        simulate(_full(beams(pull), meshes_for(beams()), {}), MPI.COMM_SELF)
+        trajectory(_full(beams(pull), meshes_for(beams()), {}))
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -512,7 +510,8 @@ LATER = {
         r".*mine\.py, line 7: class Square: it needs the method inertia",
     ),
     "a shear of nothing": (
-        SECTION, ("return (5 / 6 * self.area(),) * 2", "pass"), r".*Square: TypeError: sheared returns two AffineSum, of",
+        SECTION, ("return (5 / 6 * self.area(),) * 2", "pass"),
+        r".*Square: TypeError: sheared returns two AffineSum, of",
     ),
     "an inertia of one axis": (
         SECTION, (" ** 4,) * 2", " ** 4,)"), r".*Square: TypeError: inertia returns two AffineSum, of the second",
@@ -563,7 +562,8 @@ LATER = {
     "a direction in space": (LISTING, ("np.array(self.direction)", "np.eye(3)[0]"), r".*py:3\d: .* directions have 2"),
     "a controller without a number": (
         CONTROLLER, ('"width": 0.05', '"wide": 0.05'),
-        r".*mine\.py, line \d+: class Bang: parameters gives its law bang \(.*\) no number for width; it gives most, wide$",
+        r".*mine\.py, line \d+: class Bang: parameters gives its law bang \(.*\) no number for width; "
+        "it gives most, wide$",
     ),
     "a controller with a parameter that is none": (
         CONTROLLER, ('"width": 0.05', '"width": "far"'), r".*: class Bang: its law is given the parameter 'far', which",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from alike import assert_alike, assert_order, shares_left
 from mpi4py import MPI
+from pencils import modal_problem
 from runs import assert_close, full_model, motion, rom_of
 from solid_scenes import GRAVITY, HEIGHT, THICKNESS, solid_meshes, solid_slider_crank
 from solids import rectangle_mesh
@@ -41,7 +42,7 @@ def scene_and_shapes(small: bool) -> tuple[Scene, Mapping[str, BodyShape]]:
 
 def problem_of(scene: Scene, shapes: Mapping[str, BodyShape], n_modes: int = N_MODES) -> ModalProblem:
     kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes))
-    return ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF)
+    return modal_problem(kinematics, scene.nominal, n_modes)
 
 
 def tables_of(small: bool, theta: float) -> dict[str, np.ndarray]:
@@ -99,7 +100,7 @@ def test_frequencies_of_two_materials_at_other_values_of_a_parameter(known: str)
         kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes))
         # the subspace was made at 5.5, 6.25, 7, 7.75 and 8.5e10 Pa
         for modulus in (5.9e10, 7e10, 8.2e10):
-            with ModalProblem(kinematics, {"E": modulus}, N_MODES, MPI.COMM_SELF) as problem:
+            with modal_problem(kinematics, {"E": modulus}, N_MODES) as problem:
                 found.append(problem.solve(0.7).frequencies_hz)
     np.testing.assert_allclose(found[:3], found[3:], rtol=1e-8)
     # the parameter is felt
@@ -185,13 +186,13 @@ def test_frequencies_with_a_scaled_cross_section() -> None:
     meshes = solid_meshes("quad8", 40)
     small = RigidKinematics(Mechanism.from_scene(scene, condensed(scene, meshes, ALONE)))
     for scale in (0.75, 1.0, 1.22):
-        with ModalProblem(small, {"s": scale}, N_MODES, MPI.COMM_SELF) as problem:
+        with modal_problem(small, {"s": scale}, N_MODES) as problem:
             found = problem.solve(0.7).frequencies_hz
         other = solid_slider_crank(*SCALED, f"parameters.s.value={scale}")
         with problem_of(other, meshes) as problem:
             np.testing.assert_allclose(found, problem.solve(0.7).frequencies_hz, rtol=1e-8)
         beams = slider_crank('bodies.crank.mesh="0.0:0.3:40"', 'bodies.rod.mesh="0.3:1.0:40"')
-        with ModalProblem(kinematics_of(beams), {"r1": 5.6e-3 * scale}, 4, MPI.COMM_SELF) as problem:
+        with modal_problem(kinematics_of(beams), {"r1": 5.6e-3 * scale}, 4) as problem:
             np.testing.assert_allclose(found[:4], problem.solve(0.7).frequencies_hz, rtol=1e-2)
 
 
@@ -224,7 +225,7 @@ def mixed_slider_crank(*overrides: str) -> tuple[Scene, dict[str, BodyShape]]:
 
 def frequencies(scene: Scene, shapes: Mapping[str, BodyShape], n: int) -> np.ndarray:
     kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes))
-    with ModalProblem(kinematics, scene.nominal, n, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics, scene.nominal, n) as problem:
         return np.array([problem.solve(theta).frequencies_hz for theta in (0.0, 0.7, 2.5)])
 
 

@@ -12,9 +12,10 @@ import pytest
 from alike import assert_alike, assert_order
 from coupled_scenes import CAM, CAM_TABLE, GEARED, RACK, ROTORS, ROTORS_IN_SPACE, ROW_IN_SPACE, SCREW, SHAFTS, SPINDLES
 from differences import compare, differences
-from exported import assert_equal, compiled, needs_compiler, outputs_of, simulated
+from exported import assert_equal, compiled, needs_compiler, outputs_of
 from machine_scenes import MODELS, errors_of, run
 from mpi4py import MPI
+from pencils import modal_problem
 from refusals import cases, check_said, refusal
 from runs import assert_close, history, motion, reduced_model, rom_of, samples
 from scipy.integrate import solve_ivp
@@ -30,7 +31,6 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel, SeparateLengths, of_samples
-from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 from pgmp_petsc.reduction import tables as tables_of_reduction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -448,7 +448,7 @@ def test_derivatives_with_a_ratio_are_central_differences(rom: ReducedOrderModel
 def test_a_model_in_c_has_the_ratio_of_its_export(rom: ReducedOrderModel, tmp_path: Path) -> None:
     scene = geared()
     model = ReducedModel(scene.with_values({"ratio": OTHER}), rom)
-    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+    assert_equal(outputs_of(compiled(model, tmp_path)), motion(model).outputs)
     assert '"ratio"' not in (tmp_path / "steps.c").read_text()
 
 
@@ -656,7 +656,7 @@ def test_a_flexible_shaft_with_a_disc_and_a_geared_wheel_twists_at_the_rate_of_i
     scene = scene_from_toml(SHAFTS, ".", () if rigid else (f"joints.mesh.elastic={{stiffness={stiffness}}}",))
     kinematics = kinematics_of(scene)
     if rigid:
-        with ModalProblem(kinematics, scene.nominal, 8, MPI.COMM_SELF) as problem:
+        with modal_problem(kinematics, scene.nominal, 8) as problem:
             found = problem.solve(0.7).frequencies_hz
     else:
         springs, _ = springs_of(scene, kinematics)

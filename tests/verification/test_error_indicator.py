@@ -41,7 +41,6 @@ from pgmp_petsc.stepping import generalised_alpha
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.simulate import simulate
 from scenes import RADIUS, meshes_of, slider_crank
 
 Outputs = dict[str, np.ndarray]
@@ -323,7 +322,7 @@ def test_runs_and_ensembles_of_a_few_steps_say_that_estimates_are_unsure(
     n_steps: int, said: int, accurate_rom: ReducedOrderModel
 ) -> None:
     few = ReducedModel(runs.accurate_scene("simulation.step=1e-3", f"simulation.duration={n_steps}e-3"), accurate_rom)
-    run = simulate(few, MPI.COMM_SELF)
+    run = trajectory(few)
     for remarks in (run.record.remarks, Origin.of(few).said):
         assert sum("estimated errors are unsure" in str(remark) for remark in remarks) == said
     assert np.isfinite(run.errors.maximum("crank_angle"))

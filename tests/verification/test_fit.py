@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from differences import failing_at
 from mpi4py import MPI
 from runs import FEW_MODES, components_model, full_model, history, reduced_model, samples
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.design import fitting
 from pgmp_petsc.design.fitting import fit, uncertainty
 from pgmp_petsc.design.measured_history import MeasuredHistory, autocorrelation
-from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
+from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Fit
 from pgmp_petsc.results.gradients import FittedParameter
@@ -101,16 +101,9 @@ def test_a_radius_and_a_damping_are_recovered_from_a_full_order_history(model, o
 
 
 def test_a_search_turns_back_from_where_a_run_stops(model, of_full, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked, runs = (model, measured(of_full, 5), ["r1", "c"], NOISE, MPI.COMM_SELF), []
+    asked = model, measured(of_full, 5), ["r1", "c"], NOISE, MPI.COMM_SELF
     expected = of(fit(*asked))
-
-    def stopping_once(*given: object) -> DifferentiatedRun:
-        runs.append(given)
-        if len(runs) == 3:  # after the start, and its place inside the limits
-            raise RunError("the run stopped at 1 ms")
-        return differentiate(*given)
-
-    monkeypatch.setattr(fitting, "differentiate", stopping_once)
+    failing_at(3, fitting, monkeypatch)  # after the start, and its place inside the limits
     found = fit(*asked)
     (told,) = [remark.text for remark in found.record.remarks if "turned back" in remark.text]
     assert told.startswith("the search turned back once from where no run comes to its end, first at r1 = ")

@@ -10,9 +10,8 @@ from pgmp_petsc.bodies.floating import first_moments, second_moments
 from pgmp_petsc.models import ComponentModel
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from scenes import HEADER, tables
+from scenes import HEADER, TURN, tables
 
-TURN = "range = [0.0, 6.283185307179586]; periodic = true"
 #: Of arms and gimbals, whose mass a billion times that of the bodies would be felt in the digits that are compared.
 MASSLESS = {
     2: 'element = "beam2d"\nflexible = false\nsection = { shape = "coefficients", axial = 1.0, shear = 1.0, '

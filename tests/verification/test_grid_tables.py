@@ -9,6 +9,7 @@ import pytest
 from alike import assert_alike
 from length_scenes import HIGH, LOW, SMALL, long_crank, numbered
 from mpi4py import MPI
+from pencils import modal_problem
 from refusals import refusal
 from runs import history, reduced_model, rom_of, samples
 from two_coordinates import THIRD, double_pendulum, five_bar, over
@@ -17,7 +18,6 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.mechanism.body_frames import linear_motion, rigid_velocities
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import _beyond_tolerance, interpolation_errors
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
@@ -47,7 +47,7 @@ def elsewhere(samples: SampleGrid, n: int = 20) -> np.ndarray:
 
 
 def exact_hz(scene: Scene, values: dict[str, float], n: int, theta: np.ndarray) -> np.ndarray:
-    with ModalProblem(kinematics_of(scene), values, n, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics_of(scene), values, n) as problem:
         return np.array([problem.solve(at).frequencies_hz for at in theta])
 
 
@@ -257,7 +257,7 @@ def test_midpoints(periodic: bool) -> None:
 def test_tables_meet_the_tolerance_at_angles_that_took_no_part() -> None:
     counts, errors = [], []
     elsewhere = np.random.default_rng(0).uniform(0.0, 2 * np.pi, 20)
-    with ModalProblem(kinematics_of(slider_crank()), {"r1": RADIUS}, 5, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics_of(slider_crank()), {"r1": RADIUS}, 5) as problem:
         exact = np.array([problem.solve(theta).frequencies_hz for theta in elsewhere])
     for tolerance in (1e-1, 1e-2, 1e-3):
         rom = adaptive(tolerance)

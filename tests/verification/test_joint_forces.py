@@ -23,7 +23,7 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from scenes import HEADER, four_bar, slider_crank, tables, trammel
+from scenes import HEADER, four_bar, of_text, pendulum, slider_crank, tables, trammel
 
 GRAVITY = 9.80665
 FORCE, MOMENT = ('outputs.{0}={{type="joint_%s", joint="{1}"{2}}}' % kind for kind in ("force", "torque"))
@@ -52,6 +52,7 @@ effects.weight: type = "gravity"
 simulation: duration = 1.0; step = 1e-3
 simulation.initial.phi: position = 0.3; velocity = 2.0
 """)
+swinging = of_text(PENDULUM)
 
 
 def test_a_drive_whose_table_ends_with_the_run_takes_what_it_does_there() -> None:
@@ -60,7 +61,7 @@ def test_a_drive_whose_table_ends_with_the_run_takes_what_it_does_there() -> Non
         'effects={drive={type="prescribed_motion", coordinate="phi", table=[[0.0, 0.0], [0.3, 1.0]]}}',
         "simulation={duration=0.3, step=1e-3}", 'outputs.drive={type="drive_torque", joint="hinge"}',
     )  # fmt: skip
-    found = motion(full_model(scene_from_toml(PENDULUM, ".", driven))).outputs["drive"]
+    found = motion(full_model(swinging(*driven))).outputs["drive"]
     wanted = (0.05 + 2.0 * 0.4**2) * 6.0 / 0.3**2
     np.testing.assert_allclose(found[[0, -1]], [wanted, -wanted], rtol=1e-9)
 
@@ -80,7 +81,7 @@ def test_a_pendulum_to_second_order_from_the_first_step_on(radius: float) -> Non
     errors = []
     for step in (4e-3, 2e-3, 1e-3):
         settings = (f"simulation.step={step}", f"simulation.spectral_radius={radius}")
-        run = motion("full", scene_from_toml(PENDULUM, ".", (*wanted, *settings)))
+        run = motion("full", swinging(*wanted, *settings))
         found = solve_ivp(swing, (0.0, 1.0), [0.3, 2.0], t_eval=run.time, rtol=1e-11, atol=1e-12).y
         (angle, speed), (_, turning) = found, swing(0.0, found)
         away = np.array([np.cos(angle), np.sin(angle)])
@@ -105,6 +106,7 @@ outputs.drive: type = "drive_torque"; joint = "bearing"
 outputs.power: type = "power"; coordinate = "phi"
 """.replace("0.0];\n    points", "0.0], points")
 )
+flywheel = of_text(FLYWHEEL)
 
 
 @pytest.mark.parametrize(("kind", "begun"), [("full", 0.0), ("components", 4.0)])
@@ -115,7 +117,7 @@ def test_a_flywheel_out_of_balance_in_space(kind: str, begun: float) -> None:
     start = f"effects.drive.constant_speed.start={begun}"
     wanted = outputs("bearing", **along("radial", "axial"), y='component="y"', body='component="y", frame="body"')
     moments = outputs("bearing", MOMENT, moment="", mz='component="z", frame="body"')
-    run = motion(kind, scene_from_toml(FLYWHEEL, ".", (*wanted, *moments, start)))
+    run = motion(kind, flywheel(*wanted, *moments, start))
     angle, zero = begun + speed * run.time, 0.0 * run.time
     cos, sin = np.cos(angle), np.sin(angle)
     force = np.array([zero, mass * (GRAVITY - e * speed**2 * cos), -mass * e * speed**2 * sin])
@@ -132,22 +134,15 @@ def test_a_flywheel_out_of_balance_in_space(kind: str, begun: float) -> None:
     assert [run.units[name] for name in ("y", "moment", "drive", "power")] == ["N", "N m", "N m", "W"]
 
 
-BEAM = HEADER + tables("""
-bodies.arm: mesh = "0.0:1.0:10"; element = "beam2d"; material = "steel"; section = { shape = "circle", radius = 2e-2 }
-joints.hinge: type = "revolute"; connect = ["ground:origin", "arm:hinge"]
-coordinates.phi: joint = "hinge"; range = [-3.2, 3.2]
-effects.weight: type = "gravity"
-outputs.drive: type = "drive_torque"; joint = "hinge"
-""")
-
-
 @pytest.mark.parametrize("kind", ["full", "components"])
 def test_statics_of_a_beam_and_of_a_truss(kind: str) -> None:
     """A beam that is held level, and a crank that holds a rod, which a force pushes: a truss of two bars."""
     weight = 7800.0 * np.pi * 2e-2**2 * GRAVITY
-    found = motion(
-        kind, scene_from_toml(BEAM, ".", (held("phi"), *STILL, *outputs("hinge", **along("x", "y"))))
-    ).outputs
+    scene = pendulum(
+        "bodies.arm.section.radius=2e-2", held("phi"), 'effects.weight={type="gravity"}',
+        'outputs.drive={type="drive_torque", joint="hinge"}', *STILL, *outputs("hinge", **along("x", "y")),
+    )  # fmt: skip
+    found = motion(kind, scene).outputs
     for name, exact in {"x": 0.0, "y": weight, "drive": 0.5 * weight}.items():
         # the sag of 0.2 mm moves the centre of mass back by 1e-7 of the length
         np.testing.assert_allclose(found[name], exact, rtol=0, atol=2e-7 * weight, err_msg=name)
@@ -178,14 +173,15 @@ effects.motor: type = "torque"; joint = "first"; table = [[0.0, 2.0], [1.0, 2.0]
 effects.load: type = "torque"; joint = "second"; table = [[0.0, 1.0], [1.0, 1.0]]
 simulation: duration = 0.2; step = 1e-3
 """)
+gears = of_text(GEARS)
+OF_WHEELS = {name: f'component="axial", of="{name}"' for name in ("first", "second")}
 
 
 @pytest.mark.parametrize("elastic", [False, True])
 def test_torques_of_a_gear(elastic: bool) -> None:
     """The equations of two wheels with the ratio -1/4; an elastic gear vibrates about them until it is damped."""
-    of = {name: f'component="axial", of="{name}"' for name in ("first", "second")}
     give = ("joints.mesh.elastic={ stiffness = 1e5, damping = 20.0 }",) if elastic else ()
-    found = motion("full", scene_from_toml(GEARS, ".", (*outputs("mesh", MOMENT, **of), *give))).outputs
+    found = motion("full", gears(*outputs("mesh", MOMENT, **OF_WHEELS), *give)).outputs
     spin = (2.0 - 0.25) / (0.02 + 0.3 / 16.0)
     second = -0.25 * 0.3 * spin - 1.0
     for name, exact in {"second": second, "first": 0.25 * second}.items():
@@ -196,13 +192,9 @@ def test_torques_of_an_elastic_cam() -> None:
     """What turns the second wheel beside its load, and its share by the slope of the table on the first one."""
     table = [[0.0, 0.0], [1.0, 0.1], [3.0, 0.2], [5.0, 0.1], [6.283185307179586, 0.0]]
     cam = f'{{ type = "cam", joints = ["first", "second"], table = {table}, elastic = {{ stiffness = 1e3 }} }}'
-    of = {name: f'component="axial", of="{name}"' for name in ("first", "second")}
-    turning = [f'outputs.{name}_{more}={{type="{more}", joint="{name}"}}' for name in of for more in ("angle",)]
-    turning += [f'outputs.{name}_turning={{type="rate", of="{name}_angle", order=2}}' for name in of]
-    found = motion(
-        "full", scene_from_toml(GEARS, ".", (f"joints.mesh={cam}", *outputs("mesh", MOMENT, **of), *turning))
-    )
-    found = found.outputs
+    turning = [f'outputs.{name}_angle={{type="angle", joint="{name}"}}' for name in OF_WHEELS]
+    turning += [f'outputs.{name}_turning={{type="rate", of="{name}_angle", order=2}}' for name in OF_WHEELS]
+    found = motion("full", gears(f"joints.mesh={cam}", *outputs("mesh", MOMENT, **OF_WHEELS), *turning)).outputs
     largest = np.abs(found["second"]).max()
     for name, inertia, load in (("first", 0.02, 2.0), ("second", 0.3, 1.0)):
         left = inertia * found[f"{name}_turning"] - load - found[name]
@@ -211,15 +203,14 @@ def test_torques_of_an_elastic_cam() -> None:
 
 def test_an_elastic_joint_has_the_force_of_its_springs() -> None:
     """A mount that is rigid along x and gives way otherwise, with parameters; it carries two bodies at rest."""
-    scene = scene_from_toml(
-        PENDULUM, ".",
-        ("bodies.base.rigid={ mass = 4.0, centre = [0.0, 0.0], inertia = 0.1, points = { foot = [0.0, 0.0] } }",
-         'parameters.k={ nominal = 2e4, unit = "N/m" }', 'joints.hinge.connect=["base:foot", "arm:hinge"]',
-         'joints.mount={ type = "fixed", connect = ["ground:origin", "base:foot"], elastic = { '
-         'reference = [[1.0, 0.0]], stiffness = [inf, "k"], damping = [0.0, 400.0], turning_stiffness = [500.0], '
-         'turning_damping = [5.0] } }',
-         "simulation.initial={}", held("phi"), *STILL, *outputs("mount", **along("x", "y")),
-         *outputs("mount", MOMENT, moment='component="z"')),
+    scene = swinging(
+        "bodies.base.rigid={ mass = 4.0, centre = [0.0, 0.0], inertia = 0.1, points = { foot = [0.0, 0.0] } }",
+        'parameters.k={ nominal = 2e4, unit = "N/m" }', 'joints.hinge.connect=["base:foot", "arm:hinge"]',
+        'joints.mount={ type = "fixed", connect = ["ground:origin", "base:foot"], elastic = { '
+        'reference = [[1.0, 0.0]], stiffness = [inf, "k"], damping = [0.0, 400.0], turning_stiffness = [500.0], '
+        'turning_damping = [5.0] } }',
+        "simulation.initial={}", held("phi"), *STILL, *outputs("mount", **along("x", "y")),
+        *outputs("mount", MOMENT, moment='component="z"'),
     )  # fmt: skip
     found, turned = motion("full", scene).outputs, 0.0
     for _ in range(20):
@@ -284,8 +275,8 @@ def test_what_redundant_joints_determine_and_the_work_of_a_drive() -> None:
         (four_bar, 'outputs.bad={type="power", joint="elbw"}', "outputs.bad.joint = .elbw.: there is no such joint"),
         (four_bar, 'outputs.bad={type="power"}', "outputs.bad.joint: "),
         (four_bar_in_space, 'outputs.bad={type="power", joint="elbow"}', "no prescribed motion moves it; one moves th"),
-        (lambda *o: scene_from_toml(GEARS, ".", o), outputs("mesh", **along("axial"))[0], "axial.of = .*torque"),
-        (lambda *o: scene_from_toml(GEARS, ".", o), outputs("mesh", MOMENT, **along("z"))[0], "mesh is gear"),
+        (gears, outputs("mesh", **along("axial"))[0], "axial.of = .*torque"),
+        (gears, outputs("mesh", MOMENT, **along("z"))[0], "mesh is gear"),
     ],
 )  # fmt: skip
 def test_what_is_refused(scene: Callable[..., Scene], override: str, message: str) -> None:
@@ -471,27 +462,23 @@ def test_forces_and_moments_of_reduced_models_in_space() -> None:
 
 
 def test_polar_diagrams_of_runs() -> None:
-    run = motion(
-        "full", scene_from_toml(PENDULUM, ".", (*outputs("hinge", **along("x", "y")), "simulation.duration=0.1"))
-    )
+    run = motion("full", swinging(*outputs("hinge", **along("x", "y")), "simulation.duration=0.1"))
     assert joint_forces(run) == [Load("hinge", ("x", "y"))]
     axes = loads(run, "forces").axes[0]
     assert axes.get_title(loc="left") == "hinge (N)"
     angle, size = axes.lines[0].get_data()
     np.testing.assert_allclose(size * np.cos(angle), run.outputs["x"], rtol=0, atol=1e-12)
     first = outputs("hinge", **along("x", "y"), a='component="x", of="first"', b='component="y", of="first"')
-    both = motion("full", scene_from_toml(PENDULUM, ".", (*first, "simulation.duration=0.01")))
+    both = motion("full", swinging(*first, "simulation.duration=0.01"))
     assert joint_forces(both) == [Load("x, y", ("x", "y")), Load("a, b", ("a", "b"))]
     with pytest.raises(InputError, match="no joint has its forces along x and y"):
-        loads(motion("full", scene_from_toml(PENDULUM, ".", ("simulation.duration=0.01",))), "forces")
+        loads(motion("full", swinging("simulation.duration=0.01")), "forces")
 
 
 def test_arrows_of_forces_in_films() -> None:
     """A pendulum's arrows begin at its hinge and are as long as the legend says; what has none is said."""
     wanted = outputs("hinge", **along("x", "y"), body='component="x", frame="body"', first='component="x", of="first"')
-    run = trajectory(
-        "full", scene_from_toml(PENDULUM, ".", (*wanted, "simulation.duration=0.1", "simulation.frames=11"))
-    )
+    run = trajectory("full", swinging(*wanted, "simulation.duration=0.1", "simulation.frames=11"))
     (arrow,), without = arrows_of(run)
     assert (arrow.joint, arrow.body) == ("hinge", "arm")
     np.testing.assert_allclose(arrow.place, 0.0, rtol=0, atol=1e-12)
@@ -521,7 +508,7 @@ def test_torques_over_speed_are_those_of_a_spin_up(named: str) -> None:
     spin = 'effects.spin={type="prescribed_motion", coordinate="phi", spin_up={speed=2.0, time=0.4}}'
     drive = f'outputs.drive={{type="drive_torque", {named}}}'
     short = ("simulation.duration=0.5", "simulation.step=2e-3", "simulation.initial={}")
-    run = motion("full", scene_from_toml(PENDULUM, ".", (spin, drive, *short)))
+    run = motion("full", swinging(spin, drive, *short))
     curve, largest = loads(run, "torques").axes[0].lines[:2]
     speed, torque = curve.get_data()
     turning = np.gradient(speed, run.time)
@@ -531,7 +518,7 @@ def test_torques_over_speed_are_those_of_a_spin_up(named: str) -> None:
     np.testing.assert_allclose(torque[1:-1], expected[1:-1], rtol=0, atol=2e-3 * np.abs(torque).max())
     assert largest.get_ydata()[0] == pytest.approx(torque.max(), rel=1e-12)
     with pytest.raises(InputError, match="no output of type drive_torque"):
-        loads(motion("full", scene_from_toml(PENDULUM, ".", ("simulation.duration=0.01",))), "torques")
+        loads(motion("full", swinging("simulation.duration=0.01")), "torques")
 
 
 def test_a_redundant_crank_in_a_reduced_model() -> None:

@@ -1,6 +1,6 @@
 """Lengths, places, ratios as parameters: lanes of samples with their own, and models at lengths that no build had."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design.fitting import fit
 from pgmp_petsc.design.measured_history import MeasuredHistory
 from pgmp_petsc.ensemble.integration import run_batch
+from pgmp_petsc.ensemble.plan import Batch
 from pgmp_petsc.ensemble.watchers import watch_errors, watch_validity
 from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.gradients.differentiated import differentiate
@@ -111,6 +112,12 @@ def test_controllers_friction_and_elastic_joints_do_not_mind_lengths(beside: str
     assert_as_alone(reduced_model(long_crank(*BRIEF, losses, PIN, *BESIDE[beside])))
 
 
+def run_alone(model: ReducedModel, values: Mapping[str, np.ndarray], k: int, varied: str, watch: Callable) -> Batch:
+    """Return the run of a sample with its length, which is watched."""
+    own = model.at_lengths(model.scene.with_values({varied: float(values[varied][k])}))
+    return run_batch(own, {name: value[[k]] for name, value in values.items()}, 0, [watch(own)])
+
+
 def assert_as_alone(model: ReducedModel, **lengths: np.ndarray) -> None:
     """Compare samples of two lengths with single runs."""
     ((varied, at),), scene = (lengths or {"rod_length": LENGTHS}).items(), model.scene
@@ -119,8 +126,7 @@ def assert_as_alone(model: ReducedModel, **lengths: np.ndarray) -> None:
     together = run_batch(lanes, values, 0, [watch_validity(lanes)])
     assert (together.status == 0).all()
     for k, length in enumerate(at):
-        own = model.at_lengths(scene.with_values({varied: float(length)}))
-        alone = run_batch(own, {name: value[[k]] for name, value in values.items()}, 0, [watch_validity(own)])
+        alone = run_alone(model, values, k, varied, watch_validity)
         # three points leave 1e-5 of deformations, and more of their derivatives in a body
         for found, exact in ((together.outputs, alone.outputs), (together.validity, alone.validity)):
             for name, value in exact.items():
@@ -135,11 +141,8 @@ def test_estimated_errors_of_samples_contain_what_polynomials_are_off_by() -> No
     lanes = of_samples(model, ["rod_length"])
     values = samples(scene, 2, rod_length=LENGTHS)
     together = run_batch(lanes, values, 0, [watch_errors(indicator_of(lanes))])
-    for k, length in enumerate(LENGTHS):
-        own = model.at_lengths(scene.with_values({"rod_length": float(length)}))
-        alone = run_batch(
-            own, {name: value[[k]] for name, value in values.items()}, 0, [watch_errors(indicator_of(own))]
-        )
+    for k in range(2):
+        alone = run_alone(model, values, k, "rod_length", lambda own: watch_errors(indicator_of(own)))
         for name, value in alone.outputs.items():
             off = together.outputs[name][k] - value[0]
             more = together.errors_at_end[name][k] - alone.errors_at_end[name][0]

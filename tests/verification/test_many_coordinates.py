@@ -13,9 +13,8 @@ from pgmp_petsc.estimates.own_error import why_not_of_full_order
 from pgmp_petsc.models import Model
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.stepping.status import Status
-from scenes import HEADER, meshes_of, tables
+from scenes import HEADER, TURN, meshes_of, tables
 
-TURN = "range = [0.0, 6.283185307179586]; periodic = true"
 LENGTHS = (0.4, 0.3, 0.2)
 G = 9.80665
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.check import describe_scene, summary_of_scene
 from pgmp_petsc.studies.plausibility import plausibility
-from scenes import HEADER, SLIDER_CRANK, meshes_of, tables
+from scenes import HEADER, SLIDER_CRANK, meshes_of, of_text, tables
 
 G = 9.80665
 
@@ -19,7 +19,7 @@ def run(
     scene: Scene, model: str = "full", n: int = 1, **values: np.ndarray
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Return times and outputs, shape (n_t, n) each."""
-    return history(MODELS[model](scene), samples(scene, n) | values, n)
+    return history(MODELS[model](scene), samples(scene, n, **values), n)
 
 
 PENDULUM = HEADER + tables("""
@@ -80,6 +80,7 @@ outputs.y: type = "position"; point = "top:tip"; axis = "y"
 outputs.z: type = "position"; point = "top:tip"; axis = "z"
 """.replace("\n    points", " points")
 )
+top = of_text(TOP)
 
 
 def tensor(moments) -> np.ndarray:
@@ -87,10 +88,19 @@ def tensor(moments) -> np.ndarray:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
+def moments_of(tensor: np.ndarray) -> list[float]:
+    return tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
+
+
+def of_point(mass: float, place: np.ndarray) -> np.ndarray:
+    """Return the inertia of a point mass about the origin."""
+    return mass * (place @ place * np.eye(3) - np.outer(place, place))
+
+
 def top_motion(time: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """Return where the tip is, shape (n_t, 3), by Euler's equations about the foot."""
     mass, centre = 2.0, np.array([0.05, 0.0, 0.1])
-    about = inertia + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    about = inertia + of_point(mass, centre)
     turn = Rotation.from_euler("ZXZ", [0.2, 0.9, 0.0]).as_matrix()
 
     def rates(_, y):
@@ -108,7 +118,7 @@ def test_a_top_with_products_of_inertia_obeys_eulers_equations() -> None:
     a, c = np.array([0.02, 0.027]), np.array([0.003, -0.005])
     errors = []
     for step in (5e-4, 2.5e-4):
-        time, found = run(scene_from_toml(TOP, ".", (f"simulation.step={step}",)), n=2, a=a, c=c)
+        time, found = run(top(f"simulation.step={step}"), n=2, a=a, c=c)
         places = np.stack([found[key] for key in "xyz"], axis=-1)
         exact = [top_motion(time, tensor((a[k], *INERTIA[1:3], c[k], *INERTIA[4:]))) for k in range(2)]
         errors.append([np.abs(places[:, k] - exact[k]).max() for k in range(2)])
@@ -147,13 +157,12 @@ outputs.tip: type = "position"; point = "rod:tip"; axis = "x"
 PLACED = "placement={origin=[0.0,0.1,0.02],rotation=[0.0,0.07,-0.34]}"
 
 
-def box() -> tuple[float, tuple[float, ...]]:
+def box() -> tuple[float, list[float]]:
     """Return mass and inertia of the box, by ``m (h^2 + b^2) / 12``, turned by 45 degrees about x."""
     mass = DENSITY * LENGTH * HEIGHT * BREADTH
     own = mass / 12.0 * np.diag([HEIGHT**2 + BREADTH**2, LENGTH**2 + BREADTH**2, LENGTH**2 + HEIGHT**2])
     turn = Rotation.from_euler("x", 45.0, degrees=True).as_matrix()
-    j = turn @ own @ turn.T
-    return mass, (j[0, 0], j[1, 1], j[2, 2], j[0, 1], j[0, 2], j[1, 2])
+    return mass, moments_of(turn @ own @ turn.T)
 
 
 def with_rod(mass: object, inertia: object, *more: str) -> Scene:
@@ -167,7 +176,7 @@ def with_rod(mass: object, inertia: object, *more: str) -> Scene:
 def test_a_box_by_its_mass_properties_is_the_box_of_beams(model: str) -> None:
     mass, moments = box()
     assert abs(moments[5]) > 0.01 * moments[0]
-    _, given = run(with_rod(mass, list(moments)), model)
+    _, given = run(with_rod(mass, moments), model)
     _, of_beams = run(scene_from_toml(SPATIAL, ".", (f"bodies.rod={{{LINE},{PLACED}}}",)), model)
     assert_alike(of_beams, given, 1e-8)
 
@@ -258,27 +267,22 @@ def test_a_thin_disc_carries_a_point_mass() -> None:
     apart, mass = np.array([0.05, 0.0, 0.1]), 2.0
     total, at = mass + 0.3, np.array([0.0, 0.0, 0.3])
     centre = (mass * apart + 0.3 * at) / total
-    together = np.diag([0.01, 0.01, 0.02])
-    for weight, place in ((mass, apart), (0.3, at)):
-        arm = place - centre
-        together = together + weight * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    j = together
-    moments = [j[0, 0], j[1, 1], j[2, 2], j[0, 1], j[0, 2], j[1, 2]]
+    together = np.diag([0.01, 0.01, 0.02]) + of_point(mass, apart - centre) + of_point(0.3, at - centre)
     scenes = (
         (disc.format(mass, apart.tolist(), [0.01, 0.01, 0.02, 0.0, 0.0, 0.0]), load),
-        (disc.format(total, centre.tolist(), [float(x) for x in moments]),),
+        (disc.format(total, centre.tolist(), moments_of(together)),),
     )
-    carrying, one = (scene_from_toml(TOP, ".", ("simulation.duration=0.2", *more)) for more in scenes)
+    carrying, one = (top("simulation.duration=0.2", *more) for more in scenes)
     assert "load:mass" in describe_scene(carrying, meshes_of(carrying))
-    both = [run(scene)[1] for scene in (carrying, one)]
-    for name, values in both[0].items():
-        np.testing.assert_allclose(both[1][name], values, rtol=0, atol=1e-8)
+    (_, expected), (_, found) = run(one), run(carrying)
+    for name, values in expected.items():
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-8)
 
 
 def test_check_warns_of_inertia_that_samples_may_have_and_no_body_has() -> None:
     wide = 'parameters.c.distribution={name="norm",loc=0.003,scale=0.01}'
     for overrides, n in (((wide,), 1), ((), 0)):
-        scene = scene_from_toml(TOP, ".", overrides)
+        scene = top(*overrides)
         found = [one for one in plausibility(scene, meshes_of(scene)) if "which samples may have" in one.text]
         assert len(found) == n
         assert all(one.text.startswith("bodies.top.rigid.inertia = [") for one in found)
@@ -286,7 +290,7 @@ def test_check_warns_of_inertia_that_samples_may_have_and_no_body_has() -> None:
 
 
 def test_check_says_the_mass_properties() -> None:
-    scene = scene_from_toml(TOP, ".")
+    scene = top()
     meshes = meshes_of(scene)
     said = describe_scene(scene, meshes)
     assert (

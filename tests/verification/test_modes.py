@@ -1,21 +1,18 @@
 """Modes of mechanisms, with one coordinate and two, driven ones too: frequencies, solvers, and what is noticed."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
-from mpi4py import MPI
-from pencils import constraints_at, dense_of, dense_pencil, matrices_of
+from pencils import constraints_at, dense_of, dense_pencil, matrices_of, modal_problem
 from petsc4py import PETSc
 from refusals import refusal
 from two_coordinates import double_pendulum, five_bar
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -35,11 +32,6 @@ REFERENCE_HZ = {
     0.0: [64.0669736526, 238.871521006, 356.890061625, 750.444260939, 1299.71476299, 1373.69562087],
     np.pi / 2: [52.4629361603, 229.164262909, 278.2741278, 699.848741912, 1247.10614961, 2109.54195867],
 }
-
-
-def modal_problem(kinematics: RigidKinematics, n_modes: int) -> ModalProblem:
-    """Return the problem of one process at the nominal radius."""
-    return ModalProblem(kinematics, VALUES, n_modes, MPI.COMM_SELF)
 
 
 def petsc_matrix(dense: np.ndarray) -> object:
@@ -81,7 +73,7 @@ def solver() -> Iterator[ShiftInvertSolver]:
 
 @pytest.mark.parametrize("theta", REFERENCE_HZ)
 def test_the_frequencies_of_the_independent_reference(theta: float) -> None:
-    with modal_problem(kinematics_of(slider_crank()), 6) as problem:
+    with modal_problem(kinematics_of(slider_crank()), VALUES, 6) as problem:
         # the reference has 8 digits or more
         np.testing.assert_allclose(problem.solve(theta).frequencies_hz, REFERENCE_HZ[theta], rtol=1e-6)
 
@@ -89,7 +81,7 @@ def test_the_frequencies_of_the_independent_reference(theta: float) -> None:
 def test_the_bands_of_the_paper_over_a_revolution() -> None:
     # f2 to f5 over a revolution, as an independent full-order code gives them to the digits shown
     bands = [(49.0, 64.1), (229.2, 238.9), (277.0, 357.0), (694.4, 750.4)]
-    with modal_problem(kinematics_of(slider_crank()), 4) as problem:
+    with modal_problem(kinematics_of(slider_crank()), VALUES, 4) as problem:
         frequencies = np.array([problem.solve(theta).frequencies_hz for theta in np.linspace(0.0, 2 * np.pi, 73)])
     for mode, (low, high) in enumerate(bands):
         assert frequencies[:, mode].min() == pytest.approx(low, abs=0.6)
@@ -100,7 +92,7 @@ def test_the_bands_of_the_paper_over_a_revolution() -> None:
 def test_modes_are_those_of_the_dense_pencil(scene: object, n_modes: int) -> None:
     kinematics = kinematics_of(scene)
     stiffness, mass = matrices_of(kinematics.mechanism, VALUES)
-    with modal_problem(kinematics, n_modes) as problem:
+    with modal_problem(kinematics, VALUES, n_modes) as problem:
         for theta in (0.0, 0.7, np.pi / 2, np.pi, 4.0):
             modes = problem.solve(theta)
             exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta, VALUES))
@@ -127,7 +119,7 @@ def solved_by(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -
 def test_counting_by_inertia_agrees_at_all_configurations(solved_by: str) -> None:
     """The pattern of N changes with the configuration, and what is kept from one to the next must not count."""
     kinematics = kinematics_of(slider_crank())
-    with modal_problem(kinematics, 5) as problem:
+    with modal_problem(kinematics, VALUES, 5) as problem:
         for theta in (0.0, 0.7, np.pi / 2, np.pi, 4.0, 0.0):
             problem.solve(theta)
             exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta, VALUES))
@@ -139,7 +131,7 @@ def test_counting_by_inertia_agrees_at_all_configurations(solved_by: str) -> Non
 @pytest.mark.parametrize("n_modes", [1, 4, 9, 15])
 def test_any_number_of_modes_is_found_at_all_configurations(n_modes: int, solved_by: str) -> None:
     kinematics = kinematics_of(slider_crank())
-    with modal_problem(kinematics, n_modes) as problem:
+    with modal_problem(kinematics, VALUES, n_modes) as problem:
         assert isinstance(problem._pencil, DensePencil if solved_by == "LAPACK" else SparsePencil)
         for theta in np.arange(12) * np.pi / 6:
             exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta, VALUES))[1 : 1 + n_modes]
@@ -161,31 +153,33 @@ def test_the_equal_frequencies_of_equal_blades_are_all_found(n_blades: int, n_ce
     kinematics = rotor(n_blades, n_cells)
     exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, 0.3, VALUES))[1:]
     for n_modes in range(1, 13):
-        with modal_problem(kinematics, n_modes) as problem:
+        with modal_problem(kinematics, VALUES, n_modes) as problem:
             np.testing.assert_allclose(problem.solve(0.3).eigenvalues, exact[:n_modes], rtol=1e-7)
 
 
 def test_more_modes_than_the_mesh_has_are_refused() -> None:
     kinematics = kinematics_of(slider_crank())
-    with modal_problem(kinematics, 31) as problem:
+    with modal_problem(kinematics, VALUES, 31) as problem:
         assert problem.n_modes == 30  # 12 nodes of 3 unknowns, less 5 constraints and the rigid motion
         assert refusal(problem.keep, slider_crank("reduction.modes=31").reduction) == (
             "reduction.modes = 31: the mesh has only 30 flexible modes; take fewer modes or a finer mesh"
         )
-    with modal_problem(kinematics, 30) as problem:
+    with modal_problem(kinematics, VALUES, 30) as problem:
         assert problem.solve(1.0).frequencies_hz.shape == (30,)
 
 
-def test_a_missing_eigenvalue_is_noticed(pencil: tuple, solver: ShiftInvertSolver, monkeypatch) -> None:
-    a, b, _ = pencil
+Pairs = tuple[np.ndarray, np.ndarray]
+
+
+def fetched(change: Callable[[np.ndarray, np.ndarray], Pairs], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Change the eigenvalues and vectors that a solver finds."""
     fetch = ShiftInvertSolver._fetch
+    monkeypatch.setattr(ShiftInvertSolver, "_fetch", lambda *given: change(*fetch(*given)))
 
-    def without_the_fourth(self: ShiftInvertSolver, *arguments: object) -> tuple[np.ndarray, np.ndarray]:
-        values, vectors = fetch(self, *arguments)
-        return np.delete(values, 3), np.delete(vectors, 3, axis=1)
 
-    monkeypatch.setattr(ShiftInvertSolver, "_fetch", without_the_fourth)
-    message = refusal(solver.solve, a, b, 1, 5, "theta = 0.3 rad", error=RunError)
+def test_a_missing_eigenvalue_is_noticed(pencil: tuple, solver: ShiftInvertSolver, monkeypatch) -> None:
+    fetched(lambda values, vectors: (np.delete(values, 3), np.delete(vectors, 3, axis=1)), monkeypatch)
+    message = refusal(solver.solve, *pencil[:2], 1, 5, "theta = 0.3 rad", error=RunError)
     assert message.startswith("eigenproblem at theta = 0.3 rad: ")
     below, found = (int(word) for word in message.split() if word.isdigit())
     assert below == found + 1
@@ -193,17 +187,13 @@ def test_a_missing_eigenvalue_is_noticed(pencil: tuple, solver: ShiftInvertSolve
 
 
 def test_a_large_residual_is_noticed(pencil: tuple, solver: ShiftInvertSolver, monkeypatch: pytest.MonkeyPatch) -> None:
-    a, b, _ = pencil
-    fetch = ShiftInvertSolver._fetch
-
-    def spoilt(self: ShiftInvertSolver, *arguments: object) -> tuple[np.ndarray, np.ndarray]:
-        values, vectors = fetch(self, *arguments)
+    def spoilt(values: np.ndarray, vectors: np.ndarray) -> Pairs:
         vectors[:, 2] += 1e-3 * vectors[:, 3]
         return values, vectors
 
-    monkeypatch.setattr(ShiftInvertSolver, "_fetch", spoilt)
+    fetched(spoilt, monkeypatch)
     with pytest.raises(RunError, match=r"at here: eigenvalue .* has the relative residual .*, above 1e-06; the mesh"):
-        solver.solve(a, b, 1, 5, "here")
+        solver.solve(*pencil[:2], 1, 5, "here")
 
 
 #: Options of the solver's prefix, what is raised of solving or of applying the factor, and its words.
@@ -267,7 +257,7 @@ def test_a_factor_of_a_singular_matrix_is_noticed(pencil: tuple) -> None:
 
 
 def test_a_rigid_motion_that_is_none_is_noticed(solved_by: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    with modal_problem(kinematics_of(slider_crank()), 3) as problem:
+    with modal_problem(kinematics_of(slider_crank()), VALUES, 3) as problem:
         true = problem_module.linear_motion
         monkeypatch.setattr(problem_module, "linear_motion", lambda *a: true(*a) + 0.01)
         with pytest.raises(RunError, match="the modes of frequency zero are not the mechanism's rigid motion"):
@@ -275,7 +265,7 @@ def test_a_rigid_motion_that_is_none_is_noticed(solved_by: str, monkeypatch: pyt
 
 
 def test_a_mechanism_that_does_not_move_freely_is_noticed(solved_by: str) -> None:
-    with modal_problem(kinematics_of(slider_crank()), 3) as problem:
+    with modal_problem(kinematics_of(slider_crank()), VALUES, 3) as problem:
         stiffness = problem._sum(problem.matrices.stiffness)
         stiffness.setdiag(stiffness.diagonal() + 1.0)  # springs to the ground
         problem._pencil.set_stiffness(stiffness)
@@ -290,7 +280,7 @@ def test_static_answers_are_those_of_the_whole_equations(kept: str, solved_by: s
     stiffness, mass = dense_of(kinematics.mechanism, VALUES)
     constraints = constraints_at(kinematics, theta)
     loads = np.random.default_rng(4).normal(size=(len(mass), 3))
-    with modal_problem(kinematics, 5) as problem:
+    with modal_problem(kinematics, VALUES, 5) as problem:
         modes = problem.solve(theta)
         deflated = modes.rigid if kept == "rigid motion" else modes.eigenvectors
         answers = problem.static_answers(deflated, loads)
@@ -305,7 +295,7 @@ def test_static_answers_are_those_of_the_whole_equations(kept: str, solved_by: s
 
 def test_with_options_for_slepc_it_is_slepc_that_solves(options: object) -> None:
     options["pgmp_modes_eps_ncv"] = 25
-    with modal_problem(kinematics_of(slider_crank()), 3) as problem:
+    with modal_problem(kinematics_of(slider_crank()), VALUES, 3) as problem:
         assert isinstance(problem._pencil, SparsePencil)
 
 
@@ -333,44 +323,32 @@ def test_what_a_dense_pencil_fails_of_is_said(name: str, monkeypatch: pytest.Mon
 CONFIGURATIONS = np.array([[0.0, 0.0], [0.3, 1.7], [4.0, -2.5], [2.0, np.pi]])
 
 
-def driven(scene: Scene, *prescribed: str) -> Mechanism:
+def driven(scene: Scene, n_modes: int, *prescribed: str) -> ModalProblem:
     mechanism = mechanism_of(scene)
     coordinates = (replace(c, prescribed=c.name in prescribed) for c in mechanism.coordinates)
-    return replace(mechanism, coordinates=tuple(coordinates))
-
-
-@contextmanager
-def problem_of(mechanism: Mechanism, scene: Scene, n_modes: int) -> Iterator[ModalProblem]:
-    with ModalProblem(RigidKinematics(mechanism), scene.nominal, n_modes, MPI.COMM_SELF) as problem:
-        yield problem
+    kinematics = RigidKinematics(replace(mechanism, coordinates=tuple(coordinates)))
+    return modal_problem(kinematics, scene.nominal, n_modes)
 
 
 def dense(problem: ModalProblem, theta: np.ndarray) -> np.ndarray:
     """Return the eigenvalues of the constrained eigenproblem by dense algebra."""
-    mechanism = problem.mechanism
-    pose = problem.kinematics.poses(theta)[..., 0]
-    rows = [constraint_jacobian(mechanism, pose).toarray()]
-    for coordinate in mechanism.coordinates:
+    rows = [constraints_at(problem.kinematics, theta)]
+    for coordinate in problem.mechanism.coordinates:
         if coordinate.prescribed:
-            row = np.zeros((1, mechanism.n_dofs))
+            row = np.zeros((1, problem.mechanism.n_dofs))
             for sign, side in ((-1.0, coordinate.connection.a), (1.0, coordinate.connection.b)):
                 if not side.on_ground:
                     row[0, 3 * side.node + 2] = sign
             rows.append(row)
     n = scipy.linalg.null_space(np.concatenate(rows))
-    eye = np.eye(mechanism.n_dofs)
-    mass, stiffness = (
-        problem.times_mass(eye),
-        sum(weight.evaluate(problem.values) * term.toarray() for weight, term in problem.matrices.stiffness.items()),
-    )
-    return scipy.linalg.eigh(n.T @ stiffness @ n, n.T @ mass @ n, eigvals_only=True)
+    return scipy.linalg.eigvalsh(*(n.T @ part @ n for part in dense_of(problem.mechanism, problem.values)))
 
 
 @pytest.mark.parametrize("prescribed", [(), ("theta1",), ("theta2",), ("theta1", "theta2")])
 @pytest.mark.parametrize("name", ["double_pendulum", "five_bar"])
 def test_modes_are_those_of_a_dense_eigenproblem(name: str, prescribed: tuple[str, ...]) -> None:
     scene = {"double_pendulum": double_pendulum, "five_bar": five_bar}[name]()
-    with problem_of(driven(scene, *prescribed), scene, 4) as problem:
+    with driven(scene, 4, *prescribed) as problem:
         n_free = 2 - len(prescribed)
         assert problem.free.tolist() == [k for k, c in enumerate(("theta1", "theta2")) if c not in prescribed]
         for theta in CONFIGURATIONS:
@@ -389,7 +367,7 @@ def test_modes_are_those_of_a_dense_eigenproblem(name: str, prescribed: tuple[st
 @pytest.mark.parametrize("prescribed", [("theta1",), ("theta2",), ("theta1", "theta2")])
 def test_a_flexible_vector_turns_no_driven_joint(prescribed: tuple[str, ...]) -> None:
     scene = double_pendulum()
-    with problem_of(driven(scene, *prescribed), scene, 4) as problem:
+    with driven(scene, 4, *prescribed) as problem:
         modes = problem.solve(np.array([0.3, 1.7]))
         for k, coordinate in enumerate(problem.kinematics.coordinates):
             sides = ((-1.0, coordinate.connection.a), (1.0, coordinate.connection.b))
@@ -406,7 +384,7 @@ def test_a_flexible_vector_turns_no_driven_joint(prescribed: tuple[str, ...]) ->
 
 def test_static_answers_of_a_mechanism_that_is_driven_altogether() -> None:
     scene = slider_crank("reduction.modes=4")
-    with problem_of(driven(scene, "theta"), scene, 4) as problem:
+    with driven(scene, 4, "theta") as problem:
         modes = problem.solve(0.9)
         assert modes.free.size == 0 and modes.eigenvectors.shape[1] == 4
         load = problem.times_mass(modes.rigid)
@@ -420,7 +398,7 @@ def test_static_answers_of_a_mechanism_that_is_driven_altogether() -> None:
 
 def test_a_torque_on_a_driven_joint_has_no_static_answer() -> None:
     scene = slider_crank("reduction.modes=4")
-    with problem_of(driven(scene, "theta"), scene, 4) as problem:
+    with driven(scene, 4, "theta") as problem:
         node = problem.mechanism.attachment("crank:hinge", "test").node
         loads = np.zeros((problem.mechanism.n_dofs, 2))
         loads[3 * node + 2, 0] = loads[3 * node + 5, 1] = 2.0
@@ -430,7 +408,7 @@ def test_a_torque_on_a_driven_joint_has_no_static_answer() -> None:
 def test_more_modes_than_a_driven_mesh_has() -> None:
     scene = pendulum("reduction.modes=31")
     with (
-        problem_of(driven(scene, "phi"), scene, 31) as problem,
+        driven(scene, 31, "phi") as problem,
         pytest.raises(InputError, match="the mesh has only 30 flexible modes"),
     ):
         problem.keep(scene.reduction)

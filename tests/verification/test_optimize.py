@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from differences import failing_at
 from mpi4py import MPI
 from runs import reduced_model
 
@@ -18,45 +19,39 @@ from pgmp_petsc.gradients.differences import Off
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Design
-from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.texts.studies import design_lines
-from scenes import PENDULUM, STEEL, slider_crank
+from scenes import PENDULUM, STEEL, of_text, slider_crank
 
 G, LENGTH, N_CELLS = 9.80665, 1.0, 20
 SAG = 4e-3
 # held at its hinge, the pendulum is a cantilever; of circles of radius r its tip sags by rho g L^4 / (2 E r^2)
-CANTILEVER = (
-    PENDULUM.replace('"0.0:1.0:10"', f'"0.0:1.0:{N_CELLS}"').replace("radius = 2e-4", 'radius = "r"').replace(
-        "modes = 2\nangles = 6", 'modes = 3\nangles = 16\nstatic_modes = true\ninterpolation = "spline"'
-    )
-    + "[parameters.r]\nnominal = 5e-3\nbounds = [2e-3, 20e-3]\n"
-    + '[effects.weight]\ntype = "gravity"\n[initial]\nequilibrium = true\n'
-    + '[outputs.sag]\ntype = "deformation"\npoint = "arm:tip"\naxis = "y"\n'
-    + "[simulation]\nduration = 2e-3\nstep = 1e-3\n"
+bending = of_text(
+    PENDULUM, f'bodies.arm.mesh="0.0:1.0:{N_CELLS}"', 'bodies.arm.section.radius="r"',
+    'reduction={modes=3,angles=16,static_modes=true,interpolation="spline"}',
+    "parameters.r={nominal=5e-3,bounds=[2e-3,20e-3]}", 'effects.weight={type="gravity"}', "initial.equilibrium=true",
+    'outputs.sag={type="deformation",point="arm:tip",axis="y"}', "simulation={duration=2e-3,step=1e-3}",
 )  # fmt: skip
 STIFFNESS, LEAST = 40.0, 0.05
 # a torque of `push` times an uncertain factor winds up a spring in the hinge: angle = push factor / k
-WOUND = (
-    PENDULUM.replace("radius = 2e-4", "radius = 2e-2").replace(
-        "modes = 2\nangles = 6", 'modes = 2\nangles = 16\nstatic_modes = true\ninterpolation = "spline"'
-    )
-    + '[parameters.push]\nnominal = 1.0\nbounds = [0.1, 20.0]\n'
-    + 'distribution = { name = "norm", loc = 1.0, scale = 0.1 }\n'
-    + f'[effects.spring]\ntype = "spring_damper"\njoint = "hinge"\nstiffness = {STIFFNESS}\n'
-    + '[effects.motor]\ntype = "torque"\njoint = "hinge"\ntable = [[0.0, 1.0], [1.0, 1.0]]\nscale = "push"\n'
-    + '[initial]\nequilibrium = true\ncoordinates = "free"\n'
-    + '[outputs.angle]\ntype = "angle"\njoint = "hinge"\n[simulation]\nduration = 2e-3\nstep = 1e-3\n'
+winding = of_text(
+    PENDULUM, "bodies.arm.section.radius=2e-2",
+    'reduction={modes=2,angles=16,static_modes=true,interpolation="spline"}',
+    'parameters.push={nominal=1.0,bounds=[0.1,20.0],distribution={name="norm",loc=1.0,scale=0.1}}',
+    f'effects.spring={{type="spring_damper",joint="hinge",stiffness={STIFFNESS}}}',
+    'effects.motor={type="torque",joint="hinge",table=[[0.0,1.0],[1.0,1.0]],scale="push"}',
+    'initial={equilibrium=true,coordinates="free"}', 'outputs.angle={type="angle",joint="hinge"}',
+    "simulation={duration=2e-3,step=1e-3}",
 )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def cantilever() -> ReducedModel:
-    return reduced_model(scene_from_toml(CANTILEVER, "."))
+    return reduced_model(bending())
 
 
 @pytest.fixture(scope="module")
 def wound() -> ReducedModel:
-    return reduced_model(scene_from_toml(WOUND, "."))
+    return reduced_model(winding())
 
 
 def design_of(model: ReducedModel, goal: str, *constraints: str, **robust: float) -> Design:
@@ -186,7 +181,7 @@ def test_a_run_that_stops_on_the_way_names_the_design_and_the_cure(
 
 
 def test_a_design_that_takes_smaller_steps_is_kept_at_those_of_the_scene(cantilever: ReducedModel, monkeypatch) -> None:
-    halved = reduced_model(scene_from_toml(CANTILEVER.replace("step = 1e-3", "step = 5e-4"), "."))
+    halved = reduced_model(bending("simulation.step=5e-4"))
 
     def with_half_the_step(model: ReducedModel, values: dict[str, float], names: tuple[str, ...]) -> DifferentiatedRun:
         if values["r"] < 10e-3:
@@ -200,20 +195,8 @@ def test_a_design_that_takes_smaller_steps_is_kept_at_those_of_the_scene(cantile
     assert any("it was integrated with 1/2 of it" in remark.text for remark in found.record.remarks)
 
 
-def failing_at(number: int, monkeypatch: pytest.MonkeyPatch, reason: str = "the run stopped at 1 ms") -> None:
-    runs = []
-
-    def once(*given: object) -> DifferentiatedRun:
-        runs.append(given)
-        if len(runs) == number:
-            raise RunError(reason)
-        return differentiate(*given)
-
-    monkeypatch.setattr(optimization, "differentiate", once)
-
-
 def test_a_search_turns_back_from_where_a_run_stops(wound: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    failing_at(2, monkeypatch)
+    failing_at(2, optimization, monkeypatch)
     found = design_of(wound, "maximise start(angle) * (10 - push)")
     assert found.converged and found.parameters[0].value == pytest.approx(5.0, rel=1e-4)
     assert np.isfinite(found.goals).all() and len(found.goals) == len(found.tried)
@@ -223,9 +206,8 @@ def test_a_search_turns_back_from_where_a_run_stops(wound: ReducedModel, monkeyp
 
 
 def test_a_search_turns_back_from_where_the_ends_of_a_stop_cross() -> None:
-    stop = '[effects.stop]\ntype = "end_stop"\njoint = "hinge"\nlower = -1.0\nupper = "top"\nstiffness = 50.0\n'
-    top = '[parameters.top]\nnominal = 1.0\nunit = "rad"\nbounds = [-2.0, 2.0]\n'
-    model = reduced_model(scene_from_toml(WOUND + stop + top, "."))
+    stop = 'effects.stop={type="end_stop",joint="hinge",lower=-1.0,upper="top",stiffness=50.0}'
+    model = reduced_model(winding(stop, 'parameters.top={nominal=1.0,unit="rad",bounds=[-2.0,2.0]}'))
     known = model.outputs.functions, model.scene.parameters
     found = optimize(model, Question(read_goal("minimise top", *known), (), ("top",)), MPI.COMM_SELF)
     assert found.parameters[0].value == pytest.approx(-1.0, abs=1e-3) and found.parameters[0].value > -1.0
@@ -234,7 +216,7 @@ def test_a_search_turns_back_from_where_the_ends_of_a_stop_cross() -> None:
 
 
 def test_of_samples_the_first_that_stops_is_named(wound: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    failing_at(8 + 4, monkeypatch)
+    failing_at(8 + 4, optimization, monkeypatch)
     found = design_of(wound, "minimise push", f"start(angle) >= {LEAST}", deviations=3.0, n_samples=8, seed=4)
     (told,) = [remark.text for remark in found.record.remarks if "turned back" in remark.text]
     assert re.search(r"first at push = [\d.]+, sample \d: the run stopped", told)

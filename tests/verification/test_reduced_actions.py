@@ -16,7 +16,7 @@ from runs import (
     samples,
     still,
 )
-from spatial import arm, slider_crank_in_space
+from spatial import arm, part_of_arm, slider_crank_in_space
 
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction import tables as of_reduction
@@ -65,25 +65,25 @@ def scene_with(effect: str, *overrides: str) -> Scene:
     return slider_crank(EFFECTS[effect], *MODES, *plain, *OUTPUTS, *start, *RUN, *overrides)
 
 
-@pytest.fixture(scope="module")
-def models() -> dict[str, ReducedModel]:
-    """Return the reduced models; made once."""
-    return {}
+@lru_cache
+def model_of(effect: str, *overrides: str) -> ReducedModel:
+    return reduced_model(scene_with(effect, *overrides))
 
 
-def model_of(models: dict[str, ReducedModel], effect: str, *overrides: str) -> ReducedModel:
-    key = " ".join((effect, *overrides))
-    if key not in models:
-        models[key] = reduced_model(scene_with(effect, *overrides))
-    return models[key]
-
-
-def anywhere(model: ReducedModel, n: int) -> State:
+def anywhere(model: ReducedModel, n: int, bent: float = 1e-3, turned: float = 1.0) -> State:
+    """Return states with deformations of such a size, in rotations of nodes so many times as much."""
     random = np.random.default_rng(7)
-    n_eta = model.terms.layout.n_eta
-    q, v, a = random.normal(size=(3, n, n_eta)) * [1.0, *[1e-3] * (n_eta - 1)]
-    q[:, 0] = random.uniform(-3.0, 9.0, n)
+    r, n_eta = model.terms.tables.n_coordinates, model.terms.layout.n_eta
+    q, v, a = random.normal(size=(3, n, n_eta)) * [*[1.0] * r, *[bent] * (n_eta - r)]
+    q[:, r:] *= turned
+    q[:, :r] = random.uniform(-3.0, 9.0, (n, r)) if r == 1 else random.uniform(-1.0, 1.0, (n, r))
     return State(q, 5.0 * v, 50.0 * a, np.zeros(0))
+
+
+def assert_newton_converges(model: ReducedModel, time: float, state: State) -> None:
+    system, scheme = model.batch(samples(model.scene, 6), 6), Scheme.of(0.8, 5e-4)
+    sizes = [system.correct(time, state, scheme, np.ones(6, dtype=bool), True).max() for _ in range(4)]
+    assert sizes[3] < 1e-4 * sizes[0], sizes
 
 
 LOCAL = [name for name in EFFECTS if name not in ("rayleigh", "rayleigh of one body", "modal", "drive")]
@@ -93,8 +93,8 @@ LOCAL = [name for name in EFFECTS if name not in ("rayleigh", "rayleigh of one b
     ("effect", "second_order"),
     [*((effect, False) for effect in LOCAL), ("spring between points", True), ("following force", True)],
 )
-def test_forces_do_the_work_that_frames_do(models, effect: str, second_order: bool) -> None:
-    model = model_of(models, effect, f"reduction.second_order={str(second_order).lower()}")
+def test_forces_do_the_work_that_frames_do(effect: str, second_order: bool) -> None:
+    model = model_of(effect, f"reduction.second_order={str(second_order).lower()}")
     state = anywhere(model, 6)
     if effect == "end stop":
         state.q[:, 0] = 0.95
@@ -102,9 +102,9 @@ def test_forces_do_the_work_that_frames_do(models, effect: str, second_order: bo
 
 
 @pytest.mark.parametrize("effect", list(EFFECTS))
-def test_energies_at_several_instants_are_those_of_each(models, effect: str) -> None:
+def test_energies_at_several_instants_are_those_of_each(effect: str) -> None:
     """Bit for bit: an ensemble's balance must not depend on how many states are looked at together."""
-    model, n = model_of(models, effect), 3
+    model, n = model_of(effect), 3
     system, times = model.batch(samples(model.scene, n), n), np.array([0.01, 0.02, 0.03, 0.04])
     states = [anywhere(model, n), *(system.start() for _ in times[1:])]
     for k, state in enumerate(states[1:]):
@@ -119,14 +119,9 @@ def test_energies_at_several_instants_are_those_of_each(models, effect: str) -> 
 
 
 @pytest.mark.parametrize("effect", list(EFFECTS))
-def test_newton_converges_with_every_effect(models, effect: str) -> None:
-    model = model_of(models, effect)
-    state = anywhere(model, 6)
-    system = model.batch(samples(model.scene, 6), 6)
-    everyone = np.ones(6, dtype=bool)
-    scheme = Scheme.of(0.8, 5e-4)
-    sizes = [system.correct(0.03, state, scheme, everyone, True).max() for _ in range(4)]
-    assert sizes[3] < 1e-4 * sizes[0], sizes
+def test_newton_converges_with_every_effect(effect: str) -> None:
+    model = model_of(effect)
+    assert_newton_converges(model, 0.03, anywhere(model, 6))
 
 
 #: Radii of the rod in two samples.
@@ -141,8 +136,8 @@ def without_effects() -> np.ndarray:
 
 
 @pytest.mark.parametrize("effect", list(EFFECTS))
-def test_the_motion_is_that_of_the_full_order_model(models, effect: str) -> None:
-    model = model_of(models, effect)
+def test_the_motion_is_that_of_the_full_order_model(effect: str) -> None:
+    model = model_of(effect)
     scene = model.scene
     values = samples(scene, 2, r1=RADII)
     _, reduced = history(model, values, 2)
@@ -164,8 +159,8 @@ def test_the_motion_is_that_of_the_full_order_model(models, effect: str) -> None
 
 
 @pytest.mark.parametrize("effect", list(EFFECTS))
-def test_energy_is_what_powers_bring(models, effect: str) -> None:
-    model = model_of(models, effect)
+def test_energy_is_what_powers_bring(effect: str) -> None:
+    model = model_of(effect)
     scene = model.scene
     system, record = model.batch(samples(scene, 1), 1), StateRecord(lambda n_steps: None)
     simulation = scene.simulation.model_copy(update={"step": 1e-4, "spectral_radius": 1.0})
@@ -202,7 +197,7 @@ ON_ARM = {
     for name, text in EFFECTS_IN_SPACE.items()
 }
 POST = "ground.points={post=[0.1, 0.4, -0.2], seat=[0.974, 0.0, 0.0]}"
-PART = tuple(f"coordinates.theta{k}.{entry}" for k in (1, 2) for entry in ("range=[-1.2,1.2]", "periodic=false"))
+PART = part_of_arm(1.2)
 TIP = 'outputs.tip={type="position", point="lower:tip", axis="x"}'  # a point that a body has in every scene
 # from rest, near where the springs have no force: what sets in at once makes light nodes vibrate
 START = ("simulation.initial.theta.position=0.35", "effects.motor={type=\"torque\", joint=\"crank_hinge\", "
@@ -244,18 +239,6 @@ def _rom(kind: str) -> ReducedOrderModel:
     return rom_of(arm(POST, TIP, *PART) if kind == "arm" else slider_crank_in_space(POST))
 
 
-def anywhere_in_space(model: ReducedModel, n: int, turned: float) -> State:
-    random = np.random.default_rng(7)
-    r, n_eta = model.terms.tables.n_coordinates, model.terms.layout.n_eta
-    q, v, a = random.normal(size=(3, n, n_eta))
-    for part in (q, v, a):
-        part[:, r:] *= 3e-4
-    # rotations of nodes of some degrees, where exp(phi) is more than 1 + phi
-    q[:, r:] *= turned
-    q[:, :r] = random.uniform(-3.0, 9.0, (n, r)) if r == 1 else random.uniform(-1.0, 1.0, (n, r))
-    return State(q, 5.0 * v, 50.0 * a, np.zeros(0))
-
-
 CASES = [("slider_crank", name) for name in (*EFFECTS_IN_SPACE, *ON_SLIDER)] + [
     ("arm", name) for name in EFFECTS_IN_SPACE
 ]
@@ -264,7 +247,7 @@ CASES = [("slider_crank", name) for name in (*EFFECTS_IN_SPACE, *ON_SLIDER)] + [
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_forces_in_space_do_the_work(kind: str, name: str) -> None:
     model = reduced(kind, name)
-    state = anywhere_in_space(model, 5, 3.0)
+    state = anywhere(model, 5, 3e-4, 3.0)  # by some degrees, where exp(phi) is more than 1 + phi
     if name == "stop":
         state.q[:, 0] = 0.9
     assert_forces_do_the_work(model, state, {}, 0.05)
@@ -304,9 +287,7 @@ def test_the_angle_of_the_elbow_counts_the_turns_of_the_crank() -> None:
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_newton_in_space(kind: str, name: str) -> None:
     model = reduced(kind, name)
-    state, system = anywhere_in_space(model, 6, 1.0), model.batch({}, 6)
-    sizes = [system.correct(0.05, state, Scheme.of(0.8, 5e-4), np.ones(6, dtype=bool), True).max() for _ in range(4)]
-    assert sizes[3] < 1e-4 * sizes[0], sizes
+    assert_newton_converges(model, 0.05, anywhere(model, 6, 3e-4))
 
 
 @pytest.mark.parametrize("name", ["friction", "coil", "spring", "stop", "following", "bushing", "sliding spring"])

@@ -10,6 +10,7 @@ from alike import balances, orders, shares_left
 from frames import pair_products, to_inertial
 from green_lagrange import energy_of
 from mpi4py import MPI
+from pencils import modal_problem
 from runs import motion, quick_return, rom_of
 from scrambling import scrambled
 from solid_scenes import solid_meshes, solid_slider_crank
@@ -30,7 +31,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes import problem as problem_module
 from pgmp_petsc.modes.curvature import CurvatureProblem
-from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.modes.static_modes import static_modes
 from pgmp_petsc.reduction.build import Manifold
 from pgmp_petsc.reduction.cell_products import unpacked
@@ -78,7 +79,7 @@ def curved(scene: Scene, theta: float, n_modes: int) -> Curved:
     mechanism = kinematics.mechanism
     matrices = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
     patterns = patterns_of(effects_of(scene, mechanism) if scene.reduction.static_modes else (), matrices)
-    with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics, scene.nominal, n_modes) as problem:
         modes = problem.solve(theta)
         patterns = problem.independent(patterns.fixed)
         static = static_modes(problem, modes, lambda *_: patterns)
@@ -196,7 +197,7 @@ def sampled(scene: Scene, theta: float) -> OnManifold:
     effects = effects_of(scene, kinematics.mechanism)
     loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
     reduction = scene.reduction.model_copy(update={"modes": 3})
-    with ModalProblem(kinematics, scene.nominal, reduction.modes, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics, scene.nominal, reduction.modes) as problem:
         static_loads = StaticLoads.of(problem, patterns, reduction)
         sample = Sampler(problem, loads, static_loads).sample(theta, lambda modes: modes)
         own = np.eye(sample.n_kept)
@@ -329,7 +330,7 @@ def test_the_cubic_energy_is_that_of_the_mesh(made: tuple[Callable, Callable]) -
     kinematics, theta = RigidKinematics(mechanism), np.array([1.0])
     matrices, effects = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs)), effects_of(scene, mechanism)
     loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
-    with ModalProblem(kinematics, {}, 3, MPI.COMM_SELF, matrices) as problem:
+    with modal_problem(kinematics, {}, 3, matrices) as problem:
         static_loads = StaticLoads.of(problem, patterns, scene.reduction)
         sample = Sampler(problem, loads, static_loads).sample(theta, lambda modes: modes)
         modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])

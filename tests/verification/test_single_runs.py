@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from mpi4py import MPI
+from runs import trajectory
 
 from pgmp_petsc.full.distributed import FullDistributed
 from pgmp_petsc.full.systems import FullBatch
@@ -14,7 +15,6 @@ from pgmp_petsc.models import FullModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.simulate import simulate
 
 # Either iteration leaves at most 1e-12 of the size or of 1 rad in a step (`alpha_step.NEWTON_TOLERANCE`), both
 # at most 1e-10 in 40 steps. Rates carry what is left over the step, 1e-9 of speeds of order 1, energies twice that.
@@ -55,7 +55,7 @@ def both(name: str, *overrides: str, n_steps: int = 20) -> tuple[Trajectory, Tra
     scene = scene.model_copy(update={"simulation": simulation})
     model = FullModel(scene, meshes)
     assert isinstance(model.single(scene.values, MPI.COMM_SELF), FullBatch)
-    return simulate(model, MPI.COMM_SELF), simulate(Distributed(scene, meshes), MPI.COMM_SELF)
+    return trajectory(model), trajectory(Distributed(scene, meshes))
 
 
 def compare(lanes: Trajectory, matrices: Trajectory) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from alike import assert_alike
 from conftest import ROOT
 from exported import assert_same_in_c, needs_compiler
 from machine_scenes import MODELS, RAIL_MASS, cart, cart_errors, rail, run
@@ -115,8 +116,7 @@ def test_the_distance_of_two_points_is_a_coordinate() -> None:
     )  # fmt: skip
     for model, allowed in (("full", 1e-9), ("reduced", 2e-3)):
         (_, one), (_, other) = (run(scene, model) for scene in (angle, cylinder))
-        for name in one:
-            np.testing.assert_allclose(other[name], one[name], rtol=0, atol=allowed * np.abs(one[name]).max())
+        assert_alike(one, other, allowed)
 
 
 def test_files_and_summaries_have_the_coordinate_in_metres() -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from alike import assert_order
 from compiled_elements import Beams3d
-from mpi4py import MPI
+from pencils import modal_problem
 from runs import full_model, largest_errors, motion
 from scipy.integrate import solve_ivp
 from scipy.linalg import eig, eigh
@@ -22,7 +22,6 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import cross_matrix
 from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import SHEAR_FACTOR, STEEL, kinematics_of, mechanism_of, meshes_of, pendulum, slider_crank, straight, tables
 
@@ -250,7 +249,7 @@ def planar_and_spatial(step: float) -> tuple[tuple[Scene, dict], tuple[Scene, di
 
 def modes_at(scene: Scene, meshes: dict, n_modes: int) -> np.ndarray:
     kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
-    with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics, scene.nominal, n_modes) as problem:
         return np.sqrt(problem.solve(0.7).eigenvalues) / (2 * np.pi)
 
 
@@ -348,7 +347,7 @@ def test_the_bending_modes_of_a_hinged_beam() -> None:
     errors = []
     for n in N_ELEMENTS:
         kinematics = kinematics_of(pendulum(f'bodies.arm.mesh="0.0:1.0:{n}"'))
-        with ModalProblem(kinematics, {}, 2, MPI.COMM_SELF) as problem:
+        with modal_problem(kinematics, {}, 2) as problem:
             frequencies = problem.solve(0.3).frequencies_hz
         errors.append(np.abs(frequencies / exact - 1))
     # shear and rotary inertia take (b L r / L)^2 (1 + E / (k_s G)) / 8 = 3e-6 at most off, 1/500 of the finest error

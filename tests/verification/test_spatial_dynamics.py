@@ -15,7 +15,7 @@ from runs import assert_close, full_model, motion, rom_of
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.spatial.transform import Rotation
 from slopes import slopes
-from spatial import WIDTH, arm, slider_crank_in_space, spatial_slider_crank
+from spatial import WIDTH, arm, part_of_arm, slider_crank_in_space, spatial_slider_crank
 
 from pgmp_petsc.effects import effects_of, motions_of
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
@@ -279,7 +279,7 @@ def test_a_prescribed_motion_of_stiff_bars() -> None:
 
 ARM_STIFF = (
     "materials.steel.E=2.1e14", "reduction.modes=2", "reduction.angles=12", 'reduction.interpolation="spline"',
-    *(f"coordinates.theta{k}.{entry}" for k in (1, 2) for entry in ("range=[-1.1,1.1]", "periodic=false")),
+    *part_of_arm(1.1),
     f'effects.motor={{type="torque",joint="elbow",table={STILL}}}',
     'effects.gravity={type="gravity",acceleration="g",direction=[0.0,-0.6,0.8]}',
     "parameters.g={nominal=9.81,value=0.0}",

@@ -6,6 +6,7 @@ from frames import check_derivatives
 from refusals import refusal
 from scipy.spatial.transform import Rotation
 from spatial import (
+    LIMITED,
     ROD,
     SECOND_AXIS,
     TURN,
@@ -13,6 +14,7 @@ from spatial import (
     arm,
     assembled,
     crank_tip,
+    part_of_arm,
     slider_crank_in_space,
     slider_place,
     solid,
@@ -32,8 +34,6 @@ THETA = np.concatenate([np.linspace(0.0, 2 * np.pi, 37), np.random.default_rng(0
 CLOSED = 1e-11  # the closure is solved to 1e-12 of the mechanism's size
 # a part of a revolution, which takes a third of the time to follow, and places in it
 PART, IN_PART = "range = [-1.0, 1.0]", np.random.default_rng(1).uniform(-1.0, 1.0, 20)
-ARM_PART = [f"coordinates.theta{k}.{entry}" for k in (1, 2) for entry in ("range=[-1.0,1.0]", "periodic=false")]
-LIMITED = ("coordinates.theta.range=[-1.0,1.0]", "coordinates.theta.periodic=false")
 
 
 def place(kinematics: RigidKinematics, address: str, theta: np.ndarray) -> np.ndarray:
@@ -343,7 +343,7 @@ def test_a_bar_that_turns_about_itself(kind: str) -> None:
 
 
 def test_an_open_chain_of_two_coordinates() -> None:
-    kinematics = kinematics_of(arm(*ARM_PART))
+    kinematics = kinematics_of(arm(*part_of_arm(1.0)))
     theta = np.random.default_rng(1).uniform(-0.95, 0.95, (40, 2))
     assert (kinematics.n_coordinates, kinematics.n_redundant) == (2, 0)
     first = about([0.0, 0.0, 1.0], theta[:, 0])
@@ -356,7 +356,7 @@ def test_an_open_chain_of_two_coordinates() -> None:
 
 def test_the_derivatives_of_coordinates_in_small_motions_of_nodes() -> None:
     """By which the bending of a joint's nodes changes its angle, in body frames: of both bodies, or of the only one."""
-    kinematics = kinematics_of(arm(*ARM_PART))
+    kinematics = kinematics_of(arm(*part_of_arm(1.0)))
     poses, step = kinematics.poses(np.array([[0.4, -0.7]]))[..., 0], 1e-5
     for coordinate, n_moving in zip(kinematics.coordinates, (1, 2)):
         joint = coordinate.connection

@@ -1,7 +1,6 @@
 """Modes of mechanisms in space: beams in the plane, closed forms, bodies that are not condensed, and nearly equal
 modes."""
 
-from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -11,7 +10,7 @@ import spatial
 from conftest import ROOT
 from mpi4py import MPI
 from pencils import dense_pencil
-from runs import history, samples
+from runs import built_rom, history, samples
 from scipy.spatial.transform import Rotation
 from scrambling import clusters, turned
 
@@ -25,13 +24,9 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_scene
 from scenes import kinematics_of, meshes_of
-
-LIMITED = ("coordinates.theta.range=[-1.0,1.0]", "coordinates.theta.periodic=false")
 
 
 def group() -> RankGroup:
@@ -157,10 +152,10 @@ def test_the_size_of_a_body_does_not_depend_on_its_frames() -> None:
 
 def test_nothing_depends_on_how_the_mechanism_lies_in_space() -> None:
     turn = Rotation.from_rotvec([0.5, -0.8, 1.1])
-    upright = spatial.slider_crank_in_space(*LIMITED)
+    upright = spatial.slider_crank_in_space(*spatial.LIMITED)
     # axes of joints with the ground are turned, and the bodies as they are placed; axes between bodies stay
     lying = spatial.slider_crank_in_space(
-        *LIMITED,
+        *spatial.LIMITED,
         f"bodies.crank.placement={{origin=[0.0,0.0,0.0],rotation={turn.as_rotvec().tolist()}}}",
         f"bodies.rod.placement={{origin=[0.0,0.0,0.0],rotation={turn.as_rotvec().tolist()}}}",
         f"joints.crank_hinge.axis={turn.apply([0.0, 0.0, 1.0]).tolist()}",
@@ -174,11 +169,10 @@ def test_nothing_depends_on_how_the_mechanism_lies_in_space() -> None:
     np.testing.assert_allclose(found[1], found[0], rtol=1e-9)
 
 
-ARM_PART = [f"coordinates.theta{k}.{entry}" for k in (1, 2) for entry in ("range=[-0.5,0.5]", "periodic=false")]
 SCENES = {
-    "slider_crank": (spatial.slider_crank_in_space(*LIMITED), ([-0.8], [0.3])),
-    "spatial_slider_crank": (spatial.spatial_slider_crank(*LIMITED, "reduction.modes=6"), ([-0.8], [0.3])),
-    "arm": (spatial.arm(*ARM_PART), ([-0.4, 0.3], [0.2, 0.5])),
+    "slider_crank": (spatial.slider_crank_in_space(*spatial.LIMITED), ([-0.8], [0.3])),
+    "spatial_slider_crank": (spatial.spatial_slider_crank(*spatial.LIMITED, "reduction.modes=6"), ([-0.8], [0.3])),
+    "arm": (spatial.arm(*spatial.part_of_arm(0.5)), ([-0.4, 0.3], [0.2, 0.5])),
 }
 
 
@@ -232,10 +226,6 @@ def crossing_scene() -> Scene:
     return read_scene(path, (*WEIGHT, *ARC), (), MPI.COMM_SELF, Purpose.CHECK)[0]
 
 
-def build(scene: Scene, scramble: Callable[[ModeSet], ModeSet] = lambda modes: modes) -> ReducedOrderModel:
-    return build_rom(scene, round_rods()[1], group(), scramble)
-
-
 def test_rotations_among_nearly_equal_modes_do_not_change_the_motion() -> None:
     scene, found = crossing_scene(), []
 
@@ -243,7 +233,7 @@ def test_rotations_among_nearly_equal_modes_do_not_change_the_motion() -> None:
         found.append(len(clusters(modes.eigenvalues, APART)) < modes.eigenvalues.size)
         return turned(1, modes, APART)
 
-    plain, spoilt = build(scene), build(scene, spoil)
+    plain, spoilt = (built_rom(scene, *more, meshes=round_rods()[1]) for more in ((), (spoil,)))
     assert sum(found) >= 5
     # both modes are followed as one space, which turns little from one angle to the next
     assert plain.cosines.min() > 0.7

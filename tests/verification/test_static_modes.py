@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 from alike import assert_alike
-from mpi4py import MPI
 from offset_scenes import clamped_beam
-from pencils import constraints_at, dense_of
+from pencils import constraints_at, dense_of, modal_problem
 from petsc4py import PETSc
 from runs import FEW_MODES, built_rom, full_model, history, motion, paper_scene, quick_return, reduced_model, rom_of
 
@@ -79,7 +78,7 @@ def sampled(scene: Scene, theta: float, n_modes: int) -> tuple[ModeSet, np.ndarr
     """Return modes and static modes at one configuration, and the dense problem."""
     kinematics = kinematics_of(scene)
     dense = Dense(kinematics, scene, theta)
-    with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics, scene.nominal, n_modes) as problem:
         modes = problem.solve(theta)
         return modes, static_modes(problem, modes, lambda *_: dense.loads), dense
 
@@ -144,7 +143,7 @@ def test_static_modes_are_wanted_only_where_asked_for() -> None:
     effects = effects_of(scene, kinematics.mechanism)
     loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
     assert patterns.fixed.shape == (36, 5)  # the torque, and two directions of each body's weight
-    with ModalProblem(kinematics, scene.nominal, 3, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics, scene.nominal, 3) as problem:
         with np.errstate(all="raise"):  # a load of nothing, as the weight of a body without mass, is none
             found = problem.independent(np.hstack([np.zeros((36, 1)), patterns.fixed]))
         np.testing.assert_array_equal(found, problem.independent(patterns.fixed))
@@ -235,7 +234,7 @@ def test_by_default_a_basis_has_no_more_modes_than_the_mesh(static: str) -> None
 
 def test_a_static_answer_that_the_modes_hold_already_is_noticed() -> None:
     kinematics = kinematics_of(slider_crank())
-    with ModalProblem(kinematics, {"r1": RADIUS}, 3, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics, {"r1": RADIUS}, 3) as problem:
         modes = problem.solve(1.0)
         load = np.zeros((36, 1))
         load[2] = 1.0
@@ -250,7 +249,7 @@ def test_answers_that_are_combinations_at_one_angle_are_continued_by_their_limit
         "bodies.crank.section.radius=5.6e-3", 'bodies.crank.material="steel"',
     )  # fmt: skip
     kinematics, n_modes, upright = kinematics_of(scene), 3, 0.5 * np.pi
-    with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics, scene.nominal, n_modes) as problem:
         loads = static_loads(problem, scene)
 
         def basis(angle: float) -> np.ndarray:
@@ -337,7 +336,7 @@ def frequency_errors(rom: ReducedOrderModel, scene: Scene, radius: float, n: int
     values = {"r1": radius}
     tables = rom.tables
     found = tables.frequencies_hz(values)[:, :n]
-    with ModalProblem(kinematics_of(scene), values, n, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics_of(scene), values, n) as problem:
         exact = np.array([problem.solve(theta).frequencies_hz for theta in tables.samples.axes[0].theta])
     return found / exact - 1.0
 
@@ -345,7 +344,7 @@ def frequency_errors(rom: ReducedOrderModel, scene: Scene, radius: float, n: int
 def test_inertia_modes_are_the_static_answer_to_rotation_at_constant_speed() -> None:
     """With them, and next to no modes, the steady deformation under centrifugal forces is exact."""
     scene = slider_crank("reduction.inertia_modes=true", "reduction.modes=1", "effects={}")
-    with ModalProblem(kinematics_of(scene), {"r1": RADIUS}, 1, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics_of(scene), {"r1": RADIUS}, 1) as problem:
         wanted = static_loads(problem, scene)
         modes = problem.solve(0.8)
         loads = wanted.at(problem, modes)
@@ -364,7 +363,7 @@ def test_inertia_modes_are_the_static_answer_to_rotation_at_constant_speed() -> 
 
 def test_snapshots_turn_with_the_nominal_vectors_and_with_nothing_else() -> None:
     scene = slider_crank(UNCERTAIN, *SMALL)
-    with ModalProblem(kinematics_of(scene), {"r1": RADIUS}, 3, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics_of(scene), {"r1": RADIUS}, 3) as problem:
         loads, modes, kept = kept_vectors(problem, scene, 2.0)
         turn = np.linalg.qr(np.random.default_rng(3).normal(size=(5, 5)))[0]
         with ParameterSnapshots(problem, loads, [{"r1": LOW}, {"r1": RADIUS}]) as snapshots:
@@ -382,7 +381,7 @@ def test_snapshots_turn_with_the_nominal_vectors_and_with_nothing_else() -> None
 
 def test_with_all_snapshots_of_a_point_the_basis_is_exact_there() -> None:
     scene = slider_crank(UNCERTAIN, *SMALL)
-    with ModalProblem(kinematics_of(scene), {"r1": RADIUS}, 3, MPI.COMM_SELF) as problem:
+    with modal_problem(kinematics_of(scene), {"r1": RADIUS}, 3) as problem:
         loads, modes, kept = kept_vectors(problem, scene, 2.0)
         with ParameterSnapshots(problem, loads, [{"r1": LOW}]) as snapshots:
             (low,) = snapshots.problems

@@ -268,6 +268,7 @@ def unused_findings(scene: Scene) -> Iterator[Finding]:
 CUT_OFF = 0.01  # share of a distribution beyond its bounds
 NOT_POSITIVE = 1e-3  # share of a distribution where a parameter makes no sense
 FAR = 1e-6  # share of a distribution beyond the nominal value
+AT_END = 1e-3  # of what lies between such shares at both ends, within which samples are beside a value
 OTHER_UNIT = 300.0  # ratio of median and nominal value, from which on one of them is in another unit
 
 
@@ -286,8 +287,11 @@ def _distribution(scene: Scene, name: str, parameter: Parameter) -> Iterator[Fin
     unit = f" {scene.system.unit(parameter.unit)}" if parameter.unit else ""
     shown = own_values(scene, {name: median})[name]
 
+    first, last = map(float, law.ppf(np.array([FAR, 1.0 - FAR])))
+    beside = AT_END * (last - first)  # the end of a uniform distribution is beside samples
+
     def beyond(value: float) -> bool:
-        return min(float(law.cdf(value)), 1.0 - float(share_below(law)(value))) < FAR
+        return value < first - beside or value > last + beside
 
     def of_other_unit(value: float) -> bool:
         return beyond(value) and value * median > 0 and not 1 / OTHER_UNIT < median / value < OTHER_UNIT
