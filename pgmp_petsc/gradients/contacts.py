@@ -71,6 +71,7 @@ class Contacts:
         self.found: list[Contact] = []
         if self._in_parts.any() or (self._beyond[1:] != self._beyond[:-1]).any():
             system = model.batch({name: np.array([value]) for name, value in linearisation.values.items()}, 1)
+            system.precise = True  # as that of the run
             self._location = EventLocation(system, AlphaStep(system, self._radius), states.at(slice(1)).copy())
 
     def following(self, first: int) -> int:
