@@ -29,7 +29,7 @@ from pgmp_petsc.models import Observing
 from pgmp_petsc.stepping.alpha_step import AlphaStep
 from pgmp_petsc.stepping.edge_search import EventLocation, Part
 from pgmp_petsc.stepping.edge_search import Place as Moment
-from pgmp_petsc.stepping.second_order_system import Scheme, State
+from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem, State
 
 GRAZING = 1e-3  # of a step: within so little time no run tells a path that meets the edge from one that does not
 RETRACED = 1e-8  # in rad or of the mechanism's size: the iterations of run and search leave 1e-11 a step
@@ -54,13 +54,15 @@ class Contact:
 class Contacts:
     """The steps of a run of one sample that cross edges of laws, with what was met and left so far.
 
-    The linearisation is that of the sample; times, shape (n_t,), and states, arrays of shape (n_t, n_eta), are those of
-    the whole run, the first ones with the accelerations that its steps began with, beside `auxiliary` ones (n_eta,).
+    The system is that of the run, with which its steps are retraced, and the linearisation that of the sample; times,
+    shape (n_t,), and states, arrays of shape (n_t, n_eta), are those of the whole run, the first ones with the
+    accelerations that its steps began with, beside `auxiliary` ones (n_eta,).
     """
 
     def __init__(
-        self, model: Observing, linearisation: Linearisation, times: np.ndarray, states: State, auxiliary: np.ndarray
-    ) -> None:
+        self, model: Observing, system: SecondOrderSystem, linearisation: Linearisation, times: np.ndarray,
+        states: State, auxiliary: np.ndarray,
+    ) -> None:  # fmt: skip
         self._model, self._linearisation, self._times, self._states = model, linearisation, times, states
         self._radius, self._step = model.scene.simulation.spectral_radius, times[-1] / (len(times) - 1)
         self._free = ~linearisation.prescribed
@@ -70,8 +72,6 @@ class Contacts:
         self._known = 0, auxiliary  # an instant, and the auxiliary accelerations there
         self.found: list[Contact] = []
         if self._in_parts.any() or (self._beyond[1:] != self._beyond[:-1]).any():
-            system = model.batch({name: np.array([value]) for name, value in linearisation.values.items()}, 1)
-            system.precise = True  # as that of the run
             self._location = EventLocation(system, AlphaStep(system, self._radius), states.at(slice(1)).copy())
 
     def following(self, first: int) -> int:

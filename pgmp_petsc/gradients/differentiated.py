@@ -122,7 +122,7 @@ def differentiate(
     step, radius = times[-1] / (len(times) - 1), model.scene.simulation.spectral_radius
     first = first_accelerations(system, system.start(), step, np.ones(1, dtype=bool), radius)
     begun = replace(states, a=np.concatenate([first.a, states.a[1:]]))
-    contacts = Contacts(model, linearisation, times, begun, first.auxiliary[0])
+    contacts = Contacts(model, system, linearisation, times, begun, first.auxiliary[0])
     changes = _propagated(model, first, linearisation, contacts, times, states)
     with np.errstate(all="ignore"):
         observed = ObservedChanges(model, values, times, states)
