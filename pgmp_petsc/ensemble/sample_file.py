@@ -185,9 +185,8 @@ def _problems(columns: Arrays, lines: np.ndarray, scene: Scene, units: Units, pl
         for words, which in wrong.items():
             for number in np.flatnonzero(which):
                 yield f"{place} {lines[number]}: {name} = {values[number]:g}; {words}"
-    for entry, other, lower, upper, share in ordered_ends(scene):
-        low, high = (scene.number(end, {**scene.values, **columns}) for end in (lower, upper))
-        low, high = (np.broadcast_to(end, lines.shape) for end in (low, share * high))
+    for ends in ordered_ends(scene):
+        low, high = (np.broadcast_to(end, lines.shape) for end in ends.at(scene, {**scene.values, **columns}))
         for number in np.flatnonzero(low >= high):
-            where = f"{entry} = {low[number]:g}; must be below {other}, {high[number]:g}"
+            where = f"{ends.entry} = {low[number]:g}; must be below {ends.other}, {high[number]:g}"
             yield f"{place} {lines[number]}: {where}"

@@ -400,8 +400,9 @@ def physical(scene: Scene, values: Arrays) -> np.ndarray:
         fine &= values[name] > 0.0
     for name in scene.parameters_not_negative:
         fine &= values[name] >= 0.0
-    for _, _, lower, upper, share in ordered_ends(scene):
-        fine &= scene.number(lower, values) < share * scene.number(upper, values)
+    for ends in ordered_ends(scene):
+        lower, upper = ends.at(scene, values)
+        fine &= lower < upper
     return fine
 
 

@@ -103,9 +103,10 @@ def differentiate(
     """
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to differentiate; add a table [outputs.NAME]")
-    for entry, other, lower, upper, share in ordered_ends(model.scene):
-        if not model.scene.number(lower, values) < share * model.scene.number(upper, values):
-            raise RunError(f"{entry} is not below {other} there")
+    for ends in ordered_ends(model.scene):
+        lower, upper = ends.at(model.scene, values)
+        if not lower < upper:
+            raise RunError(f"{ends.entry} is not below {ends.other} there")
     if why_differences(model):
         return _by_differences(model, values, names, pulse)
 

@@ -56,14 +56,14 @@ def _effects(scene: AnyScene) -> Iterator[str]:
 
 def _ordered(scene: AnyScene) -> Iterator[str]:
     """Yield one line for each entry that is not below the one that it has to be below."""
-    for entry, other, lower, upper, share in ordered_ends(scene):
-        if any(isinstance(end, str) and end not in scene.parameters for end in (lower, upper)):
+    for ends in ordered_ends(scene):
+        if any(isinstance(end, str) and end not in scene.parameters for end in (ends.lower, ends.upper)):
             continue  # said elsewhere
         for values in (scene.nominal, scene.values):
-            low, high = scene.number(lower, values), share * scene.number(upper, values)
+            low, high = ends.at(scene, values)
             if not low < high:
-                behind = f", not {low:g}" if isinstance(lower, str) else ""
-                yield problem(entry, f"must be below {other} = {high:g}{behind}", lower)
+                behind = f", not {low:g}" if isinstance(ends.lower, str) else ""
+                yield problem(ends.entry, f"must be below {ends.other} = {high:g}{behind}", ends.lower)
                 break
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -131,19 +131,33 @@ def offset_values(scene: AnyScene, values: Mapping[str, Any], n_samples: int | N
     return np.array([np.broadcast_to(value, shape) for value in each]).reshape(len(each), *shape)
 
 
-def ordered_ends(scene: AnyScene) -> Iterator[tuple[str, str, float | str, float | str, float]]:
-    """Yield pairs of entries of which the first is below the second, or a share of it: the first one's dotted name, the
-    second one in words, both values, and the share."""
+class OrderedEnds(NamedTuple):
+    """Two entries of which the first is below the second, or a share of it."""
+
+    entry: str  # dotted name of the first
+    other: str  # the second, in words
+    #: lower, upper: both values, numbers or names of parameters
+    lower: float | str
+    upper: float | str
+    share: float = 1.0
+
+    def at(self, scene: AnyScene, values: Mapping[str, Any]) -> tuple[Any, Any]:
+        """Return both ends at values of the parameters, of which the first is to be below the second."""
+        return scene.number(self.lower, values), self.share * scene.number(self.upper, values)
+
+
+def ordered_ends(scene: AnyScene) -> Iterator[OrderedEnds]:
+    """Yield what a scene has of ends that have an order."""
     sections = {f"bodies.{name}.section": body.section for name, body in scene.bodies.items() if body.section}
     effects = {f"effects.{name}": effect for name, effect in scene.effects.items()}
     for name, entry in (sections | effects).items():
         for low, high, *rest in entry.ordered:
             share = rest[0] if rest else 1.0
             if None not in (ends := (getattr(entry, low), getattr(entry, high))):
-                yield f"{name}.{low}", high if share == 1.0 else f"{share:g} {high}", *ends, share
+                yield OrderedEnds(f"{name}.{low}", high if share == 1.0 else f"{share:g} {high}", *ends, share)
     for name, controller in scene.controllers.items():
         if controller.limits is not None:
-            yield f"controllers.{name}.limits[0]", "limits[1]", *controller.limits, 1.0
+            yield OrderedEnds(f"controllers.{name}.limits[0]", "limits[1]", *controller.limits)
 
 
 def slides(scene: AnyScene, entry: Any) -> bool:
