@@ -25,7 +25,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import itertools
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -37,7 +36,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.declare.expressions import Printed, check, check_names, kept, printed, symbolic
+from pgmp_petsc.declare.expressions import Printed, called_at, check, check_names, kept, printed, symbolic
 from pgmp_petsc.declare.own_units import InSi, in_si
 from pgmp_petsc.effects.law import calling
 from pgmp_petsc.lanes.compiled import native_address, njit, text_mark
@@ -126,8 +125,7 @@ class ControlLaw(Printed):
     place: str = ""  # file and line of the declaration
 
     def __post_init__(self) -> None:
-        caller = sys._getframe(2)
-        place = self.place or f"{caller.f_code.co_filename}:{caller.f_lineno}"
+        place = self.place or called_at()
         object.__setattr__(self, "place", place)
         entry, named = f"controller {self.name}", (*GIVEN, *(name for name, _ in self.measured), "rate")
         given = (*named, *self.parameters)

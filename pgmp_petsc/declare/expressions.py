@@ -60,6 +60,12 @@ class Printed:
         return self.declared[type(self), self.name] - {self.file}
 
 
+def called_at() -> str:
+    """Return the file and line from which a dataclass is made whose ``__post_init__`` asks."""
+    caller = sys._getframe(3)
+    return f"{caller.f_code.co_filename}:{caller.f_lineno}"
+
+
 def check_names(entry: str, names: Iterable[str], taken: Iterable[str], place: str) -> None:
     """Raise `InputError` if declared names are no names, come twice or are `taken`; `place` is a file and a line."""
     used = {*taken, *FUNCTIONS, *WORDS_OF_C}

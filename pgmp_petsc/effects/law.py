@@ -22,7 +22,6 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
@@ -34,7 +33,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.declare.expressions import Printed, check, check_names, kept, printed, symbolic
+from pgmp_petsc.declare.expressions import Printed, called_at, check, check_names, kept, printed, symbolic
 from pgmp_petsc.lanes.compiled import native_address, njit, text_mark
 from pgmp_petsc.lanes.vectors import data_of
 
@@ -111,8 +110,7 @@ class Law(Printed):
     place: str = field(init=False)  # file and line of the declaration
 
     def __post_init__(self) -> None:
-        caller = sys._getframe(2)
-        place = f"{caller.f_code.co_filename}:{caller.f_lineno}"
+        place = called_at()
         object.__setattr__(self, "place", place)
         entry, of_s = f"law {self.name}", ("s", *self.parameters)
         check_names(entry, (self.name,), (), place)

@@ -10,7 +10,6 @@ those of what it names (`declare.formulas.Series`); comparisons are 1 or 0, and 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -21,7 +20,7 @@ import numpy as np
 from pydantic import Field
 
 from pgmp_petsc.base.units import UnknownUnit, measure, si_name
-from pgmp_petsc.declare.expressions import check, symbolic
+from pgmp_petsc.declare.expressions import called_at, check, symbolic
 from pgmp_petsc.declare.formulas import (
     ALLOWED,
     NUMBER,
@@ -54,12 +53,6 @@ class Expression(Protocol):
 
     def symbolic(self, motions: Motions, names: Mapping[str, Any]) -> Any:
         """Return it in sympy's form; `names` has the time t, and parameters as of `in_law`."""
-
-
-def called_at() -> str:
-    """Return the file and line from which a class is called whose ``__post_init__`` asks."""
-    caller = sys._getframe(3)
-    return f"{caller.f_code.co_filename}:{caller.f_lineno}"
 
 
 def in_law(parameter: str) -> str:
