@@ -186,7 +186,7 @@ class Training:
         return self.n_samples * len(self.loads)
 
     def sample_text(self, sample: int) -> str:
-        """Return the parameter values of a sample, ``r1 = 0.0056``."""
+        """Return the parameter values of a sample, ``r1 = 0.0056 m``."""
         return values_text(self.scene, {name: float(column[sample]) for name, column in self.values.items()}, ".4g")
 
 

@@ -45,7 +45,7 @@ from pgmp_petsc.scene.border import own_values, result_units, to_own, values_tex
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
 from pgmp_petsc.scene.uses import length_names
 
-MOST_ROUNDS, SETTLED = 8, 1e-3  # of deviations that follow from what is left, and their change that is none
+MOST_ROUNDS, SETTLED = 8, 1e-3  # of deviations that follow from what is left; their shares of one another that stay
 WIDE = 100.0  # times the value and its hundredth, of a parameter without distribution and bounds
 TIED = 0.98  # correlation beyond which two parameters are hardly told apart
 NO_DIRECTION = 1e-9  # of the largest singular value: smaller ones are rounding
@@ -229,8 +229,10 @@ class _Fitting:
             at = np.array([solution.values[name] for name in self._names])
             found = self._size(solution.run) / np.sqrt(1.0 - at.size / n)  # the share of freedom that is left
             found = np.maximum([known.get(name, found[k]) for k, name in enumerate(history.outputs)], self._least)
-            settled, sigma = np.all(np.abs(found - sigma) <= SETTLED * sigma), found
-            if settled:
+            ratios, sigma = found / sigma, found
+            # weights of the same shares, or of what runs leave by themselves: another search ends where this one did
+            settled = np.ptp(ratios) <= SETTLED * ratios.max() or np.all(found <= self._least)
+            if settled and solution.converged:
                 break
         return sigma, solution
 

@@ -157,7 +157,7 @@ def read_goal(
     (tokens, *_), relations = reader.sums(word.end())
     for relation in relations:
         reader.refuse(f"'{relation[0]}' is too much; an operator or the end is needed", relation.start())
-    read = reader.expression(tokens)
+    read = reader.expression(tokens, len(text))
     found = in_si({"goal": read.text}, reader.powers)
     size = shifted(1.0, found.of_texts["goal"])
     return Goal(text, SENSES[word[1]], replace(read, text=found.texts["goal"]), size, reader.unit_of(read))
@@ -172,7 +172,7 @@ def read_constraint(
     signs = [relation[0] for relation in relations]
     if signs not in (["<="], [">="]):
         reader.refuse("<= or >= is needed, once", relations[-1].start() if relations else len(text))
-    left, right = map(reader.expression, sums)
+    left, right = map(reader.expression, sums, (relations[0].start(), len(text)))
     found = in_si({"left": left.text, "right": right.text}, reader.powers, {"left": "both", "right": "both"})
     sides = replace(left, text=found.texts["left"]), replace(right, text=found.texts["right"])
     size = shifted(1.0, found.powers.get("both", 0))
@@ -227,15 +227,17 @@ class _Reader:
                 sums[-1].append(token)
         return sums, relations
 
-    def expression(self, tokens: Sequence[re.Match[str]]) -> Expression:
-        """Return a sum, its text in the units of the scene."""
+    def expression(self, tokens: Sequence[re.Match[str]], end: int) -> Expression:
+        """Return a sum that ends before a character, its text in the units of the scene."""
+        if not tokens:
+            self.refuse(f"a sum is missing there, of numbers, {WORDS}", end)
         parts: dict[str, Callable[[Outcome], Dual]] = {}
         written = [self._written(token, parts) for token in tokens]
         try:
             text, _ = formulas.declared(" ".join(written), {name: name for name in parts}, WORDS)
         except formulas.FormulaError as error:
             begins = [*accumulate((len(one) + 1 for one in written), initial=0)]
-            places = [*(token.start() for token in tokens), tokens[-1].end() if tokens else len(self._text)]
+            places = [*(token.start() for token in tokens), tokens[-1].end()]
             self.refuse(f"it {error}", places[bisect_right(begins, error.at) - 1])
         return Expression(text, parts, frozenset(token["output"] for token in tokens if token["output"]))
 

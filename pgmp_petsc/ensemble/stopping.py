@@ -120,6 +120,8 @@ class Reader:
         if name in labels:
             return name, None
         side = "above" if self._sign("<", ">") == ">" else "below"
+        if may_be_ever and (behind := re.compile(r".*\s(?=ever\s*$)").match(self._text, self._place)):
+            self._refuse(f"'ever' before {name}, and nothing there", behind.end())
         return "", Event(output=name, when="ever" if ever else "end", **{side: self._of_output(self._number(), name)})
 
     def end(self) -> None:

@@ -55,8 +55,10 @@ def own_values(scene: AnyScene, values: Mapping[str, Any] | None = None) -> dict
 
 
 def values_text(scene: AnyScene, values: Mapping[str, float], form: str = ".6g") -> str:
-    """Name parameters with their values in the units of the scene: ``r1 = 5.6``."""
-    return ", ".join(f"{name} = {value:{form}}" for name, value in own_values(scene, values).items())
+    """Name parameters with their values and units in those of the scene: ``r1 = 5.6 mm``."""
+    units = own_units(scene)
+    known = {name: f" {units[name]}" if units[name] not in ("", "1") else "" for name in values}
+    return ", ".join(f"{name} = {value:{form}}{known[name]}" for name, value in own_values(scene, values).items())
 
 
 def si_values(scene: AnyScene, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -113,7 +113,9 @@ def test_a_sample_that_fails_is_named() -> None:
     )
     values = samples(limited, 2, r1=np.array([5e-3, 6e-3]))
     found = run_history(reduced_model(limited), values, 2, 20)
-    with pytest.raises(RunError, match=r"2 of 2 samples failed, the first \(r1 = 0.005\) at 0.01.* a coordinate left"):
+    with pytest.raises(
+        RunError, match=r"2 of 2 samples failed, the first \(r1 = 0.005 m\) at 0.01.* a coordinate left"
+    ):
         found.require_fine(limited, values)
     full = run_history(full_model(limited), values, 2, 200)
     assert not full.inside.any() and full.require_fine(limited, values) is full, "the full-order model goes on"

@@ -339,7 +339,7 @@ def test_without_parameters_or_torques_nothing_is_varied_and_that_is_said() -> N
     training = Training.of(slider_crank(NORMAL % "", 'reference.loads="own"'))
     assert [load.name for load in training.loads] == ["own"] and training.n_samples == 5
     assert any("holds for the scene's own loads alone" in remark for remark in training.remarks)
-    assert training.sample_text(1) == "r1 = 0.00392"
+    assert training.sample_text(1) == "r1 = 0.00392 m"
 
 
 def table(scene: Scene) -> np.ndarray:

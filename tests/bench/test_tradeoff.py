@@ -133,14 +133,16 @@ def test_a_length_is_held_and_its_study_is_that_of_the_number() -> None:
     # the eigensolver starts from a random vector
     np.testing.assert_allclose(one.errors, other.errors, rtol=1e-5)
     (said,) = [remark.text for remark in one.record.remarks if "settings are compared at" in remark.text]
-    assert "rod_length = 0.68, other values with --set; over all lengths a build is 4 of those" in said
+    assert "rod_length = 0.68 m, other values with --set; over all lengths a build is 4 of those" in said
     assert not [remark for remark in other.record.remarks if "compared at" in remark.text]
 
 
 def test_a_reference_that_fails_ends_the_study() -> None:
     # a torque that no step can follow, at every test value
     mad = "effects.motor.table=[[0.0, 1e9]]"
-    with pytest.raises(RunError, match=r"the full-order reference: 8 of 8 samples failed, the first \(r1 = 0.004297\)"):
+    with pytest.raises(
+        RunError, match=r"the full-order reference: 8 of 8 samples failed, the first \(r1 = 0.004297 m\)"
+    ):
         study(small_scene(LIMITED, mad), LEAST)
 
 

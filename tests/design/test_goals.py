@@ -76,7 +76,7 @@ def test_constraints_have_two_sides(relation: str, sense: float) -> None:
     [
         ("max(angle)", "a goal begins with minimise or maximise", 0),
         ("", "a goal begins with minimise or maximise", 0),
-        ("minimise", "it is no formula (invalid syntax); a formula has numbers, parameters, figures", 8),
+        ("minimise", "a sum is missing there, of numbers, parameters, figures", 8),
         ("minimise max(angel)", "there is no such output; did you mean 'angle'?", 13),
         ("minimise max(abs(angle)", "angle is an output over time; take a figure of it, such as max(angle)", 17),
         ("minimise angle", "angle is an output over time; take a figure of it, such as max(angle)", 9),
@@ -114,6 +114,9 @@ def test_units_follow_from_what_is_named_and_are_those_of_the_scene() -> None:
 def test_a_constraint_needs_a_relation() -> None:
     with pytest.raises(InputError, match="--subject-to: 3000 characters; at most 1000 are read"):
         read_constraint("(" * 3000, OUTPUTS, PARAMETERS)
+    for text, place in (("<= 2", 0), ("max(angle) <= ", 14)):
+        first, _, mark = refusal(read_constraint, text, OUTPUTS, PARAMETERS).split("\n")
+        assert first.startswith("--subject-to: a sum is missing there") and mark.index("^") == 2 + place
     for text in ("max(angle) = 2", "1 <= max(angle) <= 2", "max(angle) < 2"):
         with pytest.raises(InputError, match="--subject-to: <= or >= is needed, once"):
             read_constraint(text, OUTPUTS, PARAMETERS)

@@ -531,6 +531,7 @@ def test_mixtures_have_mass_one_and_draw_what_they_say() -> None:
             "character 10: a unit of push, or none ('m/s' is the unit of a speed; needed is a length (m))",
         ),
         ("push < 1 m < 2", "character 10: the end"),
+        ("push < 1 m ever", "character 12: 'ever' before push, and nothing there"),
         ("push < 1e999", "character 8: 0 or a magnitude from 1e-30 to 1e+30"),
         ("push < -1e300", "character 8: 0 or a magnitude from 1e-30 to 1e+30"),
         ("push > 1e-40", "character 8: 0 or a magnitude from 1e-30 to 1e+30"),

@@ -127,7 +127,7 @@ def test_a_run_without_an_estimate_is_named() -> None:
     points = [model.scene.values | {"speed": value} for value in (1.0, 1e3, 2.0)]
     found = errors_of_runs(model, points)
     assert np.array_equal(np.isfinite(found.at_end["angle"]), [True, False, True])
-    assert "is not known: the run at speed = 1000 stopped at 0." in not_known(model, "it", found, ["angle"]).text
+    assert "is not known: the run at speed = 1000 rad/s stopped at 0." in not_known(model, "it", found, ["angle"]).text
 
 
 LONG = "simulation.duration=0.1", "joints.pin.clearance.restitution=0.95"

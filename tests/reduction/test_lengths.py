@@ -216,7 +216,7 @@ def test_models_that_do_not_fit_together_are_refused_with_the_length(
 ) -> None:
     member = rom.family.members[0]
     fewer = replace(member, projection=member.projection[:, :, 1:])
-    line = "^at rod_length = 0.7: 7 vectors over 12 configurations, 8 over 12 at the nominal lengths"
+    line = "^at rod_length = 0.7 m: 7 vectors over 12 configurations, 8 over 12 at the nominal lengths"
     modes, angles = "another number of reduction.modes", "more reduction.angles"
     # the likelier first: neighbouring angles tell whether modes were followed from one to the next
     for cosine, first, second in ((0.7, angles, modes), (0.99, modes, angles)):
@@ -254,7 +254,7 @@ def test_spaces_and_matrices_that_are_poor_between_lengths_are_warned_of(rom: Re
 
 def test_a_mechanism_that_does_not_close_at_a_length_is_refused_with_it() -> None:
     scene = long_crank(*SMALL, "parameters.rod_length={nominal=0.7, bounds=[0.2, 1.2]}")
-    with pytest.raises(InputError, match=r"^at rod_length = 0.266987: joints.slider: the mechanism cannot close"):
+    with pytest.raises(InputError, match=r"^at rod_length = 0.266987 m: joints.slider: the mechanism cannot close"):
         built_rom(scene)
 
 
@@ -294,7 +294,7 @@ def test_a_stress_where_a_shorter_body_has_none_is_refused_with_the_length(rom: 
     beyond = 'outputs.tip={type="stress", body="rod", quantity="bending_moment", at=[0.695, 0.0]}'
     model = ReducedModel(long_crank(*SMALL, beyond), rom)
     with pytest.raises(
-        InputError, match=r"^at rod_length = 0.66\d*, where the models of all lengths begin: outputs.tip"
+        InputError, match=r"^at rod_length = 0.66\d* m, where the models of all lengths begin: outputs.tip"
     ):
         of_samples(model, ["rod_length"])
 

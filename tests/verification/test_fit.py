@@ -55,7 +55,7 @@ def test_what_nothing_depends_on_stays_where_it_began() -> None:
     angle = exact + 1e-3 * np.random.default_rng(3).normal(size=time.size)
     model, history = components_model(scene_from_toml(IDLE, ".")), MeasuredHistory(time, {"angle": angle})
     found = fit(model, history, ["k", "c", "idle"], {}, MPI.COMM_SELF)
-    assert found is not None and found.n_runs < 15
+    assert found is not None and found.n_runs <= 7  # one more where it weighs one output anew
     assert of(found)["idle"].estimate == 3.0 and np.isinf(of(found)["idle"].error)
     for name, true in (("k", 43.0), ("c", 0.3)):
         assert abs(of(found)[name].estimate - true) < 4.0 * of(found)[name].error

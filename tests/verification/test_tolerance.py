@@ -220,11 +220,11 @@ def test_what_is_chosen_at_the_nominal_length_is_checked_at_both_ends() -> None:
     scene, said = long_crank(*OPEN), []
     check_capabilities(scene, Purpose.BUILD)
     found = chosen_over_lengths(scene, said)
-    assert said[0].startswith("tolerances: what they leave open is chosen at rod_length = 0.7, and checked")
+    assert said[0].startswith("tolerances: what they leave open is chosen at rod_length = 0.7 m, and checked")
     assert length_names(found.scene) == ("rod_length",) and found.scene.reduction.tolerance is None
     assert found.scene.reduction.modes == found.selection.chosen["reduction.modes"]
     ends = [text for text in found.selection.remarks if text.startswith("at rod_length = ")]
-    assert [text.split(":")[0] for text in ends] == [f"at rod_length = {end:g}" for end in (LOW, HIGH)]
+    assert [text.split(":")[0] for text in ends] == [f"at rod_length = {end:g} m" for end in (LOW, HIGH)]
     for text in ends:
         assert 0.0 < float(text.split("basis leaves ")[1]) < 0.1
     # a model of every length, with the modes that were chosen
@@ -241,6 +241,6 @@ def test_what_does_not_do_at_an_end_is_refused_with_the_length(monkeypatch: pyte
         return choose(own, *others, **how)
 
     monkeypatch.setattr(length_choice, "choose", only_where_short)
-    with pytest.raises(InputError, match="^at rod_length = 0.735: reduction.tolerance = 0.1: cannot be met"):
+    with pytest.raises(InputError, match="^at rod_length = 0.735 m: reduction.tolerance = 0.1: cannot be met"):
         chosen_over_lengths(scene, [])
     assert asked == [(0.7, False, ()), (LOW, True, ()), (HIGH, True, ())]
