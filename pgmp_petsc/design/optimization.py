@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from operator import itemgetter
 from warnings import catch_warnings, filterwarnings
 
 import numpy as np
@@ -290,8 +289,13 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     with timings.phase("errors"), agreed(comm, "errors of the design"):
         own = _of_own_error(model, question, values, ended) if comm.rank == 0 else ()
     contradicting = _contradicting(question, figures, best, last, sizes)
+    astray = {
+        "derivatives jump where contacts come and go": ended.contacts,
+        "runs stopped on its way": figures.turned_back.count,
+    }
     remarks = (
-        *_of_end(done, question, last, missed, contradicting), *comm.bcast(own), *served_remarks(model, question.names),
+        *_of_end(done, question, last, missed, contradicting, astray), *comm.bcast(own),
+        *served_remarks(model, question.names),
         *figures.turned_back.remarks,
         *_of_limits(question, figures, best), *_of_idle(question, first, last),
         *_of_robust(question, figures, ends, confidence), *difference_remarks(model, figures.off),
@@ -321,7 +325,8 @@ def _searched(
 
     A search ends where the goal hardly changes from one iteration to the next, which it also does where its matrix of
     second derivatives is of the other side of a kink, as that of a largest value. It begins again there, as long as
-    that gains something.
+    that gains something. Where it meets no constraints at all it begins again from the design nearby that misses them
+    least: t is smallest under ``g <= t``, which linear constraints meet at every design.
     """
     scale = figures.scale
     ends = figures.limits.T / scale  # rounded once
@@ -333,6 +338,9 @@ def _searched(
     def missed(x: np.ndarray) -> float:
         return sum(max(dual.value / size, 0.0) for dual, size in zip(figures.at(x * scale)[1:], sizes))
 
+    def met() -> list[int]:
+        return [k for k, missed_by in enumerate(figures.missed) if np.all(np.array(missed_by) <= MET * sizes)]
+
     constraints = [
         {
             "type": "ineq",
@@ -342,6 +350,25 @@ def _searched(
         for k in range(len(sizes))
     ]
     done, best = _search(goal, missed, np.clip(figures.start / scale, *ends), ends, constraints, MOST_ITERATIONS)
+    if missed(best) > MET and not met():
+        wide = np.column_stack([ends, [0.0, np.inf]])
+        wider = [
+            {
+                "type": "ineq",
+                "fun": lambda z, one=one: one["fun"](z[:-1]) + z[-1],
+                "jac": lambda z, one=one: np.append(one["jac"](z[:-1]), 1.0),
+            }
+            for one in constraints
+        ]
+        along = np.eye(len(best) + 1)[-1]
+
+        def most_missed(z: np.ndarray) -> tuple[float, np.ndarray]:
+            return (z[-1] if np.isfinite(goal(z[:-1])[0]) else np.inf), along
+
+        begin = np.append(best, missed(best))
+        best = _search(most_missed, lambda z: 0.0, begin, wide, wider, MOST_ITERATIONS)[1][:-1]
+        if missed(best) <= MET:
+            done, best = _search(goal, missed, best, ends, constraints, MOST_ITERATIONS)
     off, n_iterations = missed(best), done.nit
     while done.status != STUCK and np.isfinite(done.fun) and n_iterations < MOST_ITERATIONS:
         again, found = _search(goal, missed, best, ends, constraints, MOST_ITERATIONS - n_iterations)
@@ -352,9 +379,8 @@ def _searched(
     best = np.clip(best * scale, *figures.limits.T)
     if not np.isfinite(figures.at(best)[0].value):  # where it was to turn back; the design before
         best = figures.tried[-1]
-    met = [k for k, missed_by in enumerate(figures.missed) if np.all(np.array(missed_by) <= MET * sizes)]
-    if missed(best / scale) > MET and met:
-        best = figures.tried[min(met, key=lambda k: figures.goals[k])]
+    if missed(best / scale) > MET and met():
+        best = figures.tried[min(met(), key=lambda k: figures.goals[k])]
         kept = "the design is the best one tried that meets all constraints"
         done.status, done.message = OTHER, f"{done.message}; {kept}"
     return done, best
@@ -370,20 +396,17 @@ def _search(
 ) -> tuple[scipy.optimize.OptimizeResult, np.ndarray]:  # fmt: skip
     """Search from a start within ends (2, n) in so many iterations at most; return how it ended, and where.
 
-    Of n parameters, n + 1 iterations show a search all slopes. It ends where the best of twice as many neither is
-    nearer to constraints that none has met, by their sum `missed`, than that of as many before, nor has as near to them
-    a smaller goal.
+    Of n parameters, n + 1 iterations show a search all slopes. It ends where twice as many bring it no nearer to
+    constraints that it has not met, by their sum `missed`, than as many before.
     """
-    seen: list[tuple[float, float, np.ndarray]] = []
-    each = PATIENCE * (start.size + 1)
+    seen: list[float] = []
+    each, last = PATIENCE * (start.size + 1), start
 
     def look(x: np.ndarray) -> None:
-        seen.append((missed(x), goal(x)[0], x))
-        if len(seen) < 2 * each or min(off for off, *_ in seen) <= MET:
-            return
-        off, value, _ = _nearest(seen[-each:])
-        before, value_before, _ = _nearest(seen[-2 * each : -each])
-        if off >= before - GAINED and (off > before + GAINED or value >= value_before - GAINED):
+        nonlocal last
+        last = x
+        seen.append(missed(x))
+        if len(seen) >= 2 * each and MET < min(seen) and min(seen[-each:]) >= min(seen[-2 * each : -each]) - GAINED:
             raise _Stuck
 
     with catch_warnings(), suppress(_Stuck):
@@ -394,15 +417,9 @@ def _search(
             options={"maxiter": most, "ftol": PRECISE}, callback=look,
         )  # fmt: skip
         return done, np.clip(done.x, *ends)
-    _, value, best = _nearest(seen)
     reason = f"its last {each} iterations brought it no nearer to the constraints"
-    return scipy.optimize.OptimizeResult(fun=value, status=STUCK, message=reason, nit=len(seen)), best
-
-
-def _nearest(seen: Sequence[tuple[float, float, np.ndarray]]) -> tuple[float, float, np.ndarray]:
-    """Return the one with the smallest goal of those nearest to the constraints, of pairs of both with places."""
-    least = min(off for off, *_ in seen)
-    return min((one for one in seen if one[0] <= least + GAINED), key=itemgetter(1))
+    done = scipy.optimize.OptimizeResult(fun=goal(last)[0], status=STUCK, message=reason, nit=len(seen))
+    return done, np.clip(last, *ends)
 
 
 def _contradicting(
@@ -443,12 +460,13 @@ def _described(
 @gathered
 def _of_end(
     done: scipy.optimize.OptimizeResult, question: Question, last: Sequence[Dual], missed: Sequence[int],
-    contradicting: Sequence[str],
+    contradicting: Sequence[str], astray: Mapping[str, object],
 ) -> Iterator[Remark]:  # fmt: skip
     if not missed and done.status in (0, DESCENT_ENDED):
-        yield note(
-            "the design is the nearest optimum from where the search began (--set); another start may find a better one"
-        )
+        before = " and ".join(why for why, is_so in astray.items() if is_so)
+        ended = f"the search found no better design nearby, but may have ended before an optimum, as {before}"
+        ended = ended if before else "the design is the nearest optimum from where the search began (--set)"
+        yield note(f"{ended}; another start{' (--set)' if before else ''} may find a better one")
     for k in missed:
         constraint = question.constraints[k]
         by = with_unit(constraint.size * last[1 + k].value, constraint.unit, 4)
