@@ -13,7 +13,9 @@ function of the design. Designs are found by sequential quadratic programming (S
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from warnings import catch_warnings, filterwarnings
 
 import numpy as np
@@ -45,8 +47,12 @@ from pgmp_petsc.scene.parameters import uncertain_names
 MOST_ITERATIONS = 200
 PRECISE = 1e-7  # of goal and constraints, in units of their sizes: what iterations of runs leave stays below
 GAINED = 1e-5  # of the goal's size, from which on a search from where another one ended goes on
+ACTIVE = 1e-4  # of a constraint's size that it may have to spare, and stands in the way all the same
 MET = 1e-6  # of a constraint's size that it may be missed by
 AT_LIMIT = 1e-6  # of the width of the limits
+PATIENCE = 2  # times the parameters and one: iterations in which a search shows whether it gets nearer to constraints
+BALANCED = 0.1  # what slopes of length 1 that contradict one another leave in sum: derivatives may be off by so much
+STUCK = -2  # status of a search that gets no nearer to constraints that it has not met
 OTHER = -1  # status of a search that ended where constraints are missed, though a design was tried that meets them
 DESCENT_ENDED = 8  # SLSQP's status where no step along its direction makes the goal smaller
 
@@ -283,8 +289,9 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     values = model.scene.values | dict(zip(question.names, map(float, best)))
     with timings.phase("errors"), agreed(comm, "errors of the design"):
         own = _of_own_error(model, question, values, ended) if comm.rank == 0 else ()
+    contradicting = _contradicting(question, figures, best, last, sizes)
     remarks = (
-        *_of_end(done, question, last, missed), *comm.bcast(own), *served_remarks(model, question.names),
+        *_of_end(done, question, last, missed, contradicting), *comm.bcast(own), *served_remarks(model, question.names),
         *figures.turned_back.remarks,
         *_of_limits(question, figures, best), *_of_idle(question, first, last),
         *_of_robust(question, figures, ends, confidence), *difference_remarks(model, figures.off),
@@ -324,7 +331,7 @@ def _searched(
         return found.value / goal_size, found.slope * scale / goal_size
 
     def missed(x: np.ndarray) -> float:
-        return max((figures.at(x * scale)[1 + k].value / size for k, size in enumerate(sizes)), default=0.0)
+        return sum(max(dual.value / size, 0.0) for dual, size in zip(figures.at(x * scale)[1:], sizes))
 
     constraints = [
         {
@@ -334,10 +341,10 @@ def _searched(
         }
         for k in range(len(sizes))
     ]
-    done, best = _search(goal, np.clip(figures.start / scale, *ends), ends, constraints, MOST_ITERATIONS)
+    done, best = _search(goal, missed, np.clip(figures.start / scale, *ends), ends, constraints, MOST_ITERATIONS)
     off, n_iterations = missed(best), done.nit
-    while np.isfinite(done.fun) and n_iterations < MOST_ITERATIONS:
-        again, found = _search(goal, best, ends, constraints, MOST_ITERATIONS - n_iterations)
+    while done.status != STUCK and np.isfinite(done.fun) and n_iterations < MOST_ITERATIONS:
+        again, found = _search(goal, missed, best, ends, constraints, MOST_ITERATIONS - n_iterations)
         further = missed(found)
         if not (again.fun < done.fun - GAINED and further <= max(off, MET)):
             break
@@ -353,19 +360,70 @@ def _searched(
     return done, best
 
 
+class _Stuck(Exception):  # noqa: N818 - it ends a search, and is no error
+    """A search gets no nearer to constraints that it has not met."""
+
+
 def _search(
-    goal: Callable[[np.ndarray], tuple[float, np.ndarray]], start: np.ndarray, ends: np.ndarray,
-    constraints: Sequence[dict], most: int,
+    goal: Callable[[np.ndarray], tuple[float, np.ndarray]], missed: Callable[[np.ndarray], float], start: np.ndarray,
+    ends: np.ndarray, constraints: Sequence[dict], most: int,
 ) -> tuple[scipy.optimize.OptimizeResult, np.ndarray]:  # fmt: skip
-    """Search from a start within ends (2, n) in so many iterations at most; return how it ended, and where."""
-    with catch_warnings():
+    """Search from a start within ends (2, n) in so many iterations at most; return how it ended, and where.
+
+    Of n parameters, n + 1 iterations show a search all slopes. It ends where the best of twice as many neither is
+    nearer to constraints that none has met, by their sum `missed`, than that of as many before, nor has as near to them
+    a smaller goal.
+    """
+    seen: list[tuple[float, float, np.ndarray]] = []
+    each = PATIENCE * (start.size + 1)
+
+    def look(x: np.ndarray) -> None:
+        seen.append((missed(x), goal(x)[0], x))
+        if len(seen) < 2 * each or min(off for off, *_ in seen) <= MET:
+            return
+        off, value, _ = _nearest(seen[-each:])
+        before, value_before, _ = _nearest(seen[-2 * each : -each])
+        if off >= before - GAINED and (off > before + GAINED or value >= value_before - GAINED):
+            raise _Stuck
+
+    with catch_warnings(), suppress(_Stuck):
         # steps that round-off takes past a limit are taken back
         filterwarnings("ignore", "Values in x were outside bounds", RuntimeWarning)
         done = scipy.optimize.minimize(
             goal, start, jac=True, method="SLSQP", bounds=ends.T, constraints=constraints,
-            options={"maxiter": most, "ftol": PRECISE},
+            options={"maxiter": most, "ftol": PRECISE}, callback=look,
         )  # fmt: skip
-    return done, np.clip(done.x, *ends)
+        return done, np.clip(done.x, *ends)
+    _, value, best = _nearest(seen)
+    reason = f"its last {each} iterations brought it no nearer to the constraints"
+    return scipy.optimize.OptimizeResult(fun=value, status=STUCK, message=reason, nit=len(seen)), best
+
+
+def _nearest(seen: Sequence[tuple[float, float, np.ndarray]]) -> tuple[float, float, np.ndarray]:
+    """Return the one with the smallest goal of those nearest to the constraints, of pairs of both with places."""
+    least = min(off for off, *_ in seen)
+    return min((one for one in seen if one[0] <= least + GAINED), key=itemgetter(1))
+
+
+def _contradicting(
+    question: Question, figures: DesignFigures, best: np.ndarray, last: Sequence[Dual], sizes: np.ndarray
+) -> list[str]:
+    """Return which constraints and limits of parameters contradict one another at a design: no small step meets all of
+    them better, as slopes s_k of length 1 add up to ``sum w_k s_k = 0`` with ``w_k >= 0``, ``sum w_k = 1`` (Farkas)."""
+    slopes = {
+        f"'{constraint.text}'": dual.slope * figures.scale
+        for constraint, dual, size in zip(question.constraints, last[1:], sizes)
+        if dual.value > -ACTIVE * size
+    }
+    for k, end in _at_limits(figures, best):
+        outwards = 1.0 if end == "upper" else -1.0
+        slopes[f"the {end} limit of {question.names[k]}"] = outwards * np.eye(best.size)[k]
+    if len(slopes) < 2:
+        return []
+    rows = np.array([[*slope / (np.linalg.norm(slope) or 1.0), 1.0] for slope in slopes.values()])
+    weights, off = scipy.optimize.nnls(rows.T, np.eye(best.size + 1)[-1])
+    found = [name for name, weight in zip(slopes, weights) if weight > BALANCED]
+    return found if off < BALANCED and len(found) > 1 else []
 
 
 def _described(
@@ -375,7 +433,7 @@ def _described(
     return tuple(
         DesignConstraint(
             constraint.text, float(constraint.size * first[1 + k].value), float(constraint.size * last[1 + k].value),
-            bool(abs(last[1 + k].value) <= 1e-4 * sizes[k]),
+            bool(abs(last[1 + k].value) <= ACTIVE * sizes[k]),
             None if question.deviations is None else tuple(map(float, constraint.size * ends[1 + k])), constraint.unit,
         )
         for k, constraint in enumerate(question.constraints)
@@ -384,8 +442,9 @@ def _described(
 
 @gathered
 def _of_end(
-    done: scipy.optimize.OptimizeResult, question: Question, last: Sequence[Dual], missed: Sequence[int]
-) -> Iterator[Remark]:
+    done: scipy.optimize.OptimizeResult, question: Question, last: Sequence[Dual], missed: Sequence[int],
+    contradicting: Sequence[str],
+) -> Iterator[Remark]:  # fmt: skip
     if not missed and done.status in (0, DESCENT_ENDED):
         yield note(
             "the design is the nearest optimum from where the search began (--set); another start may find a better one"
@@ -397,13 +456,19 @@ def _of_end(
             f"'{constraint.text}' is missed by {by}: no design between the limits was found that meets all "
             "constraints; widen the limits, ask for less, or begin elsewhere (--set)"
         )
+    if missed and contradicting:
+        yield warning(
+            f"{' and '.join(contradicting)} contradict one another there: no small step of the design brings it "
+            "much nearer to one of them and not further from another; leave one out, or ask less of it"
+        )
     if done.status == DESCENT_ENDED and not missed:
         yield note(
             "the search ended where no step makes the goal better, but not by its own test: as a rule where two peaks "
             "of a largest value are equally high"
         )
     elif done.status not in (0, DESCENT_ENDED):
-        yield warning(f"the search did not converge: {done.message}; begin nearer (--set)")
+        cure = "" if done.status == STUCK else "; begin nearer (--set)"  # as above, of what is missed
+        yield warning(f"the search did not converge: {done.message}{cure}")
 
 
 def _of_own_error(
@@ -424,14 +489,21 @@ def _of_own_error(
     return of_figures(told)
 
 
+def _at_limits(figures: DesignFigures, best: np.ndarray) -> Iterator[tuple[int, str]]:
+    """Return which parameters of a design are at their limits, and at which."""
+    for k, (value, (low, high)) in enumerate(zip(best, figures.limits)):
+        near = AT_LIMIT * (high - low)
+        if value <= low + near or value >= high - near:
+            yield k, "lower" if value <= low + near else "upper"
+
+
 @gathered
 def _of_limits(question: Question, figures: DesignFigures, best: np.ndarray) -> Iterator[Remark]:
     """Return which parameters end at their limits."""
-    for name, value, (low, high) in zip(question.names, best, figures.limits):
-        near, own = AT_LIMIT * (high - low), to_own(figures.scene, name)
-        if value <= low + near or value >= high - near:
-            end = "lower" if value <= low + near else "upper"
-            yield note(f"{name} ends at the {end} limit, {own * value:.6g} of [{own * low:g}, {own * high:g}]")
+    for k, end in _at_limits(figures, best):
+        name, (low, high) = question.names[k], figures.limits[k]
+        own = to_own(figures.scene, name)
+        yield note(f"{name} ends at the {end} limit, {own * best[k]:.6g} of [{own * low:g}, {own * high:g}]")
 
 
 @gathered

@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from pgmp_petsc.scene.fields import Name, NotZeroOrParameter, Pair, PositivePair, TwoNames, Unit, Use, refusal
+from pgmp_petsc.scene.fields import Name, NotZeroOrParameter, OrFile, Pair, PositivePair, TwoNames, Unit, Use, refusal
 from pgmp_petsc.scene.joints import CouplingEntry, Share
 
 CLOSED = 1e-9  # rad that the period of a cam may be off, and share of its lift that its ends may differ by
@@ -155,7 +155,9 @@ class Cam(CouplingEntry):
     motion: Literal["turning", "sliding"] | None = Field(
         None, description="which motion of the follower's joint; needed where it has both"
     )
-    table: Annotated[tuple[Pair, ...], Field(min_length=FEWEST_POINTS), AfterValidator(_closed), Unit()] = Field(
+    table: Annotated[
+        tuple[Pair, ...], Field(min_length=FEWEST_POINTS), AfterValidator(_closed), Unit(), OrFile(True)
+    ] = Field(
         description="points (angle of the first, rad; follower's motion, m or rad) over one turn, of which the last is "
         "the first again"
     )

@@ -20,7 +20,17 @@ from pgmp_petsc.base.units import UnknownUnit, measure
 from pgmp_petsc.lanes.rainflow import count
 from pgmp_petsc.outputs.readings import AnyReading, OfReading
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.fields import Pair, PositiveNumber, PositiveOrParameter, Table, Unit, Use, named_numbers, refusal
+from pgmp_petsc.scene.fields import (
+    OrFile,
+    Pair,
+    PositiveNumber,
+    PositiveOrParameter,
+    Table,
+    Unit,
+    Use,
+    named_numbers,
+    refusal,
+)
 from pgmp_petsc.scene.messages import Finding, doubt
 from pgmp_petsc.scene.outputs import OutputEntry, unit_of
 
@@ -40,7 +50,7 @@ class Curve(Table):
     cycles: Annotated[PositiveOrParameter | None, Unit("1")] = Field(
         None, description="cycles to failure at the reference"
     )
-    table: Annotated[tuple[Pair, ...] | None, Unit()] = Field(
+    table: Annotated[tuple[Pair, ...] | None, Unit(), OrFile(True)] = Field(
         None,
         min_length=2,
         description="instead of these rows [amplitude (Pa), cycles to failure], straight lines between them and beyond "

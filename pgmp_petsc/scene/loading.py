@@ -163,10 +163,11 @@ def _text_of(name: str, entry: str, directory: Path) -> str:
 
 
 def _read_tables(data: dict[str, Any], directory: Path, system: UnitSystem) -> None:
-    """Put the rows of files in the place of their names, in the tables of effects and of controllers' references."""
-    found = [(("effects", name), effect) for name, effect in raw_tables(data, "effects").items()]
-    for name, controller in raw_tables(data, "controllers").items():
-        found.append((("controllers", name, "reference"), controller.get("reference")))
+    """Put the rows of files in the place of their names: of effects, cams, controllers' references and curves."""
+    found = list[tuple[tuple[str, ...], object]]()
+    for kind, key in (("effects", ""), ("joints", ""), ("controllers", "reference"), ("outputs", "curve")):
+        for name, entry in raw_tables(data, kind).items():
+            found.append(((kind, name, key), entry.get(key)) if key else ((kind, name), entry))
     for place, table in found:
         given = table.get("table") if isinstance(table, dict) else None
         if isinstance(given, (str, dict)):

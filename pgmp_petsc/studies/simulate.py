@@ -25,7 +25,7 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.full.distributed import FullDistributed
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.mechanism.body_frames import rigid_positions, to_body
-from pgmp_petsc.mechanism.mechanism import words_of
+from pgmp_petsc.mechanism.mechanism import Coordinate, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.models.body_fields import Fields, FullFields
@@ -200,7 +200,7 @@ def _full(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
     rests = _rests(model, part, recorded["coordinates"], frames)
     errors, estimated = _step_errors(model, part, other, rests)
     remarks = (
-        *why_stopped(model, part.run, ""),
+        *why_stopped(model, part.run, "", np.array(recorded["coordinates"])),
         *steps,
         *(rests or balance_remarks(balance, part.attempt.simulation.step, model.scene.system)),
         *estimated,
@@ -279,7 +279,7 @@ def _reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
         if indicator is not None and known.run.n_steps:
             known = _reduced_part(model, known.attempt, indicator, timings, comm)
     errors, estimated = _errors(model, part, known, timings)
-    remarks = [*why_stopped(model, part.run, reason), *steps, *estimated]
+    remarks = [*why_stopped(model, part.run, reason, eta), *steps, *estimated]
     if status[0] == Status.FINE and model.scene.loose:
         with timings.phase("a run from beside its start"):
             grown = growth_of(model, part.attempt.simulation, eta, part.outputs)
@@ -394,15 +394,29 @@ def _length(model: Model) -> float:
 LOOK_BACK = 400  # steps before a failure in which its cause is looked for
 
 
-def why_stopped(model: Model, run: Run, reason: str) -> list[Remark]:
+def why_stopped(model: Model, run: Run, reason: str, reached: np.ndarray) -> list[Remark]:
     """Return why a run of one sample stopped, and what to do; nothing where it did not. A `reason` is what is known
-    beyond the status, with its cure."""
+    beyond the status, with its cure; the coordinates that were `reached` at every instant come first in its rows."""
     status = Status(run.status[0])
     if status == Status.FINE:
         return []
     when = f"{run.failure_time[0]:.6g} s of {model.scene.simulation.duration:g} s"
     what = f"{model.name} simulation stopped at {when}: {status.meaning}"
+    if status == Status.LEFT_RANGE:
+        what += f" ({_at_its_end(model.kinematics.coordinates, reached)})"
     return [warning("; ".join(filter(None, (what, reason or status.cure(model.name, model.scene.carried)))))]
+
+
+def _at_its_end(coordinates: Sequence[Coordinate], reached: np.ndarray) -> str:
+    """Name the coordinate that another step like the last one takes furthest out of its range, with where it was."""
+    ahead = 2.0 * reached[-1] - reached[-min(2, len(reached))]
+    beyond = [
+        -np.inf if c.periodic else max(c.lower - value, value - c.upper) / (c.upper - c.lower)
+        for c, value in zip(coordinates, ahead)
+    ]
+    k = int(np.argmax(beyond))
+    one = coordinates[k]
+    return f"{one.described(reached[-1, k])}, its range is {one.text(one.lower)} to {one.text(one.upper)}"
 
 
 def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], time: np.ndarray, eta: np.ndarray) -> str:

@@ -130,6 +130,7 @@ def test_a_run_beyond_the_range_ends_where_it_left_it(tmp_path: Path) -> None:
     assert found.status == Status.LEFT_RANGE
     assert found.time[-1] == pytest.approx(0.103) and "full simulation stopped at 0.104 s of 1 s: " in said
     assert "left the range" in said and found.why_stopped in said
+    assert "rad, its range is " in found.why_stopped
 
 
 def four_bar(folder: Path, damping: float, *more: str) -> list:

@@ -1,4 +1,4 @@
-"""Tables of effects: read from CSV files, or refused with the line; their impulse against the sum over all steps."""
+"""Tables of effects, cams and curves: read from CSV files, or refused with the line; impulses against all steps."""
 
 from pathlib import Path
 
@@ -33,6 +33,20 @@ def test_the_rows_of_a_file_are_those_of_the_scene(text: str, tmp_path: Path) ->
     assert found.effects["e"].table == ROWS
     # what results keep needs no file
     assert scene_from_toml(scene_to_toml(found), "/").effects["e"].table == ROWS
+
+
+def test_cams_and_curves_have_tables_in_files_too(tmp_path: Path) -> None:
+    (tmp_path / "lift.csv").write_text("cam [deg],lift [mm]\n0,0\n90,10\n180,20\n270,10\n360,0\n")
+    (tmp_path / "wear.csv").write_text("amplitude [MPa],cycles\n100,1e6\n200,1e4\n")
+    given = (
+        'joints.cam={type="cam",joints=["pivot","rail"],motion="sliding",table="lift.csv"}',
+        'outputs.pull={type="stress",body="pole",quantity="stress_max"}',
+        'outputs.worn={type="rainflow",of="pull",curve={table="wear.csv"}}',
+    )
+    found = scene_from_toml(CART, tmp_path, given)
+    lift = np.array(found.joints["cam"].table)
+    assert lift == pytest.approx(np.transpose([np.linspace(0.0, 2.0 * np.pi, 5), [0.0, 0.01, 0.02, 0.01, 0.0]]))
+    assert found.outputs["worn"].curve.table == ((1e8, 1e6), (2e8, 1e4))
 
 
 def test_columns_are_named(tmp_path: Path) -> None:

@@ -342,7 +342,7 @@ def test_where_joints_jam_no_step_is_said_to_help():
     """Of what rubs by more than the force that it makes its joint carry, some forces have no solution."""
     model = reduced_model(slider("parameters.mu={nominal=1.5}", "simulation.duration=0.01"))
     run = integrate(model.batch(samples(model.scene, 1), 1), model.scene.simulation)
-    [stopped] = why_stopped(model, run, "")
+    [stopped] = why_stopped(model, run, "", np.zeros((1, 1)))
     [failed, _] = failure_remarks(
         run.status, {"mu": np.array([1.5])}, {}, "reduced", rubbing=tuple(model.scene.carried)
     )

@@ -268,3 +268,36 @@ def test_a_search_that_ends_outside_keeps_the_best_design_that_meets_the_constra
     inside = [x for x in cliff.tried if x[0] >= 0.0]
     assert min(x[0] for x in cliff.tried) < 0.0 <= best[0] == min(x[0] for x in inside)
     assert done.status not in (0, 8) and done.message.endswith("the best one tried that meets all constraints")
+
+
+class Swing(Valley):
+    """A figure that is never below 0.99 and is to be between 0.8 and 0.9; its derivatives are a little off."""
+
+    def __init__(self) -> None:
+        self.tried, self.goals, self.missed = [], [], []
+
+    def at(self, design: np.ndarray) -> list[Dual]:
+        self.tried, self.goals = [*self.tried, design], [*self.goals, design[0]]
+        x, y = design
+        figure, slope = 1.0 + (x - 0.7) ** 2 - 0.005 * y, np.array([2.0 * (x - 0.7) + 1e-3 * np.sin(1e4 * x), -0.005])
+        self.missed = [*self.missed, [0.9 - figure, figure - 0.8]]
+        return [Dual(x, np.array([1.0, 0.0])), Dual(0.9 - figure, -slope), Dual(figure - 0.8, slope)]
+
+
+def test_a_search_between_constraints_that_none_meets_ends_where_it_gets_no_nearer() -> None:
+    swing = Swing()
+    done, best = _searched(swing, 1.0, np.ones(2))
+    # twice six iterations; SLSQP by itself goes on for all of its 200
+    assert done.status == optimization.STUCK and done.nit <= 24 and "brought it no nearer" in done.message
+    least = min(swing.tried, key=lambda x: swing.at(x)[2].value)
+    assert swing.at(best)[2].value == pytest.approx(swing.at(least)[2].value, abs=optimization.GAINED)
+
+
+def test_what_contradicts_is_named(wound: ReducedModel) -> None:
+    def told(*constraints: str) -> list[str]:
+        remarks = design_of(wound, "minimise push", *constraints).record.remarks
+        return [remark.text.split(" contradict")[0] for remark in remarks if "contradict one another" in remark.text]
+
+    assert told("start(angle) >= 0.2", "start(angle) <= 0.1") == ["'start(angle) >= 0.2' and 'start(angle) <= 0.1'"]
+    assert told("start(angle) >= 2") == ["'start(angle) >= 2' and the upper limit of push"]
+    assert told("start(angle) >= 0.2") == []
