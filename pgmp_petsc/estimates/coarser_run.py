@@ -14,6 +14,8 @@ many points has kinks, which are in all bands: there a band counts where it is `
 **Lower order**, where friction or short contacts act: what is left of d counts a seventh for r = 5 (`rough`), and the
 estimate is unsure. Where a force jumps (over time, in a formula, of friction as a held one does) the order is one.
 
+**A coarser run that runs away**, as of rotors, tells nothing of the run: the estimate ends before it does.
+
 **Rows that are stepped over.** Of a table over a joint that bends within a coarser step d says little: it is read as
 resolved, and unsure.
 """
@@ -58,11 +60,19 @@ TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations ar
 RUBS = 0.015  # of it, from which on they move what has friction or stops, and their cycles count
 BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
 SOME = 0.1  # of the steps, taken in parts, from which on an estimate is unsure
-RELIED_ON = 0.9  # of a run that fails: before it does, it runs away
+RELIED_ON = 0.9  # of a run that fails, before which it runs away, or that differs by as much as `ASTRAY` says
 WITHIN = 10  # places within a coarser step at which tables over joints are looked up
 #: of a table's largest value, by which it bends within a coarser step. With 1.3 % estimates of 40 presses were 0.55 to
 #: 1.1 times the true errors, with 3 % 0.2 to 1.8 times, with 6 to 14 % 0.1 to 8 times
 BENT = 0.02
+ASTRAY = 2.0  # of an output's largest value: runs whose vibrations are out of phase differ by so much at most
+LASTS, GREW = (
+    3,
+    10.0,
+)  # coarser steps for which they differ by more where one runs away, and times that this grew before
+SLOWER = (
+    1.5  # the second half of this growth, on a logarithmic scale: 1 where it is exponential, 1.8 where it is a square
+)
 CROWDED = 0.5  # of `APART` of them, from which on it ends: changes of step set off what is seen then
 
 
@@ -211,13 +221,32 @@ def coarser(scene: Scene, simulation: Simulation) -> Simulation:
     return simulation.in_steps(-(-simulation.n_steps // times_of(scene, simulation)))
 
 
+def relied_on(scene: Scene, time: np.ndarray, outputs: Arrays, other: CoarserRun, sample: int = 0) -> tuple[int, str]:
+    """Return how many instants of the coarser run tell of the errors of a run: most of those before it fails or runs
+    away from it; and the output in which it runs away, empty where it does not."""
+    known = np.all([np.isfinite(values[:, sample]) for values in other.outputs.values()], axis=0)
+    reach = known.size if known.all() else int(np.argmin(known))
+    found = (reach if known.all() else int(RELIED_ON * reach)), ""
+    for name, values in outputs.items():
+        apart = np.abs(other.outputs[name][:reach, sample] - np.interp(other.time[:reach], time, values))
+        far = apart > ASTRAY * np.abs(values).max()
+        far = np.all([far[k : far.size - LASTS + 1 + k] for k in range(LASTS)], axis=0)
+        if name in scene.counted or not far.any():
+            continue
+        first = int(np.argmax(far))
+        levels = apart[first] / np.array([GREW, np.sqrt(GREW)])
+        begins, half = np.searchsorted(np.maximum.accumulate(apart[: first + 1]), levels).tolist()
+        if first - half < SLOWER * (half - begins) and int(RELIED_ON * begins) < found[0]:
+            found = int(RELIED_ON * begins), name
+    return found
+
+
 def step_errors(
     scene: Scene, time: np.ndarray, outputs: Arrays, other: CoarserRun, sample: int = 0
 ) -> StepErrors | None:
     """Return the errors of a run, times and outputs of shape (n_t,), at the instants of the coarser one, of which it is
     the sample of that number; None where that did not go far enough."""
-    known = np.all([np.isfinite(values[:, sample]) for values in other.outputs.values()], axis=0)
-    n = known.size if known.all() else int(RELIED_ON * np.argmin(known))
+    n, _ = relied_on(scene, time, outputs, other, sample)
     if n <= FEWEST or not all(np.isfinite(values).all() for values in outputs.values()):
         return None
     at, step, n_steps = other.time[:n], float(time[1] - time[0]), time.size - 1

@@ -108,6 +108,19 @@ def test_an_estimate_ends_a_tenth_before_the_coarser_run_does() -> None:
     assert "stopped at 0.305 s (Newton's iteration did not converge" in said[0]
 
 
+def test_an_estimate_ends_before_the_coarser_run_runs_away_by_itself() -> None:
+    """As that of a fan in soft bearings, which grew by an eighth from step to step: 440 N were said of 0.4 N."""
+    time, outputs, _, other = runs(10.0)
+    grown = 1e-6 * 1.133 ** np.arange(other.time.size)
+    away = replace(other, outputs={"x": other.outputs["x"] + grown[:, None]})
+    found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, away)
+    left = np.argmax(grown > coarser_run.ASTRAY * outputs["x"].max())
+    assert 0.5 * left < found.time.size < 0.91 * left
+    assert np.abs(found.outputs["x"]).max() < 0.01 * np.abs(outputs["x"]).max()
+    said = [one.text for one in step_remarks(_Model(), time, outputs, away, found)]
+    assert any("ran away from this one by itself (outputs.x)" in text for text in said)
+
+
 def test_too_little_tells_nothing() -> None:
     time, outputs, _, other = runs(30.0, reach=coarser_run.FEWEST - 1)
     assert coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, other) is None
