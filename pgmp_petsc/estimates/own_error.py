@@ -16,7 +16,7 @@ import numpy as np
 from pgmp_petsc.base.errors import Remark, counted, gathered, note, warning
 from pgmp_petsc.base.units import SI, Units, UnitSystem
 from pgmp_petsc.bodies.shape import lacks_foreshortening
-from pgmp_petsc.estimates.coarser_run import CoarserRun, StepErrors, fewest_steps, most_of, times_of
+from pgmp_petsc.estimates.coarser_run import CoarserRun, StepErrors, fewest_steps, most_of, relied_on, times_of
 from pgmp_petsc.estimates.error_indicator import Estimate, indicator_of
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
@@ -168,7 +168,9 @@ def step_remarks(
     why = f"would take more than {100 * most:.3g} % of the run's own price, and was given up"
     if other.status[0] != Status.FINE:
         why = f"stopped at {other.failure_time[0]:.4g} s ({Status(other.status[0]).meaning})"
-    if np.isfinite(other.until[0]):
+    if runs_away := relied_on(model.scene, time, outputs, other)[1]:
+        why = f"ran away from this one by itself (outputs.{runs_away})"
+    elif np.isfinite(other.until[0]):
         why = f"failed in most of its steps from {other.until[0]:.4g} s on"
     if errors is None:
         half = f"compare with half the step (--override simulation.step={0.5 * model.scene.simulation.step:.3g})"
