@@ -157,12 +157,11 @@ def difference_remarks(model: Model, off: Off) -> Iterator[Remark]:
         said = f"{apart}; they are estimated to be off by up to {share_text(off.share)} of the largest ({where})"
         yield note(said) if off.share < DOUBTFUL else warning(f"{said}: compare runs (--set)")
         return
-    jumping = [f"effects.{name}.force" for name, one in model.scene.effects.items() if one.jumps_with - {"t"}]
-    if jumping:
+    if model.scene.jumping:
         yield warning(
-            f"{', '.join(jumping)}: derivatives leave out what a force jumps by where a comparison or a sign changes; "
-            "where such a place moves with a parameter they are wrong: write it without a jump (max, min, tanh), or "
-            "compare runs (--set)"
+            f"{', '.join(model.scene.jumping)}: derivatives leave out what a force jumps by where a comparison or a "
+            "sign changes; where such a place moves with a parameter they are wrong: write it without a jump (max, "
+            "min, tanh), or compare runs (--set)"
         )
 
 

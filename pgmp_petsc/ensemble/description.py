@@ -95,7 +95,7 @@ def describe_ensemble(
         *kept.remarks,
         *failure_remarks(
             status, *own, origin.model, scene.ensemble.failed_share, may_be_retried, length_names(scene),
-            tuple(scene.carried),
+            scene.unbalanced,
         ),
         *step_remarks(status, divisors, scene.simulation.step),
         *sampler_remarks(scene, plan),
@@ -448,14 +448,14 @@ def failure_remarks(
     hidden: float = 1.0,
     may_be_retried: bool = True,
     lengths: Sequence[str] = (),
-    rubbing: Sequence[str] = (),
+    unbalanced: str = "",
 ) -> Iterator[Remark]:
     """Return what is to be said of failed samples of a model by status (N,) and drawn values (N,) with their units;
     nothing where all are fine.
 
     `hidden` is the largest share of failed samples that the others are described without; `may_be_retried` says whether
     a further try takes any of them with steps that were not tried; `lengths` are parameters with which a mechanism may
-    not close; `rubbing` are effects that joints may jam with.
+    not close; `unbalanced` is what helps where forces have no balance.
     """
     failed = status != Status.FINE
     n, n_failed = failed.size, int(failed.sum())
@@ -470,7 +470,7 @@ def failure_remarks(
                 f"SCENE --set {lengths[0]}=VALUE says"
             )
         yield warning(
-            f"{count} of {n} samples failed (status {int(code)}): {meaning}; cure: {reason.cure(model, rubbing)}"
+            f"{count} of {n} samples failed (status {int(code)}): {meaning}; cure: {reason.cure(model, unbalanced)}"
         )
     if n_failed == n:
         yield warning("no sample is fine, so the outputs have no statistics")

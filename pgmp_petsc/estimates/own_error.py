@@ -16,7 +16,7 @@ import numpy as np
 from pgmp_petsc.base.errors import Remark, counted, gathered, note, warning
 from pgmp_petsc.base.units import SI, Units, UnitSystem
 from pgmp_petsc.bodies.shape import lacks_foreshortening
-from pgmp_petsc.estimates.coarser_run import CoarserRun, StepErrors, fewest_steps, most_of, times_of
+from pgmp_petsc.estimates.coarser_run import CoarserRun, StepErrors, fewest_steps, most_of, relied_on, times_of
 from pgmp_petsc.estimates.error_indicator import Estimate, indicator_of
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
@@ -49,6 +49,9 @@ SMALLER_ERRORS = {
     "full": "take a smaller simulation.step, or leave it out and name a simulation.tolerance",
 }
 SMALLER_ERRORS["components"] = SMALLER_ERRORS["full"]
+FIRST_ORDER = (
+    "act in first order, which no basis makes better: compare with the full-order run (pgmp simulate SCENE --full)"
+)
 SMALL = 0.01  # estimated error as a share of an output's largest value, up to which it is no harm that it is unsure
 NEGLIGIBLE = 1e-6  # of the largest output of its unit: an error as small of an output that vanishes is none
 
@@ -145,10 +148,12 @@ def large_errors(
     if not found:
         return
     of = " of the samples that are checked" if any(values.size > 1 for values in errors.values()) else ""
+    off = [f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset] if scene else []
+    beyond = f"; {', '.join(off)} {FIRST_ORDER}" if off and model == "reduced" else ""
     lost = NOT_CONVERGED + BY_IMPACTS * loose if any(" more than all of it" in one for one in found) else ""
     yield warning(
         f"large estimated errors{OF_MODEL[model]}{of}, as shares of the largest values over the run: "
-        f"{', '.join(found)}; {SMALLER_ERRORS[model]}{lost}"
+        f"{', '.join(found)}; {SMALLER_ERRORS[model]}{beyond}{lost}"
     )
 
 
@@ -163,7 +168,9 @@ def step_remarks(
     why = f"would take more than {100 * most:.3g} % of the run's own price, and was given up"
     if other.status[0] != Status.FINE:
         why = f"stopped at {other.failure_time[0]:.4g} s ({Status(other.status[0]).meaning})"
-    if np.isfinite(other.until[0]):
+    if runs_away := relied_on(model.scene, time, outputs, other)[1]:
+        why = f"ran away from this one by itself (outputs.{runs_away})"
+    elif np.isfinite(other.until[0]):
         why = f"failed in most of its steps from {other.until[0]:.4g} s on"
     if errors is None:
         half = f"compare with half the step (--override simulation.step={0.5 * model.scene.simulation.step:.3g})"

@@ -255,13 +255,14 @@ class Continuation:
         change = space.turned(change, -winding[:, None])
         if np.max(np.abs(change / space.units(self._closure.size)[:, None])) > 1e-8:
             mechanism = self._closure.mechanism
-            why = "it moved to another assembly branch"
+            why, cure = "it moved to another assembly branch", ""
             if mechanism.couplings:
                 names = ", ".join(f"joints.{coupling.name}" for coupling in mechanism.couplings)
-                why += f", or by {names} a body moved by a part of a turn: the slowest joint as coordinate does"
+                why += f", or by {names} a body moved by a part of a turn"
+                cure = ", or as coordinate a joint that turns all bodies by whole turns, as the slowest may"
             raise InputError(
                 f"coordinates.{mechanism.coordinates[axis].name}.periodic = true: after one turn the mechanism does "
-                f"not come back to where it began ({why}); give a range that is not periodic"
+                f"not come back to where it began ({why}); give a range that is not periodic{cure}"
             )
         return winding
 

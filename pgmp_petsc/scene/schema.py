@@ -233,6 +233,21 @@ class Scene(Table):
         return {name: effect for name, effect in self.plain_effects.items() if effect.by_load}
 
     @property
+    def jumping(self) -> tuple[str, ...]:
+        """The entries of forces that jump with the motion."""
+        return tuple(f"effects.{name}.force" for name, effect in self.effects.items() if effect.jumps_with - {"t"})
+
+    @property
+    def unbalanced(self) -> str:
+        """What helps where no step does, as some forces have no balance; empty where none is known to be such."""
+        cures = []
+        if self.carried:
+            cures.append(f"less coefficient or radius of {', '.join(self.carried)}, with which joints may jam")
+        if self.jumping:
+            cures.append(f"{', '.join(self.jumping)} written without a jump (max, min, tanh)")
+        return f", and where none helps {', or '.join(cures)}" if cures else ""
+
+    @property
     def loose(self) -> tuple[str, ...]:
         """The entries of joints with a clearance, of which statics do not find where their parts rest."""
         return tuple(f"joints.{name}.clearance" for name, one in self.joints.items() if one.gives_way == "clearance")

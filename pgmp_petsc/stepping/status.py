@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from enum import IntEnum
 
 
@@ -23,17 +22,13 @@ class Status(IntEnum):
         """Return the reason in words."""
         return _MEANINGS[self]
 
-    def cure(self, model: str, rubbing: Iterable[str] = ()) -> str:
+    def cure(self, model: str, unbalanced: str = "") -> str:
         """Return what helps against it in runs of a model (its name), empty where it is fine.
 
-        `rubbing` are the scene's effects whose force hangs on the one that their joint carries.
+        `unbalanced` is what helps where forces of the scene have no balance (`Scene.unbalanced`).
         """
         beyond = _BEYOND_THE_REDUCED.get(self, "") if model == "reduced" else ""
-        names = ", ".join(rubbing) if self == Status.NOT_CONVERGED else ""
-        jams = (
-            f", and where none helps less coefficient or radius of {names}, with which joints may jam" if names else ""
-        )
-        return _CURES[self] + beyond + jams
+        return _CURES[self] + beyond + (unbalanced if self == Status.NOT_CONVERGED else "")
 
 
 class Outcome(IntEnum):

@@ -108,6 +108,19 @@ def test_an_estimate_ends_a_tenth_before_the_coarser_run_does() -> None:
     assert "stopped at 0.305 s (Newton's iteration did not converge" in said[0]
 
 
+def test_an_estimate_ends_before_the_coarser_run_runs_away_by_itself() -> None:
+    """As that of a fan in soft bearings, which grew by an eighth from step to step: 440 N were said of 0.4 N."""
+    time, outputs, _, other = runs(10.0)
+    grown = 1e-6 * 1.133 ** np.arange(other.time.size)
+    away = replace(other, outputs={"x": other.outputs["x"] + grown[:, None]})
+    found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, away)
+    left = np.argmax(grown > coarser_run.ASTRAY * outputs["x"].max())
+    assert 0.5 * left < found.time.size < 0.91 * left
+    assert np.abs(found.outputs["x"]).max() < 0.01 * np.abs(outputs["x"]).max()
+    said = [one.text for one in step_remarks(_Model(), time, outputs, away, found)]
+    assert any("ran away from this one by itself (outputs.x)" in text for text in said)
+
+
 def test_too_little_tells_nothing() -> None:
     time, outputs, _, other = runs(30.0, reach=coarser_run.FEWEST - 1)
     assert coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, other) is None
@@ -204,6 +217,35 @@ def test_friction_turns_at_once_with_a_force_that_is_held(tmp_path: Path, step: 
     exact, found = (trajectory("full", load_scene(path, [f"simulation.step={h}"])) for h in (step / times, step))
     error = np.abs(found.outputs["x"] - exact.outputs["x"][::times]).max()
     assert error / 3.0 < np.abs(found.errors.outputs["x"]).max() < 3.0 * error
+
+
+OVER_ROWS = tables("""
+scene: name = "over rows"
+bodies.mass: rigid = { mass = 1.0, inertia = 1.0, points = { c = [0.0, 0.0] } }
+joints.rail: type = "prismatic"; connect = ["ground:origin", "mass:c"]; axis = [1.0, 0.0]
+coordinates.x: joint = "rail"; range = [-2.0, 3.0]
+effects.press: type = "force"; joint = "rail"; over = "rail"; table = TABLE
+simulation: duration = 1.0; step = 1e-3; initial = { x = { velocity = 2.0 } }
+outputs.x: type = "sliding"; joint = "rail"
+""")
+
+
+@pytest.mark.parametrize(("width", "unsure"), [(0.3, False), (0.01, True)])
+def test_rows_over_a_joint_that_the_coarser_run_steps_over(tmp_path: Path, width: float, unsure: bool) -> None:
+    """A mass is slowed down by rows 10 mm apart: the coarser run, of 10 mm a step, knows little of them. The true
+    motion follows from the work that they do, ``t = int dx / v``."""
+    rows = np.array([[0.313, 0.0], [0.313 + width, -1.2], [0.313 + 2 * width, 0.0]])
+    (path := tmp_path / "rows.toml").write_text(OVER_ROWS.replace("TABLE", str(rows.tolist())))
+    found = trajectory("full", load_scene(path))
+    x = np.linspace(0.0, 2.2, 400001)
+    force = np.interp(x, *rows.T)
+    work = np.append(0.0, np.cumsum(0.5 * (force[1:] + force[:-1]))) * x[1]
+    pace = 1.0 / np.sqrt(4.0 + 2.0 * work)
+    exact = np.interp(found.time, np.append(0.0, np.cumsum(0.5 * (pace[1:] + pace[:-1]))) * x[1], x)
+    ratio = np.abs(found.errors.outputs["x"]).max() / np.abs(found.outputs["x"] - exact).max()
+    said = [one for one in found.record.remarks if "rows of a table over a joint are stepped over" in one.text]
+    assert [("(effects.press)" in one.text) for one in said] == [True] * unsure
+    assert unsure or 1 / 3 < ratio < 3
 
 
 @pytest.mark.parametrize("ratio", [2.0, 3.0, 4.0, 5.0])

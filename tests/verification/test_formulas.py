@@ -18,6 +18,7 @@ from pgmp_petsc.design.sensitivities import difference_remarks
 from pgmp_petsc.effects.formula import WORDS, known, law_of
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.stepping.status import Status
 
 #: A formula of every function, and the same by numpy.
 EXAMPLES = {
@@ -117,6 +118,8 @@ def test_derivatives_say_that_they_leave_out_jumps_that_move(force: str, jumps: 
     model = SimpleNamespace(name="reduced", scene=cart(f"effects.e={law}"))
     found = [remark.text for remark in difference_remarks(model, 0.0)]
     assert [text.split(":")[0] for text in found] == ["effects.e.force"] * jumps
+    cure = Status.NOT_CONVERGED.cure("reduced", model.scene.unbalanced)
+    assert cure.endswith("where none helps effects.e.force written without a jump (max, min, tanh)") == jumps
 
 
 FORMULA = 'effects.e={type="law",joint="pivot",force='
