@@ -197,7 +197,8 @@ class _Fitting:
         remarks = (
             *history.remarks, *self._of_solution(solution), *self._turned_back.remarks,
             *self._of_own_error(solution, slopes, sigma, errors), *served_remarks(self._served, self._names),
-            *self._of_limits(estimate, errors, blind), *_tied(self._names, correlation),
+            *self._of_limits(estimate, errors, blind, np.concatenate(slopes).any(axis=0)),
+            *_tied(self._names, correlation),
             *self._of_noise(left, sigma, lasting),
             *difference_remarks(self._model, solution.run.off), *step_remarks(self._model, solution.run),
             *contact_remarks(solution.run), *scene.remarks,
@@ -330,17 +331,22 @@ class _Fitting:
         return (warning(f"the fit did not converge: {solution.reason}; begin nearer (--set)"), near)
 
     @gathered
-    def _of_limits(self, estimate: np.ndarray, errors: np.ndarray, blind: np.ndarray) -> Iterator[Remark]:
-        """Return which parameters end at their limits, or are not identifiable, or beyond what the basis spans."""
+    def _of_limits(
+        self, estimate: np.ndarray, errors: np.ndarray, blind: np.ndarray, felt: np.ndarray
+    ) -> Iterator[Remark]:
+        """Return which parameters end at their limits, or are not identifiable, though felt by an output or not, or
+        beyond what the basis spans."""
         scene = self._model.scene
+        together = [name for name, lost, is_felt in zip(self._names, blind, felt) if lost and is_felt]
         for name, value, error, (low, high), lost in zip(self._names, estimate, errors, self._limits, blind):
             near, own = 1e-6 * (high - low), to_own(scene, name)
             if lost or error > high - low:
                 what = f"its standard error, {own * error:.3g}, is larger than the range that it is searched in"
-                what = "no output depends on it, or only together with others" if lost else what
+                others = " and ".join(one for one in together if one != name and name in together)
+                only = f"outputs depend on it only together with {others}" if others else "no output depends on it"
                 yield warning(
-                    f"{name} is not identifiable from this history: {what}; its value is none, and it is better "
-                    "held (--parameter with the others)"
+                    f"{name} is not identifiable from this history: {only if lost else what}; its value is none, and "
+                    f"{'one of them' if lost and others else 'it'} is better held (--parameter with the others)"
                 )
             elif value < low + near or value > high - near:
                 end = "lower" if value < low + near else "upper"
@@ -375,7 +381,7 @@ class _Fitting:
                 own = to_own(self._model.scene, name)
                 value, step, error = (own * float(x) for x in (solution.values[name], step, error))
                 figures.append((f"{name} (standard error {plain(error)})", value, value + step, error))
-        return of_figures(figures, "the standard errors", OF_STANDARD_ERROR)
+        return of_figures(figures, "the standard errors", OF_STANDARD_ERROR) if figures else ()
 
     @gathered
     def _of_noise(

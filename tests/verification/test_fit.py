@@ -64,6 +64,24 @@ def test_what_nothing_depends_on_stays_where_it_began() -> None:
     assert "idle is searched over all numbers between its limits, also between single values" in said
 
 
+def test_two_springs_that_only_their_sum_tells_apart_are_named_with_one_another() -> None:
+    second = """
+parameters.k2 = { nominal = 20.0, bounds = [5.0, 60.0] }
+effects.second = { type = "spring_damper", joint = "hinge", stiffness = "k2" }
+"""
+    time = np.arange(0.0, 0.5, 5e-3)
+    scene = scene_from_toml(second + IDLE, ".")
+    history = MeasuredHistory(time, {"angle": 0.1 * np.sin(25.0 * time)})
+    found = fit(components_model(scene), history, ["k", "k2", "idle"], {}, MPI.COMM_SELF)
+    said = [remark.text for remark in found.record.remarks]
+    assert not any("of the standard errors" in text for text in said)  # there are none
+    told = {text.split()[0]: text.split(": ")[1] for text in said if "is not identifiable" in text}
+    held = "is better held (--parameter with the others)"
+    assert told["k"] == f"outputs depend on it only together with k2; its value is none, and one of them {held}"
+    assert told["k2"].startswith("outputs depend on it only together with k;")
+    assert told["idle"] == f"no output depends on it; its value is none, and it {held}"
+
+
 @pytest.fixture(scope="module")
 def model() -> ReducedModel:
     return reduced_model(slider_crank(*MODES, *SCENE))
