@@ -49,6 +49,9 @@ SMALLER_ERRORS = {
     "full": "take a smaller simulation.step, or leave it out and name a simulation.tolerance",
 }
 SMALLER_ERRORS["components"] = SMALLER_ERRORS["full"]
+FIRST_ORDER = (
+    "act in first order, which no basis makes better: compare with the full-order run (pgmp simulate SCENE --full)"
+)
 SMALL = 0.01  # estimated error as a share of an output's largest value, up to which it is no harm that it is unsure
 NEGLIGIBLE = 1e-6  # of the largest output of its unit: an error as small of an output that vanishes is none
 
@@ -145,10 +148,12 @@ def large_errors(
     if not found:
         return
     of = " of the samples that are checked" if any(values.size > 1 for values in errors.values()) else ""
+    off = [f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset] if scene else []
+    beyond = f"; {', '.join(off)} {FIRST_ORDER}" if off and model == "reduced" else ""
     lost = NOT_CONVERGED + BY_IMPACTS * loose if any(" more than all of it" in one for one in found) else ""
     yield warning(
         f"large estimated errors{OF_MODEL[model]}{of}, as shares of the largest values over the run: "
-        f"{', '.join(found)}; {SMALLER_ERRORS[model]}{lost}"
+        f"{', '.join(found)}; {SMALLER_ERRORS[model]}{beyond}{lost}"
     )
 
 

@@ -9,6 +9,7 @@ import pytest
 import synthetic
 from conftest import ROOT
 from loose_scenes import worn
+from offset_scenes import clamped_beam, offset
 from runs import paper_scene, reduced_model, trajectory
 from spatial import spatial_slider_crank
 
@@ -200,6 +201,9 @@ def test_a_share_is_told_where_it_says_something(largest: float, line: str, warn
     assert not any("impacts" in remark.text for remark in remarks)
     loose = large_errors(*errors.of_one_run(), {"tip": "m"}, scene=worn())
     assert any("where impacts make" in remark.text for remark in loose) == ("more than all" in warned)
+    for model in ("reduced", "full"):
+        off = large_errors(*errors.of_one_run(), {"tip": "m"}, model, clamped_beam(offset("right", place=[1e-3, 0.0])))
+        assert any("joints.right.offset act in" in one.text for one in off) == (bool(warned) and model == "reduced")
 
 
 def test_an_ensemble_tells_the_worst_of_its_samples_and_how_many_are_so() -> None:
