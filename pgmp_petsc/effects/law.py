@@ -123,7 +123,7 @@ class Law(Printed):
         if ("elastic" in re.findall(r"\w+", self.force)) != (self.potential != "0"):
             left_out = f"leaves it out, and the potential is '{self.potential}'"
             has = left_out if self.potential != "0" else "names it, and there is no potential"
-            raise InputError(f"{place}: {entry}: elastic is -dV/ds of the potential V, in the force: '{self.force}' {has}")
+            raise InputError(f"{place}: {entry}: elastic is -dV/ds of the potential V, and force '{self.force}' {has}")
         if self.loaded and not self.parameters:
             raise InputError(f"{place}: {entry}: it is loaded; its first parameter is the force that the joint carries")
         self.enter()
