@@ -22,6 +22,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
@@ -119,6 +120,10 @@ class Law(Printed):
         check(f"{entry}: potential", self.potential, of_s, place)
         for number, edge in enumerate(self.edges):
             check(f"{entry}: edges[{number}]", edge, of_s, place)
+        if ("elastic" in re.findall(r"\w+", self.force)) != (self.potential != "0"):
+            left_out = f"leaves it out, and the potential is '{self.potential}'"
+            has = left_out if self.potential != "0" else "names it, and there is no potential"
+            raise InputError(f"{place}: {entry}: elastic is -dV/ds of the potential V, and force '{self.force}' {has}")
         if self.loaded and not self.parameters:
             raise InputError(f"{place}: {entry}: it is loaded; its first parameter is the force that the joint carries")
         self.enter()

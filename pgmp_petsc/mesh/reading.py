@@ -36,7 +36,8 @@ try:
     import meshio
     found = meshio.read(sys.argv[1])
 except BaseException as error:
-    found = str(error) if isinstance(error, Exception) else sys.stdout.getvalue()
+    words = repr(error) if isinstance(error, LookupError) else str(error)  # of a key alone nobody is told anything
+    found = words if isinstance(error, Exception) else sys.stdout.getvalue()
 pickle.dump(found, out)
 """
 #: Lengths below this share of the mesh's extent count as zero (round-off of 12-digit coordinates).
@@ -133,7 +134,10 @@ def made_by(program: Path, words: Sequence[object], seconds: float) -> dict[str,
 def _unreadable(received: str, reason: str) -> InputError:
     """Return the error that meshio cannot read a file, with the cure."""
     reason = " ".join(reason.split())[:MAX_REASON]
-    cure = "a mesh in a format that meshio knows by the file's suffix is needed"
+    cure = (
+        "a mesh in a format that meshio knows by the file's suffix is needed: best .msh (gmsh) or .inp (Abaqus), whose "
+        "sets are points of bodies"
+    )
     if "gmsh:physical" in reason:  # its reader wants the tags of all entities or of none
         cure = "gmsh must save the cells of physical groups only (Mesh.SaveAll = 0)"
     return InputError(f"{received}: meshio cannot read this file ({reason}); {cure}")

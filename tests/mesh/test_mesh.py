@@ -161,6 +161,11 @@ def test_unusable_meshes_are_refused(tmp_path: Path, points: list, cells: list, 
         ("broken.vtu", "<VTKFile", "meshio cannot read this file"),
         ("empty.inp", "", "it has no nodes"),
         ("scene.toml", "a = 1", "meshio cannot read this file"),
+        (
+            "deck.bdf",
+            "BEGIN BULK\nINCLUDE 'nodes.inc'\nCTRIA3  1       1       1       2       3\nENDDATA\n",
+            r"KeyError\(.*\.inp",
+        ),
         ("broken.ply", "ply\nformat ascii 1.0\nend_header", "meshio cannot read this file"),
     ],
 )

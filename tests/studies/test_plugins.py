@@ -764,6 +764,11 @@ BROKEN = {
         (", Quantity(0.0))", ")"),
         r"mine\.py:3\d: effects\.line_spring: law spring_damper .* parameters k, c, rest, and is given 2; give one for",
     ),
+    "a potential that is not in the force": (
+        ("@", LAW.format("own", "-k * s").replace("force=", "potential='k * s**2 / 2', force=")),
+        r"mine\.py:2: law own: elastic is -dV/ds .*, and force '-k \* s' leaves it out, and the potential is 'k",
+    ),
+    "a force of no potential": (("@", LAW.format("own", "elastic")), r"'elastic' names it, and there is no potential$"),
     "a load of no joint": (('acts = "forces"', 'acts = "forces"; by_load = True'), r"\(by_load\) has the entry joint$"),
     "a load of no parameter": (
         ("@", LAW.format("own", "-s").replace('("k",)', "(), loaded=True")),
