@@ -66,13 +66,10 @@ WITHIN = 10  # places within a coarser step at which tables over joints are look
 #: 1.1 times the true errors, with 3 % 0.2 to 1.8 times, with 6 to 14 % 0.1 to 8 times
 BENT = 0.02
 ASTRAY = 2.0  # of an output's largest value: runs whose vibrations are out of phase differ by so much at most
-LASTS, GREW = (
-    3,
-    10.0,
-)  # coarser steps for which they differ by more where one runs away, and times that this grew before
-SLOWER = (
-    1.5  # the second half of this growth, on a logarithmic scale: 1 where it is exponential, 1.8 where it is a square
-)
+LASTS = 3  # coarser steps for which they differ by more where one runs away
+GREW = 10.0  # times that the difference grew before
+#: what its second root of `GREW` may take of the time of the first: 1 where it grows exponentially, 1.8 as a square
+SLOWER = 1.5
 CROWDED = 0.5  # of `APART` of them, from which on it ends: changes of step set off what is seen then
 
 
