@@ -209,9 +209,8 @@ def test_failed_samples_belong_to_the_probability_on_the_line_in_json_and_in_the
     assert chance.estimate < true - 0.05
     of_event = json.loads(pgmp("info", tmp_path / "many.h5", "--json").stdout)["probabilities"]["far"]
     assert of_event["failed"] == n_failed and of_event["interval"] == [low, high] and of_event["decided"] is True
-    assert (
-        "note: w = 0.5: the model is made with it" in pgmp("export", tmp_path / "bar.h5", "-o", tmp_path / "c").stdout
-    )
+    exported = pgmp("export", tmp_path / "bar.h5", "-o", tmp_path / "c").stdout
+    assert "note: w = 0.5 rad/s: the model is made with it" in exported
     # the hinge stands still
     assert found.statistics["still"].constant and "still" not in found.sobol
     assert next(line for line in said.splitlines() if line.split()[:1] == ["still"]).split()[2] == "constant"
