@@ -325,8 +325,7 @@ def _searched(
 
     A search ends where the goal hardly changes from one iteration to the next, which it also does where its matrix of
     second derivatives is of the other side of a kink, as that of a largest value. It begins again there, as long as
-    that gains something. Where it meets no constraints at all it begins again from the design nearby that misses them
-    least: t is smallest under ``g <= t``, which linear constraints meet at every design.
+    that gains something. Where it meets no constraints at all it begins again from the design that misses them least.
     """
     scale = figures.scale
     ends = figures.limits.T / scale  # rounded once
@@ -351,22 +350,7 @@ def _searched(
     ]
     done, best = _search(goal, missed, np.clip(figures.start / scale, *ends), ends, constraints, MOST_ITERATIONS)
     if missed(best) > MET and not met():
-        wide = np.column_stack([ends, [0.0, np.inf]])
-        wider = [
-            {
-                "type": "ineq",
-                "fun": lambda z, one=one: one["fun"](z[:-1]) + z[-1],
-                "jac": lambda z, one=one: np.append(one["jac"](z[:-1]), 1.0),
-            }
-            for one in constraints
-        ]
-        along = np.eye(len(best) + 1)[-1]
-
-        def most_missed(z: np.ndarray) -> tuple[float, np.ndarray]:
-            return (z[-1] if np.isfinite(goal(z[:-1])[0]) else np.inf), along
-
-        begin = np.append(best, missed(best))
-        best = _search(most_missed, lambda z: 0.0, begin, wide, wider, MOST_ITERATIONS)[1][:-1]
+        best = _least_missed(goal, np.append(best, missed(best)), ends, constraints)
         if missed(best) <= MET:
             done, best = _search(goal, missed, best, ends, constraints, MOST_ITERATIONS)
     off, n_iterations = missed(best), done.nit
@@ -420,6 +404,28 @@ def _search(
     reason = f"its last {each} iterations brought it no nearer to the constraints"
     done = scipy.optimize.OptimizeResult(fun=goal(last)[0], status=STUCK, message=reason, nit=len(seen))
     return done, np.clip(last, *ends)
+
+
+def _least_missed(
+    goal: Callable[[np.ndarray], tuple[float, np.ndarray]], start: np.ndarray, ends: np.ndarray,
+    constraints: Sequence[dict],
+) -> np.ndarray:  # fmt: skip
+    """Return the design near a start that misses constraints ``g <= 0`` least: t is smallest under ``g <= t``, which a
+    large t meets at every design. The start is a design and t behind it; designs that cannot be run have no goal."""
+    wider = [
+        {
+            "type": "ineq",
+            "fun": lambda z, one=one: one["fun"](z[:-1]) + z[-1],
+            "jac": lambda z, one=one: np.append(one["jac"](z[:-1]), 1.0),
+        }
+        for one in constraints
+    ]
+
+    def most_missed(z: np.ndarray) -> tuple[float, np.ndarray]:
+        return (z[-1] if np.isfinite(goal(z[:-1])[0]) else np.inf), np.eye(z.size)[-1]
+
+    wide = np.column_stack([ends, [0.0, np.inf]])
+    return _search(most_missed, lambda z: 0.0, start, wide, wider, MOST_ITERATIONS)[1][:-1]
 
 
 def _contradicting(
