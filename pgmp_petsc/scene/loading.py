@@ -158,8 +158,8 @@ def _text_of(name: str, entry: str, directory: Path) -> str:
         raise InputError(problem(entry, "no text file in UTF-8", name)) from error
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        sought = f"it is sought in {directory}"
-        raise InputError(problem(entry, f"the file cannot be read ({reason}); {sought}", name)) from error
+        words = f"the file cannot be read ({reason}); it is sought in {directory.resolve()}"
+        raise InputError(problem(entry, words, name)) from error
 
 
 def _read_tables(data: dict[str, Any], directory: Path, system: UnitSystem) -> None:

@@ -104,6 +104,12 @@ def test_what_is_no_file_is_refused(table: str, said: str, tmp_path: Path) -> No
     assert message.startswith("effects.e.table") and said in message
 
 
+def test_the_folder_of_a_file_that_is_missing_is_named_in_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a scene that is read from where one is, too."""
+    monkeypatch.chdir(tmp_path)
+    assert refusal(read, "", Path("."), '"pull.csv"').endswith(f"it is sought in {tmp_path.resolve()}")
+
+
 TABLES = {
     "ramp": [(0.0, 0.0), (0.25, 0.5), (1.0, 0.5)], "pulse within a step": [(0.1, 0.0), (0.101, 8.0), (0.102, 0.0)],
     "changes of sign": [(-0.3, 1.0), (0.21, -2.0), (0.5, 3.0), (0.73, -1.0), (2.0, 0.4)], "one row": [(0.5, 2.0)],
