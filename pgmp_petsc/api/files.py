@@ -25,12 +25,12 @@ from pgmp_petsc.base.errors import InputError, counted
 from pgmp_petsc.base.plugins import SHOWN, plugins_of
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.base.units import measure
+from pgmp_petsc.base.units import behind, measure
 from pgmp_petsc.files.claims import TABULAR, named
 from pgmp_petsc.files.hdf5 import KINDS, RunRecord, open_file, shapes_of
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results import EffectSizes, Selection
-from pgmp_petsc.results.numbers import axis_unit, behind, felt, share_text
+from pgmp_petsc.results.numbers import axis_unit, felt, share_text
 from pgmp_petsc.results.summary import origin_of, plain, summary_of
 
 

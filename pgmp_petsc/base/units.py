@@ -258,6 +258,11 @@ def dimension_of(unit: str) -> Dimension:
     return tuple(-power for power in dimension_of(below[1])) if below else measure(unit)[1]
 
 
+def behind(unit: str) -> str:
+    """Return a unit as written behind a number; nothing where there is none."""
+    return "" if unit in ("", "1") else f" {unit}"
+
+
 def inverse(unit: str) -> str:
     """Return the unit of a density over what has a unit: ``1/(N m)``; ``1`` where there is none."""
     return "1" if unit in ("", "1") else f"1/({unit})" if re.search("[ /]", unit) else f"1/{unit}"

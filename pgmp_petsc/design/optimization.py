@@ -24,6 +24,7 @@ from pgmp_petsc.base.errors import InputError, PgmpError, Remark, RunError, gath
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.base.units import behind
 from pgmp_petsc.design.fitting import ends_of, limits_of, served_remarks
 from pgmp_petsc.design.goals import Constraint, Dual, Goal, Outcome, TurnedBack
 from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, difference_remarks, step_remarks
@@ -38,7 +39,7 @@ from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.ending import search_at
 from pgmp_petsc.results.gradients import Design, DesignConstraint, DesignParameter
-from pgmp_petsc.results.numbers import behind, interval_text, percent, with_unit
+from pgmp_petsc.results.numbers import interval_text, percent, with_unit
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values, result_units, to_own, values_text
 from pgmp_petsc.scene.parameters import uncertain_names

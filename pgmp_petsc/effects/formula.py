@@ -116,6 +116,11 @@ def turns_of(rows: Rows) -> int | None:
     return turns if closed else None if turns == 1 else 0
 
 
+def turns_over(scene: Scene, entry: OverTime) -> int | None:
+    """Return the `turns_of` the table of a load over a joint; 0 if what it is over slides."""
+    return turns_of(entry.table) if motion_over(scene, entry) == "turning" else 0
+
+
 class TableLaw(Law):
     """A law over a table, whose code is given."""
 
@@ -159,8 +164,8 @@ def load_over_joint(
     name: str, entry: OverTime, mechanism: Mechanism, place: dict[str, Any], scale: Quantity
 ) -> ActionEffect:
     """Return a load whose table is over the motion of a joint; `place` is what it acts on, as `Action` takes it."""
-    turns = turns_of(entry.table) if motion_over(mechanism.scene, entry) == "turning" else 0
-    action = Action(name, law=table_law(entry.table, turns), parameters=(scale,), **place)
+    law = table_law(entry.table, turns_over(mechanism.scene, entry))
+    action = Action(name, law=law, parameters=(scale,), **place)
     return ActionEffect(name, led_over(entry, mechanism, action), mechanism)
 
 
@@ -172,7 +177,7 @@ def load_over_problems(scene: Scene, name: str, entry: OverTime) -> Iterator[str
         yield from load_problems(scene, name, entry)
     elif entry.table is None:
         yield problem(f"effects.{name}.over", "needs a table; a harmonic is over time", entry.over)
-    elif not found and motion_over(scene, entry) == "turning" and turns_of(entry.table) is None:
+    elif not found and turns_over(scene, entry) is None:
         yield problem(f"effects.{name}.table", "is over a whole turn, and its ends differ; it has to close")
 
 

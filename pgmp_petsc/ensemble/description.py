@@ -23,7 +23,7 @@ import scipy
 
 from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.base.resources import Timings
-from pgmp_petsc.base.units import Units
+from pgmp_petsc.base.units import Units, behind
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Kept, Shards
 from pgmp_petsc.ensemble.plan import Plan, block_of, checked, share_of
@@ -49,7 +49,7 @@ from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import LengthLanes, Model, Reduced
 from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble, Place, ShardSamples
-from pgmp_petsc.results.numbers import VANISHING, Arrays, behind
+from pgmp_petsc.results.numbers import VANISHING, Arrays
 from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Sensitivity, Statistics
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.border import own_values, result_units
@@ -95,7 +95,7 @@ def describe_ensemble(
         *kept.remarks,
         *failure_remarks(
             status, *own, origin.model, scene.ensemble.failed_share, may_be_retried, length_names(scene),
-            scene.unbalanced,
+            scene.balance_cure,
         ),
         *step_remarks(status, divisors, scene.simulation.step),
         *sampler_remarks(scene, plan),
@@ -448,14 +448,14 @@ def failure_remarks(
     hidden: float = 1.0,
     may_be_retried: bool = True,
     lengths: Sequence[str] = (),
-    unbalanced: str = "",
+    balance_cure: str = "",
 ) -> Iterator[Remark]:
     """Return what is to be said of failed samples of a model by status (N,) and drawn values (N,) with their units;
     nothing where all are fine.
 
     `hidden` is the largest share of failed samples that the others are described without; `may_be_retried` says whether
     a further try takes any of them with steps that were not tried; `lengths` are parameters with which a mechanism may
-    not close; `unbalanced` is what helps where forces have no balance.
+    not close; `balance_cure` is what helps where forces have no balance.
     """
     failed = status != Status.FINE
     n, n_failed = failed.size, int(failed.sum())
@@ -470,7 +470,7 @@ def failure_remarks(
                 f"SCENE --set {lengths[0]}=VALUE says"
             )
         yield warning(
-            f"{count} of {n} samples failed (status {int(code)}): {meaning}; cure: {reason.cure(model, unbalanced)}"
+            f"{count} of {n} samples failed (status {int(code)}): {meaning}; cure: {reason.cure(model, balance_cure)}"
         )
     if n_failed == n:
         yield warning("no sample is fine, so the outputs have no statistics")

@@ -17,9 +17,9 @@ import h5py
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, shortened
-from pgmp_petsc.base.units import Units
+from pgmp_petsc.base.units import Units, behind
 from pgmp_petsc.files.hdf5 import csv_table, without_unit
-from pgmp_petsc.results.numbers import Arrays, behind
+from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import in_own_units, own_units, si_values
 from pgmp_petsc.scene.messages import MAX_LINES, input_error

@@ -42,9 +42,10 @@ import numpy as np
 import scipy
 
 from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
+from pgmp_petsc.base.units import behind
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.files.seal import identity
-from pgmp_petsc.results.numbers import Arrays, behind
+from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_units, own_values, to_own
 from pgmp_petsc.scene.parameters import ARCHIMEDEAN, correlation_matrix, kendall, uncertain_names, variables_of

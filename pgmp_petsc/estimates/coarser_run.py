@@ -30,7 +30,7 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
-from pgmp_petsc.effects.formula import TURN, turns_of
+from pgmp_petsc.effects.formula import TURN, turns_over
 from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.models import FullModel, Model, OutputRecord
 from pgmp_petsc.outputs.of_frames import Angle, Sliding
@@ -168,7 +168,7 @@ def _stepped_over(scene: Scene, other: CoarserRun, n: int, sample: int) -> list[
     for entry in [name for name in other.outputs if name.startswith("effects.")]:
         effect = scene.effects[entry.removeprefix("effects.")]
         rows = np.array([(place, scene.values.get(value, value)) for place, value in effect.table], dtype=float)
-        turns = turns_of(effect.table) if motion_over(scene, effect) == "turning" else 0
+        turns = turns_over(scene, effect)
         at = np.interp(between, steps, other.outputs[entry][:n, sample])
         forces = np.interp(at, *rows.T, period=turns * TURN if turns else None)
         bent = np.abs(forces - np.interp(between, steps, forces[::WITHIN]))

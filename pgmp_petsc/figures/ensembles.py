@@ -17,11 +17,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from pgmp_petsc.base.errors import InputError, counted, nearest_name
-from pgmp_petsc.base.units import inverse
+from pgmp_petsc.base.units import behind, inverse
 from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.results import Band, Ensemble, Statistics
-from pgmp_petsc.results.numbers import ROUND_OFF, behind, interval_text, number_text
+from pgmp_petsc.results.numbers import ROUND_OFF, interval_text, number_text
 from pgmp_petsc.results.statistics import RareEvent, Sensitivity
 
 LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble

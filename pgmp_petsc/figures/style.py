@@ -24,9 +24,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter, MaxNLocator
 
 from pgmp_petsc.base import __version__
+from pgmp_petsc.base.units import behind
 from pgmp_petsc.files.claims import replacing
 from pgmp_petsc.files.hdf5 import RunRecord
-from pgmp_petsc.results.numbers import axis_unit, behind
+from pgmp_petsc.results.numbers import axis_unit
 
 Arguments = ParamSpec("Arguments")
 

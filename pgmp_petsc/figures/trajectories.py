@@ -18,12 +18,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.base.units import behind
 from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import same_case, tell_apart
 from pgmp_petsc.figures.loads import OF_JOINTS, outputs_of
 from pgmp_petsc.results import Derivatives, Design, Fit, Trajectory
 from pgmp_petsc.results.gradients import FittedParameter
-from pgmp_petsc.results.numbers import ROUND_OFF, behind, plain, sizes_of
+from pgmp_petsc.results.numbers import ROUND_OFF, plain, sizes_of
 
 N_CROSSES = 36
 

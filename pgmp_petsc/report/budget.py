@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.base.errors import counted
+from pgmp_petsc.base.units import behind
 from pgmp_petsc.figures import captions
 from pgmp_petsc.figures.captions import same_case
 from pgmp_petsc.figures.motion import WORDS
@@ -32,7 +33,7 @@ from pgmp_petsc.report.sources import (
 )
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.estimates import LARGE, OF_STEP, VALIDITY, EstimatedErrors, limits_of
-from pgmp_petsc.results.numbers import behind, end_texts, interval_text, number_text, percent, plain, share_text
+from pgmp_petsc.results.numbers import end_texts, interval_text, number_text, percent, plain, share_text
 from pgmp_petsc.results.statistics import DOUBT, RareEvent
 from pgmp_petsc.results.trajectory import truncated
 

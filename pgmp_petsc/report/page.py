@@ -22,6 +22,7 @@ import numpy as np
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, counted, visible
 from pgmp_petsc.base.plugins import plugins_of
+from pgmp_petsc.base.units import behind
 from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.figures.ensembles import values_of
 from pgmp_petsc.figures.loads import OF_JOINTS, outputs_of
@@ -48,7 +49,7 @@ from pgmp_petsc.report.sources import (
     read_sources,
 )
 from pgmp_petsc.results import Ensemble, Fit, Tradeoff, Trajectory
-from pgmp_petsc.results.numbers import ROUND_OFF, behind, one_unit_each, plain
+from pgmp_petsc.results.numbers import ROUND_OFF, one_unit_each, plain
 from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.results.summary import Columns, columns_of, csv_text
 

@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, from_json, to_json
+from pgmp_petsc.base.units import behind
 from pgmp_petsc.declare.records import (
     FLAGS,
     JSON,
@@ -32,7 +33,7 @@ from pgmp_petsc.declare.records import (
 )
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results.estimates import BALANCE_WORDS, OF_REDUCED, OF_STEP, VALIDITY_WORDS
-from pgmp_petsc.results.numbers import axis_unit, behind, interval_text, number_text
+from pgmp_petsc.results.numbers import axis_unit, interval_text, number_text
 from pgmp_petsc.results.statistics import MODELS, UNKNOWN, Band, Chance, Sensitivity, Statistics
 
 _UNIT = "as attribute units"

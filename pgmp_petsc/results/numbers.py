@@ -12,7 +12,7 @@ from contextvars import ContextVar
 
 import numpy as np
 
-from pgmp_petsc.base.units import LENGTHS
+from pgmp_petsc.base.units import LENGTHS, behind
 
 ROUND_OFF = 1e-12  # of a quantity's size: what varies by less is the same throughout
 VANISHING = 1e-9  # of the largest output of its unit: an output that small is what round-off leaves of none
@@ -110,11 +110,6 @@ def with_unit(value: float, unit: str, digits: int = 4) -> str:
     """Return a figure with its prefixed unit: ``12 MPa``."""
     factor, shown = axis_unit(unit, np.array([value]))
     return plain(factor * value, digits) + behind(shown)
-
-
-def behind(unit: str) -> str:
-    """Return a unit as written behind a number; nothing where there is none."""
-    return "" if unit in ("", "1") else f" {unit}"
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel
 
-from pgmp_petsc.base.units import SI, UNITS, dimension_of, times
+from pgmp_petsc.base.units import SI, UNITS, behind, dimension_of, times
 from pgmp_petsc.scene.fields import AnyScene, Unit, is_number, notes_on
 from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.units import converted, label_of
@@ -57,8 +57,7 @@ def own_values(scene: AnyScene, values: Mapping[str, Any] | None = None) -> dict
 def values_text(scene: AnyScene, values: Mapping[str, float], form: str = ".6g") -> str:
     """Name parameters with their values and units in those of the scene: ``r1 = 5.6 mm``."""
     units = own_units(scene)
-    known = {name: f" {units[name]}" if units[name] not in ("", "1") else "" for name in values}
-    return ", ".join(f"{name} = {value:{form}}{known[name]}" for name, value in own_values(scene, values).items())
+    return ", ".join(f"{name} = {x:{form}}{behind(units[name])}" for name, x in own_values(scene, values).items())
 
 
 def si_values(scene: AnyScene, values: Mapping[str, Any]) -> dict[str, Any]:

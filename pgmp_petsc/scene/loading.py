@@ -164,14 +164,12 @@ def _text_of(name: str, entry: str, directory: Path) -> str:
 
 def _read_tables(data: dict[str, Any], directory: Path, system: UnitSystem) -> None:
     """Put the rows of files in the place of their names: of effects, cams, controllers' references and curves."""
-    found = list[tuple[tuple[str, ...], object]]()
     for kind, key in (("effects", ""), ("joints", ""), ("controllers", "reference"), ("outputs", "curve")):
         for name, entry in raw_tables(data, kind).items():
-            found.append(((kind, name, key), entry.get(key)) if key else ((kind, name), entry))
-    for place, table in found:
-        given = table.get("table") if isinstance(table, dict) else None
-        if isinstance(given, (str, dict)):
-            table["table"] = _rows_of(given, f"{dotted_name(place)}.table", directory, system)
+            place, table = ((kind, name, key), entry.get(key)) if key else ((kind, name), entry)
+            given = table.get("table") if isinstance(table, dict) else None
+            if isinstance(given, (str, dict)):
+                table["table"] = _rows_of(given, f"{dotted_name(place)}.table", directory, system)
 
 
 def _rows_of(given: str | dict[str, Any], entry: str, directory: Path, system: UnitSystem) -> list[list[float | str]]:

@@ -238,7 +238,7 @@ class Scene(Table):
         return tuple(f"effects.{name}.force" for name, effect in self.effects.items() if effect.jumps_with - {"t"})
 
     @property
-    def unbalanced(self) -> str:
+    def balance_cure(self) -> str:
         """What helps where no step does, as some forces have no balance; empty where none is known to be such."""
         cures = []
         if self.carried:

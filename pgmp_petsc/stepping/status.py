@@ -22,13 +22,13 @@ class Status(IntEnum):
         """Return the reason in words."""
         return _MEANINGS[self]
 
-    def cure(self, model: str, unbalanced: str = "") -> str:
+    def cure(self, model: str, balance_cure: str = "") -> str:
         """Return what helps against it in runs of a model (its name), empty where it is fine.
 
-        `unbalanced` is what helps where forces of the scene have no balance (`Scene.unbalanced`).
+        `balance_cure` is what helps where forces of the scene have no balance (`Scene.balance_cure`).
         """
         beyond = _BEYOND_THE_REDUCED.get(self, "") if model == "reduced" else ""
-        return _CURES[self] + beyond + (unbalanced if self == Status.NOT_CONVERGED else "")
+        return _CURES[self] + beyond + (balance_cure if self == Status.NOT_CONVERGED else "")
 
 
 class Outcome(IntEnum):

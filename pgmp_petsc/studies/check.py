@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, Remark, counted, gathered, warning
+from pgmp_petsc.base.units import behind
 from pgmp_petsc.bench.prices import Prospect, choice, prospects
 from pgmp_petsc.bodies.assembled import MassProperties
 from pgmp_petsc.bodies.component import directors
@@ -29,7 +30,6 @@ from pgmp_petsc.mechanism.kinematics import MOST_FOLLOWED, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.results.numbers import behind
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import IN_ORDER, MOMENTS
 from pgmp_petsc.scene.border import in_own_units, own_units, to_own

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, counted
+from pgmp_petsc.base.units import behind
 from pgmp_petsc.results import Ensemble, RareEvent
 from pgmp_petsc.results.ensemble import ShardSamples
-from pgmp_petsc.results.numbers import axis_unit, behind, interval_text, number_text, percent, plain, share_text
+from pgmp_petsc.results.numbers import axis_unit, interval_text, number_text, percent, plain, share_text
 from pgmp_petsc.texts.models import closing, of_balance, of_ensemble
 
 SHOWN = 12  # parameters of a design point

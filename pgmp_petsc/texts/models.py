@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.base.errors import counted
+from pgmp_petsc.base.units import behind
 from pgmp_petsc.results.estimates import OF_STEP
-from pgmp_petsc.results.numbers import ROUND_OFF, axis_unit, behind, plain, share_text, sizes_of
+from pgmp_petsc.results.numbers import ROUND_OFF, axis_unit, plain, share_text, sizes_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.base.errors import Remark

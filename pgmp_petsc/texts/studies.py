@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, counted
+from pgmp_petsc.base.units import behind
 from pgmp_petsc.results.gradients import Derivatives, Design, Figure, Fit
-from pgmp_petsc.results.numbers import ROUND_OFF, VANISHING, behind, interval_text, percent, plain, share_text, sizes_of
+from pgmp_petsc.results.numbers import ROUND_OFF, VANISHING, interval_text, percent, plain, share_text, sizes_of
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.texts.models import closing
 
