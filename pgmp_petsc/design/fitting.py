@@ -49,6 +49,7 @@ MOST_ROUNDS, SETTLED = 8, 1e-3  # of deviations that follow from what is left; t
 WIDE = 100.0  # times the value and its hundredth, of a parameter without distribution and bounds
 TIED = 0.98  # correlation beyond which two parameters are hardly told apart
 NO_DIRECTION = 1e-9  # of the largest singular value: smaller ones are rounding
+TIED = 1e-6  # of a direction that residuals do not feel: so much of the product of two parameters' shares ties them
 DENSE = 20  # measurements a step of a run, from which they are condensed
 MANY = 10_000  # rows of a matrix that is factorised before its singular values are looked for
 LEAST_FREEDOM = 0.1  # of values that are worth hardly more independent ones than there are parameters
@@ -191,13 +192,13 @@ class _Fitting:
         left = [part[:, 0] for part in parts]
         lasting = [autocorrelation(row) for row in left]
         slopes = [part[:, 1:] / one for part, one in zip(parts, sigma)]
-        errors, correlation, blind = uncertainty(slopes, self._scale, lasting)
+        errors, correlation, tied = uncertainty(slopes, self._scale, lasting)
         estimate = np.array([solution.values[name] for name in self._names])
         scene, history = self._model.scene, self._history
         remarks = (
             *history.remarks, *self._of_solution(solution), *self._turned_back.remarks,
             *self._of_own_error(solution, slopes, sigma, errors), *served_remarks(self._served, self._names),
-            *self._of_limits(estimate, errors, blind, np.concatenate(slopes).any(axis=0)),
+            *self._of_limits(estimate, errors, tied),
             *_tied(self._names, correlation),
             *self._of_noise(left, sigma, lasting),
             *difference_remarks(self._model, solution.run.off), *step_remarks(self._model, solution.run),
@@ -331,22 +332,19 @@ class _Fitting:
         return (warning(f"the fit did not converge: {solution.reason}; begin nearer (--set)"), near)
 
     @gathered
-    def _of_limits(
-        self, estimate: np.ndarray, errors: np.ndarray, blind: np.ndarray, felt: np.ndarray
-    ) -> Iterator[Remark]:
-        """Return which parameters end at their limits, or are not identifiable, though felt by an output or not, or
-        beyond what the basis spans."""
+    def _of_limits(self, estimate: np.ndarray, errors: np.ndarray, tied: np.ndarray) -> Iterator[Remark]:
+        """Return which parameters end at their limits, or are not identifiable, alone or with those that they are tied
+        to, or beyond what the basis spans."""
         scene = self._model.scene
-        together = [name for name, lost, is_felt in zip(self._names, blind, felt) if lost and is_felt]
-        for name, value, error, (low, high), lost in zip(self._names, estimate, errors, self._limits, blind):
+        for name, value, error, (low, high), with_it in zip(self._names, estimate, errors, self._limits, tied):
             near, own = 1e-6 * (high - low), to_own(scene, name)
-            if lost or error > high - low:
+            if with_it.any() or error > high - low:
                 what = f"its standard error, {own * error:.3g}, is larger than the range that it is searched in"
-                others = " and ".join(one for one in together if one != name and name in together)
+                others = " and ".join(one for one, is_tied in zip(self._names, with_it) if is_tied and one != name)
                 only = f"outputs depend on it only together with {others}" if others else "no output depends on it"
                 yield warning(
-                    f"{name} is not identifiable from this history: {only if lost else what}; its value is none, and "
-                    f"{'one of them' if lost and others else 'it'} is better held (--parameter with the others)"
+                    f"{name} is not identifiable from this history: {only if with_it.any() else what}; its value is "
+                    f"none, and {'one of them' if others else 'it'} is better held (--parameter with the others)"
                 )
             elif value < low + near or value > high - near:
                 end = "lower" if value < low + near else "upper"
@@ -446,7 +444,8 @@ def uncertainty(
     jacobians: Sequence[np.ndarray], scale: np.ndarray, lasting: Sequence[np.ndarray] | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return standard errors of parameters, shape (n_parameters,), infinite where one is not identifiable,
-    correlations, shape (n_parameters, n_parameters), NaN there, and which are not identifiable.
+    correlations, shape (n_parameters, n_parameters), NaN there, and which parameters are tied, of the same shape: those
+    that the residuals do not tell apart, true on the diagonal where one is not identifiable.
 
     Jacobians are those of the weighted residuals of each output, shape (n_k, n_parameters), and scales are the sizes of
     the parameters. `lasting` has for each output the correlations of its residuals with later ones, 1 first; None:
@@ -459,7 +458,8 @@ def uncertainty(
         matrix = np.linalg.qr(matrix, mode="r")
     _, sizes, directions = np.linalg.svd(matrix, full_matrices=False)
     lost = sizes <= NO_DIRECTION * max(sizes[0], 1e-300)
-    blind = np.any(np.abs(directions[lost]) > 1e-3, axis=0)
+    tied = np.abs(directions[lost].T @ directions[lost]) > TIED
+    blind = tied.diagonal()
     inverse = np.where(lost, 0.0, 1.0 / np.where(lost, 1.0, sizes))
     root = directions.T * inverse
     covariance = root @ root.T
@@ -472,7 +472,7 @@ def uncertainty(
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = covariance / np.outer(errors, errors)
     correlation[blind], correlation[:, blind] = np.nan, np.nan
-    return np.where(blind, np.inf, errors * scale), correlation, blind
+    return np.where(blind, np.inf, errors * scale), correlation, tied
 
 
 def _correlated(jacobian: np.ndarray, lasting: np.ndarray) -> np.ndarray:

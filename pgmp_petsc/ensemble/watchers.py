@@ -24,11 +24,11 @@ from pgmp_petsc.estimates.validity import Validity
 from pgmp_petsc.models import FullModel, Model, OutputRecord, Reduced, SeparateLengths
 from pgmp_petsc.outputs.rainflow import Counting
 from pgmp_petsc.results.ensemble import EXTREMES
-from pgmp_petsc.results.estimates import BALANCE, VALIDITY
+from pgmp_petsc.results.estimates import BALANCE, VALIDITY, moved_around
 from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
 from pgmp_petsc.stepping.generalised_alpha import Run
-from pgmp_petsc.stepping.second_order_system import Observer, PooledObserver, RunningBalance, SecondOrderSystem, State
+from pgmp_petsc.stepping.second_order_system import Energies, Observer, PooledObserver, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 
 TOGETHER = 512  # states of reduced samples whose energies are evaluated together, about as many as stay in a cache
@@ -143,21 +143,37 @@ class _BalanceWatch(PooledObserver):
     def __init__(self, system: SecondOrderSystem, samples: np.ndarray) -> None:
         super().__init__(max(1, TOGETHER // system.n_samples))
         self._system, self._samples = system, samples
-        self._residual = self._exchanged = np.zeros(system.n_samples)
-        self._sums = RunningBalance()
+        self._largest = np.zeros((4, system.n_samples))  # of the residual and of what `moved_around` is found from
+        self._first: Energies | None = None
+        self._work: dict[str, np.ndarray] = {}
 
     def see(self, first: int, states: State) -> None:
         n, times = self._system.n_samples, self.times[first:]
         energies = self._system.energies_over(np.array(times), states)
         for k, time in enumerate(times):
-            residual, exchanged = self._sums.add(time, energies[n * k : n * (k + 1)])
-            self._residual = np.maximum(self._residual, np.abs(residual))
-            self._exchanged = np.maximum(self._exchanged, exchanged)
+            self._add(time, energies[n * k : n * (k + 1)])
+
+    def _add(self, time: float, now: Energies) -> None:
+        if self._first is None:
+            self._first, self._work = now, {name: np.zeros_like(power) for name, power in now.powers.items()}
+        else:
+            half = 0.5 * (time - self._time)
+            for name, power in now.powers.items():
+                self._work[name] = self._work[name] + half * (self._last.powers[name] + power)
+        self._time, self._last = time, now
+        work = dict(self._work)
+        for name, stored in now.potential.items():
+            work[name] = work.get(name, 0.0) + self._first.potential[name] - stored
+        kinetic, strain = now.kinetic - self._first.kinetic, now.strain - self._first.strain
+        residual = np.abs(kinetic + strain - sum(work.values()))
+        handed = np.abs(strain) + sum(np.abs(done) for done in work.values())
+        self._largest = np.maximum(self._largest, [residual, np.abs(kinetic) + handed, handed, now.kinetic])
 
     def found(self, status: np.ndarray) -> Found:
         """Return the largest residual and the most energy that was moved around, NaN for samples that failed."""
         self.finish()
-        kept = np.where(status == Status.FINE, [self._residual, self._exchanged], np.nan)[:, self._samples]
+        residual, *largest = self._largest
+        kept = np.where(status == Status.FINE, [residual, moved_around(*largest)], np.nan)[:, self._samples]
         return {"balance": dict(zip(BALANCE, kept))}
 
 

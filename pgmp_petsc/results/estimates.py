@@ -116,11 +116,28 @@ BALANCE = {
 }
 
 BALANCE_WORDS = {name: {"unit": unit, "about": about} for name, (unit, about) in BALANCE.items()}
+FREE = 1e-12  # of the kinetic energy: works and strain energies that are no larger are round-off
 RESOLVED = 8  # steps that a change of energy takes at least; faster ones are what a balance is to show
 
 
 def _energy(name: str, about: str) -> np.ndarray:
     return array("time", unit="J", about=about, at=f"energy/{name}", gaps=True, label=f"energy.{name}")
+
+
+def moved_around(changed: np.ndarray, handed: np.ndarray, kinetic: np.ndarray) -> np.ndarray:
+    """Return the most energy, J, that was moved around over runs, shape (n,) as the arguments: half of all changes and
+    works by their amounts.
+
+    Where no effect works and nothing deforms, that would be half the residual itself. Bodies hand one another kinetic
+    energy alone then, and what of it they have is what is moved around.
+
+    Parameters
+    ----------
+    changed, handed, kinetic
+        The largest, over a run, of the changes and works, of those but for the kinetic energy's, and of the kinetic
+        energy, J
+    """
+    return np.where(handed > FREE * kinetic, 0.5 * changed, kinetic)
 
 
 @dataclass(frozen=True)
@@ -152,9 +169,10 @@ class Balance(Record):
 
     @property
     def exchanged(self) -> float:
-        """The most energy that had been moved around at any time: half of all changes and works by their amounts, J."""
-        moved = np.abs(self.kinetic - self.kinetic[0]) + np.abs(self.strain - self.strain[0])
-        return 0.5 * float(np.max(moved + sum((np.abs(done) for done in self.work.values()), np.zeros_like(moved))))
+        """The most energy that had been moved around at any time, J; see `moved_around`."""
+        handed = sum((np.abs(done) for done in self.work.values()), np.abs(self.strain - self.strain[0]))
+        changed = np.abs(self.kinetic - self.kinetic[0]) + handed
+        return float(moved_around(changed.max(), handed.max(), self.kinetic.max()))
 
     @property
     def swings(self) -> np.ndarray:

@@ -64,21 +64,24 @@ def test_what_nothing_depends_on_stays_where_it_began() -> None:
     assert "idle is searched over all numbers between its limits, also between single values" in said
 
 
-def test_two_springs_that_only_their_sum_tells_apart_are_named_with_one_another() -> None:
+def test_springs_that_only_their_sums_tell_apart_are_named_with_one_another() -> None:
+    """Two springs of one joint, two dampers of it, and what no output depends on."""
     second = """
 parameters.k2 = { nominal = 20.0, bounds = [5.0, 60.0] }
-effects.second = { type = "spring_damper", joint = "hinge", stiffness = "k2" }
+parameters.c2 = { nominal = 0.2, bounds = [0.05, 1.0] }
+effects.second = { type = "spring_damper", joint = "hinge", stiffness = "k2", damping = "c2" }
 """
     time = np.arange(0.0, 0.5, 5e-3)
     scene = scene_from_toml(second + IDLE, ".")
-    history = MeasuredHistory(time, {"angle": 0.1 * np.sin(25.0 * time)})
-    found = fit(components_model(scene), history, ["k", "k2", "idle"], {}, MPI.COMM_SELF)
+    history = MeasuredHistory(time, {"angle": 0.1 * np.exp(-4.0 * time) * np.sin(25.0 * time)})
+    found = fit(components_model(scene), history, ["k", "c", "k2", "c2", "idle"], {}, MPI.COMM_SELF)
     said = [remark.text for remark in found.record.remarks]
     assert not any("of the standard errors" in text for text in said)  # there are none
     told = {text.split()[0]: text.split(": ")[1] for text in said if "is not identifiable" in text}
     held = "is better held (--parameter with the others)"
-    assert told["k"] == f"outputs depend on it only together with k2; its value is none, and one of them {held}"
-    assert told["k2"].startswith("outputs depend on it only together with k;")
+    for one, other in (("k", "k2"), ("k2", "k"), ("c", "c2"), ("c2", "c")):
+        only = f"outputs depend on it only together with {other}"
+        assert told[one] == f"{only}; its value is none, and one of them {held}"
     assert told["idle"] == f"no output depends on it; its value is none, and it {held}"
 
 
@@ -186,14 +189,15 @@ def test_uncertainty_is_that_of_linear_regression() -> None:
     """And where parameters only act together there is none."""
     random = np.random.default_rng(2)
     jacobian, scale = random.normal(size=(40, 3)) * [1.0, 1e6, 1e-3], np.array([1.0, 1e-6, 1e3])
-    errors, correlation, blind = uncertainty([jacobian], scale)
+    errors, correlation, tied = uncertainty([jacobian], scale)
     covariance = np.linalg.inv(jacobian.T @ jacobian)
     np.testing.assert_allclose(errors, np.sqrt(np.diag(covariance)), rtol=1e-9)
     np.testing.assert_allclose(correlation, covariance / np.outer(errors, errors), atol=1e-9)
-    assert not blind.any()
+    assert not tied.any()
     column = random.normal(size=40)
-    errors, _, blind = uncertainty([np.stack([column, 2.0 * column, np.arange(40.0)], axis=1)], np.ones(3))
-    assert blind.tolist() == [True, True, False] and np.isinf(errors[:2]).all() and np.isfinite(errors[2])
+    errors, _, tied = uncertainty([np.stack([column, 2.0 * column, np.arange(40.0)], axis=1)], np.ones(3))
+    assert tied.tolist() == [[True, True, False], [True, True, False], [False] * 3]
+    assert np.isinf(errors[:2]).all() and np.isfinite(errors[2])
 
 
 def test_standard_errors_allow_for_correlated_noise() -> None:

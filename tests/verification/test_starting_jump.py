@@ -1,12 +1,18 @@
 """What sets off vibrations at once: what is said, with closed forms of beams; steps that do not resolve light nodes."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from runs import MODELS, motion, reduced_model, samples, trajectory
+from mpi4py import MPI
+from runs import MODELS, full_model, motion, reduced_model, samples, trajectory
 
 from pgmp_petsc.base.errors import Remark
+from pgmp_petsc.ensemble.integration import run_ensemble
+from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.estimates.starts import jump_remarks
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.check import describe_scene
@@ -165,6 +171,33 @@ def test_a_motor_that_is_switched_on_bends_the_arm_no_more_than_it_can(model: st
     assert not [remark for remark in run.record.remarks if "out of balance" in remark.text]
 
 
+FREE = (
+    HEADER
+    + """
+[bodies.crank]
+rigid = { mass = "m", inertia = 0.005, points = { a = [0.0, 0.0], b = [0.2, 0.0] } }
+[parameters.m]
+nominal = 2.0
+distribution = { name = "uniform", loc = 2.0, scale = 2e-9 }
+[bodies.rod]
+rigid = { mass = 1.0, inertia = 0.03, centre = [0.25, 0.0], points = { a = [0.0, 0.0], b = [0.5, 0.0] } }
+placement = { origin = [0.2, 0.0], angle = 0.0 }
+[joints]
+hinge = { type = "revolute", connect = ["ground:origin", "crank:a"] }
+pin = { type = "revolute", connect = ["crank:b", "rod:a"] }
+slide = { type = "point_on_line", connect = ["ground:origin", "rod:b"], direction = [1.0, 0.0] }
+[coordinates.theta]
+joint = "hinge"
+range = [0.0, 6.283185307179586]
+periodic = true
+[simulation]
+duration = 0.5
+step = 2e-3
+initial.theta.velocity = 10.0
+"""
+)
+
+
 def balance(work: float, *, stored: float = 0.0) -> Balance:
     """Return a balance of 1 J that comes to be, and work done by a motor, beside much energy that stays."""
     rising = np.linspace(0.0, 1.0, 5)
@@ -181,6 +214,22 @@ def test_energies_out_of_balance_are_warned_of() -> None:
 def test_energies_in_balance_and_the_round_off_of_what_rests_are_not() -> None:
     assert not balance_remarks(balance(0.99), 1e-3)
     assert not balance_remarks(balance(0.0, stored=1e10), 1e-3)
+
+
+def test_where_nothing_works_or_deforms_energy_is_that_of_the_motion(tmp_path: Path) -> None:
+    """Two rigid bars that turn freely: all changes of energy are the residual, which was out of balance by itself."""
+    text = FREE + "[ensemble]\nbalance = true\n"  # its parameter is drawn within 1e-9 of its nominal value
+    model = full_model(scene_from_toml(text, "."))
+    run = trajectory("full", model.scene)
+    kinetic = run.balance.kinetic.max()
+    assert 0.0 < np.abs(run.balance.residual).max() < 1e-3 * kinetic and run.balance.exchanged == kinetic
+    assert not [remark for remark in run.record.remarks if "out of balance" in remark.text]
+    found = run_ensemble(model, Plan(1, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1)).balance
+    np.testing.assert_allclose(found["exchanged"], kinetic, rtol=1e-8)
+    np.testing.assert_allclose(found["residual"], np.abs(run.balance.residual).max(), atol=1e-8 * kinetic)
+    # steps that do not resolve the motion lose much of its energy
+    coarse = trajectory("full", scene_from_toml(text, ".", ["simulation.step=0.05"]))
+    assert [remark.kind for remark in coarse.record.remarks if "out of balance" in remark.text] == ["warning"]
 
 
 @pytest.mark.parametrize("model", MODELS)
