@@ -127,17 +127,23 @@ def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
         return problem(dotted_name(keys), context["allowed"], received)
     listed = getattr(members[0], "model_fields", ()) if kind == "model_type" and len(members) == 1 else ()
     words = ALLOWED[kind].format(**context) if kind in ALLOWED else details["msg"]
-    return problem(entry, words + (f", with {', '.join(listed)}" if listed else ""), received)
+    words += f", with {', '.join(listed)}" if listed else ""
+    if words.startswith(ALLOWED["model_type"]) and get_origin(_follow(model, location[:-1])[1][0]) is dict:
+        words += _home(model, location)
+    return problem(entry, words, received)
 
 
 def _home(model: type[BaseModel], location: Sequence[str | int]) -> str:
-    """Return which table around has an unknown key: TOML puts what follows a table's head into that table."""
+    """Return which table has a key that is not known where it is: one around, since TOML puts what follows a table's head
+    into that table, or else those of the scene that do."""
     for end in range(len(location) - 2, 0, -1):
         keys, members = _follow(model, location[:end])
         if len(members) == 1 and location[-1] in getattr(members[0], "model_fields", {}):
             head = dotted_name(_follow(model, location[:-1])[0])
-            return f"; {dotted_name(keys)} has one: write it above the head [{head}]"
-    return ""
+            return f"; {dotted_name(keys)} has this key: write it above the head [{head}]"
+    known = {name: _members(field.annotation)[0] for name, field in model.model_fields.items()}
+    others = [f"[{name}]" for name, table in known.items() if location[-1] in getattr(table, "model_fields", {})]
+    return f"; {' and '.join(others)} {'has' if len(others) == 1 else 'have'} this key" if others else ""
 
 
 def _choice(received: object, allowed: Sequence[str], what: str = "unknown") -> str:
