@@ -132,13 +132,13 @@ class RareSamples:
     @property
     def probability(self) -> float:
         """The probability; NaN where the event was not reached."""
-        return float(self.contributions.mean()) if self.reached else np.nan
+        return min(float(self.contributions.mean()), 1.0) if self.reached else np.nan
 
     @property
     def at_most(self) -> float:
         """The probability if all weighted samples whose runs failed had been in the event."""
         own = self.limit_state[self.limit_state.size - self.weights.size :]
-        return float(np.where(own > 0.0, 0.0, self.weights).mean()) if self.reached else np.nan
+        return min(float(np.where(own > 0.0, 0.0, self.weights).mean()), 1.0) if self.reached else np.nan
 
     @property
     def variation(self) -> float:
@@ -266,7 +266,7 @@ def find(
         np.concatenate([np.zeros(0), *weights]),
         tuple(of_round.size for of_round in weights),
         weighed,
-        design,
+        design if weighed == 0.0 else None,  # else of the last level, not of the event
     )
     for level in levels[::-1] if weighed > 0.0 else ():
         found = replace(found, weighed=level.threshold)

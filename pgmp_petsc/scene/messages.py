@@ -134,8 +134,8 @@ def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
 
 
 def _home(model: type[BaseModel], location: Sequence[str | int]) -> str:
-    """Return which table has a key that is not known where it is: one around, since TOML puts what follows a table's head
-    into that table, or else those of the scene that do."""
+    """Return which table has a key that is not known where it is: one around, since TOML puts what follows a table's
+    head into that table, or else those of the scene that do."""
     for end in range(len(location) - 2, 0, -1):
         keys, members = _follow(model, location[:end])
         if len(members) == 1 and location[-1] in getattr(members[0], "model_fields", {}):

@@ -186,14 +186,15 @@ def _probability(result: RareEvent) -> Iterator[str]:
     yield f"  probability             {result.estimate:.4g} [{low:.4g}, {high:.4g}], {known}"
     as_good = (1.0 / result.estimate - 1.0) / result.variation**2 if result.variation > 0.0 else np.inf
     worth = f"  {n_weighted} weighted samples, worth {result.n_effective:.0f} equally weighted ones in the event"
-    yield f"{worth}; as many random samples as are as good: {plain(as_good)}"
+    yield f"{worth}; as many random samples as are as good: {plain(as_good)}" if as_good > 0.0 else worth
 
 
 def _most_likely(result: RareEvent) -> Iterator[str]:
     """Yield beta of every design point, and of the first one the values and shares of parameters, the largest first."""
     found = result.most_likely
     if found is None:
-        yield "  design point            none found (no derivatives, too few samples left, or values that step)"
+        why = "no derivatives, too few samples left, or values that step" if result.reached else "of no event reached"
+        yield f"  design point            none found ({why})"
         return
     how = "exact derivatives" if found.is_exact else "differences"
     for beta, chance in zip(found.beta, found.probability):

@@ -110,6 +110,9 @@ def test_an_event_that_is_not_rare_is_weighed_as_well() -> None:
     found = rare_events.find(plane(2, 0.5), 2, 1000, 3)
     assert abs(found.probability - norm.sf(0.5)) < 4.0 * found.variation * found.probability
     assert len(found.levels) == 1 and found.interval(0.95)[1] <= 1.0
+    sure = [rare_events.find(plane(1, -9.0), 1, 1000, seed) for seed in range(4)]
+    assert max(one.contributions.mean() for one in sure) > 1.0  # but none is more than sure
+    assert max(one.probability for one in sure) == max(one.at_most for one in sure) == 1.0
 
 
 def test_an_impossible_event_is_bounded_with_all_runs() -> None:
@@ -120,6 +123,8 @@ def test_an_impossible_event_is_bounded_with_all_runs() -> None:
         assert low == 0.0 < high < 0.04  # of 125 samples at least, none of which is in it
         said = rare_remarks(found, np.zeros(1000), True)
         assert f"at most {high:.3g} (95 %)" in said[0].text and said[0].kind == "warning"
+    beyond = rare_events.find(lambda u: np.where(u[:, 0] < 6.0, 9.0 - np.ceil(2.0 * u[:, 0]) / 2.0, 1.0), 2, 1000, 1)
+    assert not beyond.reached and beyond.levels and beyond.design is None  # those of a level are not the event's
     assert not rare_events.find(lambda u: np.full(len(u), np.nan), 2, 1000, 1).limit_state.size > 700
     nothing = rare_events.RareSamples((), np.zeros((2, 1)), np.full(2, np.nan), np.zeros(0), ())
     said = rare_remarks(nothing, np.ones(2), True)[0].text
