@@ -52,6 +52,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import points_used, stressed_bodies
+from pgmp_petsc.solvers.shift_invert import EQUAL_TOLERANCE
 
 # of the free memory, for a factor: the matrices that belong to it, the factorisation that counts eigenvalues, and
 # vectors take as much again, and what grows while bodies are condensed comes on top
@@ -379,11 +380,13 @@ def _answering(
     values: np.ndarray, vectors: np.ndarray, loads: np.ndarray, n_rigid: int, n_modes: int, *, by_energy: bool
 ) -> np.ndarray:
     """Return the rigid motions, the lowest elastic modes and what they miss of the static answers to loads that are
-    balanced by inertia forces, from all eigenvalues and modes.
+    balanced by inertia forces, from all eigenvalues and modes. Modes of one eigenvalue, as those of a round bar across,
+    come together: solvers turn them as they like.
 
     What is missed is measured in the mass, or by its strain energy: forces in sections are made of what hardly moves.
     """
     kept = min(n_rigid + n_modes, values.size)
+    kept += int(np.cumprod(values[kept:] - values[kept - 1] < EQUAL_TOLERANCE * values[kept:]).sum())
     amplitudes = vectors.T @ loads
     elastic = amplitudes[n_rigid:]
     # forces that balance inertia forces of rigid motion alone deform nothing

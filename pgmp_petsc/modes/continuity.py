@@ -20,8 +20,8 @@ from scipy.linalg import schur
 from scipy.sparse.csgraph import connected_components
 
 from pgmp_petsc.base.errors import NotFollowed, RunError
+from pgmp_petsc.solvers.shift_invert import EQUAL_TOLERANCE
 
-EQUAL_TOLERANCE = 1e-6  # relative gap below which eigenvalues are one and the same to the solver
 CLOSE_TOLERANCE = 1e-2  # relative gap of neighbouring eigenvalues that makes one group of them
 VEERING = 0.1  # overlap of different modes from one sample to the next that makes one group of them ...
 FAR_APART = 0.5  # ... where their eigenvalues come closer than this; others drift into each other as the angle grows

@@ -537,7 +537,7 @@ def _times_increase(table: Rows) -> Rows:
 
 @dataclass(frozen=True)
 class OrFile:
-    """A note on a type, for editors: a file's name, or one with the names of two columns, stands for its rows."""
+    """A note on a type: a file's name, or one with the names of two columns, stands for its rows."""
 
     columns: bool
 
@@ -545,6 +545,18 @@ class OrFile:
         columns = {key: {"type": "string"} for key in ("file", "x", "y")}
         in_file = {"type": "object", "properties": columns, "required": ["file"], "additionalProperties": False}
         return {"anyOf": [handler(schema), {"type": "string"}, *([in_file] if self.columns else [])]}
+
+
+@cache
+def in_files(table: type[Table]) -> tuple[tuple[str, ...], ...]:
+    """Return which entries of a table may have their rows in a file, by their keys from the outside inwards."""
+    found: list[tuple[str, ...]] = []
+    for key, field in table.model_fields.items():
+        found += [(key,) for note in notes_on(field, OrFile) if note.columns]
+        for kind in (field.annotation, *get_args(field.annotation)):
+            if isinstance(kind, type) and issubclass(kind, Table):
+                found += [(key, *within) for within in in_files(kind)]
+    return tuple(found)
 
 
 #: Rows [time (s), value] with increasing times.

@@ -15,6 +15,7 @@ import os
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from functools import reduce
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -24,10 +25,11 @@ from pydantic import ValidationError
 
 from pgmp_petsc.base.errors import InputError, irregular, nearest_name, shortened
 from pgmp_petsc.base.units import SAID, SI, UnitSystem, UnknownUnit, measure
+from pgmp_petsc.declare.ideas import FAMILIES
 from pgmp_petsc.files.claims import replacing
 from pgmp_petsc.files.seal import SIGNATURE, SIZE
 from pgmp_petsc.scene.border import in_own_units, in_si
-from pgmp_petsc.scene.fields import raw_tables
+from pgmp_petsc.scene.fields import in_files, raw_tables
 from pgmp_petsc.scene.messages import DEEPEST, dotted_name, explain, problem, toml_text
 from pgmp_petsc.scene.parameters import add_field_parameters
 from pgmp_petsc.scene.schema import Scene
@@ -163,13 +165,16 @@ def _text_of(name: str, entry: str, directory: Path) -> str:
 
 
 def _read_tables(data: dict[str, Any], directory: Path, system: UnitSystem) -> None:
-    """Put the rows of files in the place of their names: of effects, cams, controllers' references and curves."""
-    for kind, key in (("effects", ""), ("joints", ""), ("controllers", "reference"), ("outputs", "curve")):
-        for name, entry in raw_tables(data, kind).items():
-            place, table = ((kind, name, key), entry.get(key)) if key else ((kind, name), entry)
-            given = table.get("table") if isinstance(table, dict) else None
-            if isinstance(given, (str, dict)):
-                table["table"] = _rows_of(given, f"{dotted_name(place)}.table", directory, system)
+    """Put the rows of files in the place of their names, in every entry of an idea that may have them."""
+    for family in FAMILIES:
+        kinds = dict(zip(family.names, family.found()))
+        for name, entry in raw_tables(data, family.group).items():
+            said = entry.get(family.key)
+            for *within, key in in_files(kinds[said]) if isinstance(said, str) and said in kinds else ():
+                table = reduce(lambda table, part: table.get(part) if isinstance(table, dict) else None, within, entry)
+                given = table.get(key) if isinstance(table, dict) else None
+                if isinstance(given, (str, dict)):
+                    table[key] = _rows_of(given, dotted_name((family.group, name, *within, key)), directory, system)
 
 
 def _rows_of(given: str | dict[str, Any], entry: str, directory: Path, system: UnitSystem) -> list[list[float | str]]:

@@ -317,6 +317,7 @@ class FactorFiles:
         keep_no_longer(self.path)
 
 
+EQUAL_TOLERANCE = 1e-6  # relative gap below which eigenvalues are one and the same to the solver
 RESIDUAL_TOLERANCE = 1e-6  # of |lambda| |B x|; the eigenvalue's own error is of the order of its square
 
 

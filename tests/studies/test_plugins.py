@@ -298,6 +298,14 @@ def test_outputs_are_those_that_they_are_made_of(tmp_path: Path, model: str) -> 
     assert np.abs(found["own"]).max() > 1e-3
 
 
+def test_rows_of_an_entry_of_a_plugin_s_own_may_be_in_a_file(tmp_path: Path) -> None:
+    field = "direction: Direction\n    worn: LoadTable"
+    plugged(tmp_path, OUTPUT.replace("direction: Direction", field).replace("import Dir", "import LoadTable, Dir"))
+    (tmp_path / "worn.csv").write_text("0,1\n0.5,3 \n")
+    entry = f'point="rod:tip", direction=[1.0, 0.0], worn="{tmp_path / "worn.csv"}"'
+    assert beams(f'outputs.mine={{type="along", {entry}}}').outputs["mine"].worn == ((0.0, 1.0), (0.5, 3.0))
+
+
 def test_a_derivative_that_an_output_does_not_say_is_refused_where_controllers_measure_it(tmp_path: Path) -> None:
     text = OUTPUT.replace("return Reading", "return Rate(Reading").replace("mechanism.space)", "mechanism.space))")
     plugged(tmp_path, text.replace("import Reading", "import Rate, Reading"))
