@@ -15,8 +15,8 @@ import synthetic
 from click.testing import CliRunner, Result
 from fielded import block_run, flat_run, rod_run
 from mpi4py import MPI
-from PIL import Image
 from pictures import legend_texts
+from PIL import Image
 from runs import reduced_model, rom_of
 
 from pgmp_petsc.base.errors import InputError, Remark
