@@ -129,6 +129,7 @@ class Skin:
     values: np.ndarray | None = None  # what colours it, shape (n_f, n_nodes); None where that is not known
     triangles: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=int))
     radius: float = 0.0  # of beams, m; 0 where it is not known
+    is_span: bool = False  # whether it is no body but what acts between two points
 
     @property
     def moved(self) -> np.ndarray:
@@ -298,7 +299,8 @@ def with_spans(skins: Sequence[Skin], run: Trajectory) -> list[Skin]:
     )
     line = np.array([[0, 1]])
     spans = ((name, own, moved[name] - own) for name, own in at.items())
-    return [*skins, *(Skin(name, own[0], in_space(own), in_space(by), line, False) for name, own, by in spans)]
+    drawn = (Skin(name, own[0], in_space(own), in_space(by), line, False, is_span=True) for name, own, by in spans)
+    return [*skins, *drawn]
 
 
 def in_unit(skins: list[Skin], colour: str, unit: str) -> tuple[list[Skin], str, float, int]:

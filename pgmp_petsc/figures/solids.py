@@ -23,6 +23,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
@@ -333,9 +334,11 @@ class Surround:
             bar.set_label(motion.quantity)
         # what grey and plain bodies are, where they are beside coloured ones
         rigid = [skin.rigid for skin in motion.skins]
-        plain = any(not skin.rigid and skin.values is None for skin in motion.skins)
+        plain = {skin.is_span for skin in motion.skins if not skin.rigid and skin.values is None}
         keys = [Patch(color=RIGID, label="rigid")] if any(rigid) and not all(rigid) else []
-        keys += [Patch(color=PLAIN, label="flexible, not coloured")] if plain and motion.quantity else []
+        if motion.quantity:
+            keys += [Patch(color=PLAIN, label="flexible, not coloured")] if False in plain else []
+            keys += [Line2D([], [], color=PLAIN, label="acts between two points")] if True in plain else []
         keys += [Patch(color=FORCE, label=motion.forces)] if motion.forces else []
         style.top_legend(self.figure, keys, motion.title, motion.notes)
         self.figure.set_figheight(round(self.figure.get_figheight() * resolution / 2) * 2 / resolution)

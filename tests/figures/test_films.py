@@ -15,6 +15,7 @@ import synthetic
 from click.testing import CliRunner, Result
 from fielded import block_run, flat_run, rod_run
 from mpi4py import MPI
+from pictures import legend_texts
 from PIL import Image
 from runs import reduced_model, rom_of
 
@@ -23,7 +24,7 @@ from pgmp_petsc.cli.declared import Session
 from pgmp_petsc.cli.main import COMMANDS, load
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.motion import motion_of, scale_of, vibration_of
-from pgmp_petsc.figures.solids import Pace, Stage, drawing, solids, view_of
+from pgmp_petsc.figures.solids import Pace, Stage, Surround, drawing, solids, view_of
 from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.studies.field_frames import mode_shape
 from scenes import slider_crank
@@ -122,6 +123,14 @@ def test_a_solid_is_lit_and_a_rigid_one_grey() -> None:
     # nothing touches the edge: the camera sees all
     edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
     assert (edge == 255).all()
+
+
+def test_what_acts_between_points_is_no_body_without_colours() -> None:
+    run = rod_run(0.0)
+    spring = '[bodies.rod.line]\nlength = 1.0\nelements = 5\n[effects.gas]\npoints = ["rod:tip", "ground:origin"]\n'
+    held = replace(run, record=replace(run.record, scene_toml=spring))
+    assert legend_texts(Surround(motion_of(run), "").figure) == []
+    assert legend_texts(Surround(motion_of(held), "").figure) == ["acts between two points"]
 
 
 def test_beams_are_tubes_of_their_section() -> None:
