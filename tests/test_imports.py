@@ -228,6 +228,14 @@ def test_runs_of_a_reduced_model_import_nothing_that_builds_one(module: str) -> 
         assert not loaded & {f"pgmp_petsc.{name}" for name in others}
 
 
+def test_no_module_gives_a_constant_twice() -> None:
+    """The second one would be that of both."""
+    for path in PACKAGE.rglob("*.py"):
+        given = [node.targets[0].id for node in tree_of(path).body
+                 if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)]  # fmt: skip
+        assert not [name for name in given if given.count(name) > 1], path
+
+
 def test_no_communicator_and_no_petsc_start_at_import() -> None:
     """Importing everything but the commands starts neither MPI's world nor PETSc with somebody's arguments."""
     for path in PACKAGE.rglob("*.py"):

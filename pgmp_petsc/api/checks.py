@@ -62,11 +62,10 @@ def _report(found: Checked, name: Path, said: object, strict: bool) -> str:
     return "\n".join([*lines, *([] if found.sizes is None else found.sizes.lines())])
 
 
-def _status(found: Checked, strict: bool) -> int:
+def _status(found: Checked, strict: bool) -> None:
     if strict and found.scene.remarks:
         warnings = counted(len(found.scene.remarks), "warning")
         raise InputError(f"{found.name}: {warnings}, see above, and --strict takes none")
-    return 0
 
 
 @command(

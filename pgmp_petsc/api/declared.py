@@ -130,8 +130,8 @@ class Command:
     report: Callable[..., str] | None = None
     #: returns the figures of ``--json``, of the result and `shell`; None where there are none
     figures: Callable[..., Mapping[str, object]] | None = lambda result: result.summary()
-    #: returns the exit status, of the result and `shell`, or raises why it is another
-    status: Callable[..., int] | None = None
+    #: returns the exit status, of the result and `shell`, None of what is fine, or raises why it is another
+    status: Callable[..., int | None] | None = None
     #: returns which function is called, of what was given and the ranks; raises what does not fit
     choose: Callable[..., Callable[..., Any]] | None = None
     others: Sequence[Callable[..., Any]] = ()  # what may be called instead of `function`, where `choose` says so

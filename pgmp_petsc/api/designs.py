@@ -74,10 +74,9 @@ def sensitivities(
         return keeper.result(differentiated(prepared, tuple(names), comm), prepared.scene)
 
 
-def _status_of_fit(found: Fit) -> int:
+def _status_of_fit(found: Fit) -> None:
     if not found.converged:
         raise RunError("the fit did not converge")
-    return 0
 
 
 @command(
@@ -127,10 +126,9 @@ def fit(
         return keeper.result(fitted(prepared, history, tuple(names), deviations, comm), prepared.scene)
 
 
-def _status_of_design(found: Design) -> int:
+def _status_of_design(found: Design) -> None:
     if not found.converged:  # the first warning says why
         raise RunError(next(remark.text for remark in found.record.remarks if remark.kind == "warning"))
-    return 0
 
 
 @command(

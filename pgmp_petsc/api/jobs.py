@@ -59,10 +59,9 @@ class Done:
     failures: tuple[str, ...]  # what went wrong although the run went on: runs that stopped early, samples that failed
 
 
-def _status(done: Done) -> int:
+def _status(done: Done) -> None:
     if done.failures:
         raise RunError("; ".join(done.failures))
-    return 0
 
 
 @command(

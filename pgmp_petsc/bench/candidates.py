@@ -8,6 +8,7 @@ from sizes alone (docs/method.md, price of the candidates), and candidates that 
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -251,10 +252,4 @@ def first_passing(
             low, stride = probe, 2 * stride
         if high == n:
             return None
-    while high - low > 1:
-        middle = (low + high) // 2
-        if passes(middle):
-            high = middle
-        else:
-            low = middle
-    return high
+    return bisect_left(range(high), True, low + 1, key=passes)

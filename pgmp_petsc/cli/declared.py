@@ -141,7 +141,7 @@ def run_command(context: click.Context, command: Command, given: Mapping[str, An
                 _say_result(context, command, stopped.result, arguments, shell, said)
             raise
         _say_result(context, command, result, arguments, shell, said)
-        status = 0
+        status = None
         if command.status is not None:
             status = on_root(session.comm, lambda: command.status(getattr(result, "data", result), **shell))
     if status:

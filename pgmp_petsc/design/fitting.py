@@ -47,7 +47,7 @@ from pgmp_petsc.scene.uses import length_names
 
 MOST_ROUNDS, SETTLED = 8, 1e-3  # of deviations that follow from what is left; their shares of one another that stay
 WIDE = 100.0  # times the value and its hundredth, of a parameter without distribution and bounds
-TIED = 0.98  # correlation beyond which two parameters are hardly told apart
+HARDLY_APART = 0.98  # correlation beyond which two parameters are hardly told apart
 NO_DIRECTION = 1e-9  # of the largest singular value: smaller ones are rounding
 TIED = 1e-6  # of a direction that residuals do not feel: so much of the product of two parameters' shares ties them
 DENSE = 20  # measurements a step of a run, from which they are condensed
@@ -492,5 +492,5 @@ def _tied(names: Sequence[str], correlation: np.ndarray) -> list[Remark]:
         )
         for j in range(len(names))
         for k in range(j)
-        if abs(correlation[j, k]) > TIED
+        if abs(correlation[j, k]) > HARDLY_APART
     ]

@@ -138,7 +138,7 @@ def error_budget(sources: Sequence[Source], error: ModelError | None) -> list[Li
     return [
         *_of_model(sources, error),
         *_of_steps(sources),
-        *_of_parts([source.result for source in sources if isinstance(source.result, Build)]),
+        *_of_parts(sources),
         *_of_mesh(sources, studies),
         *_of_sampling(sources),
         *_of_balance(sources),
@@ -148,7 +148,7 @@ def error_budget(sources: Sequence[Source], error: ModelError | None) -> list[Li
 
 def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[Line]:
     """Yield what reduction and step do to outputs, in single runs and in ensembles."""
-    models = {source.result.model for source in sources if isinstance(source.result, (Trajectory, Ensemble))}
+    models = {_model_of(source) for source in sources} - {None}
     if error is not None and error.worst is not None:
         for what, one in (("model", error), ("model and time step", error.with_step)):
             known = {} if one is None else one.shares
@@ -176,7 +176,13 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             (largest, factor, unit), median = _largest_error(source, name), float(np.median(known))
             size = ["median ", Datum(median, plain(factor * median)), ", largest ", largest, unit]
             how = f"estimated for {known.size} of {len(values)} samples"
-            yield Line(f"model, in samples: {name}", size, how)
+            what = "model" if source.result.model == "reduced" else "time step"
+            yield Line(f"{what}, in samples: {name}", size, how)
+
+
+def _model_of(source: Source) -> str | None:
+    """Return the model of a run or an ensemble; None of other results."""
+    return source.result.model if isinstance(source.result, (Trajectory, Ensemble)) else None
 
 
 def _of_steps(sources: Sequence[Source]) -> Iterator[Line]:
@@ -199,8 +205,14 @@ def step_errors(sources: Sequence[Source]) -> Iterator[tuple[Source, EstimatedEr
             yield source, errors
 
 
-def _of_parts(builds: Sequence[Build]) -> Iterator[Line]:
-    """Yield what was measured when the reduction was chosen by a tolerance, part by part."""
+def _of_parts(sources: Sequence[Source]) -> Iterator[Line]:
+    """Yield what was measured when the reduction was chosen by a tolerance, part by part; without a reduced model there
+    is the time step alone."""
+    if not any(isinstance(one.result, Build) or _model_of(one) in ("reduced", None) for one in sources):
+        if next(step_errors(sources), None) is None:
+            yield Line("time step", [], "not estimated; add a run of pgmp simulate, with simulation.error_indicator")
+        return
+    builds = [source.result for source in sources if isinstance(source.result, Build)]
     chosen = next((build.selection for build in builds if build.selection is not None), None)
     unknown = []
     for part, words in PARTS.items():
@@ -271,8 +283,12 @@ def _of_mesh(sources: Sequence[Source], studies: Sequence[Source]) -> Iterator[L
                 how = f"measured: {mesh.cells[own[0]]} cells against {mesh.cells[-1]}"
                 yield Line(f"mesh: {name}", [datum], how)
             return
-    how = "add a run of the same model with another mesh (--override bodies.NAME.mesh=FILE); pgmp run does so for lines"
-    yield Line("mesh", [], how)
+    bodies = [body for source in sources for body in scene_of(source.record).get("bodies", {}).values()]
+    if not bodies or any(body.get("flexible", True) for body in bodies):
+        how = "add a run of the same model with another mesh (--override bodies.NAME.mesh=FILE)"
+        yield Line("mesh", [], f"{how}; pgmp run does so for lines")
+    else:
+        yield Line("mesh", ["none"], "no body deforms")
 
 
 def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:

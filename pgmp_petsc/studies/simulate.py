@@ -433,9 +433,10 @@ def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], tim
         return ""
     since = time[looked_at][lost.size - int(np.argmin(lost[::-1])) if not lost.all() else 0]
     return (
-        f"the stiffness of the deformed mechanism is indefinite from {since:.6g} s on (its least eigenvalue is "
-        f"{share[-1]:.2g} of that at rest at the end): the cubic strain energy of geometric_stiffening has no lower "
-        f"bound and runs away at deformations beyond what second order describes; {Status.BROKE_DOWN.cure(model.name)}"
+        f"the stiffness of the deformed mechanism is indefinite from {since:.6g} s on (at the end its least "
+        f"eigenvalue is {share[-1]:.2g} times that at rest): the cubic strain energy of geometric_stiffening has no "
+        "lower bound and runs away at deformations beyond what second order describes; "
+        f"{Status.BROKE_DOWN.cure(model.name)}"
     )
 
 

@@ -193,7 +193,8 @@ def _most_likely(result: RareEvent) -> Iterator[str]:
     """Yield beta of every design point, and of the first one the values and shares of parameters, the largest first."""
     found = result.most_likely
     if found is None:
-        why = "no derivatives, too few samples left, or values that step" if result.reached else "of no event reached"
+        unknown = "no derivatives, too few samples left, or values that step"
+        why = unknown if result.reached else "the event was not reached"
         yield f"  design point            none found ({why})"
         return
     how = "exact derivatives" if found.is_exact else "differences"

@@ -35,7 +35,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the model of an arm in a folder without anything else."""
     path = tmp_path_factory.mktemp("alone") / "arm.h5"
     said = pgmp("build", SCENES / "six_joint_arm.toml", "--components", *overridden(SHORT), "-o", path).stdout
-    assert "arm.h5: component model; amplitudes: upper 13, fore 13" in said
+    assert "arm.h5: component model; amplitudes: upper 14, fore 14" in said
     return path
 
 

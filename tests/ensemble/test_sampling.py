@@ -12,7 +12,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble import sampling
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, Plan
 from pgmp_petsc.ensemble.sample_file import read_samples
-from pgmp_petsc.ensemble.sampling import Sampler, draw, draw_remarks, first_numbers, physical, sampler_remarks, stream
+from pgmp_petsc.ensemble.sampling import Sampler, draw, draw_remarks, independent, physical, sampler_remarks, stream
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import Distribution, Parameter
 from scenes import slider_crank
@@ -293,14 +293,11 @@ def test_a_design_is_named_by_what_it_draws(sampler: str, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("seed", [0, 1, 42, 2**32 - 1, 2**32, 123456789012345678, LARGEST_SEED])
-def test_the_first_numbers_are_those_of_every_stream(seed: int) -> None:
-    """Bit for bit, for seeds of one word and of two, and the samples that there may be."""
-    numbers = np.append(np.arange(40), np.random.default_rng(seed).integers(40, MOST_SAMPLES, 40))
-    numbers = np.append(numbers, MOST_SAMPLES - 1)
-    for d in (1, 5):
-        expected = [stream(seed, int(number)).random(d) for number in numbers]
-        np.testing.assert_array_equal(first_numbers(seed, numbers, d), expected)
-    assert first_numbers(seed, np.arange(0), 2).shape == (0, 2) and first_numbers(seed, np.arange(4), 0).shape == (4, 0)
+def test_samples_are_the_first_numbers_of_streams_of_their_own(seed: int) -> None:
+    """Bit for bit, for seeds of one word and of two, and the last samples that there may be."""
+    for first, last, d in ((0, 40, 1), (MOST_SAMPLES - 3, MOST_SAMPLES, 5), (0, 0, 2), (0, 4, 0)):
+        expected = [stream(seed, number).random(d) for number in range(first, last)]
+        np.testing.assert_array_equal(independent(seed, d)(first, last), np.reshape(expected, (last - first, d)))
 
 
 RADII = [5e-3, 5.5e-3, 6e-3]

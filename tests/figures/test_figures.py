@@ -223,8 +223,9 @@ def test_words_at_bars_do_not_lie_on_each_other(shares):
 
 def test_brackets_hold_the_intervals_of_the_file():
     ensemble = synthetic.ensemble(n_failed=0)
-    figure = densities([ensemble], names=["crank_angle"])
-    found, (text,) = ensemble.statistics["crank_angle"], visible(figure)[0].texts
+    figure = densities([ensemble])
+    panel = next(axes for axes in visible(figure) if axes.get_title(loc="left") == "crank_angle")
+    found, (text,) = ensemble.statistics["crank_angle"], panel.texts
     mean, deviation = text.get_text().split("\n")
     low, high = found.mean_interval
     assert mean == f"mean {found.mean:.3f} [{low:.3f}, {high:.3f}] rad"

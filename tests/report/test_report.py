@@ -15,7 +15,8 @@ import html5lib
 import numpy as np
 import pytest
 import synthetic
-from runs import one_message
+from coupled_scenes import ROTORS
+from runs import one_message, trajectory
 
 from pgmp_petsc.base.errors import InputError, note, warning
 from pgmp_petsc.ensemble.statistics import describe, quantile_bounds
@@ -31,6 +32,7 @@ from pgmp_petsc.results.ensemble import EXTREMES, Joined
 from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.numbers import one_unit_each
 from pgmp_petsc.results.summary import summary_of
+from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.texts.ensemble_table import lines_of
 from scenes import tables
 
@@ -502,6 +504,17 @@ def test_the_error_budget_and_samples_that_failed(tree: Element) -> None:
     rows = rows_of(tree, "Samples that failed")
     assert [row[0] for row in rows] == ["57", "58", "59"]
     assert all(row[-1] == "Newton's method did not converge" for row in rows)
+
+
+def test_bodies_that_are_rigid_have_no_errors_of_basis_and_mesh(tmp_path: Path) -> None:
+    for step, named in ((2e-3, "time step, full order: one"), (0.2, "time step")):  # too few of the latter to estimate
+        scene = scene_from_toml(ROTORS, ".", ["simulation.duration=0.4", f"simulation.step={step}"])
+        trajectory("full", scene).write(tmp_path / "run.h5")
+        [sources], _ = read_sources([tmp_path / "run.h5"])
+        found = {line.what: (line.size, line.how) for line in error_budget(sources, None)}
+        assert found["mesh"] == (["none"], "no body deforms") and found["model"][0] == ["none"]
+        assert named in found and not any("basis" in what or "interpolation" in what for what in found)
+    assert found["time step"][0] == []
 
 
 def test_a_build_with_a_tolerance_tells_the_parts_of_the_error(folder: Path) -> None:

@@ -139,7 +139,10 @@ def test_standard_errors_are_the_spread_of_estimates(model) -> None:
     run = differentiate(model, model.scene.values | TRUE, ["r1"])
     exact, squares = {"time": run.time, **run.outputs}, []
     for seed in range(8):
-        for name, parameter in of(fit(model, measured(exact, seed), ["r1", "c"], NOISE, MPI.COMM_SELF)).items():
+        found = fit(model, measured(exact, seed), ["r1", "c"], NOISE, MPI.COMM_SELF)
+        assert abs(found.correlation[0, 1]) < 0.9
+        assert not any("hardly told apart" in remark.text for remark in found.record.remarks)
+        for name, parameter in of(found).items():
             squares.append(((parameter.estimate - TRUE[name]) / parameter.error) ** 2)
     assert 0.3 < np.mean(squares) < 2.2  # of 16: within 3.4 deviations
     again = fit(model, measured(exact, 0, size=0.0), ["r1", "c"], {}, MPI.COMM_SELF)
