@@ -88,8 +88,8 @@ class ElasticEnds(OnJoint):
     stiffness: Annotated[PositiveOrParameter, Unit("N m/rad", "N/m")] = Field(description="(Nm/rad or N/m)")
     damping: Annotated[NotNegativeOrParameter, Unit("s/rad", "s/m")] = Field(
         0.0,
-        description="of Hunt and Crossley (s/rad or s/m): force of stiffness times depth (1 + damping depth'), a "
-        "number or a parameter's name",
+        description="of Hunt and Crossley (s/rad or s/m): force of stiffness times depth (1 + damping depth'), "
+        "which never pulls; a number or a parameter's name",
     )
 
 

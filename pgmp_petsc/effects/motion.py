@@ -106,13 +106,8 @@ class PrescribedMotion(Driving):
         self, scene: Scene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
     ) -> Iterator[Finding]:
         """Yield a table that begins after the run, or whose spline moves between rows that say that it rests."""
-        duration, rows, motion = scene.simulation.duration, self.table or (), self.motion(entry)
-        travel = np.ptp([value for _, value in rows]) if rows else 0.0
-        for (begins, value), (ends, _) in (pair for pair in pairwise(rows) if pair[0][1] == pair[1][1]):
-            off = np.max(np.abs(motion.at(np.linspace(begins, ends, N_LOOKED_AT)).angle - value))
-            if off > RESTS * travel:
-                moves = f"from {begins:g} to {ends:g} s the spline moves by {100 * off / travel:.2g} % of its whole way"
-                yield doubt(f"{entry}.table", f"{moves}, where both rows are the same; more rows there let it rest")
+        duration = scene.simulation.duration
+        yield from _restless(entry, self.table or ())
         if self.table is not None and self.table[0][0] > duration:
             late = f"begins at {self.table[0][0]:g} s, but the run ends at simulation.duration = {duration:g} s"
             yield doubt(f"{entry}.table", f"{late}; nothing moves")
@@ -169,6 +164,17 @@ def driven(motions: Sequence[Motion], time: float) -> Instant:
     return Instant(*np.array([motion.at(time) for motion in motions]).reshape(-1, 3).T)
 
 
+def _restless(entry: str, rows: TimeTable | LoadTable) -> Iterator[Finding]:
+    """Yield the rows of an effect's table between which its spline moves although they say that it rests."""
+    pairs = [pair for pair in pairwise(rows) if pair[0][1] == pair[1][1]]
+    spline, travel = TimeFunction(*_spline(rows)) if pairs else None, np.ptp([value for _, value in rows] or [0.0])
+    for (begins, value), (ends, _) in pairs:
+        off = np.max(np.abs(spline(np.linspace(begins, ends, N_LOOKED_AT)) - value))
+        if off > RESTS * travel:
+            moves = f"from {begins:g} to {ends:g} s the spline moves by {100 * off / travel:.2g} % of its whole way"
+            yield doubt(f"{entry}.table", f"{moves}, where both rows are the same; more rows there let it rest")
+
+
 def _spline(rows: TimeTable | LoadTable) -> list[Piece]:
     """Return a cubic spline through rows, at rest at both ends and beyond."""
     from scipy.interpolate import CubicSpline  # takes a noticeable time, and few motions are tables
@@ -216,6 +222,15 @@ class BaseMotion(OverTime):
             yield from load_problems(scene, name, self)
         elif self.harmonic is not None:
             yield from harmonic_problems(scene, f"effects.{name}", self)
+
+    def doubts(
+        self, scene: Scene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
+    ) -> Iterator[Finding]:
+        """Yield what is doubtful of a load, and a spline that moves between rows that say that it rests."""
+        yield from super().doubts(scene, entry, frequencies, first)
+        rows = self.table or ()
+        if self.of != "acceleration" and not any(isinstance(value, str) for _, value in rows):
+            yield from _restless(entry, rows)
 
     def course(self) -> TimeFunction:
         """Return how far the base has gone."""

@@ -170,6 +170,9 @@ coordinates.theta.range=[0.0, 6.0] & coordinates.theta.periodic=false ->
     effects.motor | beyond coordinates.theta.range = [0, 6], where reduced runs end
 effects.motor={type="prescribed_motion", coordinate="theta", table=[[0.0, 0.0], [1.0, 1.0], [2.0, 1.0], [3.0, 0.0]]} ->
     effects.motor.table | from 1 to 2 s the spline moves by
+effects.road={type="base_motion", direction=[1.0, 0.0], of="displacement",
+    table=[[0.0, 0.0], [0.2, 0.0], [0.25, 0.05], [0.3, 0.1], [0.35, 0.05], [0.4, 0.0], [1.5, 0.0]]} ->
+    effects.road.table | from 0 to 0.2 s the spline moves by 20 % of its whole way
 effects.motor.spin_up.speed=1e4 -> effects.motor.spin_up.speed | speeds are in rad/s
 """,
     SOLID: """

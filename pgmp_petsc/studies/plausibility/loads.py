@@ -50,6 +50,7 @@ def load_findings(
     whole = len(sizes) == len(scene.bodies)  # otherwise masses and lengths are not known
     for name, effect in scene.effects.items():
         entry = f"effects.{name}"
+        yield from effect.doubts(scene, entry, {body: size.frequency_hz for body, size in sizes.items()}, first)
         if effect.is_over_time:
             for part in parts_of(name, effect).values():
                 yield from _nothing(scene, entry, part)
@@ -68,7 +69,6 @@ def load_findings(
                 yield doubt(where, words, value)
         if effect.stiff_by:
             yield from _spring(scene, entry, effect, moved, length, whole)
-        yield from effect.doubts(scene, entry, {body: size.frequency_hz for body, size in sizes.items()}, first)
     yield from _twice(scene)
 
 
