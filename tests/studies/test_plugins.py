@@ -1025,7 +1025,9 @@ def test_installed_packages_have_ideas_behind_entry_points(tmp_path: Path, monke
     (about := tmp_path / "mine_of_test-1.0.dist-info").mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mine_of_test\nVersion: 1.0\n")
     (about / "entry_points.txt").write_text("[pgmp.effects]\nspring = mine_of_test\n")
-    check_plugins(needed, "a.h5")  # before any scene is read
+    with h5py.File(tmp_path / "a.h5", "w") as file:  # before any scene is read, as `pgmp info` and reports do
+        RunRecord("", {}, None, 1, plugins=needed).write(file)
+        assert RunRecord.read(file).plugins == needed
     check_plugins({"line_spring.py": next(iter(needed.values()))}, "a.h5")  # of a file that was the same
     (tmp_path / "mine_of_test.py").write_text(LISTING + "\n")
     with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use"):
