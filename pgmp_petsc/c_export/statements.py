@@ -12,6 +12,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.controllers.acting import ACTING_LAW, control_of, rounded
 from pgmp_petsc.controllers.law import ControlLaw
 from pgmp_petsc.declare.expressions import printed, symbolic
+from pgmp_petsc.declare.forms import in_c
 from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
@@ -278,8 +279,8 @@ class Combiner:
         found = [one.subs(list(reversed(read.items()))) for one in found]
         used = set().union(*(one.free_symbols for one in found))
         lines = [f"const double {symbol} = {value};" for symbol, value in given.items() if symbol in used]
-        shared, values = printed(found, in_c=True)
-        lines = [*lines, *shared, *(f"{name}[{j}] = {value};" for j, value in enumerate(values))]
+        shared, values = printed(found, for_c=True)
+        lines += in_c([*shared, *(f"{name}[{j}] = {value}" for j, value in enumerate(values))])
         self.lines += [f"double {name}[3] = {{0.0}};", "{", *lines, "}"]
 
 
