@@ -19,7 +19,7 @@ from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bench.cases import Setting, Training
 from pgmp_petsc.models import Model, OutputRecord, ReducedModel
 from pgmp_petsc.models.model import floors_of as floors_of
-from pgmp_petsc.outputs.rainflow import at_the_end
+from pgmp_petsc.outputs.joint_forces import judged
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
@@ -102,7 +102,7 @@ def integrated(model: Model, system: SecondOrderSystem, n_steps: int, pulse: Pul
     nodes = sorted(set().union(*(angle.nodes for _, angle in measures)))
     record = _Record(model, system, nodes, pulse, spacing(n_steps))
     run = integrate(system, model.scene.simulation.in_steps(n_steps), observer=record)
-    outputs = np.array(list(at_the_end(model.scene, record.outputs()[1]).values()))
+    outputs = np.array(list(judged(model.scene, record.outputs()[1]).values()))
     by_node, inside = record.by_node(), np.ones(n_samples, dtype=bool)
     for c, angle in measures:
         angles, margin = angle.value(by_node).reshape(-1, n_samples), MARGIN * (c.upper - c.lower)

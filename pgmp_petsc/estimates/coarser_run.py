@@ -33,9 +33,9 @@ import scipy
 from pgmp_petsc.effects.formula import TURN, turns_over
 from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.models import FullModel, Model, OutputRecord
+from pgmp_petsc.outputs.joint_forces import judged
 from pgmp_petsc.outputs.of_frames import Angle, Sliding
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.outputs.rainflow import at_the_end
 from pgmp_petsc.results.numbers import Arrays, share_text
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
@@ -293,7 +293,7 @@ def step_errors(
         made_of = np.isin(list(outputs), list(scene.outputs[name].made_in(scene)))
         # cycles of a vibration that is lost are those of neither run, and their damage has no order
         errors[name] = differences[name] / (1.0 if shares[made_of].max() > RUBS else order)
-    return StepErrors(at, at_the_end(scene, errors), lost_hz if loudest > TREMBLES else np.nan, unsure)
+    return StepErrors(at, judged(scene, errors), lost_hz if loudest > TREMBLES else np.nan, unsure)
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,8 @@ from pgmp_petsc.estimates.reference_motion import ReferenceMotion, Schedule
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.models import ComponentModel, LengthLanes, Reduced, ReducedModel
 from pgmp_petsc.models.model import floors_of
-from pgmp_petsc.outputs.rainflow import at_the_end, counted_after
+from pgmp_petsc.outputs.joint_forces import judged
+from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene.numerics import Simulation
@@ -267,7 +268,7 @@ class WatchedRun(Observer):
             counted_after(model.outputs.counts, time, {k: v.reshape(shape) for k, v in found.items()}, values)
             for found in (here, there)
         )
-        return at_the_end(model.scene, {name: here[name] - there[name] for name in here})
+        return judged(model.scene, {name: here[name] - there[name] for name in here})
 
     def _placeable(self, states: np.ndarray) -> np.ndarray:
         """Return which samples stay finite, and where the rigid mechanism can be placed, shape (n,)."""

@@ -23,7 +23,7 @@ those of their equations (`full.systems`), of a reduced model those that `reduct
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import ClassVar, Literal, Self
@@ -43,7 +43,7 @@ from pgmp_petsc.outputs.readings import AXES, Frames, Rate, Reading, Seen
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.joints import CouplingEntry
 from pgmp_petsc.scene.messages import problem, unknown
-from pgmp_petsc.scene.outputs import OutputEntry
+from pgmp_petsc.scene.outputs import OutputEntry, reads
 from pgmp_petsc.scene.uses import slides
 
 UNDETERMINED = 1e-8  # share of a combination of multipliers that is round-off
@@ -116,6 +116,22 @@ class JointTorque(InJoint):
 def joints_of(scene: Scene) -> dict[str, str]:
     """Return the joint of every output of what acts in one, by the outputs' names."""
     return {name: output.joint for name, output in scene.outputs.items() if isinstance(output, InJoint)}
+
+
+def judged(scene: Scene, found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return outputs of a scene over whole runs, or their errors, each (n_t, ...), as they are judged.
+
+    Those that are counted are what they are at the end at every instant: a damage and a life are figures of a run as a
+    whole. What joints carry is at the start what it is at the next instant: where loads meet undeformed bodies, it
+    hangs there on the mesh alone.
+    """
+    result = dict(found)
+    for name, values in found.items():
+        if name in scene.counted:
+            result[name] = np.full_like(values, values[-1])
+        elif len(values) > 1 and name in scene.outputs and reads(scene, name, "multipliers"):
+            result[name] = np.concatenate([values[1:2], values[1:]])
+    return result
 
 
 class OfDrive(OutputEntry):

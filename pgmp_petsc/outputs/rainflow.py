@@ -219,13 +219,6 @@ def counted_after(
     return {name: part.reshape(found[name].shape) for name, part in counting.over(times, rows).items()}
 
 
-def at_the_end(scene: Scene, found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return outputs of a scene over whole runs, or their errors, each (n_t, ...), of those that are counted with what
-    they are at the end at every instant: a damage and a life are figures of a run as a whole."""
-    counted = scene.counted
-    return {name: np.full_like(one, one[-1]) if name in counted else one for name, one in found.items()}
-
-
 STEP = 1e-6  # share by which what is counted, or a parameter, is changed; rounding leaves 1e-10
 
 

@@ -192,6 +192,12 @@ def per_second(unit: str) -> str:
     return f"{unit[: found.start()]}/s{int(found[1] or 1) + 1}" if found else f"{unit or 1}/s"
 
 
+def reads(scene: AnyScene, name: str, what: str) -> bool:
+    """Whether an output, or one that it is made of, reads something of `READS`."""
+    entry = scene.outputs[name]
+    return what in entry.reads or any(reads(scene, one, what) for one in entry.made_in(scene))
+
+
 def models_alone(scene: AnyScene, name: str) -> bool:
     """Whether an output, or one that it is made of, is of what models alone know: stresses, multipliers, histories."""
     entry = scene.outputs[name]

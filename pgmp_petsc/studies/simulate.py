@@ -30,8 +30,8 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.models.body_fields import Fields, FullFields
 from pgmp_petsc.models.body_fields import joined as joined_fields
-from pgmp_petsc.outputs.joint_forces import joints_of
-from pgmp_petsc.outputs.rainflow import at_the_end, counted_after
+from pgmp_petsc.outputs.joint_forces import joints_of, judged
+from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, first_ranks
@@ -381,7 +381,7 @@ def _described(
 
 
 def _largest(model: Model, outputs: Mapping[str, np.ndarray]) -> dict[str, float]:
-    sizes = {name: np.max(np.abs(values)) for name, values in at_the_end(model.scene, outputs).items()}
+    sizes = {name: np.max(np.abs(values)) for name, values in judged(model.scene, outputs).items()}
     seen = felt(sizes, model.outputs.units, _length(model), joints_of(model.scene))
     return {name: float(size) for name, size in seen.items()}
 
