@@ -145,4 +145,4 @@ class FormulaController(JointController):
         yield from super().uses(entry)
         for key in ("constants", "initial"):
             for name, value in getattr(self, key).items():
-                yield Use(f"{entry}.{key}.{name}", value, "any", ())
+                yield Use(f"{entry}.{key}.{name}", value)

@@ -100,12 +100,12 @@ class Pid(JointController):
     def references(self, scene: Scene, entry: str) -> Iterator[Use]:
         """Yield that a value of its reference is one of what it measures."""
         if unit := unit_of(scene, self.measures):
-            yield Use(entry, 0.0, "any", (unit,))
+            yield Use(entry, units=(unit,))
 
     def uses(self, entry: str) -> Iterator[Use]:
         yield from super().uses(entry)
         for key in ("p", "i", "d"):
-            yield Use(f"{entry}.gains.{key}", getattr(self.gains, key), "any", ())
+            yield Use(f"{entry}.gains.{key}", getattr(self.gains, key))
         yield Use(f"{entry}.gains.filter", self.gains.filter, "positive" if self.filtered else "not negative", ("s",))
         if self.tracking is not None:
             yield Use(f"{entry}.tracking", self.tracking, "positive", ("s",))

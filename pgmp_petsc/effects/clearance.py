@@ -130,7 +130,6 @@ class ContactLaws(NamedTuple):
 
 
 LAWS = {name: ContactLaws.of(factor, "" if name == "hunt_crossley" else f"_{name}") for name, factor in FACTORS.items()}
-CONTACT, RUBBING, SLIDING, BACKLASH = LAWS["hunt_crossley"]
 
 
 class LooseEffect(ActionEffect):

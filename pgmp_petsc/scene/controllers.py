@@ -129,9 +129,9 @@ class ControllerEntry(Table):
     def uses(self, entry: str) -> Iterator[Use]:
         """Yield the entries that may name a parameter; a controller's may be of any unit."""
         if self.reference.constant is not None:
-            yield Use(f"{entry}.reference", self.reference.constant, "any", ())
+            yield Use(f"{entry}.reference", self.reference.constant)
         for k, limit in enumerate(self.limits or ()):
-            yield Use(f"{entry}.limits[{k}]", limit, "any", ())
+            yield Use(f"{entry}.limits[{k}]", limit)
 
     def references(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         """Yield in which unit a value of its reference is, where that is not any."""

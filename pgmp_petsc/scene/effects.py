@@ -249,8 +249,7 @@ class OverTime(EffectEntry):
     def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         """Yield the times of a table, or where its rows are along the motion of a joint."""
         unit = "s" if self.is_over_time else "m" if motion_over(scene, self) == "sliding" else "rad"
-        for row in range(len(self.table or ())):
-            yield Use(f"{entry}.table[{row}][0]", 0.0, "any", (unit,))
+        return Use.of_rows(f"{entry}.table", self.table, unit)
 
     def check_entries(self) -> None:
         if isinstance(self.scale, str) and self.parameters_over_time:
