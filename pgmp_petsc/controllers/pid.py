@@ -43,7 +43,7 @@ def law_of(filtered: bool, back: str) -> ControlLaw:
 
 
 class Gains(Table):
-    """What the parts of the error are multiplied by, each a number or a parameter's name."""
+    """Factors of the parts of the error, each a number or a parameter's name."""
 
     p: NumberOrParameter = Field(0.0, description="force by the error")
     i: NumberOrParameter = Field(0.0, description="force by the integral of the error over time")

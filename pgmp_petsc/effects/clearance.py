@@ -133,8 +133,11 @@ LAWS = {name: ContactLaws.of(factor, "" if name == "hunt_crossley" else f"_{name
 
 
 class LooseEffect(ActionEffect):
-    """What acts in a joint, or a coupling, with a clearance. In the middle of a joint's room no force has a direction:
-    static answers are to unit forces along all directions in which there is room."""
+    """Contact and friction in a joint, or a coupling, with a clearance.
+
+    In the middle of a joint's room no force has a direction: static answers are to unit forces along all directions in
+    which there is room.
+    """
 
     units: Sequence[Action] = ()  # these forces
 

@@ -119,7 +119,7 @@ def joints_of(scene: Scene) -> dict[str, str]:
 
 
 class OfDrive(OutputEntry):
-    """What a prescribed motion takes."""
+    """Force, torque or power of a prescribed motion."""
 
     reads = ("multipliers",)
     one_of = ("joint", "coordinate")
@@ -346,7 +346,7 @@ class OfConnection(ForceOutput):
 
 @dataclass(frozen=True, eq=False)
 class Pull:
-    """What acts on what a joint releases, by a law."""
+    """A force in a direction that a joint releases, by a law."""
 
     action: Action
     readings: tuple[Reading, ...]  # of the terms of what the law is of
@@ -382,7 +382,7 @@ def acting(pulls: Sequence[Pull], seen: Seen) -> Iterator[tuple[Pull, np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class OfCoupling(ForceOutput):
-    """What a coupling does to the motion of one of its joints."""
+    """Force or torque of a coupling on the motion of one of its joints."""
 
     reading: Reading  # of the motion
     function: Function  # of the motion, in the coupling
@@ -431,7 +431,7 @@ def _motion(part: Statement, pair: tuple[Attachment, Attachment], mechanism: Mec
 
 @dataclass(frozen=True, eq=False)
 class OfMotion(ForceOutput):
-    """What a prescribed motion takes, or its power."""
+    """Force or torque of a prescribed motion, or its power."""
 
     speed: Reading | None  # of the coordinate, for the power
     coordinate: int  # its number

@@ -47,7 +47,7 @@ CORNERS = ("abs", "sign", "min", "max", "where", "<", ">", "atan2")  # where a f
 
 
 class Expression(Protocol):
-    """What a controller measures, made of motions; its law prints it."""
+    """A measure of a controller, made of motions; its law prints it."""
 
     parameters: tuple[str, ...]  # of the scene, that it names
 

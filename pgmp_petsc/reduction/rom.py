@@ -223,12 +223,12 @@ class Served:
 
     @property
     def range(self) -> str:
-        """What is served, in messages."""
+        """The range that is served, in messages."""
         return self.between(self.low, self.high)
 
     @property
     def limits(self) -> str:
-        """What is not refused, in messages."""
+        """The range that is not refused, in messages."""
         return self.between(self.least, self.most)
 
     @property

@@ -36,7 +36,7 @@ MOST_SAMPLED = 2**14  # steps of the coarsest run that a tolerance tries
 
 
 class Setpoint(Table):
-    """What a measure is to be: a number, or over time."""
+    """The wanted value of a measure: a number, or over time."""
 
     one_of = ("constant", "table", "harmonic")
     constant: NumberOrParameter | None = Field(

@@ -184,7 +184,7 @@ def _check(cls: type[EffectEntry]) -> None:
 
 
 class ActionMismatch(InputError):
-    """What acts does not fit its law, or what it is about."""
+    """An action does not fit its law, or its points."""
 
 
 def _try_forces(cls: type[EffectEntry]) -> None:
@@ -203,7 +203,7 @@ def _try_forces(cls: type[EffectEntry]) -> None:
 
 
 class OverTime(EffectEntry):
-    """What acts with a given strength over time."""
+    """An effect with a given strength over time."""
 
     acts = "forces"
     one_of = ("table", "harmonic")
@@ -265,7 +265,7 @@ OverMotion = Annotated[
 
 
 class OnJoint(EffectEntry):
-    """What acts on the motion in a joint."""
+    """An effect on the motion in a joint."""
 
     acts = "forces"
     joints = ("turning", "sliding")
@@ -318,7 +318,7 @@ class AddedMass(EffectEntry):
 
 
 class Driving(EffectEntry):
-    """What moves a coordinate as given, whatever it takes."""
+    """An effect that moves a coordinate as given, whatever force it takes."""
 
     coordinate: str
 
