@@ -160,7 +160,7 @@ class OfDrive(OutputEntry):
         number = [one.name for one in every].index(wanted)
         reading = Reading.of_coordinate(every[number], kinematics) if self.with_rate else None
         nodes = reading.nodes if reading else frozenset()
-        return OfMotion(name, np.array([row]), nodes, self.with_rate, self, reading, number)
+        return OfPrescribed(name, np.array([row]), nodes, self.with_rate, self, reading, number)
 
 
 class DriveTorque(OfDrive):
@@ -430,7 +430,7 @@ def _motion(part: Statement, pair: tuple[Attachment, Attachment], mechanism: Mec
 
 
 @dataclass(frozen=True, eq=False)
-class OfMotion(ForceOutput):
+class OfPrescribed(ForceOutput):
     """Force or torque of a prescribed motion, or its power."""
 
     speed: Reading | None  # of the coordinate, for the power
@@ -482,7 +482,7 @@ def force_outputs(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) 
     found = tuple(
         entry.multiplied(name, kinematics) for name, entry in scene.outputs.items() if "multipliers" in entry.reads
     )
-    if any(output.rows.size for output in found if not isinstance(output, OfMotion)):
+    if any(output.rows.size for output in found if not isinstance(output, OfPrescribed)):
         _refuse_undetermined(found, kinematics, start)
     return found
 
@@ -516,7 +516,7 @@ def _refuse_undetermined(
     touched = np.abs(shares).max(axis=1) > UNDETERMINED
     sharing = [one.name for one in mechanism.holders if touched[_rows_of(mechanism, one.name)].any()]
     for output in outputs:
-        if isinstance(output, OfMotion) or not touched[output.rows].any():
+        if isinstance(output, OfPrescribed) or not touched[output.rows].any():
             continue
         if isinstance(output, OfCoupling):
             _refuse(f"{table}.{output.name}", sharing, "")
