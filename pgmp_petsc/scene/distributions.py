@@ -19,6 +19,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from statistics import NormalDist
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -86,7 +87,9 @@ class Normal(Own):
             return ndtr((self.loc - x) / self.scale)
         return 0.5 * math.erfc((x - self.loc) / self.scale / math.sqrt(2.0))
 
-    def ppf(self, share: np.ndarray | float) -> np.ndarray:
+    def ppf(self, share: np.ndarray | float) -> np.ndarray | float:
+        if np.ndim(share) == 0 and 0.0 < share < 1.0:
+            return NormalDist(self.loc, self.scale).inv_cdf(share)
         from scipy.special import ndtri
 
         return self.loc + self.scale * ndtri(share)

@@ -287,7 +287,7 @@ def _distribution(scene: Scene, name: str, parameter: Parameter) -> Iterator[Fin
     unit = f" {scene.system.unit(parameter.unit)}" if parameter.unit else ""
     shown = own_values(scene, {name: median})[name]
 
-    first, last = map(float, drawn.ppf(np.array([FAR, 1.0 - FAR])))
+    first, last = float(drawn.ppf(FAR)), float(drawn.ppf(1.0 - FAR))  # of single shares: scipy.special takes a while
     beside = AT_END * (last - first)  # the end of a uniform distribution is beside samples
 
     def beyond(value: float) -> bool:
