@@ -25,6 +25,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import itertools
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -136,6 +137,10 @@ class ControlLaw(Printed):
                 raise InputError(f"{place}: {entry}: a start is given for '{state}', which is no state of it; {known}")
             check(f"{entry}: start of {state}", text, given, place)
         self.enter()
+
+    def reads(self, name: str) -> bool:
+        """Return whether an expression names something."""
+        return name in re.findall(r"\w+", " ".join((self.force, *self.states.values(), *self.starts.values())))
 
     def measuring(
         self, measured: Sequence[tuple[str, Expression]], n_motions: int, parameters: Sequence[str]

@@ -117,6 +117,10 @@ class Reading:
             raise ValueError(f"a reading is of {', '.join(kinds)}, and not {self.kind!r}")
         if len(self.sides) != n_sides or (self.kind == "MEASURE") != (self.statement is not None):
             raise ValueError(f"{self.kind} is read of {n_sides} of the sides, and a statement of two of MEASURE")
+        if all(side.on_ground for side in self.sides):
+            raise ValueError("all that it reads is fixed to the ground")
+        if not isinstance(self.statement, Statement | None):
+            raise TypeError(f"a reading is of a Statement, and not a {type(self.statement).__name__}; a Combined adds")
         if self.statement is not None and self.statement.axes.shape[1] != self.space.dimension:
             raise ValueError("directions have 2 numbers in the plane, 3 in space; space is that of the mechanism")
 
