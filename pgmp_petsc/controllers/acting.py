@@ -96,7 +96,7 @@ class ControllerEffect(ActionEffect):
 
 
 class JointController(ControllerEntry):
-    """What acts in a joint, and measures any outputs of places and speeds."""
+    """A controller that acts in a joint, and measures any outputs of places and speeds."""
 
     def forces(self, name: str, mechanism: Mechanism) -> ControllerEffect:
         """Return the force in the joint, a part for each motion that is measured, behind what measures it if that is

@@ -52,7 +52,8 @@ def _start(state: str) -> str:
 
 
 class FormulaController(JointController):
-    """What acts in a joint by formulas, with states of its own: a motor, a bristle of friction, a control law."""
+    """A torque or force in a joint by formulas, with states of its own: a motor, a bristle of friction, a control
+    law."""
 
     type: Literal["formula"]
     measures: str | dict[str, str] = Field(
@@ -140,4 +141,4 @@ class FormulaController(JointController):
         yield from super().uses(entry)
         for key in ("constants", "initial"):
             for name, value in getattr(self, key).items():
-                yield Use(f"{entry}.{key}.{name}", value, "any", ())
+                yield Use(f"{entry}.{key}.{name}", value)

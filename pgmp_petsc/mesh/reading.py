@@ -207,7 +207,7 @@ def read_abaqus(path: Path, received: str) -> tuple[meshio.Mesh, np.ndarray, lis
 
 
 class _Deck:
-    """What the cards of an input file hold, by the numbers that the file has for nodes and elements."""
+    """Contents of the cards of an input file, by its numbers of nodes and elements."""
 
     def __init__(self, received: str) -> None:
         self._received = received

@@ -39,7 +39,7 @@ Jet = list[np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What a model shows of a motion at n instants."""
+    """A motion at n instants, as a model shows it."""
 
     frames: tuple[Frames, ...]  # of nodes, and as far as outputs read them their rates and accelerations (n_pose, n)
     rigid: RigidReference | None = None  # the rigid mechanism that deformations are taken from
@@ -65,7 +65,7 @@ class Base(NamedTuple):
 
 @dataclass(frozen=True)
 class Needs:
-    """What a reading takes: besides others the time, and the motion of the base."""
+    """Parts of a motion that a reading takes."""
 
     nodes: frozenset[int] = frozenset()  # whose frames are read
     of_coordinates: frozenset[int] = frozenset()  # of these, at which the rigid mechanism of deformations is measured
@@ -80,7 +80,7 @@ class Needs:
 
 
 class AnyReading(Protocol):
-    """What outputs are made of."""
+    """A reading: value and derivatives over time of a part of a motion."""
 
     needs: Needs
 
@@ -227,7 +227,7 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class OfReading:
-    """What is read of another reading, as which it is where a kind of these does not say otherwise."""
+    """A reading of another one, and the same as that where subclasses do not say otherwise."""
 
     of: AnyReading
 

@@ -201,19 +201,19 @@ def _parameters(scene: Mapping[str, Any], source: Source) -> Table:
         entry = scene.get("parameters", {}).get(name, {})
         factor, shown = axis_unit(str(entry.get("unit", "1")), np.array([value]))
         shown = behind(shown)
-        law = entry.get("distribution")
+        drawn_from = entry.get("distribution")
         drawn = "fixed"
-        if isinstance(law, dict):
+        if isinstance(drawn_from, dict):
             arguments = ", ".join(
                 f"{len(item)} {'distributions' if key == 'of' else key}"
                 if isinstance(item, list)
                 else f"{key} = {factor * item:.6g}{shown}"
                 if key in ("loc", "scale")
                 else f"{key} = {item:g}"
-                for key, item in law.items()
+                for key, item in drawn_from.items()
                 if isinstance(item, (int, float, list))
             )
-            drawn = f"{law.get('name', '')}({arguments})"
+            drawn = f"{drawn_from.get('name', '')}({arguments})"
         bounds = entry.get("bounds")
         if bounds:
             drawn += f", from {factor * bounds[0]:.6g} to {factor * bounds[1]:.6g}{shown}"

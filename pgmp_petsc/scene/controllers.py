@@ -4,8 +4,6 @@ A controller measures an output and acts on the motion in a joint. It has states
 z' = g(z, measure, reference, t), in the same steps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from fractions import Fraction
 from math import lcm
@@ -36,7 +34,7 @@ MOST_SAMPLED = 2**14  # steps of the coarsest run that a tolerance tries
 
 
 class Setpoint(Table):
-    """What a measure is to be: a number, or over time."""
+    """The wanted value of a measure: a number, or over time."""
 
     one_of = ("constant", "table", "harmonic")
     constant: NumberOrParameter | None = Field(
@@ -133,9 +131,9 @@ class ControllerEntry(Table):
     def uses(self, entry: str) -> Iterator[Use]:
         """Yield the entries that may name a parameter; a controller's may be of any unit."""
         if self.reference.constant is not None:
-            yield Use(f"{entry}.reference", self.reference.constant, "any", ())
+            yield Use(f"{entry}.reference", self.reference.constant)
         for k, limit in enumerate(self.limits or ()):
-            yield Use(f"{entry}.limits[{k}]", limit, "any", ())
+            yield Use(f"{entry}.limits[{k}]", limit)
 
     def references(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         """Yield in which unit a value of its reference is, where that is not any."""

@@ -4,8 +4,6 @@ An effect is one class: its entries, and what is declared of it here. An effect 
 evaluated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
@@ -120,7 +118,7 @@ class EffectEntry(Table):
 
     def doubts(
         self, scene: AnyScene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
-    ) -> Iterator[Finding]:
+    ) -> "Iterator[Finding]":
         """Yield what probably is not meant, or cannot be, beyond what holds for all effects of its kind.
 
         Frequencies are the first ones of flexible bodies between hinges, Hz, as far as they are known, and `first`
@@ -184,7 +182,7 @@ def _check(cls: type[EffectEntry]) -> None:
 
 
 class ActionMismatch(InputError):
-    """What acts does not fit its law, or what it is about."""
+    """An action does not fit its law, or its points."""
 
 
 def _try_forces(cls: type[EffectEntry]) -> None:
@@ -203,7 +201,7 @@ def _try_forces(cls: type[EffectEntry]) -> None:
 
 
 class OverTime(EffectEntry):
-    """What acts with a given strength over time."""
+    """An effect with a given strength over time."""
 
     acts = "forces"
     one_of = ("table", "harmonic")
@@ -249,8 +247,7 @@ class OverTime(EffectEntry):
     def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         """Yield the times of a table, or where its rows are along the motion of a joint."""
         unit = "s" if self.is_over_time else "m" if motion_over(scene, self) == "sliding" else "rad"
-        for row in range(len(self.table or ())):
-            yield Use(f"{entry}.table[{row}][0]", 0.0, "any", (unit,))
+        return Use.of_rows(f"{entry}.table", self.table, unit)
 
     def check_entries(self) -> None:
         if isinstance(self.scale, str) and self.parameters_over_time:
@@ -266,7 +263,7 @@ OverMotion = Annotated[
 
 
 class OnJoint(EffectEntry):
-    """What acts on the motion in a joint."""
+    """An effect on the motion in a joint."""
 
     acts = "forces"
     joints = ("turning", "sliding")
@@ -319,7 +316,7 @@ class AddedMass(EffectEntry):
 
 
 class Driving(EffectEntry):
-    """What moves a coordinate as given, whatever it takes."""
+    """An effect that moves a coordinate as given, whatever force it takes."""
 
     coordinate: str
 
