@@ -53,8 +53,8 @@ FEWEST = 10  # steps that the coarser run has done at least where its outputs te
 APART = 10  # steps between two looks at the work of the coarser run, at least
 PER_WINDOW, SHORTEST, LONGEST = 10, 16, 512  # windows of a run, and steps in one
 LOWEST = 2  # band that counts: lower ones hold what is not periodic
-LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of phase
-MET = np.pi  # rad; phases that meet after a turn leave d below `LOST` for 4 asin(LOST / 2) = 1.3 rad
+LOST = 0.25  # of the sum of a vibration's amplitudes, by which runs differ that are out of phase
+MET = np.pi  # rad; phases that meet after a turn leave d below `LOST` for 4 asin(LOST) = 1.0 rad
 PEAK, AROUND = 1.3, 17  # of a vibration over the median of so many bands around it
 TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations are worth naming
 RUBS = 0.015  # of it, from which on they move what has friction or stops, and their cycles count
@@ -70,6 +70,7 @@ LASTS = 3  # coarser steps for which they differ by more where one runs away
 GREW = 10.0  # times that the difference grew before
 #: what its second root of `GREW` may take of the time of the first: 1 where it grows exponentially, 1.8 as a square
 SLOWER = 1.5
+TINY = np.finfo(float).tiny
 CROWDED = 0.5  # of `APART` of them, from which on it ends: changes of step set off what is seen then
 
 
@@ -265,7 +266,7 @@ def step_errors(
         off |= {k: np.interp(at, places, one) for k, one in zip(np.flatnonzero(which), found.T)}
     lost = {name: off[k] for k, name in enumerate(outputs)}
     shares = np.array([one.max() for one in lost.values()])
-    shares /= np.maximum(np.abs(fine).max(axis=0), np.finfo(float).tiny)
+    shares /= np.maximum(np.abs(fine).max(axis=0), TINY)
     loudest, lost_hz = float(shares.max()), float(turns[shares.argmax()] / (2.0 * np.pi * step))
     edged = [f"effects.{name}" for name, effect in scene.effects.items() if effect.edged]
     acting = {f"effects.{name}": one for name, one in scene.effects.items()}
@@ -303,7 +304,10 @@ class Bands:
     length: int  # steps that are looked at in a window
     #: ``omega h`` of a free vibration that the scheme lets turn with the frequency of a band, rad, shape (n_bands,)
     turns: np.ndarray
-    drifts: np.ndarray  # by what share of its amplitude such a vibration goes off from one to the next, (n_bands,)
+    #: drifts, decays: by what share of its amplitude such a vibration goes off from one to the next, and what it loses
+    #: by the scheme, as minus a logarithm, (n_bands,)
+    drifts: np.ndarray
+    decays: np.ndarray
 
     @classmethod
     def of(cls, spectral_radius: float, n_steps: int, every: int) -> Bands:
@@ -312,7 +316,8 @@ class Bands:
         exact, rates = _amplifications(spectral_radius)
         seen = np.minimum(2.0 * np.pi * np.arange(length // 2 + 1) / (every * length), rates.imag[-1])
         drifts = np.minimum(every * np.interp(seen, rates.imag, np.abs(1j * exact - rates)), np.pi)
-        return cls(length, np.interp(seen, rates.imag, exact), drifts)
+        decays = every * np.interp(seen, rates.imag, -rates.real)
+        return cls(length, np.interp(seen, rates.imag, exact), drifts, decays)
 
     @property
     def hop(self) -> int:
@@ -330,21 +335,28 @@ class Bands:
         """
         if len(fine) < 2 * self.length:
             return np.zeros((1, kinked.size)), np.full(kinked.size, np.nan)
-        amplitudes, apart = self._amplitudes(fine), self._amplitudes(coarse - fine)
-        out = apart > LOST * amplitudes
+        amplitudes, apart, coarser = (self._amplitudes(values) for values in (fine, coarse - fine, coarse))
+        parted = apart / np.maximum(amplitudes + coarser, TINY)
+        out = parted > LOST
         out[..., :LOWEST] = False
         if kinked.any():
             of_kinked = amplitudes[:, kinked]
             out[:, kinked] &= of_kinked > PEAK * scipy.ndimage.median_filter(of_kinked, (1, 1, AROUND), mode="nearest")
-        largest, furthest = (np.maximum.accumulate(part, axis=0) for part in (amplitudes, apart))
-        most, off = np.minimum(2.0 * largest, furthest), np.zeros(amplitudes.shape[1:])
-        found, resolved = np.empty_like(amplitudes), apart / (ratio**2 - 1.0)
-        since = np.full(amplitudes.shape[1:], MET)  # what the coarser run went off by since it was out of phase, rad
-        for k, drift in enumerate(self.hop * self.drifts * amplitudes):
-            since = np.where(out[k], 0.0, since + (ratio**2 - 1.0) * self.hop * self.drifts)
+        drifts = self.hop * self.drifts
+        # what damping of the machine itself leaves of a vibration from one window to the next: beats come back
+        levels = np.log(np.maximum(amplitudes, TINY)) + self.hop * self.decays * np.arange(len(out))[:, None, None]
+        levels[:-1] = np.maximum(levels[:-1], levels[1:])
+        kept = np.exp(np.minimum(np.diff(levels, axis=0), 0.0))
+        found, resolved, most = np.zeros_like(amplitudes), apart / (ratio**2 - 1.0), 2.0 * amplitudes * parted
+        off = resolved[0]
+        since = np.where(out[0], 0.0, MET)  # what the coarser run went off by since it was out of phase, rad
+        for k in range(1, len(out)):
+            since = np.where(out[k], 0.0, since + (ratio**2 - 1.0) * drifts)
             out[k] = since < MET
-            found[k] = np.where(out[k], np.minimum(off + drift, most[k]), 0.0)
-            off = np.where(out[k], found[k], resolved[k])
+            before, off = most[k - 1], kept[k - 1] * off + drifts * amplitudes[k]
+            most[k] = np.maximum(most[k], kept[k - 1] * before)
+            found[k] = np.where(out[k], np.minimum(off, np.maximum(before, most[k])), 0.0)
+            off = np.where(out[k], np.minimum(off, most[k]), resolved[k])
         weights = np.where(out, amplitudes**2, 0.0).sum(axis=0)
         total = weights.sum(axis=1)
         mean = np.where(total > 0.0, weights @ self.turns / np.where(total > 0.0, total, 1.0), np.nan)
