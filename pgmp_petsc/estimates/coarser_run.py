@@ -5,11 +5,13 @@ step of full-order and component runs: how d is read, and how well).
 
 **Resolved.** The error of the run is ``d / (r^2 - 1)`` (Richardson; Hairer, Norsett and Wanner 1993, section II.4).
 
-**Vibrations that the coarser run loses**, in bands of a short-time Fourier transform of y whose d is `LOST` of y and
-more. With the eigenvalue lambda of a step for ``omega h`` a vibration of amplitude a goes off by ``a |i omega h - log
-lambda|`` in each step (Hughes 2000, section 9.1), up to 2 a, and none by more than d. A band goes on to count until the
-coarser run would have left the other by `MET` since d was large, as phases that have parted meet again. The largest of
-many points has kinks, which are in all bands: there a band counts where it is `PEAK` times those around it.
+**Vibrations that the coarser run loses**, in bands of a short-time Fourier transform in which d is `LOST` of what both
+runs have and more. With the eigenvalue lambda of a step for ``omega h`` a vibration of amplitude a goes off by ``a |i
+omega h - log lambda|`` in each step (Hughes 2000, section 9.1). What it is off by fades with the machine's own damping,
+by which a falls faster than ``|lambda|``, and is no more than ``2 a d / (a + b)``, where the coarser run has b: with
+``b = a`` that is d, and 2 a where the coarser run has no vibration left. A band goes on to count until the coarser run
+would have left the other by `MET` since d was large, as phases that have parted meet again. The largest of many points
+has kinks, which are in all bands: there a band counts where it is `PEAK` times those around it.
 
 **Lower order**, where friction or short contacts act: what is left of d counts a seventh for r = 5 (`rough`), and the
 estimate is unsure. Where a force jumps (over time, in a formula, of friction as a held one does) the order is one.
@@ -49,12 +51,14 @@ MOST = 2.5  # steps of it for the work of one of the run, counted in corrections
 FACTORS = 3.0  # corrections that cost as much as a matrix and its factors
 CALLING = {2: 2000.0, 3: 120.0}  # unknowns of which a correction costs as much as a call, by the dimension of space
 RECORDED = 0.15  # calls that cost as much as what a step of a run records
+ENOUGH = 200  # steps of the coarser run, from which on it may have fewer than half of the run's
 FEWEST = 10  # steps that the coarser run has done at least where its outputs tell anything
 APART = 10  # steps between two looks at the work of the coarser run, at least
 PER_WINDOW, SHORTEST, LONGEST = 10, 16, 512  # windows of a run, and steps in one
 LOWEST = 2  # band that counts: lower ones hold what is not periodic
 LOST = 0.25  # of the sum of a vibration's amplitudes, by which runs differ that are out of phase
 MET = np.pi  # rad; phases that meet after a turn leave d below `LOST` for 4 asin(LOST) = 1.0 rad
+BEATS = 3  # windows within which a vibration comes back that beats, and has not faded
 PEAK, AROUND = 1.3, 17  # of a vibration over the median of so many bands around it
 TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations are worth naming
 RUBS = 0.015  # of it, from which on they move what has friction or stops, and their cycles count
@@ -193,10 +197,12 @@ def _taken_in_parts(stepper: GeneralisedAlpha) -> tuple[np.ndarray, np.ndarray]:
 
 def times_of(scene: Scene, simulation: Simulation) -> int:
     """Return how many steps of a run make one of the coarser run; 1 where controllers are sampled too often for one."""
-    if not any(one.sample_time for one in scene.controllers.values()):
-        return TIMES
-    every = steps_between_samplings(scene, simulation)
-    return max(times for times in range(1, TIMES + 1) if every % times == 0)
+    possible = list(range(2, TIMES + 1))
+    if any(one.sample_time for one in scene.controllers.values()):
+        every = steps_between_samplings(scene, simulation)
+        possible = [times for times in possible if every % times == 0]
+    affordable = (times for times in possible if times * ENOUGH <= simulation.n_steps)
+    return max(affordable, default=min(possible, default=1))
 
 
 def most_of(times: int) -> float:
@@ -343,9 +349,9 @@ class Bands:
             of_kinked = amplitudes[:, kinked]
             out[:, kinked] &= of_kinked > PEAK * scipy.ndimage.median_filter(of_kinked, (1, 1, AROUND), mode="nearest")
         drifts = self.hop * self.drifts
-        # what damping of the machine itself leaves of a vibration from one window to the next: beats come back
+        # what the machine's own damping leaves of a vibration from one window to the next
         levels = np.log(np.maximum(amplitudes, TINY)) + self.hop * self.decays * np.arange(len(out))[:, None, None]
-        levels[:-1] = np.maximum(levels[:-1], levels[1:])
+        levels = scipy.ndimage.maximum_filter1d(levels, BEATS, axis=0, mode="nearest", origin=-(BEATS // 2))
         kept = np.exp(np.minimum(np.diff(levels, axis=0), 0.0))
         found, resolved, most = np.zeros_like(amplitudes), apart / (ratio**2 - 1.0), 2.0 * amplitudes * parted
         off = resolved[0]
