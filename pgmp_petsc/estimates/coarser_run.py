@@ -26,22 +26,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
 import scipy
 
-from pgmp_petsc.effects.formula import TURN, turns_over
+from pgmp_petsc.effects.formula import FormulaEffect
 from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.models import FullModel, Model, OutputRecord
-from pgmp_petsc.outputs.of_frames import Angle, Sliding
+from pgmp_petsc.outputs.of_frames import Angle, Distance, Sliding
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.rainflow import at_the_end
 from pgmp_petsc.results.numbers import Arrays, share_text
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.scene.uses import motion_over
+from pgmp_petsc.scene.outputs import OutputEntry
+from pgmp_petsc.scene.uses import slides_over
 from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Run
 from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem
 from pgmp_petsc.stepping.status import Status
@@ -84,8 +85,7 @@ class CoarserRun:
 
     step: float  # s
     time: np.ndarray  # instants, shape (n_t,), s
-    #: by name, each of shape (n_t, n_samples); NaN from the step on in which a sample failed. Motions of joints that
-    #: tables are over are there too, by the entries of their effects
+    #: by name, each of shape (n_t, n_samples); NaN from the step on in which a sample failed
     outputs: dict[str, np.ndarray]
     status: np.ndarray  # status, failure_time: of every sample; FINE and NaN where only the work was too much
     failure_time: np.ndarray
@@ -93,6 +93,9 @@ class CoarserRun:
     until: np.ndarray  # time from which on most were, shape (n_samples,), s; infinite where there is none
     #: time between two crossings of an edge, the shortest, shape (n_samples,), s; infinite where there is none
     shortest: np.ndarray
+    #: by effects whose force is written as a formula or as a table over a joint, by how much of its largest value it
+    #: bends within every step, shape (n_t - 1, n_samples)
+    bent: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,9 @@ def run_coarser(
     The run `of` says what it took; there is no limit where it is not given. `pulse` is called with numbers of steps.
     """
     coarse, times = coarser(model.scene, simulation), times_of(model.scene, simulation)
-    n_steps, record = coarse.n_steps, OutputRecord(_with_leading(model), system, pulse)
+    written = _written(model.scene) if isinstance(model, FullModel) else {}
+    n_steps = coarse.n_steps
+    record = OutputRecord(_measuring(model, written) if written else model, system, pulse)
     stepper = GeneralisedAlpha(
         system, coarse.spectral_radius, coarse.duration, n_steps, alive, np.array([0]), record, pulse=None, parts=times
     )
@@ -141,45 +146,59 @@ def run_coarser(
         spent = work(stepper, stepper.n_done)
         dearest = max(dearest, (spent - before) / (stepper.n_done - begun))
     time, found = record.outputs()
+    motions = {name: found.pop(f"effects.{name}") for name in written}
+    bent = {name: _bent(model, name, system.values, time, at) for name, at in motions.items()}
     until, divided = _taken_in_parts(stepper)
     failed = time[:, None] >= np.where(stepper.status == Status.FINE, np.inf, stepper.failure_time)
     failed |= time[:, None] > until
     outputs = {name: np.where(failed, np.nan, values) for name, values in found.items()}
     return CoarserRun(
         coarse.duration / n_steps, time, outputs, stepper.status, stepper.failure_time, divided, until,
-        stepper.shortest_crossing,
+        stepper.shortest_crossing, bent,
     )  # fmt: skip
 
 
-def _with_leading(model: Model) -> Model:
-    """Return the model with outputs of the joints, too, that tables of loads are over."""
-    over = {name: one for name, one in model.scene.effects.items() if getattr(one, "over", None) and one.table}
-    if not over or not isinstance(model, FullModel):
-        return model
-    scene, other = model.scene, copy(model)
-    added = {
-        f"effects.{name}": Sliding(type="sliding", joint=one.over)
-        if motion_over(scene, one) == "sliding"
-        else Angle(type="angle", joint=one.over)
-        for name, one in over.items()
-    }
-    other.outputs = OutputSet.of(scene.model_copy(update={"outputs": scene.outputs | added}), model.kinematics)
+def _written(scene: Scene) -> dict[str, OutputEntry]:
+    """Return what motions the forces are of that a scene writes as formulas or as tables over joints, by effects."""
+    found = {}
+    for name, one in scene.effects.items():
+        if getattr(one, "over", None) is None and not isinstance(one, FormulaEffect):
+            continue
+        slid, joint = slides_over(scene, one), one.over or one.joint
+        found[name] = (
+            Distance(type="distance", points=one.points)
+            if joint is None
+            else Sliding(type="sliding", joint=joint)
+            if slid
+            else Angle(type="angle", joint=joint)
+        )
+    return found
+
+
+def _measuring(model: FullModel, written: dict[str, OutputEntry]) -> FullModel:
+    """Return the model with outputs of these motions, too, by the entries of their effects."""
+    added, other = {f"effects.{name}": output for name, output in written.items()}, copy(model)
+    scene = model.scene.model_copy(update={"outputs": model.scene.outputs | added})
+    other.outputs = OutputSet.of(scene, model.kinematics)
     return other
 
 
-def _stepped_over(scene: Scene, other: CoarserRun, n: int, sample: int) -> list[str]:
-    """Return the loads whose tables over joints bend by more than `BENT` within one of the first n coarser steps."""
-    found, steps, between = [], np.arange(n), np.arange(WITHIN * (n - 1) + 1) / WITHIN
-    for entry in [name for name in other.outputs if name.startswith("effects.")]:
-        effect = scene.effects[entry.removeprefix("effects.")]
-        rows = np.array([(place, scene.values.get(value, value)) for place, value in effect.table], dtype=float)
-        turns = turns_over(scene, effect)
-        at = np.interp(between, steps, other.outputs[entry][:n, sample])
-        forces = np.interp(at, *rows.T, period=turns * TURN if turns else None)
-        bent = np.abs(forces - np.interp(between, steps, forces[::WITHIN]))
-        if bent.max() > BENT * np.abs(rows[:, 1]).max():
-            found.append(entry)
-    return found
+def _bent(model: FullModel, name: str, values: Arrays, time: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return by how much of its largest value the force of an effect bends within every step, shape (n_t - 1,
+    n_samples), of a motion that is `at` (n_t, n_samples) at some times (n_t,), s."""
+    action = model.scene.effects[name].forces(name, model.kinematics.mechanism).actions()[-1]
+    numbers, at = np.arange(WITHIN * (time.size - 1) + 1) / WITHIN, np.nan_to_num(at)
+    whole = np.arange(time.size)
+    between = scipy.interpolate.interp1d(whole, np.stack([at, np.gradient(at, time, axis=0)]), axis=1)(numbers)
+    s, rates = between.reshape(2, -1)
+    p = np.empty((*between.shape[1:], len(action.parameters)))
+    for k, quantity in enumerate(action.parameters):
+        p[..., k] = quantity.at(values)
+    clock = np.zeros(numbers.size) if action.amplitude is None else action.amplitude(np.interp(numbers, whole, time))
+    forces = action.law.forces(p.reshape(s.size, -1), s, rates, np.repeat(clock, at.shape[1])).reshape(between.shape[1:])
+    off = np.abs(forces - scipy.interpolate.interp1d(whole, forces[::WITHIN], axis=0)(numbers))
+    largest = np.maximum(np.abs(forces).max(axis=0), TINY)
+    return off[:-1].reshape(time.size - 1, WITHIN, -1).max(axis=1) / largest
 
 
 def _taken_in_parts(stepper: GeneralisedAlpha) -> tuple[np.ndarray, np.ndarray]:
@@ -292,8 +311,8 @@ def step_errors(
     elif at_once:
         unsure = f"errors fall as the step, not as its square, where a force jumps ({', '.join(at_once)})"
         order = ratio - 1.0
-    elif over := _stepped_over(scene, other, n, sample):
-        unsure = f"rows of a table over a joint are stepped over by the coarser run ({', '.join(over)})"
+    elif over := [f"effects.{name}" for name, one in other.bent.items() if one[: n - 1, sample].max() > BENT]:
+        unsure = f"a force bends within a step of the coarser run, which steps over that ({', '.join(over)})"
     order *= max(1.0 - float(other.divided[sample]), 1.0 / times)
     errors = {name: np.copysign(np.hypot(d / order, lost[name]), d) for name, d in differences.items()}
     for name in scene.counted:

@@ -264,26 +264,39 @@ def test_friction_turns_at_once_with_a_force_that_is_held(tmp_path: Path, step: 
     assert 1 / 3 < ratios(path, step, round(step / 1.25e-4))["x"] < 3.0
 
 
-OVER_ROWS = on_rail("""
-effects.press: type = "force"; joint = "rail"; over = "rail"; table = TABLE
-simulation: duration = 1.0; step = 1e-3; initial = { x = { velocity = 2.0 } }
-""")
+RISE = "-0.3 * (1 + tanh((s - {at}) / {width}))"
 
 
-@pytest.mark.parametrize(("width", "unsure"), [(0.3, False), (0.01, True)])
-def test_rows_over_a_joint_that_the_coarser_run_steps_over(tmp_path: Path, width: float, unsure: bool) -> None:
-    """A mass is slowed down by rows 10 mm apart: the coarser run, of 10 mm a step, knows little of them. The true
-    motion follows from the work that they do, ``t = int dx / v``."""
-    rows = np.array([[0.313, 0.0], [0.313 + width, -1.2], [0.313 + 2 * width, 0.0]])
-    (path := tmp_path / "rows.toml").write_text(OVER_ROWS.replace("TABLE", str(rows.tolist())))
-    found = trajectory("full", load_scene(path))
+@pytest.mark.parametrize(("width", "unsure"), [(0.1, False), (3e-3, True)])
+@pytest.mark.parametrize("written", ["table", "law", "law over", "law between points"])
+def test_a_force_that_bends_within_a_step_of_the_coarser_run(
+    tmp_path: Path, written: str, width: float, unsure: bool
+) -> None:
+    """A mass is slowed down on some millimetres: the coarser run, of 10 mm a step, knows little of that. The true
+    motion follows from the work that is done, ``t = int dx / v``."""
     x = np.linspace(0.0, 2.2, 400001)
-    force = np.interp(x, *rows.T)
+    rows = np.array([[0.313, 0.0], [0.313 + 3 * width, -1.2], [0.313 + 6 * width, 0.0]])
+    force = np.interp(x, *rows.T) if written == "table" else -0.3 * (1.0 + np.tanh((x - 0.313) / width))
+    press = {
+        "table": f'type = "force"; joint = "rail"; over = "rail"; table = {rows.tolist()}',
+        "law": f'type = "law"; joint = "rail"; force = "{RISE.format(at=0.313, width="w")}"; constants.w = {width}',
+        "law over": f'type = "law"; joint = "rail"; over = "rail"; force = "{RISE.format(at=0.313, width=width)}"',
+        "law between points": 'type = "law"; points = ["ground:far", "mass:c"]; '
+        f'force = "{RISE.format(at=1.313, width=width)}"',
+    }[written]
+    (path := tmp_path / "bends.toml").write_text(
+        on_rail(f"""
+ground.points: far = [-1.0, 0.0]
+effects.press: {press}
+simulation: duration = 1.0; step = 1e-3; initial = {{ x = {{ velocity = 2.0 }} }}
+""")
+    )
+    found = trajectory("full", load_scene(path))
     work = np.append(0.0, np.cumsum(0.5 * (force[1:] + force[:-1]))) * x[1]
     pace = 1.0 / np.sqrt(4.0 + 2.0 * work)
     exact = np.interp(found.time, np.append(0.0, np.cumsum(0.5 * (pace[1:] + pace[:-1]))) * x[1], x)
     ratio = np.abs(found.errors.outputs["x"]).max() / np.abs(found.outputs["x"] - exact).max()
-    said = [one for one in found.record.remarks if "rows of a table over a joint are stepped over" in one.text]
+    said = [one for one in found.record.remarks if "a force bends within a step of the coarser run" in one.text]
     assert [("(effects.press)" in one.text) for one in said] == [True] * unsure
     assert unsure or 1 / 3 < ratio < 3
 
