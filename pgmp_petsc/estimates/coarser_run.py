@@ -18,15 +18,15 @@ estimate is unsure. Where a force jumps (over time, in a formula, of friction as
 
 **A coarser run that runs away**, as of rotors, tells nothing of the run: the estimate ends before it does.
 
-**Rows that are stepped over.** Of a table over a joint that bends within a coarser step d says little: it is read as
-resolved, and unsure.
+**Forces that are stepped over.** Of one that a formula or a table over a joint has bend within a coarser step d says
+little: it is read as resolved, and unsure.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -41,7 +41,6 @@ from pgmp_petsc.outputs.rainflow import at_the_end
 from pgmp_petsc.results.numbers import Arrays, share_text
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.scene.outputs import OutputEntry
 from pgmp_petsc.scene.uses import slides_over
 from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Run
 from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem
@@ -66,8 +65,8 @@ RUBS = 0.015  # of it, from which on they move what has friction or stops, and t
 BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
 SOME = 0.1  # of the steps, taken in parts, from which on an estimate is unsure
 RELIED_ON = 0.9  # of a run that fails, before which it runs away, or that differs by as much as `ASTRAY` says
-WITHIN = 10  # places within a coarser step at which tables over joints are looked up
-#: of a table's largest value, by which it bends within a coarser step. With 1.3 % estimates of 40 presses were 0.55 to
+WITHIN = 10  # places within a coarser step at which tables over joints and formulas are looked up
+#: of a force's largest value, by which it bends within a coarser step. With 1.3 % estimates of 40 presses were 0.55 to
 #: 1.1 times the true errors, with 3 % 0.2 to 1.8 times, with 6 to 14 % 0.1 to 8 times
 BENT = 0.02
 ASTRAY = 2.0  # of an output's largest value: runs whose vibrations are out of phase differ by so much at most
@@ -93,9 +92,8 @@ class CoarserRun:
     until: np.ndarray  # time from which on most were, shape (n_samples,), s; infinite where there is none
     #: time between two crossings of an edge, the shortest, shape (n_samples,), s; infinite where there is none
     shortest: np.ndarray
-    #: by effects whose force is written as a formula or as a table over a joint, by how much of its largest value it
-    #: bends within every step, shape (n_t - 1, n_samples)
-    bent: dict[str, np.ndarray] = field(default_factory=dict)
+    #: see `_bent`, by the entries of effects whose force is written as a formula or as a table over a joint
+    bent: dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -122,9 +120,7 @@ def run_coarser(
     The run `of` says what it took; there is no limit where it is not given. `pulse` is called with numbers of steps.
     """
     coarse, times = coarser(model.scene, simulation), times_of(model.scene, simulation)
-    written = _written(model.scene) if isinstance(model, FullModel) else {}
-    n_steps = coarse.n_steps
-    record = OutputRecord(_measuring(model, written) if written else model, system, pulse)
+    n_steps, record = coarse.n_steps, OutputRecord(_measuring(model), system, pulse)
     stepper = GeneralisedAlpha(
         system, coarse.spectral_radius, coarse.duration, n_steps, alive, np.array([0]), record, pulse=None, parts=times
     )
@@ -146,8 +142,9 @@ def run_coarser(
         spent = work(stepper, stepper.n_done)
         dearest = max(dearest, (spent - before) / (stepper.n_done - begun))
     time, found = record.outputs()
-    motions = {name: found.pop(f"effects.{name}") for name in written}
-    bent = {name: _bent(model, name, system.values, time, at) for name, at in motions.items()}
+    motions = {entry: found.pop(entry) for entry in [*found] if entry.startswith("effects.")}
+    told = motions if time.size > FEWEST else ()
+    bent = {entry: _bent(model, entry, system.values, time, motions[entry]) for entry in told}
     until, divided = _taken_in_parts(stepper)
     failed = time[:, None] >= np.where(stepper.status == Status.FINE, np.inf, stepper.failure_time)
     failed |= time[:, None] > until
@@ -158,47 +155,36 @@ def run_coarser(
     )  # fmt: skip
 
 
-def _written(scene: Scene) -> dict[str, OutputEntry]:
-    """Return what motions the forces are of that a scene writes as formulas or as tables over joints, by effects."""
-    found = {}
+def _measuring(model: Model) -> Model:
+    """Return the model with outputs, by the entries of effects, of the motions that forces are of which the scene
+    writes as formulas or as tables over joints."""
+    scene, other, added = model.scene, copy(model), {}
     for name, one in scene.effects.items():
-        if getattr(one, "over", None) is None and not isinstance(one, FormulaEffect):
-            continue
-        slid, joint = slides_over(scene, one), one.over or one.joint
-        found[name] = (
-            Distance(type="distance", points=one.points)
-            if joint is None
-            else Sliding(type="sliding", joint=joint)
-            if slid
-            else Angle(type="angle", joint=joint)
-        )
-    return found
-
-
-def _measuring(model: FullModel, written: dict[str, OutputEntry]) -> FullModel:
-    """Return the model with outputs of these motions, too, by the entries of their effects."""
-    added, other = {f"effects.{name}": output for name, output in written.items()}, copy(model)
-    scene = model.scene.model_copy(update={"outputs": model.scene.outputs | added})
-    other.outputs = OutputSet.of(scene, model.kinematics)
+        if getattr(one, "over", None) or isinstance(one, FormulaEffect):
+            kind, joint = Sliding if slides_over(scene, one) else Angle, one.over or one.joint
+            where = {"type": "distance", "points": one.points} if joint is None else {"joint": joint}
+            added[f"effects.{name}"] = Distance(**where) if joint is None else kind(type=kind.__name__.lower(), **where)
+    if not added or not isinstance(model, FullModel):
+        return model
+    other.outputs = OutputSet.of(scene.model_copy(update={"outputs": scene.outputs | added}), model.kinematics)
     return other
 
 
-def _bent(model: FullModel, name: str, values: Arrays, time: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return by how much of its largest value the force of an effect bends within every step, shape (n_t - 1,
-    n_samples), of a motion that is `at` (n_t, n_samples) at some times (n_t,), s."""
-    action = model.scene.effects[name].forces(name, model.kinematics.mechanism).actions()[-1]
-    numbers, at = np.arange(WITHIN * (time.size - 1) + 1) / WITHIN, np.nan_to_num(at)
-    whole = np.arange(time.size)
-    between = scipy.interpolate.interp1d(whole, np.stack([at, np.gradient(at, time, axis=0)]), axis=1)(numbers)
-    s, rates = between.reshape(2, -1)
-    p = np.empty((*between.shape[1:], len(action.parameters)))
-    for k, quantity in enumerate(action.parameters):
-        p[..., k] = quantity.at(values)
-    clock = np.zeros(numbers.size) if action.amplitude is None else action.amplitude(np.interp(numbers, whole, time))
-    forces = action.law.forces(p.reshape(s.size, -1), s, rates, np.repeat(clock, at.shape[1])).reshape(between.shape[1:])
-    off = np.abs(forces - scipy.interpolate.interp1d(whole, forces[::WITHIN], axis=0)(numbers))
-    largest = np.maximum(np.abs(forces).max(axis=0), TINY)
-    return off[:-1].reshape(time.size - 1, WITHIN, -1).max(axis=1) / largest
+def _bent(model: Model, entry: str, values: Arrays, time: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return by how much of its largest value the force of an effect bends within every step but the last, shape (n_t
+    - 2, n_samples), of a motion that is `at` (n_t, n_samples) at some times (n_t,), s."""
+    action = model.scene.effects[entry.removeprefix("effects.")].forces(entry, model.kinematics.mechanism).actions()[-1]
+    shares, at = np.arange(WITHIN)[:, None] / WITHIN, np.nan_to_num(at)
+
+    def within(nodes: np.ndarray) -> np.ndarray:
+        return nodes[:-1, None] + shares * np.diff(nodes, axis=0)[:, None]
+
+    s, rates, clock = map(within, (at, np.gradient(at, time, axis=0), np.broadcast_to(time[:, None], at.shape)))
+    p = np.array([np.broadcast_to(one.at(values), s.shape) for one in action.parameters]).reshape(-1, s.size).T
+    amplitudes = 0.0 if action.amplitude is None else action.amplitude(clock.ravel())
+    forces = action.law.forces(p, s.ravel(), rates.ravel(), amplitudes).reshape(s.shape)
+    largest = np.maximum(np.abs(forces).max(axis=(0, 1)), TINY)
+    return np.abs(forces[:-1] - within(forces[:, 0])).max(axis=1) / largest
 
 
 def _taken_in_parts(stepper: GeneralisedAlpha) -> tuple[np.ndarray, np.ndarray]:
@@ -311,7 +297,7 @@ def step_errors(
     elif at_once:
         unsure = f"errors fall as the step, not as its square, where a force jumps ({', '.join(at_once)})"
         order = ratio - 1.0
-    elif over := [f"effects.{name}" for name, one in other.bent.items() if one[: n - 1, sample].max() > BENT]:
+    elif over := [entry for entry, one in other.bent.items() if one[: n - 1, sample].max() > BENT]:
         unsure = f"a force bends within a step of the coarser run, which steps over that ({', '.join(over)})"
     order *= max(1.0 - float(other.divided[sample]), 1.0 / times)
     errors = {name: np.copysign(np.hypot(d / order, lost[name]), d) for name, d in differences.items()}
@@ -352,8 +338,8 @@ class Bands:
     def lost(
         self, fine: np.ndarray, coarse: np.ndarray, ratio: float, kinked: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far vibrations out of phase are off in every window, shape (n_windows, k), and their mean ``omega
-        h``, shape (k,), of k outputs.
+        """Return how far vibrations out of phase are off in every window, shape (n_windows, k), and ``omega h`` of the
+        largest, shape (k,), of k outputs.
 
         Both runs' outputs, the ratio of whose steps is given, are after every step that is looked at, shape (n, k);
         `kinked` tells which have kinks, shape (k,).
@@ -383,9 +369,8 @@ class Bands:
             found[k] = np.where(out[k], np.minimum(off, np.maximum(before, most[k])), 0.0)
             off = np.where(out[k], np.minimum(off, most[k]), resolved[k])
         weights = np.where(out, amplitudes**2, 0.0).sum(axis=0)
-        total = weights.sum(axis=1)
-        mean = np.where(total > 0.0, weights @ self.turns / np.where(total > 0.0, total, 1.0), np.nan)
-        return np.sqrt((found**2).sum(axis=2)), mean
+        loudest = np.where(weights.any(axis=1), self.turns[weights.argmax(axis=1)], np.nan)
+        return np.sqrt((found**2).sum(axis=2)), loudest
 
     def _amplitudes(self, values: np.ndarray) -> np.ndarray:
         """Return the amplitudes of all bands of k outputs (n, k) in all windows, shape (n_windows, k, n_bands).
@@ -394,8 +379,7 @@ class Bands:
         for half a window: what begins at the start is seen.
         """
         n, half = self.length, self.hop
-        ahead, behind = 2.0 * values[0] - values[half:0:-1], 2.0 * values[-1] - values[-2 : -half - 2 : -1]
-        every = np.concatenate([ahead, values, behind])
+        every = np.pad(values, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
         windows = np.lib.stride_tricks.sliding_window_view(every, n, axis=0)[::half]
         line = np.arange(n) - 0.5 * (n - 1)
         slopes = windows @ line / (line @ line)

@@ -76,7 +76,7 @@ def runs(omega: float, amplitude: float = 1.0, reach: int | None = None, n_steps
         status[0], failure[0] = Status.NOT_CONVERGED, at[reach + 1]
         coarse[reach + 1 :] = np.nan
     return time, {"x": values}, time + amplitude * np.cos(omega * time), coarser_run.CoarserRun(
-        coarser_run.TIMES * STEP, at, {"x": coarse[:, None]}, status, failure, np.zeros(1), *np.full((2, 1), np.inf)
+        coarser_run.TIMES * STEP, at, {"x": coarse[:, None]}, status, failure, np.zeros(1), *np.full((2, 1), np.inf), {}
     )  # fmt: skip
 
 
