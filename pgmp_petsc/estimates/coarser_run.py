@@ -59,7 +59,7 @@ LOWEST = 2  # band that counts: lower ones hold what is not periodic
 LOST = 0.25  # of the sum of a vibration's amplitudes, by which runs differ that are out of phase
 MET = np.pi  # rad; phases that meet after a turn leave d below `LOST` for 4 asin(LOST) = 1.0 rad
 BEATS = 3  # windows within which a vibration comes back that beats, and has not faded
-PEAK, AROUND = 1.3, 17  # of a vibration over the median of so many bands around it
+PEAK, AROUND = 1.15, 17  # of a vibration over the median of so many bands around it
 TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations are worth naming
 RUBS = 0.015  # of it, from which on they move what has friction or stops, and their cycles count
 BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
@@ -346,7 +346,9 @@ class Bands:
         """
         if len(fine) < 2 * self.length:
             return np.zeros((1, kinked.size)), np.full(kinked.size, np.nan)
-        amplitudes, apart, coarser = (self._amplitudes(values) for values in (fine, coarse - fine, coarse))
+        spectra, *others = (self._spectra(values) for values in (fine, coarse - fine, coarse))
+        # the squares of neighbouring bands add up to that of a vibration between them
+        amplitudes, apart, coarser = (np.abs(one) * 4.0 / (self.length * np.sqrt(1.5)) for one in (spectra, *others))
         parted = apart / np.maximum(amplitudes + coarser, TINY)
         out = parted > LOST
         out[..., :LOWEST] = False
@@ -357,9 +359,12 @@ class Bands:
         # what the machine's own damping leaves of a vibration from one window to the next
         levels = np.log(np.maximum(amplitudes, TINY)) + self.hop * self.decays * np.arange(len(out))[:, None, None]
         levels = scipy.ndimage.maximum_filter1d(levels, BEATS, axis=0, mode="nearest", origin=-(BEATS // 2))
-        kept = np.exp(np.minimum(np.diff(levels, axis=0), 0.0))
-        found, resolved, most = np.zeros_like(amplitudes), apart / (ratio**2 - 1.0), 2.0 * amplitudes * parted
-        off = resolved[0]
+        fades = np.maximum(-np.diff(levels, axis=0), 0.0)
+        kept, most, resolved = np.exp(-fades), 2.0 * amplitudes * parted, apart / (ratio**2 - 1.0)
+        found, off = np.zeros_like(amplitudes), resolved[0]
+        # at the start, what drifts most of a vibration that fades before the next window: s exp(-s fades), s up to 1
+        soon = drifts * amplitudes[0] * np.exp(-np.minimum(fades[0], 1.0)) / np.maximum(fades[0], 1.0)
+        found[0] = np.where(out[0], np.minimum(soon, most[0]), 0.0)
         since = np.where(out[0], 0.0, MET)  # what the coarser run went off by since it was out of phase, rad
         for k in range(1, len(out)):
             since = np.where(out[k], 0.0, since + (ratio**2 - 1.0) * drifts)
@@ -370,13 +375,14 @@ class Bands:
             off = np.where(out[k], np.minimum(off, most[k]), resolved[k])
         weights = np.where(out, amplitudes**2, 0.0).sum(axis=0)
         loudest = np.where(weights.any(axis=1), self.turns[weights.argmax(axis=1)], np.nan)
-        return np.sqrt((found**2).sum(axis=2)), loudest
+        # as the vibration itself, each band by its share
+        lost = np.fft.irfft(spectra * found / np.maximum(amplitudes, TINY), axis=2)
+        return np.abs(lost).max(axis=2), loudest
 
-    def _amplitudes(self, values: np.ndarray) -> np.ndarray:
-        """Return the amplitudes of all bands of k outputs (n, k) in all windows, shape (n_windows, k, n_bands).
+    def _spectra(self, values: np.ndarray) -> np.ndarray:
+        """Return the spectra of k outputs (n, k) in all windows, shape (n_windows, k, n_bands).
 
-        The squares of neighbouring bands add up to that of a vibration between them. The ends go on point-symmetrically
-        for half a window: what begins at the start is seen.
+        The ends go on point-symmetrically for half a window: what begins at the start is seen.
         """
         n, half = self.length, self.hop
         every = np.pad(values, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
@@ -385,7 +391,7 @@ class Bands:
         slopes = windows @ line / (line @ line)
         level = windows - windows.mean(axis=2, keepdims=True) - slopes[..., None] * line
         hann = np.sin(np.pi * np.arange(n) / n) ** 2
-        return np.abs(np.fft.rfft(level * hann, axis=2)) * 4.0 / (n * np.sqrt(1.5))
+        return np.fft.rfft(level * hann, axis=2)
 
 
 def amplification(spectral_radius: float, turns: np.ndarray) -> np.ndarray:
