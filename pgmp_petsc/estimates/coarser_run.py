@@ -131,7 +131,7 @@ def run_coarser(
         n_iterations, n_fresh, n_calls = done.counted
         return n_iterations + FACTORS * n_fresh + calling * (n_calls + RECORDED * n_steps)
 
-    most, spent = np.inf if of is None else most_of(times) * work(of, of.n_steps), work(stepper, 0)
+    most, spent = np.inf if of is None else MOST / times * work(of, of.n_steps), work(stepper, 0)
     dearest = 0.0  # work of a step, the most so far
     while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE) and spent <= most:
         # steps that half of the rest allows at the cost of the costliest so far; the first are looked at soon
@@ -208,11 +208,6 @@ def times_of(scene: Scene, simulation: Simulation) -> int:
         possible = [times for times in possible if every % times == 0]
     affordable = (times for times in possible if times * ENOUGH <= simulation.n_steps)
     return max(affordable, default=min(possible, default=1))
-
-
-def most_of(times: int) -> float:
-    """Return the share of a run's work that one may have of which a step is so many of the run's."""
-    return MOST / times
 
 
 def rough(ratio: float) -> float:
