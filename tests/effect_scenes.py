@@ -15,7 +15,7 @@ from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import Observer, SecondOrderSystem, State, joined
-from pgmp_petsc.studies.simulate import balance_of
+from pgmp_petsc.studies.single_run import balance_of
 from scenes import tables
 
 G = 9.80665  # m/s2

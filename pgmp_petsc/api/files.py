@@ -22,7 +22,7 @@ from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.ranks import ranks_of, solving_ranks_of
 from pgmp_petsc.api.result import MODELS, Result, Rom, in_memory
 from pgmp_petsc.base.errors import InputError, counted
-from pgmp_petsc.base.plugins import SHOWN, plugins_of
+from pgmp_petsc.base.plugins import SHOWN
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.base.units import behind, measure
@@ -107,7 +107,7 @@ class Contents:
 
         about = {"file": self.path, "kind": self.kind, "program_version": self.program_version}
         about |= origin_of(self.record)
-        about["plugins"] = plugins_of(self.record.scene_toml)
+        about["plugins"] = self.record.plugins
         about["chosen"] = None if self.selection is None else self.selection.chosen
         about["datasets"] = {name: one._asdict() for name, one in self.datasets.items()}
         if self.kind in READERS:
@@ -158,7 +158,7 @@ def describe(found: Contents, path: Path | None = None, said: object = (), scene
         f"written    {datetime.fromtimestamp(os.path.getmtime(path)):%Y-%m-%d %H:%M}"
         f" by pgmp {found.program_version}, format {found.format_version}",
         f"scene      {origin_of(record)['scene'] or 'without a name'}",
-        *(f"plugin     {name}, SHA-256 {sha256[:SHOWN]}" for name, sha256 in plugins_of(record.scene_toml).items()),
+        *(f"plugin     {name}, SHA-256 {sha256[:SHOWN]}" for name, sha256 in record.plugins.items()),
         f"parameters {parameters or 'none'}",
         f"seed       {'none' if record.seed is None else record.seed}",
         f"ranks      {record.ranks}",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from os import PathLike
 
+from pgmp_petsc import models
 from pgmp_petsc.api.arguments import settings_of, wrong
 from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.ranks import solving_ranks_of
@@ -14,7 +15,6 @@ from pgmp_petsc.api.sources import SOURCE, AnySource, Origin, keeping, scene_of_
 from pgmp_petsc.api.tables import Points, PointSet, ResultOrDataset
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results.trajectory import BodyField
 from pgmp_petsc.studies.field_frames import fields_at
@@ -99,7 +99,7 @@ def fields(rom: Rom, run: Result, times: Sequence[float], *, comm: Comm | None =
 
     def finding_the_fields() -> dict[str, BodyField]:
         scene = scene_of_built(rom.data.rom, rom.directory, (), settings_of(run.record.parameters), "the reduced model")
-        found = fields_at(ReducedModel(scene, rom.data.rom), run.data.in_si_units(), times)
+        found = fields_at(models.ReducedModel(scene, rom.data.rom), run.data.in_si_units(), times)
         return {name: field.converted(scene.system.converting) for name, field in found.items()}
 
     return on_root(comm, finding_the_fields)

@@ -13,6 +13,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
+from pgmp_petsc import models
 from pgmp_petsc.api.declared import Argument
 from pgmp_petsc.api.ranks import RESULT, tell, tell_remarks
 from pgmp_petsc.api.result import MODELS, Result, Rom, in_memory
@@ -23,8 +24,9 @@ from pgmp_petsc.declare.records import Result as RunResult
 from pgmp_petsc.files import seal
 from pgmp_petsc.files.claims import check_folder, claimed, form_of, is_table, named
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
+from pgmp_petsc.models import FullModel, Model
 from pgmp_petsc.models.component_file import ComponentsFile
+from pgmp_petsc.models.model import TITLES
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, served_ranges
 from pgmp_petsc.results.summary import write_result
@@ -46,7 +48,6 @@ NAME_OF = {"rom": REDUCED, "components": "components"}
 BUILT = ("ground", "materials", "bodies", "fields", "joints", "coordinates", "reduction")
 #: What a scene is read for, by the name of the model.
 PURPOSES = {"full": Purpose.FULL, "components": Purpose.COMPONENTS}
-TITLES = {model.name: model.title for model in (ReducedModel, ComponentModel, FullModel)}
 AnyModel = TypeVar("AnyModel", bound=Model)
 
 
@@ -114,7 +115,7 @@ class Origin:
         if not self.is_built:
             return mesh_model(scene, meshes, self.model, comm)
         with agreed(comm, f"preparing the {TITLES[self.model]} model"):
-            return ReducedModel(scene, built) if self.model == REDUCED else built.model(scene)
+            return models.ReducedModel(scene, built) if self.model == REDUCED else built.model(scene)
 
     def _read(self) -> tuple[Scene, ReducedOrderModel | ComponentsFile]:
         """Return a built model and its scene with the changes; by one process."""

@@ -19,7 +19,7 @@ Values = Mapping[str, "np.ndarray | float"]  # of parameters, by name: numbers, 
 
 @dataclass(frozen=True, order=True)
 class Place:
-    """Where a parameter is in a range: ``(value - middle) / half``, -1 to 1, written ``length(0.7,0.035)``.
+    """The place of a parameter in a range: ``(value - middle) / half``, -1 to 1, written ``length(0.7,0.035)``.
 
     Monomials of places have no round-off where those of a parameter that hardly varies cancel.
     """

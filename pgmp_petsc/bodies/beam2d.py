@@ -14,6 +14,7 @@ from pgmp_petsc.lanes.compiled import njit
 
 N_PACKED = 21
 PACKED_ROWS, PACKED_COLUMNS = np.tril_indices(6)
+CONSISTENT = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0  # mass of a unit of length, linear between two nodes
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -142,11 +143,11 @@ def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.nd
     return axial * stretched + shear * np.stack([-sheared, gamma, -gamma - mixed], axis=1)
 
 
-def consistent_mass(lengths: np.ndarray, line_density: float, rotary_density: float) -> np.ndarray:
-    """Return consistent mass matrices of elements of lengths (m), constant in any frame, shape (n_elements, 6, 6).
+def consistent_mass(lengths: np.ndarray, alphas: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """Return consistent mass matrices of elements of lengths (m), constant in any frame and so at any angles (rad),
+    shape (n_elements, 6, 6).
 
-    Densities are rho A (kg/m) and rho I (kg m).
+    The inertia is ``(rho A, rho I)``, kg/m and kg m.
     """
-    density = np.diag([line_density, line_density, rotary_density])
-    unit = np.kron(np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0, density)
-    return lengths[:, None, None] * unit
+    line, rotary = inertia
+    return lengths[:, None, None] * np.kron(CONSISTENT, np.diag([line, line, rotary]))

@@ -35,6 +35,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pgmp_petsc.bodies.beam2d import CONSISTENT
 from pgmp_petsc.lanes.compiled import njit
 
 N_FRAME = 12
@@ -298,8 +299,7 @@ def natural_mass(lengths: np.ndarray, axes: np.ndarray, inertia: np.ndarray) -> 
     density[:, 0, 0] = inertia[0]
     # the fibre at (y, z) moves with y d_2 + z d_3
     density[:, 1:, 1:] = np.einsum("eis,s,ejs->eij", axes[:, :, 1:], inertia[[2, 1]], axes[:, :, 1:])
-    shared = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
-    matrix = np.einsum("e,ab,ekl,ij->eakiblj", lengths, shared, density, np.eye(3))
+    matrix = np.einsum("e,ab,ekl,ij->eakiblj", lengths, CONSISTENT, density, np.eye(3))
     return matrix.reshape(-1, N_ELEMENT, N_ELEMENT)
 
 

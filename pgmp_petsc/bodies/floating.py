@@ -9,12 +9,9 @@ follows its foreshortening (`components.component_modes`) with the last term too
 of the scalar fields ``f = (1, X_1 .. X_d, Psi_1 .. Psi_d)`` (Zwoelfer and Gerstmayr, Multibody Syst. Dyn. 2020), and
 ``int rho X_k chi_l dV``, without what is of third order in xi. Psi and chi are M-orthogonal to the rigid motions.
 
-Recovery of a condensed body's mesh from its few coordinates.
-
-Products of matrices with many columns, compiled: a column is the same to the last bit whatever the others are.
-
-A sample's stress then depends neither on the batch that it is in nor on the number of ranks; a library's products
-choose their order of summation by the number of columns.
+`Recovery` leads back from few coordinates to the mesh that the body was condensed from, by `products` of matrices of
+which a column has the same bits whatever the others are: a sample's stress depends neither on the batch that it is in
+nor on the number of ranks. A library's products choose their order of summation by the number of columns.
 """
 
 from __future__ import annotations
@@ -35,7 +32,7 @@ from pgmp_petsc.scene import Scene
 
 
 class Beams(Protocol):
-    """What strains and stresses ask a body of flexible beams for; see `kinds.beam`."""
+    """A body of flexible beams, as strains and stresses see it; see `kinds.beam`."""
 
     name: str
     mesh: LineMesh

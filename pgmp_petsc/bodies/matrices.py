@@ -1,20 +1,17 @@
-"""Sparse affine matrices ``M = sum_i w_i M_i`` and ``K = sum_i w_i K_i`` of all bodies, in body frames.
+"""Matrices of all bodies in body frames: affine mass ``M = sum_i w_i M_i`` and stiffness ``K = sum_i w_i K_i``, the
+third derivative of the strain energy, and moments of inertia.
 
 A rank assembles the rows that it owns and no others: the elements that touch them are evaluated there, those on a
 border twice, and nothing has to be communicated. All terms share one nonzero pattern, so that sums and shifted
 matrices never change it.
 
-Third derivative of the strain energy at rest, ``K3 = sum_i w_i K3_i``, times pairs of vectors, in body frames.
+The third derivative at rest, ``K3 = sum_i w_i K3_i``, is given times pairs of vectors. It is never stored for beams
+(`kinds.beam`); of a condensed body it is (`components`). A rank has the elements that touch its rows.
 
-It is never stored for beams (`kinds.beam`); of a condensed body it is (`components`). A rank has the elements
-that touch its rows.
-
-Moments of inertia of a body's fields: what its mass matrix does to fields that are turned.
-
-The points of a body have displacements whose component i is ``f_i = C_i y`` in its unknowns y: of a meshed body its
-nodes', of beams those of natural coordinates, in which a node turns with its directors (`beam3d`). The mass m is the
-same for every component, so that with the moments ``P_ij = C_i^T m C_j`` a matrix W that turns all points, in the
-body's frame, has
+Moments of inertia say what the mass matrix does to displacement fields that are turned. The points of a body have
+displacements whose component i is ``f_i = C_i y`` in its unknowns y: of a meshed body its nodes', of beams those of
+natural coordinates, in which a node turns with its directors (`beam3d`). The mass m is the same for every component, so
+that with the moments ``P_ij = C_i^T m C_j`` a matrix W that turns all points, in the body's frame, has
 
     (W f)^T m g = y_f^T (sum_ij W_ji P_ij) y_g,        M = sum_i P_ii (+ rotary inertia in the plane, which W leaves).
 

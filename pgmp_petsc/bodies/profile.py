@@ -7,10 +7,9 @@ A constant of a uniform body, such as E A, has in cell e the factor
 with weights w_k of the parameters and numbers f_k(e). Matrices are linear in the constants, so every further weight is
 one more affine term (Naets et al. 2015, eq. (2)): that of the uniform body with cell e times f_k(e).
 
-Uniform scaling of a slender body's cross-section about the x axis of its mesh.
-
-A scale s takes the place X of the mesh to ``D X``, ``D = diag(1, s, s)`` (in the plane ``diag(1, s)`` with s times the
-thickness). Derivatives across the axis are then 1/s of those on the mesh and volumes s^2, so that
+A `SectionScale` scales the cross-section of a slender body about the x axis of its mesh: s takes the place X of the
+mesh to ``D X``, ``D = diag(1, s, s)`` (in the plane ``diag(1, s)`` with s times the thickness). Derivatives across the
+axis are then 1/s of those on the mesh and volumes s^2, so that
 
     M = s^2 M_2,    K = s^2 K_2 + s K_1 + K_0,
 

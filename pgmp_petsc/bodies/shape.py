@@ -1,6 +1,6 @@
-"""Sources of a body: a mesh, matrices, or a body made already, condensed or in a floating frame.
+"""Shapes, the sources of bodies: a mesh, matrices, or a body made already, condensed or in a floating frame.
 
-Meshes of bodies that are straight lines, whose length may be a parameter; points of rigid bodies.
+Those of straight lines, whose length may be a parameter, and of rigid bodies by their points are made here.
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@ plane stress, the thickness are factors of the elements' matrices, so that
 is affine in them, and the weights of terms are their products (`Quantity`); so it is in powers of a scale of the
 cross-section (`SectionScale`), and in what multiplies them cell by cell (`Profile`).
 
-The frame of a group of faces, with their mean position and mean rotation (docs/solids.md, meshes and groups): where a
-joint or an effect holds a continuum body.
+A joint or an effect holds a continuum body by the frame of a group of faces (`FaceFrame`), which has their mean
+position and mean rotation (docs/solids.md, meshes and groups).
 """
 
 from __future__ import annotations

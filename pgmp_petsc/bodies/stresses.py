@@ -149,7 +149,7 @@ def _number_of(quantity: str, body: Beams) -> int:
 
 
 class BodyStresses(ABC):
-    """Where and how a flexible body has stresses."""
+    """Stresses of a flexible body, and the points that have them."""
 
     mesh: SolidMesh | LineMesh  # its cells, or lines
     points: type[Strains]

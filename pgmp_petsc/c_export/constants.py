@@ -29,7 +29,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.models import ComponentModel, ReducedModel
-from pgmp_petsc.outputs.joint_forces import OfConnection, OfMotion
+from pgmp_petsc.outputs.joint_forces import OfConnection, OfPrescribed
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.reduced import action_kernel
 from pgmp_petsc.reduced import steps as reduced_steps
@@ -273,7 +273,7 @@ def _counts(found: Constants, model: ReducedModel | ComponentModel, n_nodes: int
         "N_BASES": len(outputs.courses),
         "N_FORCES": len(outputs.forces),
         "N_CARRIED": len(found.carried_actions),
-        "DRIVES": int(any(isinstance(one, OfMotion) for one in model.outputs.forces)),
+        "DRIVES": int(any(isinstance(one, OfPrescribed) for one in model.outputs.forces)),
         "DEPTH": outputs.depth,
         "N_COUNTS": len(outputs.counts),
         "MOST_PARTS": max((len(one.curve) for one in outputs.counts), default=1),

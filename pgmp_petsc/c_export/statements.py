@@ -12,6 +12,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.controllers.acting import ACTING_LAW, control_of, rounded
 from pgmp_petsc.controllers.law import ControlLaw
 from pgmp_petsc.declare.expressions import printed, symbolic
+from pgmp_petsc.declare.forms import in_c
 from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
@@ -21,7 +22,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.mechanism.statement_rows import near_to
 from pgmp_petsc.mechanism.statements import Function, Statement, distance
-from pgmp_petsc.outputs.joint_forces import ForceOutput, OfConnection, OfCoupling, OfMotion, Pull
+from pgmp_petsc.outputs.joint_forces import ForceOutput, OfConnection, OfCoupling, OfPrescribed, Pull
 from pgmp_petsc.outputs.of_outputs import TIME, Combined
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.rainflow import Counted
@@ -213,7 +214,7 @@ class Combiner:
     def __init__(self, outputs: OutputSet, values: Mapping[str, str | float], n_carried: int) -> None:
         self._bases, self._values = outputs.bases, values
         self._forces = {force.name: force for force in outputs.forces}
-        self._in_joints = [force.name for force in outputs.forces if not isinstance(force, OfMotion)]
+        self._in_joints = [force.name for force in outputs.forces if not isinstance(force, OfPrescribed)]
         self._of_controllers = {name: number - n_carried for name, number in outputs.beside.items()}
         self.readings: list[Reading] = []
         self.lines: list[str] = []
@@ -278,8 +279,8 @@ class Combiner:
         found = [one.subs(list(reversed(read.items()))) for one in found]
         used = set().union(*(one.free_symbols for one in found))
         lines = [f"const double {symbol} = {value};" for symbol, value in given.items() if symbol in used]
-        shared, values = printed(found, in_c=True)
-        lines = [*lines, *shared, *(f"{name}[{j}] = {value};" for j, value in enumerate(values))]
+        shared, values = printed(found, for_c=True)
+        lines += in_c([*shared, *(f"{name}[{j}] = {value}" for j, value in enumerate(values))])
         self.lines += [f"double {name}[3] = {{0.0}};", "{", *lines, "}"]
 
 
@@ -355,7 +356,7 @@ def outputs_in_c(
         ReadingInC(one.kind, StatementInC.of_reading(one, slots), one.axis, one.in_body, one.origin)
         for one in combiner.readings
     ]
-    in_joints = (one for one in (*carried, *outputs.forces) if not isinstance(one, OfMotion))
+    in_joints = (one for one in (*carried, *outputs.forces) if not isinstance(one, OfPrescribed))
     forces = [ForceInC.of(one, gaps, slots, actions) for one in in_joints]
     courses, combined = [base.course.pieces for base in outputs.bases], "\n    ".join([*combiner.lines, *made])
     return OutputsInC(readings, forces, courses, combined, outputs.order, counts)

@@ -21,7 +21,7 @@ from pgmp_petsc.full.parts import Share, floating_bodies, planar_masses, spatial
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.lanes.lane_items import SampleBlocks
 from pgmp_petsc.models import ComponentModel
-from pgmp_petsc.outputs.joint_forces import OfMotion
+from pgmp_petsc.outputs.joint_forces import OfPrescribed
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping import alpha_step
 
@@ -61,7 +61,7 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     n_parts = sum(len(action.statement.terms) for action in equations.actions)
     windings = np.zeros((n_parts, len(mechanism.coordinates)))
     carried = () if model.measures is None else model.measures.carried
-    of_joints = [one for one in (*carried, *model.outputs.forces) if not isinstance(one, OfMotion)]
+    of_joints = [one for one in (*carried, *model.outputs.forces) if not isinstance(one, OfPrescribed)]
     gaps = sorted({int(row) for one in of_joints for row in one.rows})
     shared = shared_of(model, range(mechanism.n_nodes), equations.actions, equations.loads, windings, gaps)
     system.require_settled()

@@ -31,6 +31,7 @@ from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings, free_share
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bodies.affine import Monomial, total_at
+from pgmp_petsc.bodies.beam2d import CONSISTENT
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.component import SLENDER, Component, linear_fields, rigid_component
 from pgmp_petsc.bodies.floating import FloatingBody, Recovery, without_noise
@@ -411,7 +412,6 @@ def _moments_of_beams(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarra
     mesh, n, d = body.mesh, modes.shape[1], body.mesh.nodes.shape[1]
     by_node, spins = modes.reshape(mesh.n_nodes, body.node_dofs, n), _spins(body, modes)
     shared = np.hstack([np.ones((mesh.n_nodes, 1)), mesh.nodes, *by_node[:, :d].swapaxes(0, 1)])
-    consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
     found: dict[Monomial, np.ndarray] = {}
     terms = body.sections("mass")
     for number, (nodes, length, across) in enumerate(zip(mesh.cells, mesh.lengths, _across(body))):
@@ -423,7 +423,7 @@ def _moments_of_beams(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarra
         for weight, coefficients in terms.items():
             for coefficient, field in zip(coefficients[number], fields):
                 if coefficient:
-                    part = coefficient * length * (field.T @ consistent @ field)
+                    part = coefficient * length * (field.T @ CONSISTENT @ field)
                     found[weight] = found.get(weight, 0.0) + part
     return found
 

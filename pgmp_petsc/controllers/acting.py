@@ -96,7 +96,7 @@ class ControllerEffect(ActionEffect):
 
 
 class JointController(ControllerEntry):
-    """What acts in a joint, and measures any outputs of places and speeds."""
+    """A controller that acts in a joint, and measures any outputs of places and speeds."""
 
     def forces(self, name: str, mechanism: Mechanism) -> ControllerEffect:
         """Return the force in the joint, a part for each motion that is measured, behind what measures it if that is
@@ -162,8 +162,7 @@ def control_of(scene: Scene, entry: ControllerEntry) -> Control:
     if reference.constant is not None:
         return Control(law, parameters, in_si.number("r", reference.constant))
     over_time = amplitude_of(with_values(reference, lambda value: in_si.number("r", value)))
-    takes_rate = any("reference_rate" in text for text in (law.force, *law.states.values()))
-    return Control(law, parameters, over_time, takes_rate and not entry.sample_time)
+    return Control(law, parameters, over_time, law.reads("reference_rate") and not entry.sample_time)
 
 
 @lru_cache(32)

@@ -52,7 +52,8 @@ def _start(state: str) -> str:
 
 
 class FormulaController(JointController):
-    """What acts in a joint by formulas, with states of its own: a motor, a bristle of friction, a control law."""
+    """A torque or force in a joint by formulas, with states of its own: a motor, a bristle of friction, a control
+    law."""
 
     type: Literal["formula"]
     measures: str | dict[str, str] = Field(
@@ -126,11 +127,6 @@ class FormulaController(JointController):
         words = f"{', '.join((*self._given, *self._named))}, the names of `states` and `constants`"
         return declared(text, known, words)
 
-    @property
-    def needs_rate(self) -> bool:
-        """Whether a formula names the rate of the measure."""
-        return not self._named and any("v" in self._declared(text)[1] for text in (*self.states.values(), self.output))
-
     def law(self) -> ControlLaw:
         states = tuple((_own(name), self._declared(text)[0]) for name, text in self.states.items())
         force, constants, starts = self._declared(self.output)[0], (*self.constants,), (*self.initial,)
@@ -145,4 +141,4 @@ class FormulaController(JointController):
         yield from super().uses(entry)
         for key in ("constants", "initial"):
             for name, value in getattr(self, key).items():
-                yield Use(f"{entry}.{key}.{name}", value, "any", ())
+                yield Use(f"{entry}.{key}.{name}", value)

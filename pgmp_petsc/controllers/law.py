@@ -25,6 +25,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import itertools
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -36,7 +37,8 @@ from numba import types
 from numba.extending import intrinsic
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.declare.expressions import Printed, called_at, check, check_names, kept, printed, symbolic
+from pgmp_petsc.declare import expressions
+from pgmp_petsc.declare.expressions import Printed, Statements, called_at, check, check_names, kept, symbolic
 from pgmp_petsc.declare.own_units import InSi, in_si
 from pgmp_petsc.effects.law import calling
 from pgmp_petsc.lanes.compiled import native_address, njit, text_mark
@@ -78,9 +80,6 @@ LIMITS = ("lower", "upper")
 WHOLE = "unlimited"  # name of the force before it is limited
 _NUMBER, _NUMBERS = types.float64, types.CPointer(types.float64)
 _TAKES = _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS
-PRINTS = (
-    __name__, "pgmp_petsc.outputs.of_outputs", "pgmp_petsc.declare.expressions", "pgmp_petsc.declare.formulas",
-)  # fmt: skip
 MOST_ITERATIONS = 30
 CLOSE = 1e-14  # of the states, and of the terms that make them, where their iteration ends
 PYTHON = '''"""The law of the controller {name}, printed from its declaration."""
@@ -89,13 +88,11 @@ from math import atan, cos, exp, log, sin, sqrt, tanh
 
 
 def evaluate(_p, _x, _z, _found):
-{taken}
 {evaluate}
     return 0.0
 
 
 def initial(_p, _x, _z, _found):
-{of_start}
 {initial}
     return 0.0
 
@@ -141,6 +138,10 @@ class ControlLaw(Printed):
             check(f"{entry}: start of {state}", text, given, place)
         self.enter()
 
+    def reads(self, name: str) -> bool:
+        """Return whether an expression names something."""
+        return name in re.findall(r"\w+", " ".join((self.force, *self.states.values(), *self.starts.values())))
+
     def measuring(
         self, measured: Sequence[tuple[str, Expression]], n_motions: int, parameters: Sequence[str]
     ) -> ControlLaw:
@@ -173,7 +174,7 @@ class ControlLaw(Printed):
     def code(self) -> ModuleType:
         """The module that is printed from the declaration."""
         declaration = [getattr(self, one.name) for one in fields(self) if one.name != "place"]
-        key = repr((text_mark(*PRINTS), declaration))
+        key = repr((text_mark(__name__, "pgmp_petsc.outputs.of_outputs", *expressions.MARKED), declaration))
         return kept(f"control_{self.name}", key, Path(self.file), self._printed)
 
     @functools.cached_property
@@ -215,64 +216,26 @@ class ControlLaw(Printed):
             for part in (one, *(slope(one, by) for by in motions), *(sp.diff(one, state) for state in states))
         ]
         starts = [symbolic(self.starts.get(one, "0"), names) for one in self.states]
-        expressions = [*seen.values(), *(slopes[key] for key in slope_names)]
-        of_measures, measures = printed(expressions)
-        named = [*seen, *map(str, slope_names.values())]
-        of_measures += [f"{name} = {value}" for name, value in zip(named, measures)]
-        of_force, (force,) = printed([free])
-        lines, values = printed(found)
-        of_start, initial = printed(starts) if starts else ([], [])
-        parameters = [f"{name} = _p[{k}]" for k, name in enumerate((*self.parameters, *LIMITS))]
-        measured = [f"{name} = _x[{k}]" for k, name in enumerate((*GIVEN, *map(str, motions)))]
+        measures = dict(zip([*seen, *map(str, slope_names.values())], [*seen.values(), *map(slopes.get, slope_names)]))
+        given = {"_p": (*self.parameters, *LIMITS), "_x": (*GIVEN, *map(str, motions)), "_z": tuple(self.states)}
 
-        def text(rows: list[str]) -> str:
-            return "\n".join(f"    {row}" for row in rows)
+        def function(values: Sequence[Any], of_start: bool, for_c: bool = False) -> str:
+            """Return the body of a function that fills values, of the first states or of rates and force."""
+            of, arrays = Statements(for_c), ("_p", "_x") if of_start else tuple(given)
+            known = {name: f"{array}[{k}]" for array in arrays for k, name in enumerate(given[array])}
+            forces = {} if of_start else {WHOLE: free}
+            lines = [f"let {name} = {value}" for name, value in known.items()]
+            for part in (measures, forces):
+                lines += of.of([f"let {name}" for name in part], list(part.values()))
+            lines += of.of([f"_found[{k}]" for k in range(len(values))], values)
+            return of.text([*lines, *(f"(void){name}" for name in (*known, *measures) if for_c)])
 
+        takes = "(const double _p[], const double _x[], const double _z[], double _found[]) {"
+        unused = "    (void)_p, (void)_x, (void)_z, (void)_found;"
+        c = [f"static void control_{self.name}{takes}", unused, function(found, False, for_c=True), "}", ""]
+        c += [f"static void start_{self.name}{takes}", unused, function(starts, True, for_c=True), "}"]
         return PYTHON.format(
-            name=self.name,
-            taken=text([*parameters, *measured, *of_measures, *(f"{z} = _z[{k}]" for k, z in enumerate(self.states))]),
-            evaluate=text(
-                [*of_force, f"{WHOLE} = {force}", *lines, *(f"_found[{k}] = {value}" for k, value in enumerate(values))]
-            ),
-            of_start=text([*parameters, *measured, *of_measures]),
-            initial=text([*of_start, *(f"_found[{k}] = {value}" for k, value in enumerate(initial))]),
-            c=self._in_c([*map(str, motions)], (named, expressions), free, found, starts),
-        )
-
-    def _in_c(
-        self, motions: Sequence[str], measured: tuple[Sequence[str], Sequence[Any]], free: Any, found: Sequence[Any],
-        starts: Sequence[Any],
-    ) -> str:  # fmt: skip
-        """Return the functions of rates and force, and of the first states, in C."""
-        given = {"_p": (*self.parameters, *LIMITS), "_x": (*GIVEN, *motions), "_z": tuple(self.states)}
-        names, expressions = measured
-
-        def block(names: Sequence[str], expressions: Sequence[Any]) -> list[str]:
-            shared, values = printed(expressions, in_c=True)
-            inner = [*shared, *(f"{name} = {value};" for name, value in zip(names, values))]
-            lines = [f"double {', '.join(names)};", "{", *(f"    {one}" for one in inner), "}"]
-            return [f"    {line}" for line in (*lines, *(f"(void){name};" for name in names))]
-
-        def function(name: str, values: Sequence[Any], parts: Sequence[str], of_force: Sequence[str] = ()) -> list[str]:
-            takes = "const double _p[], const double _x[], const double _z[], double _found[]"
-            lines = [f"static void {name}({takes}) {{", "    (void)_p, (void)_x, (void)_z, (void)_found;"]
-            known = [(one, f"{part}[{k}]") for part in parts for k, one in enumerate(given[part])]
-            lines += [f"    const double {one} = {value};" for one, value in known]
-            lines += [*(f"    (void){one};" for one, _ in known), *block(names, expressions), *of_force]
-            shared, values = printed(values, in_c=True) if values else ([], [])
-            return [
-                *lines,
-                *(f"    {one}" for one in shared),
-                *(f"    _found[{k}] = {value};" for k, value in enumerate(values)),
-                "}",
-            ]
-
-        return "\n".join(
-            [
-                *function(f"control_{self.name}", found, ("_p", "_x", "_z"), block([WHOLE], [free])),
-                "",
-                *function(f"start_{self.name}", starts, ("_p", "_x")),
-            ]
+            name=self.name, evaluate=function(found, False), initial=function(starts, True), c="\n".join(c)
         )
 
 

@@ -43,7 +43,7 @@ def law_of(filtered: bool, back: str) -> ControlLaw:
 
 
 class Gains(Table):
-    """What the parts of the error are multiplied by, each a number or a parameter's name."""
+    """Factors of the parts of the error, each a number or a parameter's name."""
 
     p: NumberOrParameter = Field(0.0, description="force by the error")
     i: NumberOrParameter = Field(0.0, description="force by the integral of the error over time")
@@ -100,12 +100,12 @@ class Pid(JointController):
     def references(self, scene: Scene, entry: str) -> Iterator[Use]:
         """Yield that a value of its reference is one of what it measures."""
         if unit := unit_of(scene, self.measures):
-            yield Use(entry, 0.0, "any", (unit,))
+            yield Use(entry, units=(unit,))
 
     def uses(self, entry: str) -> Iterator[Use]:
         yield from super().uses(entry)
         for key in ("p", "i", "d"):
-            yield Use(f"{entry}.gains.{key}", getattr(self.gains, key), "any", ())
+            yield Use(f"{entry}.gains.{key}", getattr(self.gains, key))
         yield Use(f"{entry}.gains.filter", self.gains.filter, "positive" if self.filtered else "not negative", ("s",))
         if self.tracking is not None:
             yield Use(f"{entry}.tracking", self.tracking, "positive", ("s",))

@@ -12,6 +12,7 @@ import hashlib
 import importlib.util
 import keyword
 import os
+import re
 import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from pgmp_petsc.base.errors import InputError
+from pgmp_petsc.declare.forms import in_c, in_python
 from pgmp_petsc.declare.formulas import evaluated
 
 FUNCTIONS = {"abs": 1, "atan": 1, "cos": 1, "exp": 1, "log": 1, "max": 2, "min": 2, "sin": 1, "sqrt": 1, "tanh": 1}
@@ -27,6 +29,8 @@ _ARITHMETIC = (
     ast.Pow, ast.USub, ast.UAdd, ast.Not, ast.And, ast.Or, ast.Lt, ast.LtE, ast.Gt, ast.GtE,
 )  # fmt: skip
 HIGHEST_POWER = 4  # that is printed as a product
+#: Modules that what is printed of expressions hangs on.
+MARKED = ("pgmp_petsc.declare.expressions", "pgmp_petsc.declare.formulas", "pgmp_petsc.declare.forms")
 #: What printed code means something else by, in C or in Python.
 WORDS_OF_C = frozenset(
     "auto break case char const continue default do double else enum extern fabs float for goto if inline int long pow "
@@ -126,8 +130,9 @@ def symbolic(text: str, names: Mapping[str, Any]) -> Any:
     return evaluated(text.strip(), names, algebra)
 
 
-def printed(expressions: Sequence[Any], in_c: bool = False) -> tuple[list[str], list[str]]:
-    """Return the statements that make what expressions share, and the expressions, in Python or in C.
+def printed(expressions: Sequence[Any], for_c: bool = False) -> tuple[list[str], list[str]]:
+    """Return the statements that make what expressions share, as of `declare.forms`, and the expressions, in Python or
+    in C.
 
     What they share has names that nothing declared may have (`check_names`).
     """
@@ -161,20 +166,37 @@ def printed(expressions: Sequence[Any], in_c: bool = False) -> tuple[list[str], 
 
     def text(one: Any) -> str:
         one = products(one)
-        return " ".join(sp.ccode(one).split()) if in_c else python.doprint(one)
+        return " ".join(sp.ccode(one).split()) if for_c else python.doprint(one)
 
     # what is divided by 0 in every state is no number: checks of a start then refuse it with its entry
     finite = [sp.sympify(one).xreplace({sp.zoo: sp.nan}).replace(sp.log, without_overflow) for one in expressions]
     shared, left = sp.cse(finite, sp.numbered_symbols("_"))
 
-    def is_condition(one: Any) -> bool:
-        return isinstance(one, Boolean)
+    def value(one: Any) -> str:
+        return text(one) if for_c or isinstance(one, Boolean) else f"float({text(one)})"
 
-    if in_c:
-        lines = [f"const {'int' if is_condition(one) else 'double'} {name} = {text(one)};" for name, one in shared]
-        return lines, [text(one) for one in left]
-    lines = [f"{name} = {text(one)}" for name, one in shared]
-    return lines, [text(one) if is_condition(one) else f"float({text(one)})" for one in left]
+    return [f"let {name} = {text(one)}" for name, one in shared], [value(one) for one in left]
+
+
+class Statements:
+    """Statements of one function, as of `declare.forms`, with expressions in Python or in C."""
+
+    def __init__(self, for_c: bool = False) -> None:
+        self._for_c, self._n_calls = for_c, 0
+
+    def of(self, targets: Iterable[str], expressions: Sequence[Any]) -> list[str]:
+        """Return what gives the values of expressions to targets, such as ``let x`` or ``found[0]``. What they share
+        has the names of no other call: in C a name is declared once."""
+        if not expressions:
+            return []
+        self._n_calls += 1
+        shared, values = printed(expressions, self._for_c)
+        lines = [*shared, *map("{} = {}".format, targets, values)]
+        return [re.sub(r"\b_(?=\d)", f"_{self._n_calls}_", line) for line in lines]
+
+    def text(self, lines: Iterable[str]) -> str:
+        """Return the body of the function."""
+        return "\n".join(f"    {line}" for line in (in_c if self._for_c else in_python)(lines))
 
 
 def kept(name: str, key: str, beside: Path, text: Callable[[], str]) -> types.ModuleType:

@@ -270,7 +270,7 @@ class Loops:
             left += [_Sum(target, name, drifting, p, own) for (target, drifting, own), p in by_target.items()]
         used = sorted({one for line in body for one in re.findall(rf"\b([qvau])_{letter}\b", line)})
         loads = [f"let {one}_{letter} = {self.read.format(ARRAYS[one], at(letter))}" for one in used]
-        return [*begin, f"for {letter} in range({count}):", *_indented([*loads, *body])], left
+        return [*begin, f"for {letter} in range({count}):", *indented([*loads, *body])], left
 
     def _entry(self, state: _State) -> tuple[list[str], list[_Sum]]:
         """Return what takes up an entry, and what it adds."""
@@ -376,18 +376,20 @@ def _monomials(inner: Sequence[str], outer: Polynomial) -> str:
 
 
 def _under(condition: str, lines: list[str]) -> list[str]:
-    return [f"if {condition}:", *_indented(lines)] if condition and lines else lines
+    return [f"if {condition}:", *indented(lines)] if condition and lines else lines
 
 
-def _indented(lines: Iterable[str]) -> list[str]:
+def indented(lines: Iterable[str]) -> list[str]:
     return [f"    {line}" for line in lines]
 
 
 def in_python(lines: Iterable[str]) -> Iterator[str]:
+    """Return lines as `Loops.lines` has them in Python."""
     return (re.sub(r"^( *)(let|all) ", r"\1", line) for line in lines)
 
 
 def in_c(lines: Iterable[str]) -> Iterator[str]:
+    """Yield the same lines in C."""
     open_at: list[int] = []
     for line in [*lines, ""]:
         text = line.strip()

@@ -31,7 +31,8 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.design.goals import TurnedBack
 from pgmp_petsc.design.measured_history import MeasuredHistory, autocorrelation, remembered
 from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, difference_remarks, step_remarks
-from pgmp_petsc.estimates.own_error import errors_of_runs, not_known, of_figures
+from pgmp_petsc.estimates.error_indicator import errors_of_runs, not_known
+from pgmp_petsc.estimates.own_error import of_figures
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differences import announce_runs
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate

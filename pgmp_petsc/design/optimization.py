@@ -31,7 +31,8 @@ from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, 
 from pgmp_petsc.ensemble.intervals import of_mean_and_deviations
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
-from pgmp_petsc.estimates.own_error import errors_of_runs, not_known, of_figures
+from pgmp_petsc.estimates.error_indicator import errors_of_runs, not_known
+from pgmp_petsc.estimates.own_error import of_figures
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differences import Off, announce_runs
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate

@@ -10,7 +10,8 @@ from pgmp_petsc.base.errors import InputError, Remark, gathered, nearest_name, n
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.estimates.own_error import errors_of_runs, not_known, of_figures, polynomials_of_lengths
+from pgmp_petsc.estimates.error_indicator import errors_of_runs, not_known
+from pgmp_petsc.estimates.own_error import of_figures, polynomials_of_lengths
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.contacts import Contact
 from pgmp_petsc.gradients.differences import NEAR, Off, announce_runs, why_differences

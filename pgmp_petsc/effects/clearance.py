@@ -130,12 +130,14 @@ class ContactLaws(NamedTuple):
 
 
 LAWS = {name: ContactLaws.of(factor, "" if name == "hunt_crossley" else f"_{name}") for name, factor in FACTORS.items()}
-CONTACT, RUBBING, SLIDING, BACKLASH = LAWS["hunt_crossley"]
 
 
 class LooseEffect(ActionEffect):
-    """What acts in a joint, or a coupling, with a clearance. In the middle of a joint's room no force has a direction:
-    static answers are to unit forces along all directions in which there is room."""
+    """Contact and friction in a joint, or a coupling, with a clearance.
+
+    In the middle of a joint's room no force has a direction: static answers are to unit forces along all directions in
+    which there is room.
+    """
 
     units: Sequence[Action] = ()  # these forces
 

@@ -240,7 +240,7 @@ class FormulaEffect(OnJoint):
 
     @property
     def jumps_with(self) -> frozenset[str]:
-        """What comparisons and signs are of."""
+        """Names in its comparisons and signs."""
         return jumps_with(self.force)
 
     def check_entries(self) -> None:

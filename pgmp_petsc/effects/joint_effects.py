@@ -1,20 +1,17 @@
-"""The motion in a joint: its rotation about its axis, or the displacement along its line.
+"""Effects on the motion s in a joint, the rotation about its axis or the displacement along its line.
 
-End stops of a joint: one-sided springs with Hunt and Crossley's damping, entered and left at instants found in time.
+End stops are one-sided springs with Hunt and Crossley's damping, entered and left at instants found in time. The time
+of contact itself, about ``pi sqrt(inertia / stiffness)``, is not refined: steps have to resolve it. Where they do not,
+the balance of energy shows it.
 
-The time of contact itself, about ``pi sqrt(inertia / stiffness)``, is not refined: steps have to resolve it. Where they
-do not, the balance of energy shows it.
-
-Viscous damping in a joint: ``-c s'`` on its rotation or displacement s.
-
-Coulomb friction in a joint: ``-limit tanh(s' / speed)`` on its rotation or displacement s. Its limit is given, of a
-joint under a constant load, or hangs on the force N that the joint carries, ``coefficient radius N`` of what turns and
+Viscous damping is ``-c s'``, Coulomb friction ``-limit tanh(s' / speed)``. Its limit is given, of a joint under a
+constant load, or hangs on the force N that the joint carries, ``coefficient radius N`` of what turns and
 ``coefficient N`` of what slides, N being the size of the whole force in the joint (docs/effects.md, friction under the
 force that a joint carries), found between the corrections of a step (`controllers.running`).
 
-Regularised, so that the force is smooth: below the speed the joint creeps instead of sticking. Where friction alone
-changes the rate by several times this speed in one step, Newton's iteration goes back and forth between sliding one way
-and the other when the joint comes to rest, and the sample fails: take a larger speed or a smaller step.
+Friction is regularised, so that the force is smooth: below the speed the joint creeps instead of sticking. Where
+friction alone changes the rate by several times this speed in one step, Newton's iteration goes back and forth between
+sliding one way and the other when the joint comes to rest, and the sample fails: take a larger speed or a smaller step.
 """
 
 from __future__ import annotations
@@ -72,7 +69,7 @@ def place_of(mechanism: Mechanism, name: str, entry: Any) -> dict[str, Any]:
 
 
 class ElasticEnds(OnJoint):
-    """What is elastic beyond ends of a joint's motion, with the instants of contact found exactly."""
+    """A spring beyond the ends of a joint's motion, with the instants of contact found exactly."""
 
     changeable = ("lower", "upper", "stiffness", "damping")
     edged = True

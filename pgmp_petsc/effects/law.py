@@ -34,7 +34,9 @@ from numba import types
 from numba.extending import intrinsic
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.declare.expressions import Printed, called_at, check, check_names, kept, printed, symbolic
+from pgmp_petsc.declare import expressions
+from pgmp_petsc.declare.expressions import Printed, Statements, called_at, check, check_names, kept, printed, symbolic
+from pgmp_petsc.declare.forms import indented
 from pgmp_petsc.lanes.compiled import native_address, njit, text_mark
 from pgmp_petsc.lanes.vectors import data_of
 
@@ -72,7 +74,7 @@ COMPLETE = True
 '''
 LARGEST_EXPONENT = 300  # of exp in slopes, of which a square is finite
 FOUND = "_force", "_stiffness", "_damping", "_elastic", "_stored"
-AT, CENTRE = "_at", "_centre"
+AT, CENTRE, ABOUT = "_at", "_centre", "_about"
 STEEPER = 2.0  # times that a slope is steeper where iterates are taken up from than about both of them
 ALIKE = 0.005  # of a slope, by which that at the iterate before differs at most where it is gone by
 
@@ -132,7 +134,7 @@ class Law(Printed):
     def code(self) -> ModuleType:
         """The module that is printed from the declaration. Raises `InputError` if the force is not finite."""
         *declaration, place = astuple(self)
-        key = repr((text_mark(__name__, "pgmp_petsc.declare.expressions", "pgmp_petsc.declare.formulas"), declaration))
+        key = repr((text_mark(__name__, *expressions.MARKED), declaration))
         found = kept(self.name, key, Path(self.file), self._printed)
         self._check_finite(found)
         return found
@@ -223,44 +225,16 @@ class Law(Printed):
         constant = all(sp.diff(one, two) == 0 for one in found[1:3] for two in (s, rate, amplitude))
         stiffness = str(found[1]) if constant and found[1] in p else ""
 
-        def python(expressions: Sequence[Any], end: Callable[[list[str]], Iterable[str]], indent: int = 4) -> str:
-            lines, values = printed(expressions)
-            return "\n".join(" " * indent + line for line in [*lines, *end(values)])
-
-        def numbered(name: str, values: Sequence[str]) -> list[str]:
-            return [f"{name}[{k}] = {value}" for k, value in enumerate(values)]
-
-        n, names = len(found), ", ".join(FOUND)
-        evaluate = [
-            python([*found, *edges], lambda of: [f"{names} = {', '.join(of[:n])}", *numbered("depths", of[n:])]),
-        ]
-        if limits.rates:
-            evaluate.append(f"    {AT} = float(rate)")
-        for at, dampings in limits.steepest():
-            crossed = f"if (about - {CENTRE}) * (rate - {CENTRE}) < 0.0 and abs({CENTRE} - about) < abs({AT} - about):"
-            steeper = f"if {{}} > {STEEPER} * max(abs({{}}), abs({{}}))".format
-            evaluate += [
-                python([at], lambda of: [f"{CENTRE} = {of[0]}", crossed]),  # noqa: B023  (called at once)
-                python(dampings, lambda of: [f"{steeper(*of, FOUND[2])}:"], 8),  # noqa: B023
-                f"            {AT} = {CENTRE}",
-            ]
-        if limits.rates:
-            evaluate.append(f"    if {AT} != rate:")
-            evaluate.append(python(limits.linearised, lambda of: [f"return {', '.join(of)}, float('inf')"], 8))
-            alike = f"if not abs({{}} - {FOUND[2]}) <= {ALIKE} * abs({FOUND[2]}):".format
-            evaluate += [
-                f"    if about == about and {FOUND[2]} < 0.0:",  # of the first iterate it is no number
-                python([limits.before], lambda of: [alike(*of)], 8),
-                f"            {FOUND[2]} = 0.0",
-            ]
+        of = Statements()
+        shared, values = printed(sum(of_edges, []))
         return PYTHON.format(
             name=self.name,
             stiffness=repr(stiffness),
             bends=rate in found[2].free_symbols,
-            parameters="\n".join(f"    {name} = p[{k}]" for k, name in enumerate(self.parameters)),
-            evaluate="\n".join([*evaluate, f"    return {names}, float(rate)"]),
-            slopes=python(slopes, lambda values: [*numbered("found", values), "return 0.0"]),
-            edges=python(sum(of_edges, []), lambda values: [f"return {_rows(values, len(p) + 2)}"]),
+            parameters=of.text(f"{name} = p[{k}]" for k, name in enumerate(self.parameters)),
+            evaluate=self._evaluation(found, edges, limits),
+            slopes=of.text([*of.of([f"found[{k}]" for k in range(len(slopes))], slopes), "return 0.0"]),
+            edges=of.text([*shared, f"return {_rows(values, len(p) + 2)}"]),
             c=self._in_c(found[:3], edges, limits),
         )
 
@@ -271,33 +245,40 @@ class Law(Printed):
         lines.append("    (void)p, (void)amplitude, (void)s, (void)about;")
         lines += [f"    const double {name} = p[{k}];" for k, name in enumerate(self.parameters)]
         lines += [f"    (void){name};" for name in self.parameters]
+        return "\n".join([*lines, self._evaluation(found, edges, limits, for_c=True), "}"])
 
-        def block(expressions: Sequence[Any], end: Callable[[list[str]], Iterable[str]], indent: int = 4) -> list[str]:
-            parts, values = printed(expressions, in_c=True)
-            return [" " * indent + part for part in [*parts, *end(values)]]
-
-        def filled(values: Sequence[str], about: str) -> list[str]:
-            return [f"found[{k}] = {value};" for k, value in enumerate((*values[:3], about, *values[3:]))]
-
-        lines += block([*found, *edges], lambda values: filled(values, "rate"))
-        if limits.rates:
-            lines.append(f"    double {AT} = rate;")
+    def _evaluation(self, found: Sequence[Any], edges: Sequence[Any], limits: _Limits, for_c: bool = False) -> str:
+        """Return what evaluates the law, in Python or in C: of what is `Found` as much as is asked for, and `about`."""
+        size, larger, infinite = ("fabs", "fmax", "INFINITY") if for_c else ("abs", "max", "float('inf')")
+        of, names, damping = Statements(for_c), FOUND[: len(found)], FOUND[2]
+        depths = [f"found[{len(found) + 1 + k}]" if for_c else f"depths[{k}]" for k in range(len(edges))]
+        lines = of.of([*(f"let {name}" for name in names), *depths], [*found, *edges])
+        lines.append(f"let {ABOUT} = rate")
+        lines += [f"let {AT} = rate", f"let {CENTRE} = rate"] if limits.rates else []
         for at, dampings in limits.steepest():
-            lines.append("    {")
-            lines += block([at], lambda values: [f"const double {CENTRE} = {values[0]};"], 8)
-            nearer = f"fabs({CENTRE} - about) < fabs({AT} - about)"
-            lines.append(f"        if ((about - {CENTRE}) * (rate - {CENTRE}) < 0.0 && {nearer}) {{")
-            steeper = f"if ({{}} > {STEEPER} * fmax(fabs({{}}), fabs(found[2])))".format
-            lines += block(dampings, lambda values: [f"{steeper(*values)} {AT} = {CENTRE};"], 12)  # noqa: B023
-            lines += ["        }", "    }"]
+            lines += [
+                *of.of([CENTRE], [at]),
+                f"if (about - {CENTRE}) * (rate - {CENTRE}) < 0.0 and {size}({CENTRE} - about) < {size}({AT} - about):",
+                *indented(of.of(["let _there", "let _before"], dampings)),
+                f"    if _there > {STEEPER} * {larger}({size}(_before), {size}({damping})):",
+                f"        {AT} = {CENTRE}",
+            ]
         if limits.rates:
-            lines.append(f"    if ({AT} != rate) {{")
-            lines += block(limits.linearised[:3], lambda values: filled(values, "INFINITY"), 8)
-            lines.append("    } else if (about == about && found[2] < 0.0) { /* not at first */")
-            alike = f"if (!(fabs({{}} - found[2]) <= {ALIKE} * fabs(found[2]))) found[2] = 0.0;".format
-            lines += block([limits.before], lambda values: [alike(*values)], 8)
-            lines.append("    }")
-        return "\n".join([*lines, "}"])
+            lines += [
+                f"if {AT} != rate:",
+                *indented(of.of(names, limits.linearised[: len(found)])),
+                f"    {ABOUT} = {infinite}",
+                # of the first iterate `about` is no number
+                f"if {AT} == rate and about == about and {damping} < 0.0:",
+                *indented(of.of(["let _before"], [limits.before])),
+                f"    let _own = {damping}",
+                f"    {damping} = 0.0",
+                f"    if {size}(_before - _own) <= {ALIKE} * {size}(_own):",
+                f"        {damping} = _own",
+            ]
+        given = [*names, ABOUT]
+        end = [f"found[{k}] = {name}" for k, name in enumerate(given)] if for_c else [f"return {', '.join(given)}"]
+        return of.text([*lines, *end])
 
 
 def _slope(force: Any, variable: Any) -> Any:

@@ -67,13 +67,11 @@ class PrescribedMotion(Driving):
         """Yield what it is of the coordinate, and the times of its rows."""
         moved = scene.coordinates.get(self.coordinate)
         own = "m" if moved is not None and slides(scene, moved) else "rad"
-        for row in range(len(self.table or ())):
-            yield Use(f"{entry}.table[{row}][0]", 0.0, "any", ("s",))
-            yield Use(f"{entry}.table[{row}][1]", 0.0, "any", (own,))
+        yield from Use.of_rows(f"{entry}.table", self.table, "s", own)
         for key in ("harmonic.amplitude", "harmonic.mean", "spin_up.start", "constant_speed.start"):
-            yield Use(f"{entry}.{key}", 0.0, "any", (own,))
+            yield Use(f"{entry}.{key}", units=(own,))
         for key in ("spin_up.speed", "constant_speed.speed"):
-            yield Use(f"{entry}.{key}", 0.0, "any", (f"{own}/s",))
+            yield Use(f"{entry}.{key}", units=(f"{own}/s",))
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if there is no such coordinate, something else moves it, or steps do not resolve it."""

@@ -2,10 +2,8 @@
 
     f(t) = c_0 + c_1 s + c_2 s^2 + c_3 s^3 + a sin(w t + p),     s = t - origin of the piece,
 
-which is what tables, harmonics, splines and spin-ups are made of. Compiled, so that whoever integrates finds them at
-any instant within a step.
-
-Strengths over time: tables, linear between their rows, and harmonics.
+which is what tables, harmonics, splines and spin-ups are made of. They are compiled, so that an integrator evaluates
+them at any instant within a step. Loads have tables, linear between their rows, and harmonics (`amplitude_of`).
 """
 
 from __future__ import annotations

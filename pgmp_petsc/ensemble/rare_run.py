@@ -25,7 +25,8 @@ from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, v
 from pgmp_petsc.ensemble.statistics import in_words
 from pgmp_petsc.ensemble.stopping import Reader
 from pgmp_petsc.ensemble.watchers import watch_over_time
-from pgmp_petsc.estimates.own_error import errors_of_runs, not_known, of_figures
+from pgmp_petsc.estimates.error_indicator import errors_of_runs, not_known
+from pgmp_petsc.estimates.own_error import of_figures
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.lanes.vectors import LANES

@@ -140,7 +140,7 @@ ROUNDS_NAMED = 2  # of all replicates: one would not show whether sequences take
 
 
 class Sampler:
-    """Where the samples of an ensemble, as it is planned, come from.
+    """The source of the samples of a planned ensemble.
 
     `names` are the parameters that are drawn, or that a file gives, sorted; `kind` is ``random``, ``latin_hypercube``,
     ``sobol``, ``saltelli``, or ``file``; `extends` says whether a longer run has the samples of a shorter one. Raises

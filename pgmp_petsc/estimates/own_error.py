@@ -9,7 +9,8 @@ Which errors are not estimated, and why: every run without an estimate says so.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,10 +18,9 @@ from pgmp_petsc.base.errors import Remark, counted, gathered, note, warning
 from pgmp_petsc.base.units import SI, Units, UnitSystem
 from pgmp_petsc.bodies.shape import lacks_foreshortening
 from pgmp_petsc.estimates.coarser_run import MOST, CoarserRun, StepErrors, fewest_steps, relied_on, times_of
-from pgmp_petsc.estimates.error_indicator import Estimate, indicator_of
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
-from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, Model, Reduced, SeparateLengths
+from pgmp_petsc.models import ComponentModel, FullModel, SeparateLengths
 from pgmp_petsc.outputs.joint_forces import joints_of
 from pgmp_petsc.results.estimates import ANSWERS, LARGE, EstimatedErrors
 from pgmp_petsc.results.numbers import (
@@ -36,8 +36,10 @@ from pgmp_petsc.results.numbers import (
 )
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
-from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, integrate, integrate_with_smaller_steps
 from pgmp_petsc.stepping.status import Status
+
+if TYPE_CHECKING:
+    from pgmp_petsc.models import LengthLanes, Reduced
 
 # steps of a run below which its estimates are unsure: the first steps are integrated with the order of the scheme
 # itself, and what they do wrong is a good part of the error of a few (docs/method.md, "where it is less good")
@@ -315,45 +317,6 @@ COMPARABLE = 0.05  # of a figure
 MOST_NAMED = 6  # figures of one warning
 FEWEST = 5  # checked samples that tell of a deviation
 CURE = "a smaller simulation.step or reduction.tolerance makes it smaller"
-
-
-def errors_of_runs(model: Reduced, points: Sequence[Mapping[str, float]]) -> Estimate | None:
-    """Run a model at parameter values, with smaller steps where it fails, and estimate its errors; None where there are
-    no estimates: the scene says so, or the model is of components."""
-    scene, n = model.scene, len(points)
-    if model.name == ComponentModel.name or not is_estimated(scene):
-        return None
-    values = {name: np.array([point[name] for point in points]) for name in points[0]}
-    indicator, whole = indicator_of(model), Estimate.nothing(model.outputs.functions, n)
-
-    def run(attempt: Attempt) -> Run:
-        system = model.batch({name: of[attempt.samples] for name, of in values.items()}, attempt.samples.size)
-        watched = indicator.stepped(attempt.simulation).watch(system, np.arange(attempt.samples.size))
-        with np.errstate(all="ignore"):  # a run that fails has no estimate
-            done = integrate(system, attempt.simulation, observer=watched)
-            whole.put(attempt.samples.tolist(), watched.estimate(done.status))
-        return done
-
-    outcome = integrate_with_smaller_steps(run, scene.simulation, np.ones(n, dtype=bool))
-    for sample in np.flatnonzero(outcome.status != Status.FINE).tolist():
-        apart = {name: value for name, value in points[sample].items() if value != scene.values.get(name)}
-        where = values_text(scene, apart) or "the scene's values"
-        why = f"the run at {where} stopped at {outcome.failure_time[sample]:.4g} s: "
-        for reasons in whole.absent.values():
-            reasons[sample] = why + Status(outcome.status[sample]).meaning
-    return whole
-
-
-def not_known(model: Model, what: str, errors: Estimate | None = None, names: Iterable[str] = ()) -> Remark:
-    """Return why the model's own part of some figures, which are of outputs with these names, is not known."""
-    if model.name == ComponentModel.name:
-        why = f"errors of component modes are not estimated; take more reduction.modes, or {comparing(model.scene)}"
-        if not any(body.flexible for body in model.scene.bodies.values()):
-            why = "all bodies are rigid, so that these are errors of the time step; take half of simulation.step"
-    else:
-        absent = absence_of_estimates(model.scene)
-        why = absent[0].text if absent or errors is None else f"{errors.why_not(names)}; {comparing(model.scene)}"
-    return note(f"what errors of the {model.title} model do to {what} is not known: {why}")
 
 
 @gathered

@@ -123,6 +123,11 @@ class RunRecord:
     ranks: int  # number of MPI ranks
     timings: dict[str, float] = field(default_factory=dict)  # wall time a phase, s
     remarks: tuple[Remark, ...] = ()  # what the reader of the result has to know
+    plugins: dict[str, str] | None = None  # SHA-256 of those that it needs, by name; of those in use if not given
+
+    def __post_init__(self) -> None:
+        if self.plugins is None:
+            object.__setattr__(self, "plugins", plugins_of(self.scene_toml))
 
     @property
     def tables(self) -> dict[str, Any]:
@@ -156,9 +161,8 @@ class RunRecord:
         file.attrs["seed"] = h5py.Empty("i8") if self.seed is None else self.seed
         file.attrs["ranks"] = self.ranks
         file.attrs["remarks"] = to_json(self.remarks)
-        needed = plugins_of(self.scene_toml)
-        if needed:
-            file.attrs["plugins"] = json.dumps(needed)
+        if self.plugins:
+            file.attrs["plugins"] = json.dumps(self.plugins)
         timings = file.create_group("timings", track_order=True)
         for phase, seconds in self.timings.items():
             put(timings, phase, float(seconds), "s", f"wall time of phase '{phase}', maximum over the ranks")
@@ -183,6 +187,7 @@ class RunRecord:
                 ranks=int(file.attrs["ranks"]),
                 timings={phase: float(data[()]) for phase, data in file["timings"].items()},
                 remarks=from_json(file.attrs["remarks"]),
+                plugins=needed,
             )
             try:
                 _ = found.tables

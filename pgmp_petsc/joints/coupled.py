@@ -172,5 +172,4 @@ class Cam(CouplingEntry):
         """Yield the angles, and the follower's motion."""
         yield from super().measured(scene, entry)
         units = "rad", "m" if self.shares_in(scene)[0].motion == "sliding" else "rad"
-        for k in range(len(self.table)):
-            yield from (Use(f"{entry}.table[{k}][{column}]", 0.0, "any", (unit,)) for column, unit in enumerate(units))
+        yield from Use.of_rows(f"{entry}.table", self.table, *units)

@@ -381,6 +381,7 @@ def compiled_mark(function: Callable) -> str:
     return _checksum(text_mark(*_teaching()), *sorted(marks.values()))
 
 
+@functools.cache
 def text_mark(*modules: str) -> str:
     """Return what tells the texts of modules of the package."""
     return _checksum(*(_text_of(name) for name in modules))

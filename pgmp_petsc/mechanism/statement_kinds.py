@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pgmp_petsc.declare.forms import in_c
+from pgmp_petsc.declare.forms import in_c, indented
 
 APART = "p_b - p_a"
 LOCAL = {  # of Hermite's interpolation between 0 and 1, with slopes that are zero at both
@@ -108,7 +108,7 @@ class Kind:
             one = _Vector(self.pull)
             return [
                 "for c in range(d):",
-                *_indented(one.component("x")),
+                *indented(one.component("x")),
                 "    gradient[n + c] = x",
                 "    if second:",
                 *(f"        {loop}hessian[n + c, {at}] = {factor}" for loop, at, factor in one.entries("k")),
@@ -121,7 +121,7 @@ class Kind:
         lines = _first(products, touched)
         lines += self._outer(outer, len(products)) if outer else ["let s = q0"]
         curved = _second(products, touched)
-        lines += ["if second:", *_indented(curved)] if len(curved) > 1 else []
+        lines += ["if second:", *indented(curved)] if len(curved) > 1 else []
         for first, n_first in touched:
             mixed = " + ".join(f"f{m} * {ARRAYS[m]}[{first} + i]" for m in range(len(products)))
             lines += [f"for i in range({n_first}): gradient[{first} + i] = {mixed}"]
@@ -141,7 +141,7 @@ class Kind:
                 f"for i in range({n_first}):",
                 f"    for j in range({n_then}): hessian[{one}, {other}] += {skew}",
             ]
-        lines += ["if second:", *_indented(curved)]
+        lines += ["if second:", *indented(curved)]
         for first, count in touched:
             mixed = f"f0 * gradient[{first} + i] + f1 * spare[{first} + i]"
             lines += [f"for i in range({count}): gradient[{first} + i] = {mixed}"]
@@ -203,7 +203,7 @@ def _first(products: Sequence[tuple[_Vector, _Vector]], touched: Sequence[tuple[
                 value = _times("2.0" if one == other else "1.0", factor, components[other])
                 body += [f"{loop}{array}[{at}] {'+=' if (array, at) in filled else '='} {value}"]
                 filled.add((array, at))
-    return [*lines, "for c in range(d):", *_indented(body)]
+    return [*lines, "for c in range(d):", *indented(body)]
 
 
 def _second(
@@ -305,10 +305,6 @@ def _text(expression: Any) -> str:
     return Printer().doprint(expression)
 
 
-def _indented(lines: Sequence[str]) -> list[str]:
-    return [f"    {line}" for line in lines]
-
-
 def _expanded(lines: Sequence[str]) -> Iterator[str]:
     """Yield lines with a loop in each line of its own."""
     for line in lines:
@@ -331,7 +327,7 @@ def print_kinds(kinds: Sequence[Kind]) -> str:
     """Return the module that evaluates statements of these kinds, with the text in C."""
     functions, in_c = [], []
     for kind in kinds:
-        lines = [re.sub(r"\b0 \+ ", "", line) for line in _indented(list(_expanded(kind.lines())))]
+        lines = [re.sub(r"\b0 \+ ", "", line) for line in indented(list(_expanded(kind.lines())))]
         name = kind.name.lower()
         head = ["    d = axes.shape[1]", "    n = d * (d + 1)"]
         body = [line.replace("let ", "", 1) for line in lines]

@@ -3,9 +3,7 @@
 Whatever meshio reads is accepted. A point is named by a physical group of dimension 0 (gmsh) or by a node set (Abaqus
 and others) that holds exactly one node.
 
-Straight lines of equal cells, for bodies that need no mesh file.
-
-Uniform refinement of line meshes in memory.
+Straight lines of equal cells need no mesh file (`straight_beam`); any line mesh can be refined in memory (`refined`).
 """
 
 from __future__ import annotations

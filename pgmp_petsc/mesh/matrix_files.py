@@ -1,13 +1,12 @@
-"""Sparse matrices from files of other programs, told apart by what is in them: two formats share the ending .mtx
-(docs/matrices.md, files of matrices; files of nodes).
+"""Sparse matrices and nodes of bodies from files of other programs (docs/matrices.md, files of matrices; files of
+nodes). Formats are told apart by contents: two share the ending .mtx.
 
 A Harwell-Boeing file (Duff, Grimes and Lewis, ACM Trans. Math. Softw. 15, 1989) is known by its third line, such as
 ``RSA   300   300   4500   0``. SciPy's reader takes neither symmetric ones nor right-hand sides, which are passed over
 here.
 
-Which node and direction a row of a matrix is of: from the matrix' own file, from a list beside it, or by counting.
-
-Nodes of a body that is given by matrices: their places, their numbers in the file, and sets of them.
+The node and the direction that a row of a matrix is of are known from the matrix' own file, from a list beside it, or
+by counting. Of nodes a file has their places, their numbers, and sets of them.
 """
 
 from __future__ import annotations

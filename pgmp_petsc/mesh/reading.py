@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError, PgmpError, irregular
+from pgmp_petsc.ranks.ending import TIME_IS_OVER, run_child
 
 if TYPE_CHECKING:
     import meshio
@@ -101,8 +102,6 @@ def read_mesh(path: Path, received: str) -> meshio.Mesh:
 
 def _read_apart(path: Path, received: str) -> meshio.Mesh:
     """Read a file whose reader may not end, in another process."""
-    from pgmp_petsc.ranks.ending import TIME_IS_OVER, run_child  # a noticeable time, and few meshes are read so
-
     done = run_child([sys.executable, "-c", _READER, str(path)], LONGEST_READING)
     if done.returncode == TIME_IS_OVER:
         found = f"its reader had not ended after {LONGEST_READING:g} s"
@@ -116,8 +115,6 @@ def _read_apart(path: Path, received: str) -> meshio.Mesh:
 def made_by(program: Path, words: Sequence[object], seconds: float) -> dict[str, np.ndarray] | str:
     """Return the arrays that a program of this room writes to the npz file that is its last word, or why there are
     none; its libraries may print, crash and loop."""
-    from pgmp_petsc.ranks.ending import TIME_IS_OVER, run_child  # see above
-
     with tempfile.TemporaryDirectory(prefix="pgmp_reading_") as folder:
         output = Path(folder) / "found.npz"
         done = run_child([sys.executable, "-P", program, *map(str, words), output], seconds)
@@ -210,7 +207,7 @@ def read_abaqus(path: Path, received: str) -> tuple[meshio.Mesh, np.ndarray, lis
 
 
 class _Deck:
-    """What the cards of an input file hold, by the numbers that the file has for nodes and elements."""
+    """Contents of the cards of an input file, by its numbers of nodes and elements."""
 
     def __init__(self, received: str) -> None:
         self._received = received

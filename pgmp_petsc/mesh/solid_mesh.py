@@ -1,8 +1,7 @@
-"""Meshes of plane and solid bodies: cells of one kind, with named groups of faces and named regions of cells.
+"""Meshes of plane and solid bodies: cells of one kind, with named groups of faces and named regions of cells; their
+faces and connected pieces; and the reference elements of these cells.
 
-Which nodes and faces the cells of a mesh have, and how they hang together.
-
-Reference elements: shape functions, quadrature and faces, in meshio's order of nodes. Shape functions and quadrature
+Reference elements have shape functions, quadrature and faces in meshio's order of nodes. Shape functions and quadrature
 come from scikit-fem. Its numbering of nodes is another one, so each node is found by its place in the reference cell,
 which is [0, 1]^d or the unit simplex in both.
 """

@@ -1,23 +1,20 @@
 """The full-order, the component and the reduced model of a scene behind one interface; simulations and ensembles use
-no other."""
+no other. A module is imported when a name of it is asked for: full-order runs do without reduced models."""
 
-from pgmp_petsc.models.full import ComponentModel, FullModel
-from pgmp_petsc.models.lengths import LengthLanes, SeparateLengths, of_samples
-from pgmp_petsc.models.model import Model, OutputRecord
-from pgmp_petsc.models.reduced import Observing, ReducedModel
+from importlib import import_module
+from typing import Any
 
-#: Models over interpolated tables: terms, outputs and displacements follow from reduced coordinates and parameters.
-Reduced = ReducedModel | LengthLanes
+_NAMES = {
+    "full": ("ComponentModel", "FullModel", "SeparateLengths"),
+    "lengths": ("LengthLanes", "Reduced", "of_samples"),
+    "model": ("Model", "OutputRecord"),
+    "reduced": ("Observing", "ReducedModel"),
+}
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
+__all__ = [*_MODULES]
 
-__all__ = [
-    "ComponentModel",
-    "FullModel",
-    "LengthLanes",
-    "Model",
-    "Observing",
-    "OutputRecord",
-    "Reduced",
-    "ReducedModel",
-    "SeparateLengths",
-    "of_samples",
-]
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

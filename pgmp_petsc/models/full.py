@@ -5,7 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import copy
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,18 +29,19 @@ from pgmp_petsc.mechanism.closure import LARGEST_GAP
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.models.model import Measures, Model, require_lengths, search_of, velocities_of
+from pgmp_petsc.models.model import TITLES, Measures, Model, require_lengths, search_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.outputs.rainflow import Counted
 from pgmp_petsc.ranks.petsc import options_of
-from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import uncertain_names
-from pgmp_petsc.scene.uses import offset_names
-from pgmp_petsc.stepping.second_order_system import Settled, State
+from pgmp_petsc.scene.uses import length_names, offset_names
+from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, Settled, State
 from pgmp_petsc.stepping.static_equilibrium import UNBALANCED, moved_along, require_balance, settle
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import FullFields
+    from pgmp_petsc.reduction.rom import Served
 
 
 SomeSystem = TypeVar("SomeSystem", FullBatch, FullDistributed)
@@ -53,7 +56,8 @@ class FullModel(Model):
     """
 
     name = "full"
-    title = "full-order"
+    title = TITLES[name]
+    on_ranks = True
     served: Mapping[str, Served] = {}  # any values of parameters
     in_joints = False  # whether samples in lanes are stepped in joint coordinates
     _varied: Collection[str] = ()  # parameters that samples differ in, besides those that the scene draws
@@ -409,7 +413,7 @@ class ComponentModel(FullModel):
     """
 
     name = "components"
-    title = "component"
+    title = TITLES[name]
     in_joints = True
 
     def __init__(
@@ -439,3 +443,80 @@ class ComponentModel(FullModel):
     def n_amplitudes(self) -> dict[str, int]:
         """Number of component modes of every flexible body."""
         return {body.name: body.n_amplitudes for body in self.kinematics.mechanism.bodies if body.n_amplitudes}
+
+
+@dataclass(frozen=True)
+class EvaluatedOutputs:
+    """Outputs that a model observes as they are; see `OutputSet`."""
+
+    units: dict[str, str]  # unit of every output
+    counts: Mapping[str, Counted]  # what is counted over a run, by the outputs' names
+    takes_beside: bool = False  # whether states are to bring forces of what is beside along
+
+    @property
+    def functions(self) -> dict[str, None]:
+        """The outputs' names: nothing is to be done for any."""
+        return dict.fromkeys(self.units)
+
+    def evaluate(self, observed: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the outputs, each of shape (n,), for what a model observes, shape (n_outputs, n)."""
+        return dict(zip(self.units, observed))
+
+
+class SeparateLengths(Model):
+    """Full-order or component samples one by one, each with a `model` of its own lengths; see `Model`."""
+
+    largest_batch, on_ranks = 1, True
+
+    def __init__(self, model: FullModel) -> None:
+        self.model = model
+        self.name, self.title, self.identity = model.name, model.title, model.identity
+        self.scene, self.kinematics, self.limited = model.scene, model.kinematics, model.limited
+        self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts)
+        self.lengths = length_names(model.scene)
+        self._models: WeakKeyDictionary[SecondOrderSystem, FullModel] = WeakKeyDictionary()
+        self._last: tuple[dict[str, float], FullModel] = {}, model
+
+    def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> SecondOrderSystem:
+        own = self._at({name: float(values[name][0]) for name in self.lengths})
+        system = own.batch(values, n_samples)
+        self._models[system] = own
+        return system
+
+    def single(self, values: Mapping[str, float], comm: Comm) -> SecondOrderSystem:
+        """Return one full-order sample on all ranks of `comm`; to be closed. Collective on `comm`."""
+        own = self._at({name: float(values[name]) for name in self.lengths})
+        system = own.single(values, comm)
+        self._models[system] = own
+        return system
+
+    def left_range(self, system: SecondOrderSystem, state: State) -> np.ndarray:
+        """See `FullModel`. Collective on the system's communicator."""
+        return self._models[system].left_range(system, state)
+
+    def observed_over(
+        self, system: SecondOrderSystem, states: State, times: Sequence[float], frames: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the outputs in states of the only sample, shape (n_outputs, n); see `FullModel.observed_over`."""
+        own = self._models[system]
+        return stacked(own.outputs.evaluate(own.observed_over(system, states, times, frames)), len(times))
+
+    def closes(self, values: Mapping[str, np.ndarray], alive: np.ndarray) -> np.ndarray:
+        """Return which samples, of those `alive`, shape (n,), have lengths of which a mechanism can be put together."""
+        closed = alive.copy()
+        for k in np.flatnonzero(alive):
+            try:
+                self._at({name: float(values[name][k]) for name in self.lengths})
+            except InputError:
+                closed[k] = False
+        return closed
+
+    def _at(self, lengths: dict[str, float]) -> FullModel:
+        if lengths != self._last[0]:  # a sample is looked at first, and tried again with smaller steps
+            self._last = lengths, self.model.at_lengths(self.scene.with_values(lengths))
+        return self._last[1]
+
+
+def stacked(outputs: Mapping[str, np.ndarray], n: int) -> np.ndarray:
+    """Return outputs (n,) as rows."""
+    return np.array(list(outputs.values())).reshape(len(outputs), n)

@@ -1,5 +1,5 @@
-"""Models whose samples have lengths, places and ratios of their own: full-order and component ones a mechanism each,
-reduced ones polynomials through the models at the points of a grid.
+"""Reduced models whose samples have lengths, places and ratios of their own: polynomials through the models at the
+points of a grid.
 
 What these models observe of a sample are its outputs: a deformation is against the rigid mechanism of its own lengths.
 """
@@ -7,22 +7,19 @@ What these models observe of a sample are its outputs: a deformation is against 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
+from dataclasses import replace
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.shape import at_lengths
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.mechanism.statements import ANGLE
-from pgmp_petsc.models.full import ComponentModel, FullModel
+from pgmp_petsc.models.full import ComponentModel, EvaluatedOutputs, FullModel, SeparateLengths, stacked
 from pgmp_petsc.models.model import Model
 from pgmp_petsc.models.reduced import Observing, ReducedModel, begun
 from pgmp_petsc.outputs.outputs import in_order
-from pgmp_petsc.outputs.rainflow import Counted
 from pgmp_petsc.outputs.readings import AnyReading, ModelReading, Needs, Rate
 from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.system import ReducedSystem
@@ -30,25 +27,7 @@ from pgmp_petsc.reduced.terms import ReducedTerms
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.scene.uses import length_names
-from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
-
-
-@dataclass(frozen=True)
-class EvaluatedOutputs:
-    """Outputs that a model observes as they are; see `OutputSet`."""
-
-    units: dict[str, str]  # unit of every output
-    counts: Mapping[str, Counted]  # what is counted over a run, by the outputs' names
-    takes_beside: bool = False  # whether states are to bring forces of what is beside along
-
-    @property
-    def functions(self) -> dict[str, None]:
-        """The outputs' names: nothing is to be done for any."""
-        return dict.fromkeys(self.units)
-
-    def evaluate(self, observed: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the outputs, each of shape (n,), for what a model observes, shape (n_outputs, n)."""
-        return dict(zip(self.units, observed))
+from pgmp_petsc.stepping.second_order_system import State
 
 
 def of_samples(model: Model, drawn: Iterable[str]) -> Model:
@@ -74,60 +53,6 @@ def why_of_one_mesh(scene: Scene, drawn: Iterable[str]) -> str:
         f"parameters.{meshed}: a body's length that is drawn; component modes are of one mesh, so take the "
         "reduced model (pgmp build) or --full, or give the length with --set or a number"
     )
-
-
-class SeparateLengths(Model):
-    """Full-order or component samples one by one, each with a `model` of its own lengths; see `Model`."""
-
-    largest_batch = 1
-
-    def __init__(self, model: FullModel) -> None:
-        self.model = model
-        self.name, self.title, self.identity = model.name, model.title, model.identity
-        self.scene, self.kinematics, self.limited = model.scene, model.kinematics, model.limited
-        self.outputs = EvaluatedOutputs(model.outputs.units, model.outputs.counts)
-        self.lengths = length_names(model.scene)
-        self._models: WeakKeyDictionary[SecondOrderSystem, FullModel] = WeakKeyDictionary()
-        self._last: tuple[dict[str, float], FullModel] = {}, model
-
-    def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> SecondOrderSystem:
-        own = self._at({name: float(values[name][0]) for name in self.lengths})
-        system = own.batch(values, n_samples)
-        self._models[system] = own
-        return system
-
-    def single(self, values: Mapping[str, float], comm: Comm) -> SecondOrderSystem:
-        """Return one full-order sample on all ranks of `comm`; to be closed. Collective on `comm`."""
-        own = self._at({name: float(values[name]) for name in self.lengths})
-        system = own.single(values, comm)
-        self._models[system] = own
-        return system
-
-    def left_range(self, system: SecondOrderSystem, state: State) -> np.ndarray:
-        """See `FullModel`. Collective on the system's communicator."""
-        return self._models[system].left_range(system, state)
-
-    def observed_over(
-        self, system: SecondOrderSystem, states: State, times: Sequence[float], frames: np.ndarray | None = None
-    ) -> np.ndarray:
-        """Return the outputs in states of the only sample, shape (n_outputs, n); see `FullModel.observed_over`."""
-        own = self._models[system]
-        return _stacked(own.outputs.evaluate(own.observed_over(system, states, times, frames)), len(times))
-
-    def closes(self, values: Mapping[str, np.ndarray], alive: np.ndarray) -> np.ndarray:
-        """Return which samples, of those `alive`, shape (n,), have lengths of which a mechanism can be put together."""
-        closed = alive.copy()
-        for k in np.flatnonzero(alive):
-            try:
-                self._at({name: float(values[name][k]) for name in self.lengths})
-            except InputError:
-                closed[k] = False
-        return closed
-
-    def _at(self, lengths: dict[str, float]) -> FullModel:
-        if lengths != self._last[0]:  # a sample is looked at first, and tried again with smaller steps
-            self._last = lengths, self.model.at_lengths(self.scene.with_values(lengths))
-        return self._last[1]
 
 
 class LengthLanes(Observing):
@@ -231,7 +156,7 @@ class LengthLanes(Observing):
         each = [member.outputs.evaluate(member.observed_of(time, states, values)) for member in self.members]
         found = blended(self._shares_of(values, n), each) | self.stressed(states, values)
         found = self.composed(found, time, values, n)
-        return _stacked({name: found[name] for name in self.outputs.units}, n)
+        return stacked({name: found[name] for name in self.outputs.units}, n)
 
     def stressed(self, states: State, values: Values) -> dict[str, np.ndarray]:
         """Return stress outputs, which need no other, each (n,); see `Observing`."""
@@ -283,6 +208,5 @@ def blended(shares: Iterable[np.ndarray | float], each: Sequence[Mapping[str, np
     return {name: sum(share * one[name] for share, one in zip(shares, each)) for name in each[0]}
 
 
-def _stacked(outputs: Mapping[str, np.ndarray], n: int) -> np.ndarray:
-    """Return outputs (n,) as rows."""
-    return np.array(list(outputs.values())).reshape(len(outputs), n)
+#: Models over interpolated tables: terms, outputs and displacements follow from reduced coordinates and parameters.
+Reduced = ReducedModel | LengthLanes

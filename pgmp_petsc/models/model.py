@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -22,15 +22,19 @@ from pgmp_petsc.outputs.joint_forces import carried_forces
 from pgmp_petsc.outputs.outputs import OutputSet, with_outputs
 from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.outputs.readings import AnyReading, Rate, Reading, Seen
-from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.outputs import OutputEntry
 from pgmp_petsc.scene.uses import length_names, velocity_names
 from pgmp_petsc.stepping.second_order_system import PooledObserver, SecondOrderSystem, State
 from pgmp_petsc.stepping.static_equilibrium import Search
 
+if TYPE_CHECKING:
+    from pgmp_petsc.reduction.rom import Served
+
 # an output below this share of the mechanism's size, of 1 rad, or of the stress of a strain of 1, is taken for zero
 ROUND_OFF = 1e-10
+#: What messages call the models, by their names.
+TITLES = {"full": "full-order", "components": "component", "reduced": "reduced"}
 
 
 class Model(Protocol):
@@ -43,6 +47,7 @@ class Model(Protocol):
     scene: Scene
     kinematics: RigidKinematics
     outputs: OutputSet
+    on_ranks: bool  # whether ranks share the unknowns of a single run
     largest_batch: int  # most samples that a batch has
     served: Mapping[str, Served]  # ranges of parameters that it was built for; empty where it serves any
     identity: str  # checksum of what the model is made of besides the scene's text: meshes, or a reduced model's tables

@@ -19,7 +19,7 @@ from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models.model import Measures, Model, require_lengths, search_of, velocities_of
+from pgmp_petsc.models.model import TITLES, Measures, Model, require_lengths, search_of, velocities_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.readings import AnyReading, Seen
@@ -52,6 +52,7 @@ class Observing(Model):
     `formulas` are outputs that are made once others are found, or what forces in joints are made of.
     """
 
+    on_ranks = False
     formulas: Mapping[str, AnyReading] = MappingProxyType({})
 
     def stressed(self, states: State, values: Values) -> dict[str, np.ndarray]:
@@ -88,7 +89,7 @@ class ReducedModel(Observing):
     """
 
     name = "reduced"
-    title = "reduced"
+    title = TITLES[name]
 
     def __init__(
         self,

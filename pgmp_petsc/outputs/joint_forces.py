@@ -119,7 +119,7 @@ def joints_of(scene: Scene) -> dict[str, str]:
 
 
 class OfDrive(OutputEntry):
-    """What a prescribed motion takes."""
+    """Force, torque or power of a prescribed motion."""
 
     reads = ("multipliers",)
     one_of = ("joint", "coordinate")
@@ -160,7 +160,7 @@ class OfDrive(OutputEntry):
         number = [one.name for one in every].index(wanted)
         reading = Reading.of_coordinate(every[number], kinematics) if self.with_rate else None
         nodes = reading.nodes if reading else frozenset()
-        return OfMotion(name, np.array([row]), nodes, self.with_rate, self, reading, number)
+        return OfPrescribed(name, np.array([row]), nodes, self.with_rate, self, reading, number)
 
 
 class DriveTorque(OfDrive):
@@ -346,7 +346,7 @@ class OfConnection(ForceOutput):
 
 @dataclass(frozen=True, eq=False)
 class Pull:
-    """What acts on what a joint releases, by a law."""
+    """A force in a direction that a joint releases, by a law."""
 
     action: Action
     readings: tuple[Reading, ...]  # of the terms of what the law is of
@@ -382,7 +382,7 @@ def acting(pulls: Sequence[Pull], seen: Seen) -> Iterator[tuple[Pull, np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class OfCoupling(ForceOutput):
-    """What a coupling does to the motion of one of its joints."""
+    """Force or torque of a coupling on the motion of one of its joints."""
 
     reading: Reading  # of the motion
     function: Function  # of the motion, in the coupling
@@ -430,8 +430,8 @@ def _motion(part: Statement, pair: tuple[Attachment, Attachment], mechanism: Mec
 
 
 @dataclass(frozen=True, eq=False)
-class OfMotion(ForceOutput):
-    """What a prescribed motion takes, or its power."""
+class OfPrescribed(ForceOutput):
+    """Force or torque of a prescribed motion, or its power."""
 
     speed: Reading | None  # of the coordinate, for the power
     coordinate: int  # its number
@@ -482,7 +482,7 @@ def force_outputs(scene: Scene, kinematics: RigidKinematics, start: np.ndarray) 
     found = tuple(
         entry.multiplied(name, kinematics) for name, entry in scene.outputs.items() if "multipliers" in entry.reads
     )
-    if any(output.rows.size for output in found if not isinstance(output, OfMotion)):
+    if any(output.rows.size for output in found if not isinstance(output, OfPrescribed)):
         _refuse_undetermined(found, kinematics, start)
     return found
 
@@ -516,7 +516,7 @@ def _refuse_undetermined(
     touched = np.abs(shares).max(axis=1) > UNDETERMINED
     sharing = [one.name for one in mechanism.holders if touched[_rows_of(mechanism, one.name)].any()]
     for output in outputs:
-        if isinstance(output, OfMotion) or not touched[output.rows].any():
+        if isinstance(output, OfPrescribed) or not touched[output.rows].any():
             continue
         if isinstance(output, OfCoupling):
             _refuse(f"{table}.{output.name}", sharing, "")

@@ -1,7 +1,4 @@
-"""Outputs that are read of the frames of nodes: angles, distances, places.
-
-The output of speeds: how fast a point moves along an axis, or a joint turns or slides.
-"""
+"""Outputs that are read of the frames of nodes: angles, distances, places, and speeds of points and in joints."""
 
 from __future__ import annotations
 
@@ -27,7 +24,7 @@ from pgmp_petsc.scene.uses import slides
 
 
 class FromOutside(OutputEntry):
-    """What may be seen from outside of a base that moves."""
+    """A place or speed that may be seen from outside of a base that moves."""
 
     absolute: bool = Field(
         False,
@@ -45,7 +42,7 @@ class FromOutside(OutputEntry):
 
 
 class OfStatement(OutputEntry):
-    """What is read of a statement about two frames, which `stated` returns: that on the motion in a joint."""
+    """The value of a statement about two frames, which `stated` returns: by default the motion in a joint."""
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
         return _measured(self.stated(name, kinematics.mechanism), kinematics)
@@ -109,7 +106,7 @@ class Rotation(OutputEntry):
 
 
 class AlongAxis(OutputEntry):
-    """What is read of a point along an axis."""
+    """A coordinate of a point along an axis."""
 
     point: Point = Field(description='point of a body, "body:point"')
     axis: Axis = Field(description="x or y, in space also z")
@@ -117,7 +114,7 @@ class AlongAxis(OutputEntry):
 
 
 class OnTheGround(FromOutside, AlongAxis):
-    """What is read of a point along an axis of the ground, whose points go along where a base moves."""
+    """A coordinate of a point along an axis of the ground, whose points move with the base."""
 
     reads = ("frames", "time", "parameters")
 

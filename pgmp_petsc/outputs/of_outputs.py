@@ -47,7 +47,7 @@ CORNERS = ("abs", "sign", "min", "max", "where", "<", ">", "atan2")  # where a f
 
 
 class Expression(Protocol):
-    """What a controller measures, made of motions; its law prints it."""
+    """A measure of a controller, made of motions; its law prints it."""
 
     parameters: tuple[str, ...]  # of the scene, that it names
 
@@ -159,7 +159,7 @@ class FormulaOfOutputs(OutputEntry):
 
     def uses(self, scene: Scene, entry: str) -> Iterator[Use]:
         used = self._named(scene)
-        yield from (Use(f"{entry}.formula.{name}", name, "any", ()) for name in scene.parameters if name in used)
+        yield from (Use(f"{entry}.formula.{name}", name) for name in scene.parameters if name in used)
 
     def _named(self, scene: Scene) -> set[str]:
         try:

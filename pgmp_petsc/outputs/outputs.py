@@ -88,7 +88,7 @@ class OutputSet:
 
     @property
     def counts(self) -> dict[str, Counted]:
-        """What is counted over a run, by the outputs' names."""
+        """Readings that are counted over a run, by the outputs' names."""
         return {name: self.functions[name] for name in self.counted}
 
     def near(self, observed: np.ndarray) -> Callable[[np.ndarray], dict[str, np.ndarray]]:

@@ -60,8 +60,8 @@ class Curve(Table):
     def check_entries(self) -> None:
         for key in ("reference", "cycles"):
             if (getattr(self, key) is None) != (self.table is not None):
-                given = "not given beside a table" if self.table is not None else "missing: a curve has exponent, "
-                raise refusal(given if self.table is not None else f"{given}reference and cycles, or a table", key)
+                missing = "missing: a curve has exponent, reference and cycles, or a table"
+                raise refusal("not given beside a table" if self.table is not None else missing, key)
         for (low, many), (high, few) in pairwise(self.table or ()):
             if not (0.0 < low < high and many > few > 0.0):
                 raise refusal(
@@ -93,9 +93,7 @@ class Rainflow(OutputEntry):
     )
 
     def measured(self, entry: str) -> Iterator[Use]:
-        for k in range(len(self.curve.table or ())):
-            yield Use(f"{entry}.curve.table[{k}][0]", 0.0, "any", ("Pa",))
-            yield Use(f"{entry}.curve.table[{k}][1]", 0.0, "any", ("1",))
+        return Use.of_rows(f"{entry}.curve.table", self.curve.table, "Pa", "1")
 
     def check_entries(self) -> None:
         if (self.mean_stress == "goodman") != (self.ultimate is not None):

@@ -39,7 +39,7 @@ Jet = list[np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What a model shows of a motion at n instants."""
+    """A motion at n instants, as a model shows it."""
 
     frames: tuple[Frames, ...]  # of nodes, and as far as outputs read them their rates and accelerations (n_pose, n)
     rigid: RigidReference | None = None  # the rigid mechanism that deformations are taken from
@@ -65,7 +65,7 @@ class Base(NamedTuple):
 
 @dataclass(frozen=True)
 class Needs:
-    """What a reading takes: besides others the time, and the motion of the base."""
+    """Parts of a motion that a reading takes."""
 
     nodes: frozenset[int] = frozenset()  # whose frames are read
     of_coordinates: frozenset[int] = frozenset()  # of these, at which the rigid mechanism of deformations is measured
@@ -80,7 +80,7 @@ class Needs:
 
 
 class AnyReading(Protocol):
-    """What outputs are made of."""
+    """A reading: value and derivatives over time of a part of a motion."""
 
     needs: Needs
 
@@ -117,6 +117,10 @@ class Reading:
             raise ValueError(f"a reading is of {', '.join(kinds)}, and not {self.kind!r}")
         if len(self.sides) != n_sides or (self.kind == "MEASURE") != (self.statement is not None):
             raise ValueError(f"{self.kind} is read of {n_sides} of the sides, and a statement of two of MEASURE")
+        if all(side.on_ground for side in self.sides):
+            raise ValueError("all that it reads is fixed to the ground")
+        if not isinstance(self.statement, Statement | None):
+            raise TypeError(f"a reading is of a Statement, and not a {type(self.statement).__name__}; a Combined adds")
         if self.statement is not None and self.statement.axes.shape[1] != self.space.dimension:
             raise ValueError("directions have 2 numbers in the plane, 3 in space; space is that of the mechanism")
 
@@ -223,7 +227,7 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class OfReading:
-    """What is read of another reading, as which it is where a kind of these does not say otherwise."""
+    """A reading of another one, and the same as that where subclasses do not say otherwise."""
 
     of: AnyReading
 

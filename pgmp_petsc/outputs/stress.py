@@ -2,8 +2,6 @@
 
 Every model knows the strains in its own way (`models.stresses`): from the positions of a mesh, or as a constant linear
 map of the coordinates that a body is condensed to. From there on all is the same.
-
-The output of stresses and section forces, which models observe of their own strains (`models.stresses`).
 """
 
 from __future__ import annotations

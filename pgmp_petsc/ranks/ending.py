@@ -27,16 +27,18 @@ import os
 import re
 import shutil
 import signal
-import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, NoReturn, TextIO
+from typing import IO, TYPE_CHECKING, NoReturn, TextIO
 
 from pgmp_petsc.base.progress import clear_beat
 from pgmp_petsc.base.surroundings import Comm
+
+if TYPE_CHECKING:
+    import subprocess
 
 ENDING = (signal.SIGTERM, signal.SIGUSR1)
 FLUSH_SECONDS = 0.5  # mpirun kills a second after SIGTERM
@@ -264,6 +266,8 @@ def child(
     `seconds` it may take, by the clock and of the processor; None where its work has no bound of its own. Streams are
     as of `subprocess.Popen`; nothing is read, and nothing kept, where one is not given.
     """
+    import subprocess  # a noticeable time, and few commands have children
+
     given = {name: streams.get(name, subprocess.DEVNULL) for name in ("stdin", "stdout", "stderr")}
     limit = "0" if seconds is None else str(max(1, round(seconds)))
     guarded = [sys.executable, "-I", "-S", "-c", _GUARD, str(os.getpid()), limit, *map(os.fspath, command)]
@@ -279,6 +283,8 @@ def run_child(
     command: Sequence[str | os.PathLike[str]], seconds: float, cwd: Path | None = None
 ) -> subprocess.CompletedProcess[bytes]:
     """Run a program to its end and return its status and what it printed; `TIME_IS_OVER` where it was ended."""
+    import subprocess  # as above
+
     with child(command, seconds, cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         out, err = process.communicate()
     return subprocess.CompletedProcess(command, process.returncode, out, err)

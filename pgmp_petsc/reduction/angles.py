@@ -1,4 +1,4 @@
-"""Which angles a build adds to those it begins with, and how far stress outputs are off by those it has.
+"""Angles that a build adds to those it begins with, and errors of stress outputs by interpolation between them.
 
 With a tolerance, each coordinate has further angles: after each round the tables that were interpolated before are
 compared with the samples that came since, and where they differ by more, both halves of the interval are sampled in the

@@ -136,7 +136,7 @@ class _Way:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What the build of one mechanism found; joined samples and basis on the first rank, None elsewhere."""
+    """Result of the build of one mechanism; joined samples and basis on the first rank, None elsewhere."""
 
     samples: SampleGrid
     joined: JoinedSamples | None

@@ -1,15 +1,16 @@
-"""Vectors times interpolated matrices at many configurations, compiled, LANES of one cell side by side.
+"""Piecewise cubics on a uniform grid, and vectors times matrices that they interpolate; compiled.
+
+At many configurations, LANES of one cell are computed side by side,
 
     y_k = sum_r w_r(theta_k) f_k T_r
 
 with the rows T_r of a table that belong to the cell of theta_k, and the weights of `stencil`, on a tensor grid products
 of one along each axis. Where a cell has many configurations, each row is loaded once for LANES of them.
 
-Piecewise cubics on a uniform grid, as weighted sums of four rows of a table; compiled.
-
-Two bases: ``OVERHAUSER``, the cubic Hermite polynomial with central-difference tangents (Naets et al. 2015, eqs.
-(18)-(20)), whose rows are the samples themselves, and ``B_SPLINE``, whose rows are the coefficients of uniform cubic
-B-splines. Everything that interpolates uses `stencil`, in Python and in the integrator's kernel alike.
+Along an axis a value is a weighted sum of four rows of the table, in one of two bases: ``OVERHAUSER``, the cubic
+Hermite polynomial with central-difference tangents (Naets et al. 2015, eqs. (18)-(20)), whose rows are the samples
+themselves, and ``B_SPLINE``, whose rows are the coefficients of uniform cubic B-splines. Everything that interpolates
+uses `stencil`, in Python and in the integrator's kernel alike.
 """
 
 from __future__ import annotations

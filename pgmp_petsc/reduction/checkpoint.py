@@ -1,4 +1,4 @@
-"""What is finished of work on a scene and its meshes, in a folder beside the result, for a run that is resumed.
+"""Finished work on a scene and its meshes, in a folder beside the result, for a run that is resumed.
 
 Of a build, condensed bodies and configurations. The first rank of a group writes what its group has finished, so that
 nobody waits for another; all ranks read what is there, whatever the number of ranks that wrote it. Configurations are

@@ -223,12 +223,12 @@ class Served:
 
     @property
     def range(self) -> str:
-        """What is served, in messages."""
+        """The range that is served, in messages."""
         return self.between(self.low, self.high)
 
     @property
     def limits(self) -> str:
-        """What is not refused, in messages."""
+        """The range that is not refused, in messages."""
         return self.between(self.least, self.most)
 
     @property
@@ -348,6 +348,6 @@ def _of_parameter(name: str, served: Served, scene: Scene) -> Iterator[str]:
 
 def _share(parameter: Parameter, low: float, high: float) -> float:
     """Return the share of a distribution, truncated to its bounds, between two numbers."""
-    law, (least, most) = parameter.distribution.law, parameter.bounds or (-np.inf, np.inf)
-    below = share_below(law)  # values at the ends are between them
-    return max(float(law.cdf(min(high, most)) - below(max(low, least))), 0.0) / float(law.cdf(most) - below(least))
+    drawn, (least, most) = parameter.distribution.frozen, parameter.bounds or (-np.inf, np.inf)
+    below = share_below(drawn)  # values at the ends are between them
+    return max(float(drawn.cdf(min(high, most)) - below(max(low, least))), 0.0) / float(drawn.cdf(most) - below(least))

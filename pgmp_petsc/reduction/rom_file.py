@@ -319,7 +319,7 @@ class BodyFile(Record):
 
     @property
     def _sources(self) -> tuple[Record | None, ...]:
-        """What a body may be made of, of which it has one."""
+        """Sources of a body, of which it has one."""
         return self.line, self.component
 
     @property
@@ -353,7 +353,7 @@ class BodyFile(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Tabulated(Record):
-    """What a reduced model and its file have alike."""
+    """Entries that a reduced model and its file share."""
 
     n_redundant: int = attribute("@n_redundant", about="redundant constraints that were dropped")
     indefinite: str = attribute(

@@ -1,4 +1,4 @@
-"""Where the configurations of a mechanism are sampled: a tensor grid, one axis for each rigid coordinate; and the
+"""Sampled configurations of a mechanism: a tensor grid, one axis for each rigid coordinate; and the
 points of the parameter space at which a basis takes further modes.
 
 Lengths are sampled at Chebyshev points, n along each, between which a quantity f is, in two forms,
@@ -272,7 +272,7 @@ class LengthGrid(Record):
 
     @property
     def places(self) -> tuple[Place, ...]:
-        """Where each length is in its range."""
+        """The place of each length in its range."""
         ends = zip(self.names, self.lower.tolist(), self.upper.tolist())
         return tuple(Place(name, 0.5 * (low + high), 0.5 * (high - low)) for name, low, high in ends)
 

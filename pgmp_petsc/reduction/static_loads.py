@@ -191,7 +191,7 @@ class InfluenceProbe:
 
 
 class BuiltInStress:
-    """What the stress that joints that are off build in adds to the stiffness of modes. Collective on the problem's
+    """Stiffness by the stress that joints build in where they are off, for modes. Collective on the problem's
     communicator.
 
     The problem is at the nominal parameters; the third derivative of its bodies' strain energy is known. Scene and

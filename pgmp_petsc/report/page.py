@@ -21,7 +21,6 @@ import numpy as np
 
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, counted, visible
-from pgmp_petsc.base.plugins import plugins_of
 from pgmp_petsc.base.units import behind
 from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.figures.ensembles import values_of
@@ -202,19 +201,19 @@ def _parameters(scene: Mapping[str, Any], source: Source) -> Table:
         entry = scene.get("parameters", {}).get(name, {})
         factor, shown = axis_unit(str(entry.get("unit", "1")), np.array([value]))
         shown = behind(shown)
-        law = entry.get("distribution")
+        drawn_from = entry.get("distribution")
         drawn = "fixed"
-        if isinstance(law, dict):
+        if isinstance(drawn_from, dict):
             arguments = ", ".join(
                 f"{len(item)} {'distributions' if key == 'of' else key}"
                 if isinstance(item, list)
                 else f"{key} = {factor * item:.6g}{shown}"
                 if key in ("loc", "scale")
                 else f"{key} = {item:g}"
-                for key, item in law.items()
+                for key, item in drawn_from.items()
                 if isinstance(item, (int, float, list))
             )
-            drawn = f"{law.get('name', '')}({arguments})"
+            drawn = f"{drawn_from.get('name', '')}({arguments})"
         bounds = entry.get("bounds")
         if bounds:
             drawn += f", from {factor * bounds[0]:.6g} to {factor * bounds[1]:.6g}{shown}"
@@ -490,7 +489,7 @@ def _origins(sources: Sequence[Source]) -> Table:
     for source in sources:
         kind, model = KINDS[source.result.kind], getattr(source.result, "model", "")
         seed, of = source.record.seed, f", {MODELS[model]}" if model else ""
-        written = ", ".join([f"pgmp {source.program}", *plugins_of(source.record.scene_toml)])
+        written = ", ".join([f"pgmp {source.program}", *source.record.plugins])
         told = source.name, f"{kind}{of}", written, str(source.record.ranks), seed
         rows.append([["" if text is None else str(text)] for text in told])
     return Table(["file", "what it is", "written by", "ranks", "seed"], rows)
@@ -560,7 +559,7 @@ def _of_scene(sources: Sequence[Source], ending: str) -> list[str]:
         else:
             values = "".join(f" --set {name}={value!r}" for name, value in result.record.parameters.items())
             found.append(f"pgmp simulate {model}{values} -o {target}")
-    files = [name for name in plugins_of(sources[0].record.scene_toml) if name.endswith(".py")]
+    files = [name for name in sources[0].record.plugins if name.endswith(".py")]
     given = "".join(f" --plugin {shlex.quote(name)}" for name in files)
     return [re.sub(r"(?=  # | > |$)", lambda _: given, command, count=1) for command in found]
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from pgmp_petsc.declare.ideas import CONTROLLERS, Found, refuse
+from pgmp_petsc.declare.ideas import CONTROLLERS, Found, blaming, refuse
 from pgmp_petsc.scene.fields import (
     AnyScene,
     LoadHarmonic,
@@ -36,7 +36,7 @@ MOST_SAMPLED = 2**14  # steps of the coarsest run that a tolerance tries
 
 
 class Setpoint(Table):
-    """What a measure is to be: a number, or over time."""
+    """The wanted value of a measure: a number, or over time."""
 
     one_of = ("constant", "table", "harmonic")
     constant: NumberOrParameter | None = Field(
@@ -86,8 +86,6 @@ class ControllerEntry(Table):
     )
     #: Motions of which the joint that it acts on leaves one free.
     joints: ClassVar[tuple[str, ...]] = ("turning", "sliding")
-    #: Whether it takes the rate of its measure.
-    needs_rate: ClassVar[bool] = True
 
     @field_validator("limits", mode="before")
     @classmethod
@@ -114,6 +112,12 @@ class ControllerEntry(Table):
         raise NotImplementedError
 
     @property
+    def needs_rate(self) -> bool:
+        """Whether it takes the rate of its measure."""
+        with blaming(type(self)):
+            return self.law().reads("rate")
+
+    @property
     def measured(self) -> dict[str, str]:
         """The outputs that it measures, by their names in the law."""
         return {"y": self.measures}
@@ -129,9 +133,9 @@ class ControllerEntry(Table):
     def uses(self, entry: str) -> Iterator[Use]:
         """Yield the entries that may name a parameter; a controller's may be of any unit."""
         if self.reference.constant is not None:
-            yield Use(f"{entry}.reference", self.reference.constant, "any", ())
+            yield Use(f"{entry}.reference", self.reference.constant)
         for k, limit in enumerate(self.limits or ()):
-            yield Use(f"{entry}.limits[{k}]", limit, "any", ())
+            yield Use(f"{entry}.limits[{k}]", limit)
 
     def references(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         """Yield in which unit a value of its reference is, where that is not any."""
@@ -152,7 +156,7 @@ def controller_problems(scene: AnyScene) -> Iterator[str]:
         yield from motion_problems(scene, entry, one, one.joints)
         for key, output in one.measured.items():
             where = "measures" if isinstance(one.measures, str) else f"measures.{key.removeprefix(OWN)}"
-            yield from _measure(scene, f"{entry}.{where}", output, one.needs_rate)
+            yield from _measure(scene, f"{entry}.{where}", output, one)
         yield from _sampling(scene, entry, one)
         yield from one.problems(scene, name)
         if scene.initial.coordinates == "free":
@@ -160,7 +164,7 @@ def controller_problems(scene: AnyScene) -> Iterator[str]:
             yield problem("initial.coordinates", f"with {entry}: {words}", "free")
 
 
-def _measure(scene: AnyScene, entry: str, measured: str, needs_rate: bool) -> Iterator[str]:
+def _measure(scene: AnyScene, entry: str, measured: str, controller: ControllerEntry) -> Iterator[str]:
     if measured not in scene.outputs:
         yield unknown(entry, "output", measured, scene.outputs)
     elif circle_of(scene, measured):
@@ -169,8 +173,9 @@ def _measure(scene: AnyScene, entry: str, measured: str, needs_rate: bool) -> It
         order, alone = scene.outputs[measured].derivatives_in(scene), models_alone(scene, measured)
         what = "stresses or forces" if alone else "accelerations" if order > 1 else "speeds, and its rate accelerations"
         cure = "measure a place, an angle or a speed"
-        cure = cure if alone or order > 1 else "give a gain d a filter, or leave it out"
-        if alone or order + needs_rate > 1:
+        if order == 1:
+            cure = "measure a place or an angle, or do without its rate (give a gain d a filter)"
+        if alone or order > 1 or order == 1 and controller.needs_rate:
             why = f"reads {what}, which hang on the controller's own force at the same instant"
             yield problem(entry, f"outputs.{measured} {why}; {cure}", measured)
 

@@ -184,7 +184,7 @@ def _check(cls: type[EffectEntry]) -> None:
 
 
 class ActionMismatch(InputError):
-    """What acts does not fit its law, or what it is about."""
+    """An action does not fit its law, or its points."""
 
 
 def _try_forces(cls: type[EffectEntry]) -> None:
@@ -203,7 +203,7 @@ def _try_forces(cls: type[EffectEntry]) -> None:
 
 
 class OverTime(EffectEntry):
-    """What acts with a given strength over time."""
+    """An effect with a given strength over time."""
 
     acts = "forces"
     one_of = ("table", "harmonic")
@@ -249,8 +249,7 @@ class OverTime(EffectEntry):
     def measured(self, scene: AnyScene, entry: str) -> Iterator[Use]:
         """Yield the times of a table, or where its rows are along the motion of a joint."""
         unit = "s" if self.is_over_time else "m" if motion_over(scene, self) == "sliding" else "rad"
-        for row in range(len(self.table or ())):
-            yield Use(f"{entry}.table[{row}][0]", 0.0, "any", (unit,))
+        return Use.of_rows(f"{entry}.table", self.table, unit)
 
     def check_entries(self) -> None:
         if isinstance(self.scale, str) and self.parameters_over_time:
@@ -266,7 +265,7 @@ OverMotion = Annotated[
 
 
 class OnJoint(EffectEntry):
-    """What acts on the motion in a joint."""
+    """An effect on the motion in a joint."""
 
     acts = "forces"
     joints = ("turning", "sliding")
@@ -319,7 +318,7 @@ class AddedMass(EffectEntry):
 
 
 class Driving(EffectEntry):
-    """What moves a coordinate as given, whatever it takes."""
+    """An effect that moves a coordinate as given, whatever force it takes."""
 
     coordinate: str
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeGuard, TypeVar, get_args
 
 from pydantic import (
@@ -179,14 +179,20 @@ def tried(table: type[Table]) -> Any:
 
 @dataclass(frozen=True)
 class Use:
-    """One entry that may name a parameter."""
+    """One entry that may name a parameter, or whose unit alone is told."""
 
     entry: str  # dotted name
-    value: float | str  # what it holds
-    sign: Sign  # which numbers make sense
+    value: float | str = 0.0  # what it holds
+    sign: Sign = "any"  # which numbers make sense
     #: what it is in, any of them; "1" is without a unit, none is any unit. The factor of a table is without one, or has
     #: the table's.
-    units: tuple[str, ...]
+    units: tuple[str, ...] = ()
+
+    @classmethod
+    def of_rows(cls, entry: str, rows: Rows | None, *units: str) -> Iterator[Self]:
+        """Yield the entries of a table's rows, as many columns as have units; none where there is no table."""
+        for row, column in product(range(len(rows or ())), range(len(units))):
+            yield cls(f"{entry}[{row}][{column}]", units=(units[column],))
 
     @property
     def parameter(self) -> str | None:

@@ -86,7 +86,8 @@ class Elastic(Table):
 
     @property
     def structure(self) -> tuple[Any, ...]:
-        """What tables are made of: the axes, and which directions are rigid, held by a spring or damper, or by none."""
+        """Entries that a built model depends on: the axes, and which directions are rigid, held by a spring or damper,
+        or by none."""
         keys = chain(*DAMPED_BY.items())
         return self.reference, *(tuple(x if x in (0.0, math.inf) else 1.0 for x in getattr(self, key)) for key in keys)
 
@@ -158,7 +159,7 @@ class Clearance(Table):
 
     @property
     def structure(self) -> tuple[Any, ...]:
-        """What a built model is made of: that there is a clearance, and whether it rubs."""
+        """Entries that a built model depends on: that there is a clearance, whether it rubs, and its damping."""
         return ("clearance", bool(self.friction), self.damping)
 
     def problems(self, scene: AnyScene, entry: str) -> Iterator[str]:
@@ -428,8 +429,8 @@ class ElasticCoupling(Table):
 
 @dataclass(frozen=True)
 class Share:
-    """What the motion of one joint has in a coupling: a factor, a number or a parameter's name, times a number, and the
-    points of a spline (rad, and rad or m) that both are of, where they are not of the motion itself."""
+    """The share of the motion of one joint in a coupling: a factor, a number or a parameter's name, times a number, and
+    the points of a spline (rad, and rad or m) that both are of, where they are not of the motion itself."""
 
     joint: str
     motion: str | None  # turning or sliding; None where the joint has both and the scene says neither

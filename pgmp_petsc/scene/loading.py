@@ -113,14 +113,14 @@ def _beside(path: Path) -> str:
     return f"{nearest_name(path.name, beside)} in {path.parent}" if beside else ""
 
 
-def _read_law(law: object, entry: str, directory: Path, own: object, system: UnitSystem) -> None:
-    if not isinstance(law, dict):
+def _read_values(drawn: object, entry: str, directory: Path, own: object, system: UnitSystem) -> None:
+    if not isinstance(drawn, dict):
         return
-    if isinstance(law.get("values"), str):
-        law["values"] = _numbers_of(law["values"], f"{entry}.values", directory, own, system)
-    parts = law.get("of")
+    if isinstance(drawn.get("values"), str):
+        drawn["values"] = _numbers_of(drawn["values"], f"{entry}.values", directory, own, system)
+    parts = drawn.get("of")
     for number, part in enumerate(parts if isinstance(parts, list) else ()):
-        _read_law(part, f"{entry}.of[{number}]", directory, own, system)
+        _read_values(part, f"{entry}.of[{number}]", directory, own, system)
 
 
 def _numbers_of(name: str, entry: str, directory: Path, own: object, system: UnitSystem) -> list[float]:
@@ -295,7 +295,7 @@ def scene_from_tables(
     add_field_parameters(data)
     for name, parameter in raw_tables(data, "parameters").items():
         entry = f"parameters.{name}.distribution"
-        _read_law(parameter.get("distribution"), entry, directory, parameter.get("unit"), system)
+        _read_values(parameter.get("distribution"), entry, directory, parameter.get("unit"), system)
     given = convert_parameters(data, system)
     apply_settings(data, settings, system)  # after the conversion: they are in the scene's units
     context = {"directory": directory, "units": given, "system": system, "raw": data}

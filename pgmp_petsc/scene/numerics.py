@@ -145,7 +145,7 @@ class Reduction(Table):
 
 
 class InitialState(Table):
-    """Where a coordinate starts."""
+    """Position and velocity of a coordinate at the start."""
 
     position: Annotated[
         AngleOrPlace,
@@ -232,7 +232,7 @@ class Simulation(Table):
 
 
 class Reference(Table):
-    """What tolerances and the trade-off measure errors against."""
+    """The model that tolerances and the trade-off measure errors against."""
 
     model: Literal["auto", "mesh", "components"] = Field(
         "auto",
@@ -288,7 +288,7 @@ class Event(Table):
 
     @property
     def extreme(self) -> str:
-        """Which extreme over time is the nearest to the event, or the farthest in it: ``max`` or ``min``."""
+        """The extreme over time that is nearest to the event, or farthest in it: ``max`` or ``min``."""
         return "min" if self.above is None else "max"
 
 

@@ -29,6 +29,7 @@ import numpy as np
 from pydantic import ConfigDict, Field
 
 from pgmp_petsc.base.errors import nearest_name
+from pgmp_petsc.scene.distributions import Discrete, Empirical, Mixture, Normal, Uniform, quick
 from pgmp_petsc.scene.fields import (
     AnyScene,
     Integer,
@@ -42,7 +43,6 @@ from pgmp_petsc.scene.fields import (
     raw_tables,
     refusal,
 )
-from pgmp_petsc.scene.laws import Discrete, Empirical, Mixture, Normal, Uniform, quick
 from pgmp_petsc.scene.messages import problem, unknown
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 POINTS = 200  # of Gauss's quadrature over probabilities
 
 
-#: Laws of our own: the key that each needs, and all that it has.
+#: Distributions of our own: the key that each needs, and all that it has.
 OWN = {
     "discrete": ("values", ("values", "weights")),
     "empirical": ("values", ("values",)),
@@ -61,7 +61,7 @@ OWN = {
 }
 FEWEST = {"discrete": 1, "empirical": 2, "mixture": 1}
 MOST_VALUES = 10_000  # every file carries them
-SIMPLE = {"norm": Normal, "uniform": Uniform}  # laws without shapes
+SIMPLE = {"norm": Normal, "uniform": Uniform}  # without shapes
 
 
 class Distribution(Table):
@@ -98,16 +98,15 @@ class Distribution(Table):
             takes.append(f"{len(self.values)} values from {min(self.values):g} to {max(self.values):g}")
         return f"{self.name}({', '.join(takes)})"
 
-    def frozen(self) -> rv_frozen:
-        """Return the scipy.stats distribution with its arguments fixed."""
+    def _of_scipy(self) -> rv_frozen:
         return _continuous(self.name)(**self.arguments)
 
     @property
-    def law(self) -> Normal | Uniform | Discrete | Empirical | Mixture | rv_frozen:
-        """The distribution for whoever asks for its median, for shares below and above a number, and the reverse."""
+    def frozen(self) -> Normal | Uniform | Discrete | Empirical | Mixture | rv_frozen:
+        """The distribution with its arguments fixed: its median, shares below and above numbers, and the reverse."""
         if self.name in OWN:
             return self._own
-        return self._simple or quick(self.frozen())
+        return self._simple or quick(self._of_scipy())
 
     @property
     def is_continuous(self) -> bool:
@@ -116,23 +115,23 @@ class Distribution(Table):
 
     @property
     def _own(self) -> Discrete | Empirical | Mixture:
-        """The law of one that scipy.stats has no name for."""
+        """One that scipy.stats has no name for."""
         n = len(self.of if self.name == "mixture" else self.values)
         weights = np.ones(n) if self.weights is None else np.array(self.weights)
         if self.name == "mixture":
-            return Mixture([one.law for one in self.of], weights)
+            return Mixture([one.frozen for one in self.of], weights)
         values = np.array(self.values)
         return Discrete(values, weights) if self.name == "discrete" else Empirical(values)
 
     @property
     def support(self) -> tuple[float, float]:
         """Smallest and largest value; infinite where there is none."""
-        low, high = (self._own if self.name in OWN else self._simple or self.frozen()).support()
+        low, high = (self._own if self.name in OWN else self._simple or self._of_scipy()).support()
         return float(low), float(high)
 
     @property
     def _simple(self) -> Normal | Uniform | None:
-        """The law where scipy.stats need not be asked whether its arguments are fine."""
+        """One of which scipy.stats need not be asked whether its arguments are fine."""
         arguments = {"loc": 0.0, "scale": 1.0} | self.arguments
         fine = len(arguments) == 2 and np.isfinite(list(arguments.values())).all() and arguments["scale"] > 0.0
         return SIMPLE[self.name](**arguments) if fine and self.name in SIMPLE else None
@@ -160,7 +159,7 @@ class Distribution(Table):
                 raise refusal(f"missing; {self.name} needs the shape parameters {', '.join(shapes)}", key)
         if self.arguments.get("scale", 1.0) <= 0.0:
             raise refusal("a positive number is needed", "scale")
-        if np.isnan(self.frozen().support()).any():
+        if np.isnan(self._of_scipy().support()).any():
             raise refusal(f"scipy.stats refuses these arguments of {self.name}")
 
     def _check_own(self, needed: str, allowed: tuple[str, ...]) -> None:
@@ -209,25 +208,25 @@ class Parameter(Table):
         ``F^-1(F(low) + p (F(high) - F(low)))`` at probabilities of any shape, 0 to 1; where the bounds lie above the
         median by the probabilities of larger values, as those of smaller ones are 1 to round-off in the upper tail.
         """
-        law, (low, high) = self.distribution.law, self._limits
-        low, below = max(low, at_least), share_below(law)
-        if law.cdf(low) > 0.5 and not isinstance(law, (Discrete, Empirical, Mixture)):
-            values = law.isf(law.sf(low) - probabilities * (law.sf(low) - law.sf(high)))
+        drawn, (low, high) = self.distribution.frozen, self._limits
+        low, below = max(low, at_least), share_below(drawn)
+        if drawn.cdf(low) > 0.5 and not isinstance(drawn, (Discrete, Empirical, Mixture)):
+            values = drawn.isf(drawn.sf(low) - probabilities * (drawn.sf(low) - drawn.sf(high)))
         else:
-            values = law.ppf(below(low) + probabilities * (law.cdf(high) - below(low)))
+            values = drawn.ppf(below(low) + probabilities * (drawn.cdf(high) - below(low)))
         return np.clip(values, low, high)
 
     @property
     def cut_off(self) -> tuple[float, float]:
         """The shares of the distribution that the bounds cut off, below and above."""
-        law, (low, high) = self.distribution.law, self._limits
-        return float(share_below(law)(low)), float(law.sf(high))
+        drawn, (low, high) = self.distribution.frozen, self._limits
+        return float(share_below(drawn)(low)), float(drawn.sf(high))
 
     @property
     def deviation(self) -> float:
         """The standard deviation of the distribution, truncated to its bounds; of truncated ones to some 1e-4 of it."""
         if sum(self.cut_off) < 1e-9:
-            return float(self.distribution.law.std())
+            return float(self.distribution.frozen.std())
         places, weights = np.polynomial.legendre.leggauss(POINTS)
         values = self.quantiles(0.5 * (places + 1.0))
         mean = 0.5 * weights @ values
@@ -240,8 +239,8 @@ class Parameter(Table):
     @property
     def range(self) -> tuple[float, float]:
         """Smallest and largest value by its bounds and its distribution; infinite where neither says an end."""
-        (low, high), law = self._limits, self.distribution
-        least, most = (low, high) if law is None else law.support
+        (low, high), drawn = self._limits, self.distribution
+        least, most = (low, high) if drawn is None else drawn.support
         return max(low, least), min(high, most)
 
     def check_entries(self) -> None:
@@ -255,8 +254,8 @@ class Parameter(Table):
                 raise refusal(f"must lie inside {bounds}", key)
         if self.distribution is None:
             return
-        law = self.distribution.law
-        below, above = (share_below(law)(low), law.cdf(high)), (law.sf(low), law.sf(high))
+        drawn = self.distribution.frozen
+        below, above = (share_below(drawn)(low), drawn.cdf(high)), (drawn.sf(low), drawn.sf(high))
         if not max(below[1] - below[0], above[0] - above[1]) > 0.0:
             raise refusal(f"gives no samples inside {bounds}", "distribution")
         # scipy.stats counts the turns of circular distributions, such as vonmises: no truncation can draw from that
@@ -266,9 +265,9 @@ class Parameter(Table):
             raise refusal(f"has {shares} {why}; take narrower bounds, or another distribution", "distribution")
 
 
-def share_below(law: object) -> Callable[[float], float]:
+def share_below(frozen: object) -> Callable[[float], float]:
     """Return the function of the shares below numbers, which of continuous distributions is that up to them."""
-    return getattr(law, "below", law.cdf)
+    return getattr(frozen, "below", frozen.cdf)
 
 
 def _continuous(name: str) -> rv_continuous:
@@ -412,11 +411,11 @@ class RandomField(Table):
 
     def parameter(self, name: str, number: int) -> dict[str, Any]:
         """Return the raw table of a parameter, counted from 1, of the field of some name."""
-        law = {"name": "norm", "loc": 0.0, "scale": self.scale}
+        drawn = {"name": "norm", "loc": 0.0, "scale": self.scale}
         if self.distribution == "uniform":
-            law = {"name": "uniform", "loc": -self.reach, "scale": 2.0 * self.reach}
+            drawn = {"name": "uniform", "loc": -self.reach, "scale": 2.0 * self.reach}
         about = f"variable {number} of the random field {name}"
-        return {"nominal": 0.0, "description": about, "distribution": law, "bounds": [-self.reach, self.reach]}
+        return {"nominal": 0.0, "description": about, "distribution": drawn, "bounds": [-self.reach, self.reach]}
 
     def check_entries(self) -> None:
         if self.kernel == "matern" and self.smoothness is None:

@@ -44,7 +44,7 @@ def _along(coordinate: object) -> int:
 
 
 class Header(Table):
-    """What the scene is called, and in which units it is."""
+    """Name and units of the scene."""
 
     name: OneLine = Field(min_length=1, description="short name, used in reports and titles")
     description: str = Field("", description="what the scene shows")
@@ -239,7 +239,7 @@ class Scene(Table):
 
     @property
     def balance_cure(self) -> str:
-        """What helps where no step does, as some forces have no balance; empty where none is known to be such."""
+        """A cure where smaller steps do not help, as some forces have no balance; empty where all have one."""
         cures = []
         if self.carried:
             cures.append(f"less coefficient or radius of {', '.join(self.carried)}, with which joints may jam")

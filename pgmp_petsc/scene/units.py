@@ -201,20 +201,20 @@ def converted(parameter: Mapping[str, Any], number: Callable[[Any], Any]) -> dic
     if isinstance(bounds := found.get("bounds"), (list, tuple)):
         found["bounds"] = [number(bound) for bound in bounds]
     if isinstance(distribution := found.get("distribution"), dict):
-        found["distribution"] = _converted_law(distribution, number)
+        found["distribution"] = _of_distribution(distribution, number)
     return found
 
 
-def _converted_law(law: Mapping[str, Any], number: Callable[[object], object]) -> dict[str, Any]:
+def _of_distribution(drawn: Mapping[str, Any], number: Callable[[object], object]) -> dict[str, Any]:
     """Return a raw distribution with the numbers that are in the parameter's unit converted."""
-    converted = dict(law)
+    converted = dict(drawn)
     # scipy's default for scale is 1, of the unit
-    name = law.get("name")
+    name = drawn.get("name")
     scaled = {} if isinstance(name, str) and name in OWN else {"scale": 1.0}
-    scaled |= {key: law[key] for key in ("loc", "scale") if key in law}
+    scaled |= {key: drawn[key] for key in ("loc", "scale") if key in drawn}
     converted |= {key: number(value) for key, value in scaled.items()}
-    if isinstance(law.get("values"), (list, tuple)):
-        converted["values"] = [number(value) for value in law["values"]]
-    if isinstance(law.get("of"), (list, tuple)):
-        converted["of"] = [_converted_law(one, number) if isinstance(one, dict) else one for one in law["of"]]
+    if isinstance(drawn.get("values"), (list, tuple)):
+        converted["values"] = [number(value) for value in drawn["values"]]
+    if isinstance(drawn.get("of"), (list, tuple)):
+        converted["of"] = [_of_distribution(one, number) if isinstance(one, dict) else one for one in drawn["of"]]
     return converted

@@ -83,11 +83,11 @@ def measured_uses(scene: AnyScene) -> Iterator[Use]:
     """Yield entries whose unit hangs on what the rest of the scene says, most of which no parameter can be."""
     of = {name: slides(scene, coordinate) for name, coordinate in scene.coordinates.items()}
     for name, slid in of.items():
-        yield Use(f"coordinates.{name}.range", 0.0, "any", ("m" if slid else "rad",))
+        yield Use(f"coordinates.{name}.range", units=("m" if slid else "rad",))
     for name in scene.simulation.initial:
         slid = of.get(name, False)
-        yield Use(f"simulation.initial.{name}.position", 0.0, "any", ("m" if slid else "rad",))
-        yield Use(f"simulation.initial.{name}.velocity", 0.0, "any", ("m/s" if slid else "rad/s",))
+        yield Use(f"simulation.initial.{name}.position", units=("m" if slid else "rad",))
+        yield Use(f"simulation.initial.{name}.velocity", units=("m/s" if slid else "rad/s",))
     for name, effect in scene.effects.items():
         yield from effect.measured(scene, f"effects.{name}")
     for name, joint in scene.joints.items():
@@ -97,15 +97,15 @@ def measured_uses(scene: AnyScene) -> Iterator[Use]:
     for label, event in scene.ensemble.probabilities.items():
         output = scene.outputs.get(event.output)
         for key in ("above", "below") if output is not None else ():
-            yield Use(f"ensemble.probabilities.{label}.{key}", 0.0, "any", (output.unit_in(scene),))
+            yield Use(f"ensemble.probabilities.{label}.{key}", units=(output.unit_in(scene),))
 
 
 def controller_uses(scene: AnyScene) -> Iterator[Use]:
     """Yield entries of controllers that have a unit. Their numbers stay those of the scene's units in SI too."""
     for name, controller in scene.controllers.items():
-        yield Use(f"controllers.{name}.limits", 0.0, "any", ("N" if slides(scene, controller) else "N m",))
+        yield Use(f"controllers.{name}.limits", units=("N" if slides(scene, controller) else "N m",))
         for row in range(len(controller.reference.table or ())):
-            yield Use(f"controllers.{name}.reference.table[{row}][0]", 0.0, "any", ("s",))
+            yield Use(f"controllers.{name}.reference.table[{row}][0]", units=("s",))
             yield from controller.references(scene, f"controllers.{name}.reference.table[{row}]")
 
 

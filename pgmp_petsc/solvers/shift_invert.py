@@ -292,7 +292,7 @@ class FactorFiles:
 
     @property
     def cure(self) -> str:
-        """What helps where there is too little."""
+        """The cure where there is too little."""
         return (
             f"{1e-9 * self.free:.3g} GB are free there; let {VARIABLE} name a folder of a disk with more space, or "
             "give the run more memory or ranks"

@@ -340,7 +340,7 @@ def goes_on_resolved(spectral_radius: float) -> bool:
 
 
 class First(NamedTuple):
-    """What a run begins with; see `first_accelerations`."""
+    """Accelerations that a run begins with; see `first_accelerations`."""
 
     #: a, auxiliary: accelerations, and auxiliary ones, of the shape of those of a state
     a: np.ndarray

@@ -81,7 +81,7 @@ class State:
 
 
 class Moment(NamedTuple):
-    """Where samples are between two steps."""
+    """Samples between two steps."""
 
     #: state, auxiliary: state, and the auxiliary accelerations there
     state: State
@@ -216,7 +216,7 @@ class PooledObserver(Observer):
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """Where samples start."""
+    """The start of samples."""
 
     theta: np.ndarray  # rigid coordinates, shape (n_samples, n_theta), rad
     unknowns: np.ndarray  # of the model, a column a sample
@@ -280,7 +280,7 @@ class SecondOrderSystem:
 
     @property
     def changing(self) -> Controls | _Nothing:
-        """What is beside and changes within a step; `NOTHING` where nothing does."""
+        """The states beside the mechanics that change within a step; `NOTHING` where none do."""
         return NOTHING if self.beside is None or self.held else self.beside
 
     def start(self) -> State:

@@ -66,7 +66,7 @@ class Statics(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Which coordinates are free, and how far they may go."""
+    """The free coordinates, and how far they may go."""
 
     free: tuple[int, ...]  # their numbers
     coordinates: tuple[Coordinate, ...]  # all of them
@@ -78,7 +78,7 @@ class Search:
 
     @property
     def scales(self) -> np.ndarray:
-        """What changes of the free coordinates are measured in, 1 rad or the size, shape (n_free,)."""
+        """Units of changes of the free coordinates, 1 rad or the size, shape (n_free,)."""
         return np.array([self.coordinates[k].scale(self.size) for k in self.free])
 
 

@@ -64,7 +64,7 @@ from pgmp_petsc.scene.references import parts_of
 from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.status import Status
-from pgmp_petsc.studies.simulate import balance_of
+from pgmp_petsc.studies.single_run import balance_of
 
 FEW_STEPS = 150
 MAX_STEPS = 600  # more do not change an order of magnitude

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -35,7 +36,6 @@ from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.body_fields import FieldPoints, Fields, FieldSet, ReducedFields, joined, placed
 from pgmp_petsc.outputs.readings import RigidReference
 from pgmp_petsc.reduction.tables import smoother
@@ -44,6 +44,9 @@ from pgmp_petsc.results.trajectory import BodyField, Frames, ModeShape, Trajecto
 from pgmp_petsc.scene import GROUND, Scene
 from pgmp_petsc.scene.fields import MOST_RADIANS
 from pgmp_petsc.scene.loading import scene_to_toml
+
+if TYPE_CHECKING:
+    from pgmp_petsc.models import ReducedModel
 
 
 def field_frames(

@@ -18,13 +18,11 @@ import pgmp_petsc.estimates.reference_motion as module
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.estimates import starts
 from pgmp_petsc.estimates.checking_model import CheckingModel, SampledLoad
-from pgmp_petsc.estimates.error_indicator import Estimate
+from pgmp_petsc.estimates.error_indicator import Estimate, errors_of_runs, not_known
 from pgmp_petsc.estimates.own_error import (
     MOST_NAMED,
-    errors_of_runs,
     large_errors,
     not_estimated,
-    not_known,
     of_figures,
     of_statistics,
 )

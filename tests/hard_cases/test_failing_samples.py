@@ -17,7 +17,7 @@ from pgmp_petsc.stepping.alpha_step import CAREFUL_ITERATIONS
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.status import Status
-from pgmp_petsc.studies.simulate import _Part
+from pgmp_petsc.studies.single_run import RunPart
 from scenes import RADIUS
 
 N = 35  # more than one block of lanes in either model
@@ -178,7 +178,7 @@ def test_a_part_ends_where_an_output_is_no_finite_number(lost: int, status: Stat
     outputs[..., lost] = np.nan
     done = Run(None, np.array([status]), np.array([failed]), 3, 0)
     attempt = Attempt(np.array([0]), np.array([True]), model.scene.simulation, 1)
-    part = _Part.of(model, done, attempt, times, outputs, energies=times)
+    part = RunPart.of(model, done, attempt, times, outputs, energies=times)
     assert part.run.status[0] == Status.NOT_FINITE and part.reach == times[lost]
     assert part.time.tolist() == part.recorded["energies"] == times[:lost]
     assert all(np.isfinite(values).all() for values in part.outputs.values())

@@ -21,7 +21,7 @@ from pgmp_petsc.reduction.tables import fine_grid
 from pgmp_petsc.scene import Scene, scene_from_tables
 from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.studies.simulate import balance_of
+from pgmp_petsc.studies.single_run import balance_of
 from scenes import slider_crank
 
 TURN = 2 * np.pi

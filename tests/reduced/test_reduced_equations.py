@@ -39,7 +39,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.stepping.second_order_system import Scheme, State
-from pgmp_petsc.studies.simulate import lost_definiteness
+from pgmp_petsc.studies.reduced_run import lost_definiteness
 from scenes import four_bar, kinematics_of, mechanism_of, slider_crank, trammel
 
 N_THETA, N_DELTA = 2, 3

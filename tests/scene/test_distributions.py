@@ -9,7 +9,7 @@ from scipy import stats
 
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.scene.laws import Discrete, Empirical, Mixture, Tabulated, _table, quick
+from pgmp_petsc.scene.distributions import Discrete, Empirical, Mixture, Tabulated, _table, quick
 from pgmp_petsc.scene.parameters import MOST_VALUES, Parameter
 from scenes import slider_crank
 
@@ -36,7 +36,7 @@ def test_discrete_values_come_as_often_as_their_weights_say() -> None:
     mean = np.average(x, weights=[2, 5, 1])
     assert parameter.deviation == pytest.approx(np.sqrt(np.average((x - mean) ** 2, weights=[2, 5, 1])), rel=1e-12)
     assert parameter.distribution.support == (5e-3, 6e-3) and not parameter.distribution.is_continuous
-    law = parameter.distribution.law
+    law = parameter.distribution.frozen
     assert (law.median(), law.cdf(5.5e-3), law.below(5.5e-3), law.sf(5.5e-3)) == (5.5e-3, 0.875, 0.25, 0.125)
     assert law.isf(0.99) == 5e-3 and law.cdf(-np.inf) == 0.0 and law.cdf(np.inf) == 1.0
 
@@ -51,7 +51,7 @@ def test_bounds_cut_values_off_and_keep_those_at_their_ends() -> None:
 
 def test_measured_values_are_joined_by_straight_lines_and_keep_their_mean() -> None:
     parameter = r1_of(f'{{name="empirical", values={list(MEASURED)}}}')
-    law, ordered = parameter.distribution.law, np.sort(MEASURED)
+    law, ordered = parameter.distribution.frozen, np.sort(MEASURED)
     shares = np.linspace(0.0, 1.0, 200_001)
     drawn = parameter.quantiles(shares)
     # the trapezoid rule over probabilities, exact but for the corners
@@ -74,7 +74,7 @@ def test_many_measured_values_are_drawn_as_they_are_distributed() -> None:
 def test_a_mixture_has_the_shares_of_its_parts() -> None:
     parameter = r1_of(f'{{name="mixture", of=[{TWO}], weights=[3, 1]}}')
     parts = stats.norm(5.2e-3, 1e-4), stats.uniform(5.8e-3, 4e-4)
-    law = parameter.distribution.law
+    law = parameter.distribution.frozen
     shares = np.array([1e-9, 0.01, 0.3, 0.74, 0.7500001, 0.9, 0.999])
     values = parameter.quantiles(shares)
     found = 0.75 * parts[0].cdf(values) + 0.25 * parts[1].cdf(values)
@@ -98,7 +98,7 @@ def test_a_mixture_may_have_values_of_its_own_and_parts_within_parts() -> None:
     assert not parameter.distribution.is_continuous
     two = "mixture(norm(loc=0.0052, scale=0.0001), uniform(loc=0.0058, scale=0.0004))"
     assert parameter.distribution.text == f"mixture(discrete(1 values from 0.005 to 0.005), {two})"
-    exact = parameter.distribution.law
+    exact = parameter.distribution.frozen
     shares = np.linspace(0.001, 0.999, 999)
     assert np.all(exact.below(drawn) <= shares + 1e-12) and np.all(exact.cdf(drawn) >= shares - 1e-12)
 

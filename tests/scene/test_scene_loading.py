@@ -36,7 +36,7 @@ def test_the_shipped_scene_is_the_published_mechanism(slider_crank: Scene) -> No
     assert scene.bodies["crank"].section.radius == "r1"
     assert scene.number(scene.bodies["crank"].section.radius) == scene.bodies["rod"].section.radius == 5.6e-3
     assert scene.parameters["r1"].bounds == (1.0e-3, 12.0e-3)
-    frozen = scene.parameters["r1"].distribution.frozen()
+    frozen = scene.parameters["r1"].distribution.frozen
     assert (frozen.mean(), frozen.std()) == pytest.approx((5.6e-3, 0.56e-3), rel=1e-15)
     steel = scene.materials["steel"]
     assert (steel.E, steel.nu, steel.rho) == (210e9, 0.3, 7800.0)

@@ -46,7 +46,7 @@ LISTING, JOINT, CONTROLLER = (
 OUTPUT = """
 from typing import Literal
 import numpy as np
-from pgmp_petsc.mechanism.statements import along
+from pgmp_petsc.mechanism.statements import Combination, along
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.scene.fields import Direction, Point
 from pgmp_petsc.scene.outputs import OutputEntry
@@ -204,6 +204,8 @@ ALONG = 'outputs.mine={type="along", point="rod:tip", direction=[2.0, 0.0]}'
 DOUBLED = 'outputs.mine={type="twice", of="place"}'
 AT_TIP = 'point="crank:tip", direction=[0.0, 1.0]'
 BY_REFERENCE = 'measures="angle", joint="crank_hinge", reference=0.2'
+BY_SPEED = BY_REFERENCE.replace("angle", "speed")
+SPEED = 'outputs.speed={type="speed", joint="crank_hinge"}'
 MEASURES = 'controllers.x={type="formula", joint="crank_hinge", measures="%s", output="20 * (0.9 - %s)"}'
 #: Files, what is beside, an entry of theirs, the program's own that is the same, how far runs with these are off, and
 #: what either moves the crank by at least. Without a statement iterations have no slopes by what a controller measures,
@@ -224,6 +226,10 @@ WRITINGS = {
     "controller of the page": (
         (CONTROLLER,), (), f'controllers.x={{type="bang", most=2.0, {BY_REFERENCE}}}',
         f'controllers.x={{type="formula", output="2 * tanh((r - y) / 0.05)", {BY_REFERENCE}}}', 1e-12, 1e-6,
+    ),
+    "controller of a speed": (
+        (CONTROLLER,), (SPEED,), f'controllers.x={{type="bang", most=2.0, {BY_SPEED}}}',
+        f'controllers.x={{type="formula", output="2 * tanh((r - y) / 0.05)", {BY_SPEED}}}', 1e-12, 1e-6,
     ),
     "force at a point by an angle": (
         (BY_ANGLE,), ("simulation.initial.theta={position=0.4, velocity=0.0}",),
@@ -579,8 +585,21 @@ LATER = {
     "a controller of no law": (
         CONTROLLER, ("return LAW", "return LAW.name"), r".*: class Bang: law returns a ControlLaw, and not a str$",
     ),
+    "a controller of a speed and no law": (
+        CONTROLLER,
+        ("return LAW", "return LAW.name\n\n    @property\n    def measured(self):\n        return {'y': 'speed'}"),
+        r".*mine\.py, line \d+: class Bang: AttributeError: 'str' object has no attribute 'reads'",
+    ),
     "a reading of no kind": (OUTPUT, ('"MEASURE"', '"PLACE"'), r"plugin '.*', line 20: .* and not 'PLACE'; repair"),
     "a reading in space": (OUTPUT, (", space=mechanism.space", ""), r"plugin '.*', line 20: .* 2 numbers in the plane"),
+    "a reading of a sum": (
+        OUTPUT,
+        ("along(np.array(self.direction)),", "Combination((), {}),"),
+        r"plugin '.*', line 20: TypeError: a reading is of a Statement, and not a Combination",
+    ),
+    "a reading of the ground": (
+        OUTPUT, ("(self.point,", '("ground:origin",'), r"plugin '.*', line 20: .* fixed to the ground",
+    ),
     "a formula that names what it has not": (
         TWICE, ("Doubled(parts[self.of])", "Combined('2 * y', {'x': parts[self.of]}, {})"),
         r".*mine\.py:\d+: Combined: '2 \* y' names 'y', which is not declared; an expression has numbers, x, time, abs",
@@ -611,7 +630,7 @@ def test_what_fails_in_a_scene_is_refused_with_its_line(tmp_path: Path, name: st
     bang = f'controllers.x={{type="bang", most=2.0, {BY_REFERENCE}}}'
     angle = 'outputs.angle={type="angle", joint="crank_hinge"}'
     twice = [angle, 'outputs.e={type="twice", of="angle"}']
-    overrides = {OUTPUT: [along], LISTING: [f"effects.e={TABLE}"], SECTION: [square], CONTROLLER: [bang, angle]}
+    overrides = {OUTPUT: [along], LISTING: [f"effects.e={TABLE}"], SECTION: [square], CONTROLLER: [bang, angle, SPEED]}
     overrides |= {TWICE: twice, TWICE + EXPRESSED: [*twice, MEASURES % ("e", "y")]}
     with pytest.raises(InputError, match=words) as caught:
         pgmp.simulate(pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=overrides[text]), model="full")
@@ -1006,7 +1025,9 @@ def test_installed_packages_have_ideas_behind_entry_points(tmp_path: Path, monke
     (about := tmp_path / "mine_of_test-1.0.dist-info").mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mine_of_test\nVersion: 1.0\n")
     (about / "entry_points.txt").write_text("[pgmp.effects]\nspring = mine_of_test\n")
-    check_plugins(needed, "a.h5")  # before any scene is read
+    with h5py.File(tmp_path / "a.h5", "w") as file:  # before any scene is read, as `pgmp info` and reports do
+        RunRecord("", {}, None, 1, plugins=needed).write(file)
+        assert RunRecord.read(file).plugins == needed
     check_plugins({"line_spring.py": next(iter(needed.values()))}, "a.h5")  # of a file that was the same
     (tmp_path / "mine_of_test.py").write_text(LISTING + "\n")
     with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use"):

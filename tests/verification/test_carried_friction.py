@@ -29,7 +29,7 @@ from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.effect_sizes import estimate_effects
-from pgmp_petsc.studies.simulate import why_stopped
+from pgmp_petsc.studies.single_run import why_stopped
 from scenes import HEADER, mechanism_of, meshes_of, of_text, tables
 
 MASS, LEVER, INERTIA, G = 2.0, 0.3, 0.05, 9.80665

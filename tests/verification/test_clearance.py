@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.design.sensitivities import contact_remarks
-from pgmp_petsc.effects.clearance import BACKLASH, CONTACT, LAWS, RUBBING, hysteresis_at, restitution_at
+from pgmp_petsc.effects.clearance import LAWS, hysteresis_at, restitution_at
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.composition import loosened
@@ -26,10 +26,12 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.check import describe_scene
 from scenes import kinematics_of, meshes_of, of_text, tables
 
+LAW = LAWS["hunt_crossley"]
+
 
 def _normal(p: list[float], x: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Return the force on a pin at x with the speed v, each (2,)."""
-    return CONTACT.evaluate(p, float(x @ x), float(2.0 * x @ v)).force * 2.0 * x
+    return LAW.touching.evaluate(p, float(x @ x), float(2.0 * x @ v)).force * 2.0 * x
 
 
 IMPACTS = [(e, 1.5, ratio) for e in (0.05, 0.6, 0.99, 1.0) for ratio in (0.1, 1.0, 10.0)]
@@ -73,11 +75,11 @@ def test_the_closed_form_goes_to_its_limits():
 
 def test_slower_impacts_lose_less_and_nothing_pulls():
     p = [1e8, 1e-3, 1.5, 0.5, 1.0]
-    assert CONTACT.evaluate(p, 1.1e-3**2, -1.0).force == 0.0  # leaves faster than the contact gives way
+    assert LAW.touching.evaluate(p, 1.1e-3**2, -1.0).force == 0.0  # leaves faster than the contact gives way
     for s in (0.0, 1e-9, 0.99e-6):
-        found = CONTACT.evaluate(p, s, 3.0)
+        found = LAW.touching.evaluate(p, s, 3.0)
         assert found.force == found.stored == 0.0 and found.damping == found.stiffness == 0.0
-    assert CONTACT.depths(p, 1.1e-3**2)[0] == pytest.approx(0.105e-3) and CONTACT.depths(p, 0.0)[0] < 0.0
+    assert LAW.touching.depths(p, 1.1e-3**2)[0] == pytest.approx(0.105e-3) and LAW.touching.depths(p, 0.0)[0] < 0.0
 
 
 RUB = "joints.bore.clearance.friction=0.2", "joints.bore.clearance.friction_speed=0.01"
@@ -96,7 +98,7 @@ def bounced(friction: float, end: float, n: int) -> np.ndarray:
         force = 10.0 * ALONG / np.hypot(0.4, 1.0) + _normal(p, x, v) + np.array([500.0 * t, 0.0])
         if friction:
             s, rate, area = float(x @ x), float(2.0 * x @ v), float(x[0] * v[1] - x[1] * v[0])
-            force += RUBBING.evaluate([*p, friction, 0.01], s, area, rate).force * np.array([-x[1], x[0]])
+            force += LAW.rubbing.evaluate([*p, friction, 0.01], s, area, rate).force * np.array([-x[1], x[0]])
         return [*v, *(force / mass)]
 
     time = np.linspace(0.0, end, n)
@@ -152,7 +154,7 @@ def test_wheels_with_backlash_are_those_of_another_integrator(model):
 
     def rates(t, state):
         one, two, v_one, v_two = state
-        torque = BACKLASH.evaluate(p, two + 0.5 * one, v_two + 0.5 * v_one).force
+        torque = LAW.backlash.evaluate(p, two + 0.5 * one, v_two + 0.5 * v_one).force
         return [v_one, v_two, (0.5 - 5.0 * t + 0.5 * torque) / 0.01, torque / 0.03]
 
     runs = [run(gears(f"simulation.step={step}"), model) for step in ("4e-4", "2e-4", "1e-4")]

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from alike import assert_alike, assert_order, assert_samples_are_those_alone
 from conftest import ROOT
-from exported import FMPY, Unit, assert_equal, compiled, needs_compiler, outputs_of
+from exported import FMPY, Unit, assert_equal, compile_in, compiled, needs_compiler, outputs_of
 from machine_scenes import MODELS, cart, errors_of, run
 from mpi4py import MPI
 from refusals import cases, check_said, refusal
@@ -392,6 +392,7 @@ def test_models_in_c(entries: tuple[str, ...], tmp_path: Path) -> None:
     forces = FORCES if entries[0] is ARM[0] else (FORCES[1].replace("hold", "seer"),)
     model = reduced_model(cart(*entries, *forces, *short))
     program = compiled(model, tmp_path)
+    compile_in(tmp_path, "-O2", "-c", "control.c")  # no warnings there either, as sizes are known
     for lead in (30.0, 20.0) if entries[0] is ARM[0] else (30.0,):
         wanted = history(model, samples(model.scene, 1, lead=np.array([lead])), 1)[1]
         assert_equal(outputs_of(program, f"lead={lead}"), {name: values[:, 0] for name, values in wanted.items()})

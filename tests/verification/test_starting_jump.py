@@ -16,7 +16,7 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.check import describe_scene
-from pgmp_petsc.studies.simulate import balance_remarks
+from pgmp_petsc.studies.single_run import balance_remarks
 from scenes import HEADER, meshes_of, slider_crank, tables
 
 LENGTH, RADIUS, RHO, YOUNG, G = 0.8, 4e-3, 7800.0, 210e9, 9.80665

@@ -28,7 +28,6 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 
-CONSISTENT = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
 NODE_SECONDS = {2: 1.0e-7, 3: 6.0e-6}  # of a step, by the dimension
 
 
@@ -131,24 +130,15 @@ class Beam(Body):
     def of_elements(self, kind: str, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return consistent masses, tangents at rest or what of these resists extension of some elements, in the body's
         frame, shape (n_chosen, 6, 6), in space (n_chosen, 12, 12), by weight."""
-        lengths, turns = self.mesh.lengths[chosen], self._turns[chosen]
-        element = beam2d if self.planar else beam3d
+        lengths, turns, element = self.mesh.lengths[chosen], self._turns[chosen], beam2d if self.planar else beam3d
+        matrices, of = element.undeformed_stiffness, "stiffness"
         if kind == "mass":
-            found = {
-                weight: beam2d.consistent_mass(lengths, *coefficients)
-                if self.planar
-                else beam3d.consistent_mass(lengths, turns, np.array(coefficients))
-                for weight, coefficients in self.section.terms("mass").items()
-            }
-            return self.profiles.mass.over(found, chosen)
-        terms = self.section.terms("stiffness")
+            matrices, of = element.consistent_mass, "mass"
+        terms = self.section.terms(of)
         if kind == "stretching":
             terms = {weight: (axial, *[0.0] * len(others)) for weight, (axial, *others) in terms.items() if axial}
-        found = {
-            weight: element.undeformed_stiffness(lengths, turns, np.array(coefficients))
-            for weight, coefficients in terms.items()
-        }
-        return self.profiles.stiffness.over(found, chosen)
+        found = {weight: matrices(lengths, turns, np.array(coefficients)) for weight, coefficients in terms.items()}
+        return self.profiles.of(of).over(found, chosen)
 
     def _section_turns(self, mean: np.ndarray) -> np.ndarray:
         """Return how sections turn at the nodes with a linear field ``u = A X``, in space as their fibres do.
@@ -182,7 +172,7 @@ class Beam(Body):
         found = {}
         for weight, coefficients in self.section.terms("mass").items():
             if self.planar:
-                mass = coefficients[0] * lengths[:, None, None] * CONSISTENT
+                mass = coefficients[0] * lengths[:, None, None] * beam2d.CONSISTENT
             else:
                 mass = beam3d.natural_mass(lengths, self.axes, np.array(coefficients))[:, ::3, ::3]
             found[weight] = np.einsum("iak,eab,jbl->eijkl", gradient, mass, gradient, optimize=True)

@@ -4,7 +4,7 @@ In the plane a section bends about its third axis; in space (y_2 along the secon
 
     E A, k_2 G A, k_3 G A, G J, E I_2, E I_3;    rho A, rho I_2, rho I_3;    I_2 = int y_3^2 dA,  I_3 = int y_2^2 dA.
 
-Sections that are given by their stiffness and inertia.
+A section is given by its shape (`ShapedSection`), or by these coefficients themselves.
 """
 
 from __future__ import annotations

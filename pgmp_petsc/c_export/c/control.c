@@ -16,7 +16,7 @@ enum { MOST_RESPONSES = 30 };
 static double *force_of(double beside[], const struct control *one) { return beside + one->column + 3 * one->n_states; }
 
 /* Eliminates n rows with pivoting; right becomes the solutions, of its first n_right columns. */
-static void solve_states(int n, int n_right, double matrix[][AT_LEAST_ONE(MOST_STATES)], double right[][N_SLOPES]) {
+static void solve_states(int n, int n_right, double matrix[][1 + MOST_STATES], double right[][N_SLOPES]) {
     for (int k = 0; k < n; k++) {
         int best = k;
         for (int i = k + 1; i < n; i++)
@@ -42,7 +42,7 @@ static void solve_states(int n, int n_right, double matrix[][AT_LEAST_ONE(MOST_S
 /* Lets the states of a controller respond to what is given to its law, x. */
 static void solve_response(const struct control *one, const double p[], const double x[], double kappa,
                            struct response *at, double found[N_SLOPES]) {
-    double matrix[AT_LEAST_ONE(MOST_STATES)][AT_LEAST_ONE(MOST_STATES)], right[AT_LEAST_ONE(MOST_STATES)][N_SLOPES];
+    double matrix[1 + MOST_STATES][1 + MOST_STATES], right[1 + MOST_STATES][N_SLOPES];
     double law[(1 + MOST_STATES) * (N_SLOPES + MOST_STATES)], *z = at->z + one->column;
     const int n = one->n_states, n_slopes = 1 + 2 * one->n_motions, width = n_slopes + n;
     int converged = 0;

@@ -282,12 +282,12 @@ def parameter_findings(scene: Scene) -> Iterator[Finding]:
 
 def _distribution(scene: Scene, name: str, parameter: Parameter) -> Iterator[Finding]:
     entry = f"parameters.{name}"
-    law, nominal = parameter.distribution.law, parameter.nominal
-    median = float(law.median())
+    drawn, nominal = parameter.distribution.frozen, parameter.nominal
+    median = float(drawn.median())
     unit = f" {scene.system.unit(parameter.unit)}" if parameter.unit else ""
     shown = own_values(scene, {name: median})[name]
 
-    first, last = map(float, law.ppf(np.array([FAR, 1.0 - FAR])))
+    first, last = float(drawn.ppf(FAR)), float(drawn.ppf(1.0 - FAR))  # of single shares: scipy.special takes a while
     beside = AT_END * (last - first)  # the end of a uniform distribution is beside samples
 
     def beyond(value: float) -> bool:
@@ -315,7 +315,7 @@ def _distribution(scene: Scene, name: str, parameter: Parameter) -> Iterator[Fin
         cure = "widen them, or give a narrower distribution"
         yield doubt(f"{entry}.bounds", f"{100 * lost:.3g} % of its distribution lies beyond them; {cure}", [low, high])
     positive = name in scene.positive_parameters
-    below = float((law.cdf if positive else share_below(law))(0.0))
+    below = float((drawn.cdf if positive else share_below(drawn))(0.0))
     if name in scene.parameters_not_negative and low < 0.0 and below > NOT_POSITIVE:
         zero = "at or " if positive else ""
         words = f"{100 * below:.3g} % of it is {zero}below 0, where this parameter makes no sense"

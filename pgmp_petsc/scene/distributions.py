@@ -9,7 +9,7 @@ empirical      as measured: the distribution function goes through each of n sor
 mixture        shares of other distributions
 ============== =====================================================================================================
 
-Laws have atoms: ``below`` is the share of smaller numbers, ``cdf`` that of no larger ones.
+Distributions may have atoms: ``below`` is the share of smaller numbers, ``cdf`` that of no larger ones.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from statistics import NormalDist
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -34,9 +35,10 @@ OFF = 1e-7  # of a share, beyond which a table is none: some distribution functi
 PROBES = np.array([1e-6, 1e-3, *np.linspace(0.02, 0.98, 25), 1.0 - 1e-3, 1.0 - 1e-6])
 
 
-class Law:
-    """A law of our own. By the names of scipy.stats it has its `support`, `mean` and `std`, the shares up to numbers
-    (`cdf`) and above them (`sf`), and the smallest numbers that have shares up to them (`ppf`), or above (`isf`)."""
+class Own:
+    """A distribution of our own. By the names of scipy.stats it has its `support`, `mean` and `std`, the shares up to
+    numbers (`cdf`) and above them (`sf`), and the smallest numbers that have shares up to them (`ppf`), or above
+    (`isf`)."""
 
     has_atoms = False  # whether single values have shares
 
@@ -58,7 +60,7 @@ class Law:
 
 
 @dataclass(frozen=True)
-class Normal(Law):
+class Normal(Own):
     """The normal distribution as scipy.stats has it, whose import takes half a second."""
 
     loc: float
@@ -85,7 +87,9 @@ class Normal(Law):
             return ndtr((self.loc - x) / self.scale)
         return 0.5 * math.erfc((x - self.loc) / self.scale / math.sqrt(2.0))
 
-    def ppf(self, share: np.ndarray | float) -> np.ndarray:
+    def ppf(self, share: np.ndarray | float) -> np.ndarray | float:
+        if np.ndim(share) == 0 and 0.0 < share < 1.0:
+            return NormalDist(self.loc, self.scale).inv_cdf(share)
         from scipy.special import ndtri
 
         return self.loc + self.scale * ndtri(share)
@@ -95,7 +99,7 @@ class Normal(Law):
 
 
 @dataclass(frozen=True)
-class Uniform(Law):
+class Uniform(Own):
     """The uniform distribution between loc and loc + scale."""
 
     loc: float
@@ -121,7 +125,7 @@ class Uniform(Law):
         return self.loc + self.scale * share
 
 
-class Discrete(Law):
+class Discrete(Own):
     """Values (n,), each once or more often, with shares (n,) in any proportion, not negative."""
 
     has_atoms = True
@@ -151,7 +155,7 @@ class Discrete(Law):
         return self._values[np.minimum(np.searchsorted(self._sums, share, side="left"), len(self._values) - 1)]
 
 
-class Empirical(Law):
+class Empirical(Own):
     """Measured values (n,); see the module.
 
     It has no atoms but for half a share at either end, where a hair's breadth of values represents them.
@@ -190,38 +194,38 @@ class Empirical(Law):
         return np.where(place == 0, 0.0, np.where(place == n, 1.0, between))
 
 
-class Mixture(Law):
-    """Shares (n_laws,) of other laws, of scipy.stats or with its names, in any proportion, above 0."""
+class Mixture(Own):
+    """Shares (n_parts,) of other distributions, of scipy.stats or with its names, in any proportion, above 0."""
 
-    def __init__(self, laws: Sequence[Any], weights: np.ndarray) -> None:
-        self._laws, self._shares = tuple(laws), weights / weights.sum()
+    def __init__(self, parts: Sequence[Any], weights: np.ndarray) -> None:
+        self._parts, self._shares = tuple(parts), weights / weights.sum()
 
     @property
     def has_atoms(self) -> bool:
-        return any(getattr(law, "has_atoms", False) for law in self._laws)
+        return any(getattr(part, "has_atoms", False) for part in self._parts)
 
     def support(self) -> tuple[float, float]:
-        ends = np.array([law.support() for law in self._laws], dtype=float)
+        ends = np.array([part.support() for part in self._parts], dtype=float)
         return float(ends[:, 0].min()), float(ends[:, 1].max())
 
     def mean(self) -> float:
-        return float(self._shares @ [law.mean() for law in self._laws])
+        return float(self._shares @ [part.mean() for part in self._parts])
 
     def std(self) -> float:
-        squares = [law.std() ** 2 + (law.mean() - self.mean()) ** 2 for law in self._laws]
+        squares = [part.std() ** 2 + (part.mean() - self.mean()) ** 2 for part in self._parts]
         return float(np.sqrt(self._shares @ squares))
 
     def cdf(self, x: np.ndarray | float) -> np.ndarray:
-        return sum(share * law.cdf(x) for share, law in zip(self._shares, self._laws))
+        return sum(share * part.cdf(x) for share, part in zip(self._shares, self._parts))
 
     def below(self, x: np.ndarray | float) -> np.ndarray:
-        return sum(share * getattr(law, "below", law.cdf)(x) for share, law in zip(self._shares, self._laws))
+        return sum(share * getattr(part, "below", part.cdf)(x) for share, part in zip(self._shares, self._parts))
 
     def sf(self, x: np.ndarray | float) -> np.ndarray:
-        return sum(share * law.sf(x) for share, law in zip(self._shares, self._laws))
+        return sum(share * part.sf(x) for share, part in zip(self._shares, self._parts))
 
     def ppf(self, share: np.ndarray | float) -> np.ndarray:
-        """Return the smallest numbers that have shares up to them, by bisection between the laws' own."""
+        """Return the smallest numbers that have shares up to them, by bisection between those of the parts."""
         return self._inverse(share, "ppf", lambda x, share: self.cdf(x) < share)
 
     def isf(self, share: np.ndarray | float) -> np.ndarray:
@@ -230,7 +234,7 @@ class Mixture(Law):
 
     def _inverse(self, share: np.ndarray | float, name: str, is_too_low: Any) -> np.ndarray:
         share = np.asarray(share, dtype=float)
-        ends = np.array([np.broadcast_to(getattr(law, name)(share), share.shape) for law in self._laws], dtype=float)
+        ends = np.array([np.broadcast_to(getattr(part, name)(share), share.shape) for part in self._parts], dtype=float)
         low, high = ends.min(axis=0), ends.max(axis=0)
         known = ~(np.isfinite(low) & np.isfinite(high))
         # below the lowest no share is reached, but at an atom of it
@@ -302,19 +306,19 @@ def _table(name: str, shapes: tuple[tuple[str, float], ...]) -> Any:
     from scipy import stats
     from scipy.stats.sampling import NumericalInversePolynomial, UNURANError
 
-    law, left = getattr(stats, name)(**dict(shapes)), iter(range(MOST_DENSITIES))
+    found, left = getattr(stats, name)(**dict(shapes)), iter(range(MOST_DENSITIES))
 
     def density(x: float) -> float:
         if next(left, None) is None:  # some have no end, as they repeat themselves
             raise ValueError("the table takes more than it saves")
-        return float(law.pdf(x))
+        return float(found.pdf(x))
 
     with warnings.catch_warnings(), np.errstate(all="ignore"):  # of densities at the ends
         warnings.simplefilter("ignore")
         try:
-            counted, centre = SimpleNamespace(pdf=density), float(law.median())
-            table = NumericalInversePolynomial(counted, center=centre, domain=law.support(), u_resolution=RESOLUTION)
+            counted, centre = SimpleNamespace(pdf=density), float(found.median())
+            table = NumericalInversePolynomial(counted, center=centre, domain=found.support(), u_resolution=RESOLUTION)
         except (UNURANError, ValueError):
             return None
-        off = np.abs(law.cdf(table.ppf(PROBES)) - PROBES)
+        off = np.abs(found.cdf(table.ppf(PROBES)) - PROBES)
     return table if np.all(off <= OFF * np.minimum(PROBES, 1.0 - PROBES) ** 0.5) else None
