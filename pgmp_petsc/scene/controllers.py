@@ -4,8 +4,6 @@ A controller measures an output and acts on the motion in a joint. It has states
 z' = g(z, measure, reference, t), in the same steps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from fractions import Fraction
 from math import lcm

@@ -4,8 +4,6 @@ An effect is one class: its entries, and what is declared of it here. An effect 
 evaluated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
@@ -120,7 +118,7 @@ class EffectEntry(Table):
 
     def doubts(
         self, scene: AnyScene, entry: str, frequencies: Mapping[str, float], first: Callable[[], float | None]
-    ) -> Iterator[Finding]:
+    ) -> "Iterator[Finding]":
         """Yield what probably is not meant, or cannot be, beyond what holds for all effects of its kind.
 
         Frequencies are the first ones of flexible bodies between hinges, Hz, as far as they are known, and `first`

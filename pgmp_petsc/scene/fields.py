@@ -47,7 +47,11 @@ LONGEST_NAME = 100  # characters: names become data sets, columns and titles
 
 
 class Table(BaseModel):
-    """A table of a scene: unknown keys are refused and values never change after validation."""
+    """A table of a scene: unknown keys are refused and values never change after validation.
+
+    Annotations of a base that many tables have are evaluated where they stand, not postponed: pydantic would evaluate
+    their texts once more for each of the tables, which takes a noticeable part of the start.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
     #: Entries of which it has exactly one; so it has of those that a class names of which it is a subclass.

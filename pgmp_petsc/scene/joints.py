@@ -3,8 +3,6 @@
 A joint is one class: its entries, what it holds, and what it leaves free. The joints themselves are in `joints`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

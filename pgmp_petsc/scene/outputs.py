@@ -3,8 +3,6 @@
 An output is one class: its entries, what it reads of a motion, and what is declared of it here.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from itertools import chain
