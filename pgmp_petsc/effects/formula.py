@@ -39,7 +39,7 @@ from pgmp_petsc.scene.effects import OnJoint, OverMotion, OverTime
 from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Rows, Unit, refusal
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.references import load_problems, over_problems
-from pgmp_petsc.scene.uses import motion_over, slides
+from pgmp_petsc.scene.uses import motion_over, slides, slides_over
 
 TURN = 2.0 * math.pi
 CLOSED = 1e-9  # rad that whole turns may be off, and of the largest value that its ends may differ by
@@ -262,9 +262,8 @@ class FormulaEffect(OnJoint):
         """Return the law on the joint's motion, or on the distance, in SI units."""
         scene, acts = mechanism.scene, slides(mechanism.scene, self)
         text, used = declared(self.force, known(self.constants), WORDS)
-        measured = acts if self.over is None else motion_over(scene, self) == "sliding"
         power_of, constants = scene.system.power_of, {constant(one): value for one, value in self.constants.items()}
-        powers = dict.fromkeys(("s", "rate"), power_of("m" if measured else "rad")) | {STATE["t"]: 0}
+        powers = dict.fromkeys(("s", "rate"), power_of("m" if slides_over(scene, self) else "rad")) | {STATE["t"]: 0}
         found = in_si(
             {"force": text}, powers | own_powers(scene, constants), {"force": power_of("N" if acts else "N m")}
         )

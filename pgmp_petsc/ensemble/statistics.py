@@ -466,7 +466,7 @@ def sensitivity_remarks(
 ) -> tuple[Remark, ...]:
     """Return what is to be said of the indices: of what they are, and why there are none; see `sensitivities`."""
     if n_replicates is not None:
-        return _of_blocks(fine.reshape(-1, n_parameters + 2), n_replicates)
+        return _remarks_of_blocks(fine.reshape(-1, n_parameters + 2), n_replicates)
     n_fine = int(fine.sum())
     if n_parameters < 2:
         return ()
@@ -487,7 +487,7 @@ def sensitivity_remarks(
 
 
 @gathered
-def _of_blocks(fine: np.ndarray, n_replicates: int) -> Iterator[Remark]:
+def _remarks_of_blocks(fine: np.ndarray, n_replicates: int) -> Iterator[Remark]:
     """Return what is to be said of blocks with these fine samples, (n_blocks, d + 2)."""
     known, size = fine.all(axis=1), fine.shape[1]
     if not known.all():

@@ -259,6 +259,7 @@ def see(rules: tuple[Rule, ...], scene: Scene, sampler: Sampler, kept: Kept, n: 
 
 
 def are_met(rules: tuple[Rule, ...], seen: Seen) -> np.ndarray:
+    """Return which rules are met by what is seen, (n_rules,)."""
     wanted, relative = np.array([rule.wanted for rule in rules]), np.array([rule.relative for rule in rules], bool)
     return reach_of(seen.estimates, seen.intervals, relative) <= wanted
 
@@ -343,8 +344,8 @@ def stopping_of(stop: Stop, history: list[Seen], plan: Plan, units: dict[str, st
 @gathered
 def stopping_remarks(stopping: Stopping, confidence: float, system: UnitSystem) -> Iterator[Remark]:
     """Return what is to be said of intervals after looks, of rules that are not met, and of times that decided."""
-    looks = zip(stopping.rules, stopping.units, stopping.met, stopping.reached[:, -1], stopping.relative)
-    for text, unit, met, reached, relative in looks:
+    last = zip(stopping.rules, stopping.units, stopping.met, stopping.reached[:, -1], stopping.relative)
+    for text, unit, met, reached, relative in last:
         if not met:
             reach = f"{100 * reached:.3g} %" if relative else system.text(reached, unit).removesuffix(" 1")
             shown = f"+- {reach} was reached"
@@ -354,9 +355,9 @@ def stopping_remarks(stopping: Stopping, confidence: float, system: UnitSystem) 
                 "a larger -n or --budget goes on"
             )
     if stopping.rules:
-        times = "once" if len(stopping.samples) == 1 else f"{len(stopping.samples)} times"
+        often = "once" if len(stopping.samples) == 1 else f"{len(stopping.samples)} times"
         yield note(
-            f"samples were looked at {times}; each interval is taken at the level "
+            f"samples were looked at {often}; each interval is taken at the level "
             f"{100 * level_of_each(confidence):.2f} %, so that at the stop it holds with {100 * confidence:g} % "
             "although one looked (whichever of two neighbouring looks it is, docs/uncertainty.md)"
         )

@@ -5,19 +5,21 @@ step of full-order and component runs: how d is read, and how well).
 
 **Resolved.** The error of the run is ``d / (r^2 - 1)`` (Richardson; Hairer, Norsett and Wanner 1993, section II.4).
 
-**Vibrations that the coarser run loses**, in bands of a short-time Fourier transform of y whose d is `LOST` of y and
-more. With the eigenvalue lambda of a step for ``omega h`` a vibration of amplitude a goes off by ``a |i omega h - log
-lambda|`` in each step (Hughes 2000, section 9.1), up to 2 a, and none by more than d. A band goes on to count until the
-coarser run would have left the other by `MET` since d was large, as phases that have parted meet again. The largest of
-many points has kinks, which are in all bands: there a band counts where it is `PEAK` times those around it.
+**Vibrations that the coarser run loses**, in bands of a short-time Fourier transform in which d is `LOST` of what both
+runs have and more. With the eigenvalue lambda of a step for ``omega h`` a vibration of amplitude a goes off by ``a |i
+omega h - log lambda|`` in each step (Hughes 2000, section 9.1). What it is off by fades with the machine's own damping,
+by which a falls faster than ``|lambda|``, and is no more than ``2 a d / (a + b)``, where the coarser run has b: with
+``b = a`` that is d, and 2 a where the coarser run has no vibration left. A band goes on to count until the coarser run
+would have left the other by `MET` since d was large, as phases that have parted meet again. The largest of many points
+has kinks, which are in all bands: there a band counts where it is `PEAK` times those around it.
 
 **Lower order**, where friction or short contacts act: what is left of d counts a seventh for r = 5 (`rough`), and the
 estimate is unsure. Where a force jumps (over time, in a formula, of friction as a held one does) the order is one.
 
 **A coarser run that runs away**, as of rotors, tells nothing of the run: the estimate ends before it does.
 
-**Rows that are stepped over.** Of a table over a joint that bends within a coarser step d says little: it is read as
-resolved, and unsure.
+**Forces that are stepped over.** Of one that a formula or a table over a joint has bend within a coarser step d says
+little: it is read as resolved, and unsure.
 """
 
 from __future__ import annotations
@@ -30,16 +32,16 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
-from pgmp_petsc.effects.formula import TURN, turns_over
+from pgmp_petsc.effects.formula import FormulaEffect
 from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.models import FullModel, Model, OutputRecord
 from pgmp_petsc.outputs.joint_forces import judged
-from pgmp_petsc.outputs.of_frames import Angle, Sliding
+from pgmp_petsc.outputs.of_frames import Angle, Distance, Sliding
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.results.numbers import Arrays, share_text
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.scene.uses import motion_over
+from pgmp_petsc.scene.uses import slides_over
 from pgmp_petsc.stepping.generalised_alpha import GeneralisedAlpha, Run
 from pgmp_petsc.stepping.second_order_system import Scheme, SecondOrderSystem
 from pgmp_petsc.stepping.status import Status
@@ -49,20 +51,22 @@ MOST = 2.5  # steps of it for the work of one of the run, counted in corrections
 FACTORS = 3.0  # corrections that cost as much as a matrix and its factors
 CALLING = {2: 2000.0, 3: 120.0}  # unknowns of which a correction costs as much as a call, by the dimension of space
 RECORDED = 0.15  # calls that cost as much as what a step of a run records
+ENOUGH = 200  # steps of the coarser run, from which on it may have fewer than half of the run's
 FEWEST = 10  # steps that the coarser run has done at least where its outputs tell anything
 APART = 10  # steps between two looks at the work of the coarser run, at least
 PER_WINDOW, SHORTEST, LONGEST = 10, 16, 512  # windows of a run, and steps in one
 LOWEST = 2  # band that counts: lower ones hold what is not periodic
-LOST = 0.65  # of a vibration's amplitude, by which runs differ that are out of phase
-MET = np.pi  # rad; phases that meet after a turn leave d below `LOST` for 4 asin(LOST / 2) = 1.3 rad
-PEAK, AROUND = 1.3, 17  # of a vibration over the median of so many bands around it
+LOST = 0.25  # of the sum of a vibration's amplitudes, by which runs differ that are out of phase
+MET = np.pi  # rad; phases that meet after a turn leave d below `LOST` for 4 asin(LOST) = 1.0 rad
+BEATS = 3  # windows within which a vibration comes back that beats, and has not faded
+PEAK, AROUND = 1.15, 17  # of a vibration over the median of so many bands around it
 TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations are worth naming
 RUBS = 0.015  # of it, from which on they move what has friction or stops, and their cycles count
 BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
 SOME = 0.1  # of the steps, taken in parts, from which on an estimate is unsure
 RELIED_ON = 0.9  # of a run that fails, before which it runs away, or that differs by as much as `ASTRAY` says
-WITHIN = 10  # places within a coarser step at which tables over joints are looked up
-#: of a table's largest value, by which it bends within a coarser step. With 1.3 % estimates of 40 presses were 0.55 to
+WITHIN = 10  # places within a coarser step at which tables over joints and formulas are looked up
+#: of a force's largest value, by which it bends within a coarser step. With 1.3 % estimates of 40 presses were 0.55 to
 #: 1.1 times the true errors, with 3 % 0.2 to 1.8 times, with 6 to 14 % 0.1 to 8 times
 BENT = 0.02
 ASTRAY = 2.0  # of an output's largest value: runs whose vibrations are out of phase differ by so much at most
@@ -70,6 +74,7 @@ LASTS = 3  # coarser steps for which they differ by more where one runs away
 GREW = 10.0  # times that the difference grew before
 #: what its second root of `GREW` may take of the time of the first: 1 where it grows exponentially, 1.8 as a square
 SLOWER = 1.5
+TINY = np.finfo(float).tiny
 CROWDED = 0.5  # of `APART` of them, from which on it ends: changes of step set off what is seen then
 
 
@@ -79,8 +84,7 @@ class CoarserRun:
 
     step: float  # s
     time: np.ndarray  # instants, shape (n_t,), s
-    #: by name, each of shape (n_t, n_samples); NaN from the step on in which a sample failed. Motions of joints that
-    #: tables are over are there too, by the entries of their effects
+    #: by name, each of shape (n_t, n_samples); NaN from the step on in which a sample failed
     outputs: dict[str, np.ndarray]
     status: np.ndarray  # status, failure_time: of every sample; FINE and NaN where only the work was too much
     failure_time: np.ndarray
@@ -88,6 +92,8 @@ class CoarserRun:
     until: np.ndarray  # time from which on most were, shape (n_samples,), s; infinite where there is none
     #: time between two crossings of an edge, the shortest, shape (n_samples,), s; infinite where there is none
     shortest: np.ndarray
+    #: see `_bent`, by the entries of effects whose force is written as a formula or as a table over a joint
+    bent: dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -114,7 +120,7 @@ def run_coarser(
     The run `of` says what it took; there is no limit where it is not given. `pulse` is called with numbers of steps.
     """
     coarse, times = coarser(model.scene, simulation), times_of(model.scene, simulation)
-    n_steps, record = coarse.n_steps, OutputRecord(_with_leading(model), system, pulse)
+    n_steps, record = coarse.n_steps, OutputRecord(_measuring(model), system, pulse)
     stepper = GeneralisedAlpha(
         system, coarse.spectral_radius, coarse.duration, n_steps, alive, np.array([0]), record, pulse=None, parts=times
     )
@@ -125,7 +131,7 @@ def run_coarser(
         n_iterations, n_fresh, n_calls = done.counted
         return n_iterations + FACTORS * n_fresh + calling * (n_calls + RECORDED * n_steps)
 
-    most, spent = np.inf if of is None else most_of(times) * work(of, of.n_steps), work(stepper, 0)
+    most, spent = np.inf if of is None else MOST / times * work(of, of.n_steps), work(stepper, 0)
     dearest = 0.0  # work of a step, the most so far
     while stepper.n_done < n_steps and np.any(stepper.status == Status.FINE) and spent <= most:
         # steps that half of the rest allows at the cost of the costliest so far; the first are looked at soon
@@ -136,45 +142,49 @@ def run_coarser(
         spent = work(stepper, stepper.n_done)
         dearest = max(dearest, (spent - before) / (stepper.n_done - begun))
     time, found = record.outputs()
+    motions = {entry: found.pop(entry) for entry in [*found] if entry.startswith("effects.")}
+    told = motions if time.size > FEWEST else ()
+    bent = {entry: _bent(model, entry, system.values, time, motions[entry]) for entry in told}
     until, divided = _taken_in_parts(stepper)
     failed = time[:, None] >= np.where(stepper.status == Status.FINE, np.inf, stepper.failure_time)
     failed |= time[:, None] > until
     outputs = {name: np.where(failed, np.nan, values) for name, values in found.items()}
     return CoarserRun(
         coarse.duration / n_steps, time, outputs, stepper.status, stepper.failure_time, divided, until,
-        stepper.shortest_crossing,
+        stepper.shortest_crossing, bent,
     )  # fmt: skip
 
 
-def _with_leading(model: Model) -> Model:
-    """Return the model with outputs of the joints, too, that tables of loads are over."""
-    over = {name: one for name, one in model.scene.effects.items() if getattr(one, "over", None) and one.table}
-    if not over or not isinstance(model, FullModel):
+def _measuring(model: Model) -> Model:
+    """Return the model with outputs, by the entries of effects, of the motions that forces are of which the scene
+    writes as formulas or as tables over joints."""
+    scene, other, added = model.scene, copy(model), {}
+    for name, one in scene.effects.items():
+        if getattr(one, "over", None) or isinstance(one, FormulaEffect):
+            kind, joint = Sliding if slides_over(scene, one) else Angle, one.over or one.joint
+            where = {"type": "distance", "points": one.points} if joint is None else {"joint": joint}
+            added[f"effects.{name}"] = Distance(**where) if joint is None else kind(type=kind.__name__.lower(), **where)
+    if not added or not isinstance(model, FullModel):
         return model
-    scene, other = model.scene, copy(model)
-    added = {
-        f"effects.{name}": Sliding(type="sliding", joint=one.over)
-        if motion_over(scene, one) == "sliding"
-        else Angle(type="angle", joint=one.over)
-        for name, one in over.items()
-    }
     other.outputs = OutputSet.of(scene.model_copy(update={"outputs": scene.outputs | added}), model.kinematics)
     return other
 
 
-def _stepped_over(scene: Scene, other: CoarserRun, n: int, sample: int) -> list[str]:
-    """Return the loads whose tables over joints bend by more than `BENT` within one of the first n coarser steps."""
-    found, steps, between = [], np.arange(n), np.arange(WITHIN * (n - 1) + 1) / WITHIN
-    for entry in [name for name in other.outputs if name.startswith("effects.")]:
-        effect = scene.effects[entry.removeprefix("effects.")]
-        rows = np.array([(place, scene.values.get(value, value)) for place, value in effect.table], dtype=float)
-        turns = turns_over(scene, effect)
-        at = np.interp(between, steps, other.outputs[entry][:n, sample])
-        forces = np.interp(at, *rows.T, period=turns * TURN if turns else None)
-        bent = np.abs(forces - np.interp(between, steps, forces[::WITHIN]))
-        if bent.max() > BENT * np.abs(rows[:, 1]).max():
-            found.append(entry)
-    return found
+def _bent(model: Model, entry: str, values: Arrays, time: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return by how much of its largest value the force of an effect bends within every step but the last, shape (n_t
+    - 2, n_samples), of a motion that is `at` (n_t, n_samples) at some times (n_t,), s."""
+    action = model.scene.effects[entry.removeprefix("effects.")].forces(entry, model.kinematics.mechanism).actions()[-1]
+    shares, at = np.arange(WITHIN)[:, None] / WITHIN, np.nan_to_num(at)
+
+    def within(nodes: np.ndarray) -> np.ndarray:
+        return nodes[:-1, None] + shares * np.diff(nodes, axis=0)[:, None]
+
+    s, rates, clock = map(within, (at, np.gradient(at, time, axis=0), np.broadcast_to(time[:, None], at.shape)))
+    p = np.array([np.broadcast_to(one.at(values), s.shape) for one in action.parameters]).reshape(-1, s.size).T
+    amplitudes = 0.0 if action.amplitude is None else action.amplitude(clock.ravel())
+    forces = action.law.forces(p, s.ravel(), rates.ravel(), amplitudes).reshape(s.shape)
+    largest = np.maximum(np.abs(forces).max(axis=(0, 1)), TINY)
+    return np.abs(forces[:-1] - within(forces[:, 0])).max(axis=1) / largest
 
 
 def _taken_in_parts(stepper: GeneralisedAlpha) -> tuple[np.ndarray, np.ndarray]:
@@ -192,15 +202,12 @@ def _taken_in_parts(stepper: GeneralisedAlpha) -> tuple[np.ndarray, np.ndarray]:
 
 def times_of(scene: Scene, simulation: Simulation) -> int:
     """Return how many steps of a run make one of the coarser run; 1 where controllers are sampled too often for one."""
-    if not any(one.sample_time for one in scene.controllers.values()):
-        return TIMES
-    every = steps_between_samplings(scene, simulation)
-    return max(times for times in range(1, TIMES + 1) if every % times == 0)
-
-
-def most_of(times: int) -> float:
-    """Return the share of a run's work that one may have of which a step is so many of the run's."""
-    return MOST / times
+    possible = list(range(2, TIMES + 1))
+    if any(one.sample_time for one in scene.controllers.values()):
+        every = steps_between_samplings(scene, simulation)
+        possible = [times for times in possible if every % times == 0]
+    affordable = (times for times in possible if times * ENOUGH <= simulation.n_steps)
+    return max(affordable, default=min(possible, default=1))
 
 
 def rough(ratio: float) -> float:
@@ -265,7 +272,7 @@ def step_errors(
         off |= {k: np.interp(at, places, one) for k, one in zip(np.flatnonzero(which), found.T)}
     lost = {name: off[k] for k, name in enumerate(outputs)}
     shares = np.array([one.max() for one in lost.values()])
-    shares /= np.maximum(np.abs(fine).max(axis=0), np.finfo(float).tiny)
+    shares /= np.maximum(np.abs(fine).max(axis=0), TINY)
     loudest, lost_hz = float(shares.max()), float(turns[shares.argmax()] / (2.0 * np.pi * step))
     edged = [f"effects.{name}" for name, effect in scene.effects.items() if effect.edged]
     acting = {f"effects.{name}": one for name, one in scene.effects.items()}
@@ -285,8 +292,8 @@ def step_errors(
     elif at_once:
         unsure = f"errors fall as the step, not as its square, where a force jumps ({', '.join(at_once)})"
         order = ratio - 1.0
-    elif over := _stepped_over(scene, other, n, sample):
-        unsure = f"rows of a table over a joint are stepped over by the coarser run ({', '.join(over)})"
+    elif over := [entry for entry, one in other.bent.items() if one[: n - 1, sample].max() > BENT]:
+        unsure = f"a force bends within a step of the coarser run, which steps over that ({', '.join(over)})"
     order *= max(1.0 - float(other.divided[sample]), 1.0 / times)
     errors = {name: np.copysign(np.hypot(d / order, lost[name]), d) for name, d in differences.items()}
     for name in scene.counted:
@@ -303,7 +310,10 @@ class Bands:
     length: int  # steps that are looked at in a window
     #: ``omega h`` of a free vibration that the scheme lets turn with the frequency of a band, rad, shape (n_bands,)
     turns: np.ndarray
-    drifts: np.ndarray  # by what share of its amplitude such a vibration goes off from one to the next, (n_bands,)
+    #: drifts, decays: by what share of its amplitude such a vibration goes off from one to the next, and what it loses
+    #: by the scheme, as minus a logarithm, (n_bands,)
+    drifts: np.ndarray
+    decays: np.ndarray
 
     @classmethod
     def of(cls, spectral_radius: float, n_steps: int, every: int) -> Bands:
@@ -312,7 +322,8 @@ class Bands:
         exact, rates = _amplifications(spectral_radius)
         seen = np.minimum(2.0 * np.pi * np.arange(length // 2 + 1) / (every * length), rates.imag[-1])
         drifts = np.minimum(every * np.interp(seen, rates.imag, np.abs(1j * exact - rates)), np.pi)
-        return cls(length, np.interp(seen, rates.imag, exact), drifts)
+        decays = every * np.interp(seen, rates.imag, -rates.real)
+        return cls(length, np.interp(seen, rates.imag, exact), drifts, decays)
 
     @property
     def hop(self) -> int:
@@ -322,49 +333,60 @@ class Bands:
     def lost(
         self, fine: np.ndarray, coarse: np.ndarray, ratio: float, kinked: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far vibrations out of phase are off in every window, shape (n_windows, k), and their mean ``omega
-        h``, shape (k,), of k outputs.
+        """Return how far vibrations out of phase are off in every window, shape (n_windows, k), and ``omega h`` of the
+        largest, shape (k,), of k outputs.
 
         Both runs' outputs, the ratio of whose steps is given, are after every step that is looked at, shape (n, k);
         `kinked` tells which have kinks, shape (k,).
         """
         if len(fine) < 2 * self.length:
             return np.zeros((1, kinked.size)), np.full(kinked.size, np.nan)
-        amplitudes, apart = self._amplitudes(fine), self._amplitudes(coarse - fine)
-        out = apart > LOST * amplitudes
+        spectra, *others = (self._spectra(values) for values in (fine, coarse - fine, coarse))
+        # the squares of neighbouring bands add up to that of a vibration between them
+        amplitudes, apart, coarser = (np.abs(one) * 4.0 / (self.length * np.sqrt(1.5)) for one in (spectra, *others))
+        parted = apart / np.maximum(amplitudes + coarser, TINY)
+        out = parted > LOST
         out[..., :LOWEST] = False
         if kinked.any():
             of_kinked = amplitudes[:, kinked]
             out[:, kinked] &= of_kinked > PEAK * scipy.ndimage.median_filter(of_kinked, (1, 1, AROUND), mode="nearest")
-        largest, furthest = (np.maximum.accumulate(part, axis=0) for part in (amplitudes, apart))
-        most, off = np.minimum(2.0 * largest, furthest), np.zeros(amplitudes.shape[1:])
-        found, resolved = np.empty_like(amplitudes), apart / (ratio**2 - 1.0)
-        since = np.full(amplitudes.shape[1:], MET)  # what the coarser run went off by since it was out of phase, rad
-        for k, drift in enumerate(self.hop * self.drifts * amplitudes):
-            since = np.where(out[k], 0.0, since + (ratio**2 - 1.0) * self.hop * self.drifts)
+        drifts = self.hop * self.drifts
+        # what the machine's own damping leaves of a vibration from one window to the next
+        levels = np.log(np.maximum(amplitudes, TINY)) + self.hop * self.decays * np.arange(len(out))[:, None, None]
+        levels = scipy.ndimage.maximum_filter1d(levels, BEATS, axis=0, mode="nearest", origin=-(BEATS // 2))
+        fades = np.maximum(-np.diff(levels, axis=0), 0.0)
+        kept, most, resolved = np.exp(-fades), 2.0 * amplitudes * parted, apart / (ratio**2 - 1.0)
+        found, off = np.zeros_like(amplitudes), resolved[0]
+        # at the start, what drifts most of a vibration that fades before the next window: s exp(-s fades), s up to 1
+        soon = drifts * amplitudes[0] * np.exp(-np.minimum(fades[0], 1.0)) / np.maximum(fades[0], 1.0)
+        found[0] = np.where(out[0], np.minimum(soon, most[0]), 0.0)
+        since = np.where(out[0], 0.0, MET)  # what the coarser run went off by since it was out of phase, rad
+        for k in range(1, len(out)):
+            since = np.where(out[k], 0.0, since + (ratio**2 - 1.0) * drifts)
             out[k] = since < MET
-            found[k] = np.where(out[k], np.minimum(off + drift, most[k]), 0.0)
-            off = np.where(out[k], found[k], resolved[k])
+            before, off = most[k - 1], kept[k - 1] * off + drifts * amplitudes[k]
+            most[k] = np.maximum(most[k], kept[k - 1] * before)
+            found[k] = np.where(out[k], np.minimum(off, np.maximum(before, most[k])), 0.0)
+            off = np.where(out[k], np.minimum(off, most[k]), resolved[k])
         weights = np.where(out, amplitudes**2, 0.0).sum(axis=0)
-        total = weights.sum(axis=1)
-        mean = np.where(total > 0.0, weights @ self.turns / np.where(total > 0.0, total, 1.0), np.nan)
-        return np.sqrt((found**2).sum(axis=2)), mean
+        loudest = np.where(weights.any(axis=1), self.turns[weights.argmax(axis=1)], np.nan)
+        # as the vibration itself, each band by its share
+        lost = np.fft.irfft(spectra * found / np.maximum(amplitudes, TINY), axis=2)
+        return np.abs(lost).max(axis=2), loudest
 
-    def _amplitudes(self, values: np.ndarray) -> np.ndarray:
-        """Return the amplitudes of all bands of k outputs (n, k) in all windows, shape (n_windows, k, n_bands).
+    def _spectra(self, values: np.ndarray) -> np.ndarray:
+        """Return the spectra of k outputs (n, k) in all windows, shape (n_windows, k, n_bands).
 
-        The squares of neighbouring bands add up to that of a vibration between them. The ends go on point-symmetrically
-        for half a window: what begins at the start is seen.
+        The ends go on point-symmetrically for half a window: what begins at the start is seen.
         """
         n, half = self.length, self.hop
-        ahead, behind = 2.0 * values[0] - values[half:0:-1], 2.0 * values[-1] - values[-2 : -half - 2 : -1]
-        every = np.concatenate([ahead, values, behind])
+        every = np.pad(values, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
         windows = np.lib.stride_tricks.sliding_window_view(every, n, axis=0)[::half]
         line = np.arange(n) - 0.5 * (n - 1)
         slopes = windows @ line / (line @ line)
         level = windows - windows.mean(axis=2, keepdims=True) - slopes[..., None] * line
         hann = np.sin(np.pi * np.arange(n) / n) ** 2
-        return np.abs(np.fft.rfft(level * hann, axis=2)) * 4.0 / (n * np.sqrt(1.5))
+        return np.fft.rfft(level * hann, axis=2)
 
 
 def amplification(spectral_radius: float, turns: np.ndarray) -> np.ndarray:

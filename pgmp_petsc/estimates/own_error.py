@@ -17,7 +17,7 @@ import numpy as np
 from pgmp_petsc.base.errors import Remark, counted, gathered, note, warning
 from pgmp_petsc.base.units import SI, Units, UnitSystem
 from pgmp_petsc.bodies.shape import lacks_foreshortening
-from pgmp_petsc.estimates.coarser_run import CoarserRun, StepErrors, fewest_steps, most_of, relied_on, times_of
+from pgmp_petsc.estimates.coarser_run import MOST, CoarserRun, StepErrors, fewest_steps, relied_on, times_of
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, SeparateLengths
@@ -166,7 +166,7 @@ def step_remarks(
     """Return what is to be said of the estimated errors of a run's time step, None where the run with the coarser step
     tells nothing; times, s, and outputs have shape (n_t,)."""
     with_step = f"a run with a step of {other.step:.3g} s, which these errors are taken from,"
-    most = most_of(round(other.step / float(time[1] - time[0])))
+    most = MOST / round(other.step / float(time[1] - time[0]))
     why = f"would take more than {100 * most:.3g} % of the run's own price, and was given up"
     if other.status[0] != Status.FINE:
         why = f"stopped at {other.failure_time[0]:.4g} s ({Status(other.status[0]).meaning})"

@@ -28,6 +28,7 @@ from pgmp_petsc.outputs.rainflow import Counted
 from pgmp_petsc.outputs.readings import AnyReading, Base, Frames, Jet, ModelReading, Needs, RigidReference, Seen
 from pgmp_petsc.outputs.stress import StressOutput
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.outputs import OutputEntry
 
 
 @dataclass(frozen=True)
@@ -172,47 +173,32 @@ class OutputSet:
         numbers = {name: k for k, name in enumerate((*scene.carried, *scene.controllers))}
         forces = force_outputs(scene, kinematics, start)
         for name in in_order(scene):
-            entry = scene.outputs[name]
-            if "stresses" in entry.reads:
-                number, body = next(one for one in enumerate(kinematics.mechanism.bodies) if one[1].name == entry.body)
-                stresses.append(StressOutput.of(name, scene, number, body))
-                # frames of the nodes of beams say all of their strains
-                nodes = frozenset(range(body.nodes.start, body.nodes.stop) if body.fibred else ())
-                functions[name] = ModelReading(name, Needs(nodes, stresses=frozenset([name])))
-            elif "multipliers" in entry.reads:
-                force = next(one for one in forces if one.name == name)
-                functions[name] = ModelReading(
-                    name,
-                    Needs(frozenset(force.nodes), multipliers=frozenset([name])),
-                    int(force.reads_rates),
-                    force.made,
-                )
-            elif "beside" in entry.reads:
-                functions[name] = ModelReading(name, Needs())
-                beside.append((name, entry.controller))
-            elif "outputs" in entry.reads:
-                parts = {one: functions[one] for one in entry.made_in(scene)}
-                with blaming(type(entry)):
-                    functions[name] = entry.combined(f"outputs.{name}", parts, scene)
-            else:
-                with blaming(type(entry)):
-                    functions[name] = entry.reading(f"outputs.{name}", start, kinematics)
-            if not hasattr(functions[name], "jet"):
-                found = type(functions[name]).__name__
-                raise refuse(type(entry), f"an output is made of outputs.readings, and this is a {found}")
-            try:
-                measure(entry.unit_in(scene))
-            except UnknownUnit as error:
-                raise refuse(type(entry), f"unit_in: '{entry.unit_in(scene)}': {error}") from error
+            entry, where = scene.outputs[name], f"outputs.{name}"
             with blaming(type(entry)):
-                own = functions[name].needs
-            if unknown := sorted(own.parameters - set(scene.parameters)):
-                raise refuse(type(entry), f"it reads the parameter '{unknown[0]}', which the scene has not")
-            needs |= own
+                if "stresses" in entry.reads:
+                    bodies = enumerate(kinematics.mechanism.bodies)
+                    number, body = next(one for one in bodies if one[1].name == entry.body)
+                    stresses.append(StressOutput.of(name, scene, number, body))
+                    # frames of the nodes of beams say all of their strains
+                    nodes = frozenset(range(body.nodes.start, body.nodes.stop) if body.fibred else ())
+                    reading = ModelReading(name, Needs(nodes, stresses=frozenset([name])))
+                elif "multipliers" in entry.reads:
+                    force = next(one for one in forces if one.name == name)
+                    own = Needs(frozenset(force.nodes), multipliers=frozenset([name]))
+                    reading = ModelReading(name, own, int(force.reads_rates), force.made)
+                elif "beside" in entry.reads:
+                    reading = ModelReading(name, Needs())
+                    beside.append((name, entry.controller))
+                elif "outputs" in entry.reads:
+                    reading = entry.combined(where, {one: functions[one] for one in entry.made_in(scene)}, scene)
+                else:
+                    reading = entry.reading(where, start, kinematics)
+                _check(entry, reading, scene)
+                functions[name], needs = reading, needs | reading.needs
             try:
-                order = max(order, functions[name].depth(0))
+                order = max(order, reading.depth(0))
             except InputError as error:
-                raise InputError(f"outputs.{name}: {error}") from None
+                raise InputError(f"{where}: {error}") from None
         functions = {name: functions[name] for name in scene.outputs}
         mechanism, rigid, reached = kinematics.mechanism, None, None
         n_frame = mechanism.space.n_pose + (len(mechanism.coordinates) if mechanism.space is SPATIAL else 0)
@@ -232,6 +218,18 @@ class OutputSet:
             {name: numbers[controller] for name, controller in beside},
             bool(beside) or bool(forces and scene.controllers),
         )  # fmt: skip
+
+
+def _check(entry: OutputEntry, reading: AnyReading, scene: Scene) -> None:
+    """Refuse what an entry reads if it is no reading, has no unit, or needs what the scene has not."""
+    if not hasattr(reading, "jet"):
+        raise refuse(type(entry), f"an output is made of outputs.readings, and this is a {type(reading).__name__}")
+    try:
+        measure(entry.unit_in(scene))
+    except UnknownUnit as error:
+        raise refuse(type(entry), f"unit_in: '{entry.unit_in(scene)}': {error}") from error
+    if unknown := sorted(reading.needs.parameters - set(scene.parameters)):
+        raise refuse(type(entry), f"it reads the parameter '{unknown[0]}', which the scene has not")
 
 
 def in_order(scene: Scene, names: Iterable[str] | None = None) -> list[str]:

@@ -319,7 +319,7 @@ class BodyFile(Record):
 
     @property
     def _sources(self) -> tuple[Record | None, ...]:
-        """Sources of a body, of which it has one."""
+        """Sources of a body, of which it has one; files of components know another."""
         return self.line, self.component
 
     @property

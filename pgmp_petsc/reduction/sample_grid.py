@@ -1,5 +1,5 @@
-"""Sampled configurations of a mechanism: a tensor grid, one axis for each rigid coordinate; and the
-points of the parameter space at which a basis takes further modes.
+"""Sampled configurations of a mechanism, a tensor grid with an axis for each rigid coordinate; and points of the
+parameter space: those at which a basis takes further modes, and a grid of lengths.
 
 Lengths are sampled at Chebyshev points, n along each, between which a quantity f is, in two forms,
 

@@ -182,6 +182,11 @@ def motion_over(scene: AnyScene, entry: Any) -> str | None:
     return None if joint is None else joint.motion_of(entry.over_motion, MEASURED, scene.dimension)
 
 
+def slides_over(scene: AnyScene, entry: Any) -> bool:
+    """Return whether what a law is of slides: the motion that it is over, or the one that it acts on."""
+    return slides(scene, entry) if entry.over is None else motion_over(scene, entry) == "sliding"
+
+
 MOST_BUILDS = 64  # of all lengths together: each has the price of a build, and as much in the file
 
 

@@ -5,20 +5,17 @@ is singular. SLEPc does not raise when it has not converged and cannot know of a
 solve is followed by its residuals and by Sylvester's law of inertia: the number of negative pivots of ``A - tau B`` is
 the number of eigenvalues below tau.
 
-The options prefix is the caller's, for every problem its own (e.g. ``-pgmp_modes_eps_ncv 60``); the factorisation that
-counts has ``count_`` after it.
+The two checks (`check_residuals`, `check_complete`) are there for the pairs of other eigensolvers, too. The options
+prefix is the caller's, for every problem its own (e.g. ``-pgmp_modes_eps_ncv 60``); the factorisation that counts has
+``count_`` after it.
 
-Pairs of every eigensolver have to pass checks of their residuals, and that none is missing below the highest.
-
-``A - sigma B`` is factorised by MUMPS, in memory or in files: for answers, or to count eigenvalues. What a factor takes
-is known to MUMPS after its analysis. Where that is more than it may have, it ends there, and the factor is made once
-more and kept in files ("out of core"): the same to round-off, and every solve has to read it. A factor that only counts
-the eigenvalues below sigma is not kept at all; MUMPS drops what no later pivot needs, and takes a fraction of the
-memory. Block low-rank factors are no alternative here: see docs/solids.md.
-
-Factors that do not fit into memory have a folder, one a rank; MUMPS writes and reads them there. It is made where
-MUMPS' own variable ``MUMPS_OOC_TMPDIR`` says, else where temporary files go (``TMPDIR``), and is gone when the factor
-is, also after a failure and after the signals that end a run.
+``A - sigma B`` is factorised by MUMPS (`ShiftedFactor`), which knows what a factor takes after its analysis. Where that
+is more than it may have, it ends there, and the factor is made once more and kept in files ("out of core"): the same to
+round-off, and every solve has to read it. These are in a folder (`FactorFiles`), one a rank, where MUMPS' own variable
+``MUMPS_OOC_TMPDIR`` says, else where temporary files go (``TMPDIR``); it is gone when the factor is, also after a
+failure and after the signals that end a run. A factor that only counts the eigenvalues below sigma is not kept at all;
+MUMPS drops what no later pivot needs, and takes a fraction of the memory. Block low-rank factors are no alternative
+here: see docs/solids.md.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""A model as the integrator sees it: a second-order system, its state, and the scheme that ties the two in a step.
+"""A model as the integrator sees it: a second-order system, its states, the scheme of a step, and who sees a run.
 
-Energies and powers of a model at an instant, or at those of a run, from which its balance is drawn up.
-
-The balance of energy of many samples, summed up while they run; `results.estimates` has that of one run's history.
+Its energies and powers are what balances are drawn up from: `results.estimates` has that of one run's history,
+`ensemble.watchers` those of many samples.
 """
 
 from __future__ import annotations

@@ -11,9 +11,7 @@ Newton's method with the modified Hessian (Nocedal and Wright 2006, section 3.4)
 pull the mechanism to, and stays at an unstable one only if it starts there. S pulls back where the eigenvalues of
 ``I^-1 S`` with the coordinates' inertia I have positive real parts: where it is positive definite if it is symmetric;
 forces that turn with a body, or hang on another joint, are not. That such forces feed vibrations is not looked for.
-Every sample is searched by itself.
-
-What is said of runs and samples that start from static equilibrium.
+Every sample is searched by itself. What users are told of such starts is here, too (`start_remarks`).
 """
 
 from __future__ import annotations

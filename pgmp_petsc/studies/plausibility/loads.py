@@ -26,7 +26,7 @@ from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
 from pgmp_petsc.scene.outputs import models_alone
 from pgmp_petsc.scene.parameters import uncertain_names
 from pgmp_petsc.scene.references import impulse_of, parts_of
-from pgmp_petsc.scene.uses import motion_over, slides
+from pgmp_petsc.scene.uses import slides, slides_over
 from pgmp_petsc.studies.plausibility.bodies import Size
 
 FORCES = ("N", "N m")  # units of loads that accelerate a mass, or turn it
@@ -262,8 +262,8 @@ def formula_findings(scene: Scene, assembled: Callable[[], RigidKinematics]) -> 
         v = (at(moment) - at(-moment)) / (2.0 * moment) if np.any(rates) else 0.0
         why = not_finite(acting, s, v, scene.values)
         if why:
-            measured = slides(scene, effect) if effect.over is None else motion_over(scene, effect) == "sliding"
-            s, v = (scene.system.shown(x, unit if measured else "rad") for x, unit in ((s, "m"), (v, "m/s")))
+            slid = slides_over(scene, effect)
+            s, v = (scene.system.shown(x, unit if slid else "rad") for x, unit in ((s, "m"), (v, "m/s")))
             where = f"at the start, where s = {s:.6g}, v = {v:.6g} and t = 0; write where(...) around such places"
             yield refusal(f"effects.{name}.force", f"{why} {where}", effect.force)
     if of_outputs:
