@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from pgmp_petsc.base.errors import InputError, counted
+from pgmp_petsc.base.errors import InputError, counted, nearest_name
 from pgmp_petsc.base.units import behind, inverse
 from pgmp_petsc.figures import captions, style
 from pgmp_petsc.figures.captions import tell_apart
@@ -36,21 +36,26 @@ COLOURS = {"full": style.FULL_COLOUR, "components": style.COMPONENT_COLOUR, "red
 
 
 @style.styled
-def densities(ensembles: Sequence[Ensemble], labels: Sequence[str] | None = None) -> Figure:
-    """Draw the density of every drawn parameter and output that the ensembles have in common, one panel each.
+def densities(
+    ensembles: Sequence[Ensemble], labels: Sequence[str] | None = None, names: Sequence[str] | None = None
+) -> Figure:
+    """Draw the density of every drawn parameter and output that the ensembles have in common, one panel each; of
+    `names` only, in their order, where they are given.
 
     Densities are by a kernel (`kernel_density`); the file has them counted in bins. Values that many samples have alike
-    are bars as high as their share of the panel. Outputs are those of the samples that are fine, parameters those of
-    all samples, as in the file's statistics. The first ensemble is drawn as an area, the others as steps over it.
-    Dashed lines mark the means; the band reaches a standard deviation to both sides of the first ensemble's mean. Above
-    each panel are mean and standard deviation, each with its confidence interval in brackets. With two ensembles a
-    lower panel shows by how much the second density differs, in % of the first one's peak.
+    are bars as high as their share of the panel. Outputs are those of the samples
+    that are fine, parameters those of all samples, as in the file's statistics. The first ensemble is drawn as an area,
+    the others as steps over it. Dashed lines mark the means; the band reaches a standard deviation to both sides of the
+    first ensemble's mean. Above each panel are mean and standard deviation, each with its confidence interval in
+    brackets. With two ensembles a lower panel shows by how much the second density differs, in % of the first one's
+    peak.
 
     Labels are by default the model, how many of its samples are fine, and what else tells the ensembles apart. Raises
-    `InputError` if the ensembles have no quantity in common or one has no sample that is fine.
+    `InputError` if the ensembles do not share one of `names`, or have no quantity in common or one has no sample that
+    is fine.
     """
     labels = labels_of(ensembles) if labels is None else labels
-    names = _common(ensembles)
+    names = _common(ensembles, names)
     compared = len(ensembles) == 2
     height, ratios = (4.1, (2.8, 1.0)) if compared else (3.1 + 0.3 * len(ensembles), (1.0,))
     figure, blocks = style.panel_grid(len(names), (3.6, height), 0.65, 5.0, ratios)
@@ -227,15 +232,19 @@ def draw_repeated(axes: Axes, samples: Sequence[np.ndarray], colours: Sequence[s
         )
 
 
-def _common(ensembles: Sequence[Ensemble]) -> list[str]:
-    """Return the quantities whose statistics the ensembles have in common, parameters first."""
-    names = [
+def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list[str]:
+    """Return the wanted quantities, or all whose statistics the ensembles have in common, parameters first."""
+    shared = [
         name
         for name in (*ensembles[0].parameters, *ensembles[0].outputs)
         if all(name in ensemble.statistics for ensemble in ensembles)
     ]
-    if not names:
+    if not shared:
         raise InputError("the ensembles have nothing in common; plot those of one scene together")
+    names = shared if wanted is None else list(wanted)
+    for name in names:
+        if name not in shared:
+            raise InputError(f"not every ensemble has '{name}'{nearest_name(name, shared)}")
     for ensemble in ensembles:
         for name in names:
             if not ensemble.statistics[name].count:

@@ -138,8 +138,8 @@ def test_long_work_says_how_far_it_is() -> None:
 def test_a_rate_of_less_than_a_moment_says_nothing_about_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pgmp_petsc.base.progress._beats", [Beat(io.StringIO(), clock := Clock(now=94.0))])
     clock.now = 100.0
-    with Lines(64, "samples", clock.stream, clock=clock) as bar:
-        clock.after(0.3, bar.update)
+    bar = Lines(64, "samples", clock.stream, clock=clock)  # unwatched, as whoever watches would look between both
+    clock.after(0.3, bar.update)
     assert clock.lines() == ["samples: 1 of 64, 0 s"]
 
 
