@@ -1,5 +1,5 @@
 """The models of a scene that have its unknowns: the full-order one, and the component one, whose flexible bodies are in
-floating frames, joined by constraints."""
+floating frames, joined by constraints; and samples of both whose lengths differ, a mechanism each."""
 
 from __future__ import annotations
 

@@ -23,35 +23,19 @@ from pgmp_petsc.reduced.lagrangian import least_stiffness, load_powers
 from pgmp_petsc.reduction.tables import smoother
 from pgmp_petsc.results.estimates import Balance, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
-from pgmp_petsc.stepping.generalised_alpha import (
-    Attempt,
-    StateRecord,
-    Together,
-    integrate,
-)
+from pgmp_petsc.stepping.generalised_alpha import Attempt, StateRecord, Together, integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.static_equilibrium import start_remarks
 from pgmp_petsc.stepping.status import Status
+from pgmp_petsc.studies import single_run
 from pgmp_petsc.studies.field_frames import field_frames, fields_over, left_out_of_fields
-from pgmp_petsc.studies.single_run import (
-    STOPPED,
-    RunPart,
-    balance_of,
-    balance_remarks,
-    described,
-    furthest,
-    largest_felt,
-    progress_of,
-    rest_remarks,
-    up_to,
-    vanishing_length,
-    why_stopped,
-)
+from pgmp_petsc.studies.single_run import RunPart
 
 
 def run_reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
+    """Run a reduced model on this process, of a command on so many ranks; see `studies.simulate`."""
     timings, indicator = Timings(), ErrorIndicator(model) if own_error.is_estimated(model.scene) else None
-    part, steps = furthest(
+    part, steps = single_run.furthest(
         lambda attempt: _reduced_part(model, attempt, indicator, timings, comm), model.scene.simulation
     )
     eta, n_theta = part.recorded["eta"], model.kinematics.n_coordinates
@@ -67,17 +51,17 @@ def run_reduced(model: ReducedModel, comm: Comm, n_ranks: int) -> Trajectory:
         if indicator is not None and known.run.n_steps:
             known = _reduced_part(model, known.attempt, indicator, timings, comm)
     errors, estimated = _errors(model, part, known, timings)
-    remarks = [*why_stopped(model, part.run, reason, eta), *steps, *estimated]
+    remarks = [*single_run.why_stopped(model, part.run, reason, eta), *steps, *estimated]
     if status[0] == Status.FINE and model.scene.loose:
         with timings.phase("a run from beside its start"):
             grown = growth_of(model, part.attempt.simulation, eta, part.outputs)
         remarks += spread_remarks(part.time, grown)
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
-    balance = balance_of(part.time, part.recorded["energies"])
-    rests = rest_remarks(model, part, eta[:, :n_theta], frames)
-    common = described(
+    balance = single_run.balance_of(part.time, part.recorded["energies"])
+    rests = single_run.rest_remarks(model, part, eta[:, :n_theta], frames)
+    common = single_run.described(
         model, part, frames, n_ranks, timings,
-        (*remarks, *(rests or balance_remarks(balance, part.attempt.simulation.step, model.scene.system)),
+        (*remarks, *(rests or single_run.balance_remarks(balance, part.attempt.simulation.step, model.scene.system)),
          *own_error.truncated_stresses(model.scene), *left_out_of_fields(fields.seen), *part.recorded["started"],
          *jump_remarks(model, part.recorded["system"], part.recorded["start"], balance.strain),
          *remarks_of(model.scene, found)),
@@ -100,15 +84,17 @@ def _errors(
     that stopped a run of `RunPart.relied_on`."""
     watched, scene = known.recorded["watched"], model.scene
     if watched is None or known.run.status[0] != Status.FINE:
-        return None, [*own_error.absence_of_estimates(scene)] or [note(f"errors were not estimated: {STOPPED}")]
+        return None, [*own_error.absence_of_estimates(scene)] or [
+            note(f"errors were not estimated: {single_run.STOPPED}")
+        ]
     with timings.phase("errors"):
         estimate = watched.estimate(known.run.status)
     absent = {name: why for name, (why,) in estimate.absent.items() if why}
-    errors = EstimatedErrors(*estimate.histories[0], largest_felt(model, known.outputs), absent=absent)
+    errors = EstimatedErrors(*estimate.histories[0], single_run.largest_felt(model, known.outputs), absent=absent)
     large = own_error.large_errors(
-        *errors.of_one_run(), model.outputs.units, scene=scene, length=vanishing_length(model)
+        *errors.of_one_run(), model.outputs.units, scene=scene, length=single_run.vanishing_length(model)
     )
-    until = up_to(part, "errors") if len(absent) < len(errors.outputs) else ()
+    until = single_run.up_to(part, "errors") if len(absent) < len(errors.outputs) else ()
     said = [*large, *until, *own_error.not_estimated(errors, scene), *own_error.few_steps(known.time.size - 1)]
     return errors, [*said, *own_error.left_out_of_estimates(model)]
 
@@ -122,7 +108,7 @@ def _reduced_part(
     system.require_settled()
     watched = None if indicator is None else indicator.stepped(simulation).watch(system, np.array([0]))
     validity = Validity(model, system, values, simulation)
-    with timings.phase("integration"), progress_of("reduced", attempt, comm) as bar:
+    with timings.phase("integration"), single_run.progress_of("reduced", attempt, comm) as bar:
         record = StateRecord(bar.update)
         watches = [validity] if watched is None else [validity, watched]
         done = integrate(system, simulation, observer=Together([*watches, record]))

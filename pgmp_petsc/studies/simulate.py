@@ -24,29 +24,13 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, first_ranks
 from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
-from pgmp_petsc.stepping.generalised_alpha import (
-    Attempt,
-    integrate,
-)
+from pgmp_petsc.stepping.generalised_alpha import Attempt, integrate
 from pgmp_petsc.stepping.second_order_system import Energies, PooledObserver, SecondOrderSystem, State, joined
 from pgmp_petsc.stepping.static_equilibrium import start_remarks
 from pgmp_petsc.stepping.status import Status
+from pgmp_petsc.studies import single_run
 from pgmp_petsc.studies.field_frames import field_frames, left_out_of_fields
-from pgmp_petsc.studies.single_run import (
-    STOPPED,
-    RunPart,
-    balance_of,
-    balance_remarks,
-    described,
-    frame_steps,
-    furthest,
-    largest_felt,
-    progress_of,
-    rest_remarks,
-    up_to,
-    vanishing_length,
-    why_stopped,
-)
+from pgmp_petsc.studies.single_run import RunPart
 
 
 def simulate(model: Model, comm: Comm) -> Trajectory | None:
@@ -80,9 +64,9 @@ def _full(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
             system = model.single(model.scene.values, comm)
             system.require_settled()
         with system:
-            with timings.phase("integration"), progress_of(model.title, attempt, comm) as bar:
+            with timings.phase("integration"), single_run.progress_of(model.title, attempt, comm) as bar:
                 started[:] = start_remarks(model.scene, system)
-                record = FullRecord(model, system, fields, frame_steps(simulation), bar.update)
+                record = FullRecord(model, system, fields, single_run.frame_steps(simulation), bar.update)
                 done = integrate(system, simulation, observer=record)
                 outputs, recorded, seen = record.outputs(), record.recorded(), record.fields()
             part = RunPart.of(model, done, attempt, record.times, outputs, **recorded)
@@ -90,7 +74,7 @@ def _full(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
             other = _coarser(model, system, part, timings, comm) if is_whole else None
         return replace(part, recorded={**part.recorded, "fields": seen, "coarser": other})
 
-    part, steps = furthest(once, model.scene.simulation)
+    part, steps = single_run.furthest(once, model.scene.simulation)
     other = part.recorded["coarser"]
     if part.run.status[0] != Status.FINE:
         with model.single(model.scene.values, comm) as system:
@@ -101,13 +85,13 @@ def _full(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
     space, recorded = model.kinematics.mechanism.space, part.recorded
     frames = np.array(recorded["frames"][: len(part.shown)])
     frames = frames.reshape(len(frames), model.kinematics.mechanism.n_nodes, -1 if len(frames) else space.n_pose)
-    balance = balance_of(part.time, recorded["energies"])
-    rests = rest_remarks(model, part, recorded["coordinates"], frames)
+    balance = single_run.balance_of(part.time, recorded["energies"])
+    rests = single_run.rest_remarks(model, part, recorded["coordinates"], frames)
     errors, estimated = _step_errors(model, part, other, rests)
     remarks = (
-        *why_stopped(model, part.run, "", np.array(recorded["coordinates"])),
+        *single_run.why_stopped(model, part.run, "", np.array(recorded["coordinates"])),
         *steps,
-        *(rests or balance_remarks(balance, part.attempt.simulation.step, model.scene.system)),
+        *(rests or single_run.balance_remarks(balance, part.attempt.simulation.step, model.scene.system)),
         *estimated,
         *own_error.why_not_of_full_order(model),
         *started,
@@ -118,7 +102,7 @@ def _full(model: FullModel, comm: Comm, n_ranks: int) -> Trajectory | None:
         errors=errors,
         balance=balance,
         fields=field_frames(fields.seen, model.kinematics, frames, recorded["fields"]),
-        **described(model, part, frames, n_ranks, timings, remarks),
+        **single_run.described(model, part, frames, n_ranks, timings, remarks),
     )
 
 
@@ -144,18 +128,18 @@ def _step_errors(
     if other is None:
         absent = own_error.absence_of_estimates(model.scene, of_step=True)
         few = own_error.too_few_steps(part.run.n_steps, model.scene) if part.run.status[0] == Status.FINE else ()
-        return None, [*(absent or few)] or [note(f"errors of the time step were not estimated: {STOPPED}")]
+        return None, [*(absent or few)] or [note(f"errors of the time step were not estimated: {single_run.STOPPED}")]
     found = coarser_run.step_errors(model.scene, known.time, known.outputs, other)
     said = list(own_error.step_remarks(model, known.time, known.outputs, other, found))
     if found is None:
         return None, said
-    errors = EstimatedErrors(found.time, found.outputs, largest_felt(model, known.outputs), OF_STEP)
+    errors = EstimatedErrors(found.time, found.outputs, single_run.largest_felt(model, known.outputs), OF_STEP)
     if rests:
         return errors, []
     large = own_error.large_errors(
-        *errors.of_one_run(), model.outputs.units, model.name, model.scene, vanishing_length(model)
+        *errors.of_one_run(), model.outputs.units, model.name, model.scene, single_run.vanishing_length(model)
     )
-    return errors, [*large, *up_to(part, "errors of the time step"), *said]
+    return errors, [*large, *single_run.up_to(part, "errors of the time step"), *said]
 
 
 class FullRecord(PooledObserver):

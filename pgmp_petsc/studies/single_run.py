@@ -28,11 +28,7 @@ from pgmp_petsc.results.trajectory import RESTS
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.stepping.generalised_alpha import (
-    Attempt,
-    Run,
-    integrate_with_smaller_steps,
-)
+from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, integrate_with_smaller_steps
 from pgmp_petsc.stepping.second_order_system import Energies
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.field_frames import shape_frames
