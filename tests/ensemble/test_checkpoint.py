@@ -1,6 +1,5 @@
 """The checkpoint of an ensemble: what is kept, what is refused."""
 
-import resource
 import shutil
 import zipfile
 from dataclasses import replace
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import full_disk
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Columns, Finished, remove_checkpoint
@@ -317,12 +317,8 @@ def test_it_leaves_no_file_and_lasts_longer_than_its_folder(tmp_path: Path) -> N
 
 def test_a_full_disk_is_said(tmp_path: Path) -> None:
     columns = Columns(tmp_path, 1000)
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-    try:
-        with pytest.raises(RunError, match="samples could not be put together in .*: File too large; what is"):
-            columns.put(0, {"a": np.zeros(1000)})
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    said = "samples could not be put together in .*: File too large; what is"
+    with full_disk(1000), pytest.raises(RunError, match=said):
+        columns.put(0, {"a": np.zeros(1000)})
     with pytest.raises(RunError, match="samples could not be put together in .*gone': No such file"):
         Columns(tmp_path / "gone", 2)
