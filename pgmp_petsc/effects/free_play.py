@@ -9,8 +9,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from pgmp_petsc.effects.action import joint_measure
 from pgmp_petsc.effects.effect import ActionEffect
-from pgmp_petsc.effects.joint_effects import ElasticEnds, joint_measure
+from pgmp_petsc.effects.joint_effects import ElasticEnds
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.fields import NumberOrParameter, Unit

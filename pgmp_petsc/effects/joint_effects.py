@@ -22,16 +22,15 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from pgmp_petsc.effects.action import FRICTION, SPRING_DAMPER
+from pgmp_petsc.effects.action import FRICTION, SPRING_DAMPER, joint_measure
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.statements import distance
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import OnJoint
 from pgmp_petsc.scene.fields import NotNegativeOrParameter, NumberOrParameter, PositiveOrParameter, Unit, refusal
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.uses import MEASURED, slides
+from pgmp_petsc.scene.uses import slides
 
 # A stop never pulls, and its force begins at zero, so that it is continuous at contact; side is 1 for an upper stop, -1
 # for a lower one.
@@ -51,21 +50,6 @@ CARRIED_FRICTION = Law(
     left_out=FRICTION.left_out,
     loaded=True,
 )
-
-
-def joint_measure(mechanism: Mechanism, entry: Any) -> dict[str, Any]:
-    """Return statement and attachments of an effect's joint, as `Action` takes them; it may act at a point as well."""
-    scene, asked = mechanism.scene, getattr(entry, "motion", None)
-    found = scene.joints[entry.joint].motion_of(asked, getattr(entry, "joints", MEASURED), scene.dimension)
-    return mechanism.connection(entry.joint).motion("sliding" if found == "sliding" else "turning")
-
-
-def place_of(mechanism: Mechanism, name: str, entry: Any) -> dict[str, Any]:
-    """Return what an effect by a name acts on, as `Action` takes it: the motion in its joint, or the distance of its
-    two points."""
-    if entry.points is None:
-        return joint_measure(mechanism, entry)
-    return mechanism.between(distance(mechanism.space.dimension), entry.points, f"effects.{name}.points")
 
 
 class ElasticEnds(OnJoint):

@@ -1,8 +1,9 @@
 """Where the nodes of bodies are, and their stresses at nodes and in cells, at some instants of one sample.
 
-The models know both in their own ways (`models.stresses`): a full-order model has the positions of its meshes. A body
-that is condensed has ``x = p + R (X + T y)`` with its pose and its coordinates y, a reduced model ``y = Psi(theta)
-delta``, and of second order ``1/2 chi delta delta`` besides. Visible are the bodies whose meshes a model knows.
+The models know both in their own ways (`models.stresses`, `models.reduced_fields`): a full-order model has the
+positions of its meshes. A body that is condensed has ``x = p + R (X + T y)`` with its pose and its coordinates y, a
+reduced model ``y = Psi(theta) delta``, and of second order ``1/2 chi delta delta`` besides. Visible are the bodies
+whose meshes a model knows.
 """
 
 from __future__ import annotations
@@ -15,16 +16,12 @@ import numpy as np
 
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.sections.section import BeamSection
-from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, Strains
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.bodies.stresses import EXTREMES, FURTHEST, BeamLaw, SolidLaw, Strains
 from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.mechanism.space import Space
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.models.stresses import ReducedStrains, full_strains
-from pgmp_petsc.outputs.stress import EXTREMES, FURTHEST
-from pgmp_petsc.reduction.reconstruction import Reconstruction
-from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.models.stresses import full_strains
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.references import stressed_bodies
 
@@ -186,43 +183,6 @@ class FullFields:
         return with_stresses(
             field, places, lambda points: full_strains(self._unknowns, field.number, points, q), values
         )
-
-
-class ReducedFields:
-    """Fields of the bodies wanted from reduced coordinates, by the model's projection and its interpolation."""
-
-    def __init__(self, seen: FieldSet, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str) -> None:
-        self.seen, self._kinematics, bodies = seen, kinematics, kinematics.mechanism.bodies
-        numbers = [field.number for field in seen.points.values()]
-        self._strains = ReducedStrains(
-            kinematics, rom, scheme, [number for number in numbers if bodies[number].flexible]
-        )
-        self._rigid = {
-            number: Reconstruction(kinematics, rom, scheme, [bodies[number].nodes.start])
-            for number in numbers
-            if not bodies[number].flexible
-        }
-
-    def of(self, eta: np.ndarray, values: Mapping[str, float]) -> Fields:
-        """Return the fields for reduced coordinates (n, n_eta)."""
-        poses = self._kinematics.poses(eta[:, : self._kinematics.n_coordinates])
-        coordinates, strained = self._strains.coordinates(eta), self._strains.strained(eta)
-        missed = self._strains.missed(eta, values)
-        space, found = self._kinematics.mechanism.space, {}
-        for name, field in self.seen.points.items():
-            number, body = field.number, self._strains.bodies[field.number]
-            if number in self._rigid:
-                found[name] = carried(space, field, body, self._rigid[number].frames(eta)[0])
-                continue
-            moved = body.displacements(coordinates[number])[:, : space.dimension]
-            places = placed(space, poses[number], field.mesh.nodes[:, :, None] + moved)
-
-            def strains(points: Strains, field: FieldPoints = field) -> np.ndarray:
-                y, unmet = strained[field.number], missed.get(field.number)
-                return self._strains.of(field.number, points, field.stresses.law, y, unmet, values)
-
-            found[name] = with_stresses(field, places, strains, values)
-        return found
 
 
 def carried(space: Space, field: FieldPoints, body: Body, frame: np.ndarray) -> BodyValues:

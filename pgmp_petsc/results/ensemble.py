@@ -34,7 +34,8 @@ from pgmp_petsc.declare.records import (
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results.estimates import BALANCE_WORDS, OF_REDUCED, OF_STEP, VALIDITY_WORDS
 from pgmp_petsc.results.numbers import axis_unit, interval_text, number_text
-from pgmp_petsc.results.statistics import MODELS, UNKNOWN, Band, Chance, Sensitivity, Statistics
+from pgmp_petsc.results.statistics import UNKNOWN, Band, Chance, Sensitivity, Statistics
+from pgmp_petsc.results.trajectory import MODELS
 
 _UNIT = "as attribute units"
 

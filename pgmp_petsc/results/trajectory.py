@@ -48,8 +48,8 @@ from pgmp_petsc.declare.records import (
 from pgmp_petsc.files.claims import check_output, replacing
 from pgmp_petsc.files.hdf5 import RunRecord, open_file, shapes_of, take
 from pgmp_petsc.results.estimates import ANSWERS, VALIDITY_WORDS, Balance, EstimatedErrors
-from pgmp_petsc.results.statistics import MODELS
 
+MODELS = ("full", "components", "reduced")
 GROUP = "fields"
 PLACES = ("at_nodes", "at_cells")
 _LENGTHS = ("positions", "nodes")  # of frames

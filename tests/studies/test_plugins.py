@@ -109,7 +109,7 @@ import numpy as np
 from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.effect import ActionEffect
-from pgmp_petsc.effects.joint_effects import joint_measure
+from pgmp_petsc.effects.action import joint_measure
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.mechanism.statements import following
 from pgmp_petsc.scene.effects import EffectEntry
