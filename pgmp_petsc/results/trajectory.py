@@ -46,10 +46,9 @@ from pgmp_petsc.declare.records import (
     units_of,
 )
 from pgmp_petsc.files.claims import check_output, replacing
-from pgmp_petsc.files.hdf5 import RunRecord, open_file, shapes_of, take
+from pgmp_petsc.files.hdf5 import MODELS, RunRecord, open_file, shapes_of, take
 from pgmp_petsc.results.estimates import ANSWERS, VALIDITY_WORDS, Balance, EstimatedErrors
 
-MODELS = ("full", "components", "reduced")
 GROUP = "fields"
 PLACES = ("at_nodes", "at_cells")
 _LENGTHS = ("positions", "nodes")  # of frames
