@@ -22,12 +22,11 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.mechanism.statement_rows import near_to
 from pgmp_petsc.mechanism.statements import Function, Statement, distance
-from pgmp_petsc.outputs.expressions import TIME
 from pgmp_petsc.outputs.multipliers import ForceOutput, OfConnection, OfCoupling, OfPrescribed, Pull
 from pgmp_petsc.outputs.of_outputs import Combined
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.rainflow import Counted
-from pgmp_petsc.outputs.readings import Absolute, AnyReading, ModelReading, Rate, Reading
+from pgmp_petsc.outputs.readings import TIME, Absolute, AnyReading, ModelReading, Rate, Reading
 from pgmp_petsc.scene import Scene
 
 NO_CODE = "a model in C has no code for it"

@@ -10,8 +10,6 @@ the equations at the iterate. Those of a joint in the tree of joint coordinates 
 behind it ask of the frame that it holds. From correction to correction forces go on as `controllers.running` says.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple, Self
 

@@ -75,7 +75,7 @@ class FullModel(Model):
         self.measures = Measures(scene, self.kinematics, self._start[0]) if scene.beside else None
         self._stresses = None
         if self.outputs.stresses:
-            from pgmp_petsc.models.stresses import FullStresses  # few scenes have them
+            from pgmp_petsc.models.body_fields import FullStresses  # few scenes have them
 
             self._stresses = FullStresses(self.outputs, Unknowns(mechanism))
 

@@ -1,7 +1,7 @@
 """Strains, stresses and fields of bodies in the reduced model, from its coordinates.
 
 Coordinates y of bodies follow from the modes, ``y = Psi(theta) delta`` (Naets et al. 2015, eq. (4)), and strains from
-them as of all bodies that are condensed (`models.stresses`). What modes leave out of the static answers to loads and
+them as of all bodies that are condensed (`models.body_fields`). What modes leave out of the static answers to loads and
 inertia forces is in the strains as far as the basis has it: `reduction.static_modes` and `reduction.inertia_modes`, on
 bodies that are condensed with the answers to their own inertia forces.
 
@@ -28,8 +28,18 @@ from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, Strains
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.models.body_fields import FieldPoints, Fields, FieldSet, carried, placed, with_stresses
-from pgmp_petsc.models.stresses import in_blocks, linear_maps, of_coordinates, values_of
+from pgmp_petsc.models.body_fields import (
+    FieldPoints,
+    Fields,
+    FieldSet,
+    carried,
+    in_blocks,
+    linear_maps,
+    of_coordinates,
+    placed,
+    values_of,
+    with_stresses,
+)
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.missed_answers import Missed

@@ -34,8 +34,7 @@ from pgmp_petsc.declare.formulas import (
     evaluated,
 )
 from pgmp_petsc.declare.own_units import in_si
-from pgmp_petsc.outputs.expressions import TIME, Expression, FormulaOf, RateOf
-from pgmp_petsc.outputs.readings import AnyReading, Jet, Needs, Rate, Seen
+from pgmp_petsc.outputs.readings import TIME, AnyReading, Expression, FormulaOf, Jet, Needs, Rate, RateOf, Seen
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_powers
 from pgmp_petsc.scene.messages import problem

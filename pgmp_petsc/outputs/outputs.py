@@ -2,7 +2,7 @@
 
 All outputs but stresses and forces in joints are read of the frames of some nodes and of their rates and accelerations,
 whichever model moved them, of the time and of parameters (`readings`). Stresses depend on what else a model knows of a
-body, and on parameters; each model evaluates them in its own way (`models.stresses`). So do forces in joints, which
+body, and on parameters; each model evaluates them in its own way (`models.body_fields`). So do forces in joints, which
 depend on the model's multipliers (`multipliers`). What a model observes has all this in rows, as far as outputs read
 it: frames, rates, accelerations, stresses, forces, the time, parameters.
 """

@@ -1,6 +1,6 @@
 """Stress outputs: strains at points of a body, what a quantity makes of them, and the largest of the points.
 
-Every model knows the strains in its own way (`models.stresses`): from the positions of a mesh, or as a constant linear
+Every model knows the strains in its own way (`models.body_fields`): of the positions of a mesh, or as a constant linear
 map of the coordinates that a body is condensed to. From there on all is the same.
 """
 

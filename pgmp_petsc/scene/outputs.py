@@ -94,7 +94,7 @@ class OutputEntry(Table):
         return type(self).stated is not OutputEntry.stated
 
     def expression(self, scene: AnyScene, seen: Any) -> Any:
-        """Return what it is of other outputs for a controller, one of those in `outputs.expressions`, of what `seen`
+        """Return what it is of other outputs for a controller, one of those in `outputs.readings`, of what `seen`
         returns for their names; None if controllers take it as a motion of its own."""
         return None
 
