@@ -247,8 +247,7 @@ def _dataset(
             values, unit = system.named(values, data.units[name])
             about = {"units": unit, "long_name": f"largest estimated error of output '{name}' over the run"}
         elif kind == "validity":
-            label, (unit, words) = place, VALIDITY[name]
-            about = {"units": unit, "long_name": words}
+            label, about = place, {"units": VALIDITY[name]["unit"], "long_name": VALIDITY[name]["about"]}
         else:
             continue
         found[label] = (dims, values.reshape(shape), about)

@@ -297,9 +297,6 @@ class ErrorSystem(SecondOrderSystem):
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
         return self.full.reasons(time, state, samples)
 
-    def unpack(self, array: np.ndarray) -> np.ndarray:
-        return self.full.unpack(array)
-
 
 def _in_floating_frames(rom: ReducedOrderModel, reduced: Mechanism, full: Mechanism) -> ReducedOrderModel:
     """Return a reduced model with its flexible vectors in the unknowns of a mechanism whose condensed bodies have

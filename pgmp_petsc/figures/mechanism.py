@@ -128,7 +128,7 @@ class Shapes:
         axes.set_xlabel(style.axis_label(self.axis_names[0], unit))
         axes.set_ylabel(style.axis_label(self.axis_names[1], unit))
 
-    def draw_ground(self, axes: Axes, size: float = 24.0) -> None:
+    def draw_ground(self, axes: Axes) -> None:
         """Draw a triangle below every pin or end of a body, and what acts between points, that stays where it is; where
         all do, none tells what the ground holds."""
         low, high = self.limits
@@ -136,7 +136,7 @@ class Shapes:
         paths += [path for span in self.spans for path in span]
         resting = [path for path in paths if np.ptp(path, axis=0).max() < AT_REST * max(high - low)]
         for path in resting if len(resting) < len(paths) else ():
-            axes.plot(*path[0], marker=_GROUND, color=style.QUIET, markersize=size, zorder=1.5, clip_on=False)
+            axes.plot(*path[0], marker=_GROUND, color=style.QUIET, markersize=24.0, zorder=1.5, clip_on=False)
 
     def draw(self, axes: Axes, number: int, colour: Sequence[float], width: float, pin: float, zorder: float) -> None:
         """Draw all bodies at the frame of that number, with lines and markers of pins so many points wide."""
@@ -292,7 +292,7 @@ def mechanism(
     if the trajectory has no frames.
     """
     frames = trajectory.frames
-    if frames is None or not len(frames.time):
+    if frames is None:
         raise InputError("the trajectory has no frames to draw; use --override simulation.frames=100")
     factor, unit = style.axis_unit(trajectory.record.system.unit("m"), *frames.positions.values())
     shapes = Shapes.of(frames, exaggeration, factor, trajectory.record)
