@@ -21,7 +21,7 @@ from pgmp_petsc.estimates.coarser_run import MOST, CoarserRun, StepErrors, fewes
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, SeparateLengths
-from pgmp_petsc.outputs.joint_forces import joints_of
+from pgmp_petsc.outputs.multipliers import joints_of
 from pgmp_petsc.results.estimates import ANSWERS, LARGE, EstimatedErrors
 from pgmp_petsc.results.numbers import (
     Arrays,

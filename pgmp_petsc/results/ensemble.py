@@ -31,10 +31,10 @@ from pgmp_petsc.declare.records import (
     run_record,
     units_in,
 )
-from pgmp_petsc.files.hdf5 import RunRecord
+from pgmp_petsc.files.hdf5 import MODELS, RunRecord
 from pgmp_petsc.results.estimates import BALANCE, OF_REDUCED, OF_STEP, VALIDITY
 from pgmp_petsc.results.numbers import axis_unit, interval_text, number_text
-from pgmp_petsc.results.statistics import MODELS, UNKNOWN, Band, Chance, Sensitivity, Statistics
+from pgmp_petsc.results.statistics import UNKNOWN, Band, Chance, Sensitivity, Statistics
 
 _UNIT = "as attribute units"
 

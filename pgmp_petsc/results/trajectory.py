@@ -46,9 +46,8 @@ from pgmp_petsc.declare.records import (
     units_of,
 )
 from pgmp_petsc.files.claims import check_output, replacing
-from pgmp_petsc.files.hdf5 import RunRecord, open_file, shapes_of, take
+from pgmp_petsc.files.hdf5 import MODELS, RunRecord, open_file, shapes_of, take
 from pgmp_petsc.results.estimates import ANSWERS, VALIDITY, Balance, EstimatedErrors
-from pgmp_petsc.results.statistics import MODELS
 
 GROUP = "fields"
 PLACES = ("at_nodes", "at_cells")

@@ -92,8 +92,9 @@ def test_what_does_not_fit_together_is_refused(result, change, message):
 
 
 def test_results_are_imported_by_their_names_when_they_are_asked_for() -> None:
-    for name in results.__all__:
-        assert getattr(results, name).__name__ == name
+    for kind, reader in results.READERS.items():
+        assert getattr(results, reader.__name__) is reader
+        assert reader.kind == kind
     with pytest.raises(AttributeError, match="no attribute 'Trajectories'"):
         _ = results.Trajectories
 
