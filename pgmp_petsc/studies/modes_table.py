@@ -29,7 +29,7 @@ from pgmp_petsc.effects.springs import linear_springs, spring_remarks
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, words_of
+from pgmp_petsc.mechanism.mechanism import TABLES, Coordinate, Mechanism, words_of
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import SpringStiffness, VibrationProblem, frequencies_of
 from pgmp_petsc.ranks.agreement import agreed
@@ -82,7 +82,6 @@ STRESSED = "the frequencies are of bodies under the stress that joints that are 
 _BUT = "it has with geometric_stiffening in [effects] and without springs"
 UNSTRESSED = f"the stress that joints that are off build in has no part in the frequencies; {_BUT}"
 MESH_ERROR = "errors of the mesh in the frequencies were not estimated; compare with more elements a body"
-STRUCTURE = ("ground", "materials", "bodies", "joints", "coordinates")
 
 
 def tabulate_modes(
@@ -195,7 +194,7 @@ def _check_same_mechanism(scene: Scene, rom: ReducedOrderModel | None) -> None:
     if rom is None:
         return
     built = scene_from_toml(rom.record.scene_toml, scene.directory)
-    for table in STRUCTURE:
+    for table in TABLES:
         if getattr(built, table) != getattr(scene, table):
             raise InputError(f"--rom: it was built from another scene: [{table}] differs; build it from this one")
     missing = scene.parameters.keys() ^ built.parameters.keys()
