@@ -22,7 +22,7 @@ from pgmp_petsc.estimates.coarser_run import fewest_steps, run_coarser, step_err
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator, indicator_of
 from pgmp_petsc.estimates.validity import Validity
 from pgmp_petsc.models import FullModel, Model, OutputRecord, Reduced, SeparateLengths
-from pgmp_petsc.outputs.joint_forces import after_start
+from pgmp_petsc.outputs.multipliers import after_start
 from pgmp_petsc.outputs.rainflow import Counting
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY, moved_around

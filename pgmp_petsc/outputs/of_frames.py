@@ -9,15 +9,14 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from pgmp_petsc.effects.joint_effects import joint_measure
-from pgmp_petsc.effects.loads import GROUND_ORIGIN
-from pgmp_petsc.effects.motion import bases_of
+from pgmp_petsc.effects import bases_of
+from pgmp_petsc.effects.action import joint_measure
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import along, angle, distance
 from pgmp_petsc.outputs.readings import AXES, Absolute, AnyReading, Rate, Reading, RigidReference
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.fields import Connection, Point, refusal
+from pgmp_petsc.scene.fields import GROUND_ORIGIN, Connection, Point, refusal
 from pgmp_petsc.scene.messages import Finding, doubt, problem
 from pgmp_petsc.scene.outputs import Axis, OutputEntry
 from pgmp_petsc.scene.uses import slides

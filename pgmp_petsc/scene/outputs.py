@@ -51,6 +51,8 @@ class OutputEntry(Table):
     derivative: ClassVar[int] = 0
     #: Whether it may be of what deforms bodies alone, so that a model's error of deformations is one of it.
     of_deformation: ClassVar[bool] = False
+    #: Whether it is of what acts in the joint that it names.
+    in_joint: ClassVar[bool] = False
     #: The other outputs that it is made of, each with the entry that names it.
     made_of: ClassVar[Mapping[str, str]] = {}
 
@@ -94,7 +96,7 @@ class OutputEntry(Table):
         return type(self).stated is not OutputEntry.stated
 
     def expression(self, scene: AnyScene, seen: Any) -> Any:
-        """Return what it is of other outputs for a controller, one of those in `outputs.of_outputs`, of what `seen`
+        """Return what it is of other outputs for a controller, one of those in `outputs.readings`, of what `seen`
         returns for their names; None if controllers take it as a motion of its own."""
         return None
 
@@ -110,7 +112,7 @@ class OutputEntry(Table):
         raise NotImplementedError
 
     def multiplied(self, name: str, kinematics: Any) -> Any:
-        """Return what makes it of multipliers, an `outputs.joint_forces.ForceOutput`, if it reads these; raises
+        """Return what makes it of multipliers, an `outputs.multipliers.ForceOutput`, if it reads these; raises
         `InputError` where they do not determine it."""
         raise NotImplementedError
 

@@ -19,8 +19,7 @@ from pgmp_petsc.estimates import coarser_run, own_error
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.models import Model
-from pgmp_petsc.outputs.joint_forces import joints_of, judged
-from pgmp_petsc.outputs.rainflow import counted_after
+from pgmp_petsc.outputs.multipliers import joints_of, judged
 from pgmp_petsc.results.estimates import Balance
 from pgmp_petsc.results.numbers import ROUND_OFF as SAME
 from pgmp_petsc.results.numbers import VANISHING, felt
@@ -73,7 +72,7 @@ class RunPart:
 
     @staticmethod
     def _outputs(model: Model, time: np.ndarray, observed: np.ndarray) -> dict[str, np.ndarray]:
-        return counted_after(model.outputs.counts, time, model.outputs.evaluate(observed), model.scene.values)
+        return model.outputs.counted_over(time, model.outputs.evaluate(observed), model.scene.values)
 
     @property
     def reach(self) -> float:
