@@ -21,7 +21,7 @@ from pgmp_petsc.estimates.coarser_run import MOST, CoarserRun, StepErrors, fewes
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, SeparateLengths
-from pgmp_petsc.outputs.multipliers import joints_of
+from pgmp_petsc.outputs.multipliers import after_start, joints_of, judged
 from pgmp_petsc.results.estimates import ANSWERS, LARGE, EstimatedErrors
 from pgmp_petsc.results.numbers import (
     Arrays,
@@ -157,6 +157,25 @@ def large_errors(
         f"large estimated errors{OF_MODEL[model]}{of}, as shares of the largest values over the run: "
         f"{', '.join(found)}; {SMALLER_ERRORS[model]}{beyond}{lost}"
     )
+
+
+@gathered
+def largest_at_start(scene: Scene, outputs: Arrays, units: Units) -> Iterator[Remark]:
+    """Return which outputs (n_t,) of a run are largest at the start, where they are not judged."""
+    system, told = scene.system, []
+    sizes = {name: np.max(np.abs(values)) for name, values in judged(scene, outputs).items()}
+    largest = felt(sizes, units, joints=joints_of(scene))
+    for name in after_start(scene):
+        start, later = abs(float(outputs[name][0])), float(largest[name])
+        if start > (1.0 + SMALL) * later > 0.0 and name not in scene.counted:
+            both = (with_unit(*system.named(one, units[name]), 3) for one in (start, later))
+            told.append("{} ({}, later {} at most)".format(name, *both))
+    if told:
+        yield warning(
+            f"largest at time 0: {', '.join(told)}. What joints carry where bodies start undeformed hangs there on the "
+            "mesh and on modes alone: estimated errors, and extremes and events of ensembles, begin with the next "
+            "instant; start with initial.equilibrium = true, or let loads grow from zero"
+        )
 
 
 @gathered

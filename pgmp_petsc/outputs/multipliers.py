@@ -53,18 +53,27 @@ def joints_of(scene: Scene) -> dict[str, str]:
     return {name: output.joint for name, output in scene.outputs.items() if output.in_joint}
 
 
+def after_start(scene: Scene) -> tuple[str, ...]:
+    """Return the outputs that are judged from the first step on: what joints carry where bodies start undeformed.
+
+    Loads have not reached the joints at time 0: what these carry then hangs on the mesh and on modes alone.
+    """
+    if scene.initial.equilibrium or not any(body.flexible for body in scene.bodies.values()):
+        return ()
+    return tuple(name for name in scene.outputs if reads(scene, name, "multipliers"))
+
+
 def judged(scene: Scene, found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return outputs of a scene over whole runs, or their errors, each (n_t, ...), as they are judged.
 
     Those that are counted are what they are at the end at every instant: a damage and a life are figures of a run as a
-    whole. What joints carry is at the start what it is at the next instant: where loads meet undeformed bodies, it
-    hangs there on the mesh alone.
+    whole. Those of `after_start` are at the start what they are at the next instant.
     """
-    result = dict(found)
+    result, late = dict(found), after_start(scene)
     for name, values in found.items():
         if name in scene.counted:
             result[name] = np.full_like(values, values[-1])
-        elif len(values) > 1 and name in scene.outputs and reads(scene, name, "multipliers"):
+        elif name in late and len(values) > 1:
             result[name] = np.concatenate([values[1:2], values[1:]])
     return result
 

@@ -141,6 +141,7 @@ class Displacement(OnTheGround):
     """Position of a point along an axis minus that at the start of the run (m)."""
 
     type: Literal["displacement"]
+    of_deformation = True  # where the mechanism rests
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
         """Return the place along the axis, from that of the rigid mechanism at the start."""
@@ -154,6 +155,7 @@ class Deformation(AlongAxis):
     """Position of a point along an axis minus that of the rigid mechanism at the same joint angle (m)."""
 
     type: Literal["deformation"]
+    of_deformation = True
     frame: Literal["ground", "body"] = Field(
         "ground", description="whose axes: the ground's, or those of the rigid body that carries the point"
     )

@@ -31,7 +31,7 @@ class Stress(OutputEntry):
     """Stress of a flexible body, or the force or moment in a section of a beam, largest of what it is asked of."""
 
     type: Literal["stress"]
-    reads = ("stresses",)
+    reads, of_deformation = ("stresses",), True
     body: str = Field(description="name of a flexible body")
     quantity: Literal[QUANTITIES] = Field(
         description="von_mises, principal_max, principal_min (Pa) of solids; of beams axial_force, shear_force (N), "

@@ -49,6 +49,8 @@ class OutputEntry(Table):
     unit: ClassVar[str]
     #: Which derivative over time it takes of what it reads: 1 if that is a speed of it.
     derivative: ClassVar[int] = 0
+    #: Whether it may be of what deforms bodies alone, so that a model's error of deformations is one of it.
+    of_deformation: ClassVar[bool] = False
     #: Whether it is of what acts in the joint that it names.
     in_joint: ClassVar[bool] = False
     #: The other outputs that it is made of, each with the entry that names it.
@@ -137,6 +139,10 @@ class OutputEntry(Table):
     def kinked_in(self, scene: AnyScene) -> bool:
         """Whether it is the largest at many points: its history has kinks where another point takes over."""
         return any(scene.outputs[one].kinked_in(scene) for one in self.made_in(scene))
+
+    def deforms_in(self, scene: AnyScene) -> bool:
+        """Whether it, or one that it is made of, may be of what deforms bodies alone."""
+        return self.of_deformation or any(scene.outputs[one].deforms_in(scene) for one in self.made_in(scene))
 
     def derivatives_in(self, scene: AnyScene) -> int:
         """Return which derivative of places it takes: 0 of places, 1 of speeds, 2 of accelerations."""

@@ -27,8 +27,9 @@ class Model:
 
     def __init__(self, **asked: object) -> None:
         self.scene = SimpleNamespace(
-            ensemble=Ensemble.model_validate(asked), simulation=Simulation(duration=STEP * N_STEPS, step=STEP)
-        )
+            ensemble=Ensemble.model_validate(asked), simulation=Simulation(duration=STEP * N_STEPS, step=STEP),
+            initial=SimpleNamespace(equilibrium=False), bodies={},
+        )  # fmt: skip
         read = {"functions": {"y": None}, "counts": {}, "takes_beside": False}
         self.outputs = SimpleNamespace(**read, evaluate=lambda observed: {"y": observed[0]})
 
