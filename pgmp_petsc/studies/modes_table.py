@@ -37,6 +37,7 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.static_loads import BuiltInStress
+from pgmp_petsc.reduction.tables import definite_mass
 from pgmp_petsc.results.trajectory import ModesTable
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.border import own_values
@@ -97,11 +98,7 @@ def tabulate_modes(
     with timings.phase("components"):
         shapes = condensed(scene, meshes, group)
     with angle_group(shapes, group) as angles:
-        with (
-            timings.phase("eigenproblems"),
-            agreed(group.world, "eigenproblems"),
-            progress(n_angles ** len(scene.coordinates), "eigenproblems", group.world) as bar,
-        ):
+        with timings.phase("reduced"), agreed(group.world, "frequencies of the reduced model"):
             _check_same_mechanism(scene, rom)
             mechanism = Mechanism.from_scene(scene, shapes).straight
             kinematics = RigidKinematics(mechanism)
@@ -114,6 +111,13 @@ def tabulate_modes(
             coordinates = kinematics.coordinates
             along = tuple(Samples.uniform(c.lower, c.upper, n_angles, c.periodic) for c in coordinates)
             theta = SampleGrid(along).theta
+            wanted = rom is not None and group.world.rank == 0
+            reduced = _reduced(scene, rom, mechanism, springs, stressed, theta) if wanted else None
+        with (
+            timings.phase("eigenproblems"),
+            agreed(group.world, "eigenproblems"),
+            progress(len(theta), "eigenproblems", group.world) as bar,
+        ):
             arc = angles.arc(len(theta))
             if arc:
                 with _problem(scene, kinematics, springs, angles.comm) as problem:
@@ -127,16 +131,6 @@ def tabulate_modes(
         arcs = None if angles.roots is None else angles.roots.gather(own)
     if group.world.rank > 0:
         return None
-    reduced = None
-    with timings.phase("reduced"):
-        if rom is not None:
-            rom = rom.at_lengths(scene)
-            scheme = scene_from_toml(rom.record.scene_toml, scene.directory).interpolation
-            if springs is not None:
-                reduced = reduced_vibrations(rom, springs, scheme, scene.values, theta)
-            else:
-                tables = rom.tables.moving(offset_values(scene, scene.values) if stressed else None)
-                reduced = tables.frequencies_hz(scene.values, mechanism.free, tables.over(scheme, theta))
     full = np.concatenate([rows for rows in arcs if rows is not None])
     remarks = (*scene.remarks, *said, *_unstable(full, theta, coordinates), note(MESH_ERROR))
     return ModesTable(
@@ -146,6 +140,19 @@ def tabulate_modes(
         reduced_hz=reduced,
         coordinate_units={c.name: c.unit for c in coordinates},
     )
+
+
+def _reduced(
+    scene: Scene, rom: ReducedOrderModel, mechanism: Mechanism, springs: SpringStiffness | None, stressed: bool,
+    theta: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    rom = rom.at_lengths(scene)
+    scheme = scene_from_toml(rom.record.scene_toml, scene.directory).interpolation
+    with definite_mass(f"--rom, at some of {len(theta)} configurations", scheme):
+        if springs is not None:
+            return reduced_vibrations(rom, springs, scheme, scene.values, theta)
+        tables = rom.tables.moving(offset_values(scene, scene.values) if stressed else None)
+        return tables.frequencies_hz(scene.values, mechanism.free, tables.over(scheme, theta))
 
 
 def springs_of(scene: Scene, kinematics: RigidKinematics) -> tuple[SpringStiffness | None, tuple[Remark, ...]]:
