@@ -33,10 +33,9 @@ from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import ComponentModel, LengthLanes, Model, Reduced, ReducedModel
 from pgmp_petsc.models.model import floors_of
-from pgmp_petsc.outputs.joint_forces import judged
-from pgmp_petsc.outputs.rainflow import counted_after
+from pgmp_petsc.outputs.multipliers import judged
 from pgmp_petsc.reduced.system import ReducedSystem
-from pgmp_petsc.results.numbers import Arrays
+from pgmp_petsc.results.numbers import Arrays, with_unit
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.uses import offset_names
@@ -200,6 +199,7 @@ class WatchedRun(Observer):
                 f"the full-order equations are looked at {densest.steps.size - 1} times, which is too seldom here; "
                 "a shorter simulation.duration is needed"
             )
+        named = indicator.model.scene.system.named
         allowed = np.where(is_any, reference_motion.UNSURE_WITH_OTHERS, reference_motion.UNSURE)
         for name in names:
             reasons = np.full(n, "", dtype=object)
@@ -209,7 +209,9 @@ class WatchedRun(Observer):
             for sample in np.flatnonzero(unsure):
                 factor = apart[name][sample]
                 apart_by = f"two estimates, with long and with short steps, disagree by a factor of {factor:.2g}"
-                reasons[sample] = f"{apart_by if np.isfinite(factor) else UNCONFIRMED}; {cure}"
+                why = apart_by if np.isfinite(factor) else UNCONFIRMED
+                with_short = with_unit(*named(largest[name][sample], indicator.model.outputs.units[name]), 2)
+                reasons[sample] = f"{why}; that with short ones is {with_short}; {cure}"
                 histories[sample][1][name][:] = np.nan
             largest[name][unsure] = at_end[name][unsure] = np.nan
             found.absent[name] = reasons.tolist()
@@ -268,7 +270,7 @@ class WatchedRun(Observer):
         every_time = {name: np.tile(value, shape[0]) for name, value in values.items()}
         here = model.outputs.evaluate(model.observed_of(np.repeat(time, shape[1]), states, every_time))
         here, there = (
-            counted_after(model.outputs.counts, time, {k: v.reshape(shape) for k, v in found.items()}, values)
+            model.outputs.counted_over(time, {k: v.reshape(shape) for k, v in found.items()}, values)
             for found in (here, there)
         )
         return judged(model.scene, {name: here[name] - there[name] for name in here})
