@@ -22,7 +22,7 @@ from pgmp_petsc.base.errors import InputError, note, warning
 from pgmp_petsc.ensemble.statistics import describe, quantile_bounds
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.files.hdf5 import write_file
-from pgmp_petsc.report import budget
+from pgmp_petsc.report import budget, charts
 from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble, headline_of_run
 from pgmp_petsc.report.charts import Curve, Level, distribution, output_over_time
 from pgmp_petsc.report.page import _commands, _largest_of_units, downloads_of, write_report
@@ -785,3 +785,15 @@ def test_commands_begin_with_the_scene_of_each_result() -> None:
 def test_commands_build_the_model_of_a_fit() -> None:
     build, again = _commands([Source("fit.h5", synthetic.fitted(), "", Path("fit.h5"))])[1:]
     assert (build, again) == ("pgmp build scene.toml -o rom.h5", "pgmp fit rom.h5 MEASURED.csv -o fit.h5")
+
+
+def test_keys_of_a_chart_stay_in_the_picture_beside_long_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numbers that differ in the seventh digit take a quarter of the width, and move the axes to the right."""
+    figures, create, time = [], charts.new_figure, np.linspace(0.0, 1.0, 21)
+    monkeypatch.setattr(charts, "new_figure", lambda *size: figures.append(create(*size)) or figures[-1])
+    named = {"full order": "full", "reduced, other.h5": "reduced", "components": "components"}
+    curves = [Curve(words, model, time, 0.5 + 1e-6 * time) for words, model in named.items()]
+    output_over_time("x", "m", curves, None, "reduced", None)
+    keys, page = figures[0].axes[0].get_legend().get_window_extent(), figures[0].bbox
+    assert figures[0].axes[0].get_position().x0 > 0.2
+    assert page.x0 <= keys.x0 and keys.x1 <= page.x1
