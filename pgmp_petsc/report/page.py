@@ -263,7 +263,7 @@ def _statistics(source: Source, several: bool) -> Table:
         count = [place.datum("count", s.count, str(s.count))]
         quantiles: list[Sentence] = [[]] * s.probabilities.size
         if not s.count:
-            never = "no sample has one" if name in ensemble.first_passages else "not known: no sample tells"
+            never = "no sample has one" if name in ensemble.without_passage else "not known: no sample tells"
             mean, std, count = [never], [], []
         elif s.constant:
             std = ["constant"]

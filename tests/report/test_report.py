@@ -574,6 +574,21 @@ def test_the_page_and_the_terminal_bound_quantiles_where_samples_failed(folder: 
 
 
 @pytest.mark.parametrize(
+    ("passed", "n_failed", "told"), [(0, 3, "none"), (20, 45, "unknown"), (0, 60, "unknown")],
+)  # fmt: skip
+def test_first_passages_that_are_not_described_are_not_none(folder: Path, passed: int, n_failed: int, told: str) -> None:
+    """Where too many samples failed they have no statistics, whether there are passages or not."""
+    many = synthetic.ensemble("reduced", 60, n_failed)
+    none = describe(np.empty(0), 10, np.array([0.1, 0.5]), n_failed, 0.95)
+    at = np.where((np.arange(60) < passed) & (many.status == 0), 0.5, np.nan)
+    units = many.units | {"late": "s"}
+    lost = replace(many, units=units, first_passages={"late": at}, statistics=many.statistics | {"late": none})
+    (line,) = (line for line in lines_of(lost) if "late: first passage" in line)
+    assert line.split()[3] == told
+    assert ("no sample has one" in words(page_with(folder, lost=lost))) is (told == "none")
+
+
+@pytest.mark.parametrize(
     ("files", "output", "message"),
     [
         (["none.h5"], "x.html", "none.h5' does not exist; needed: a trajectory or an ensemble or a trade-off study"),
