@@ -4,7 +4,9 @@ An answer that begins with ``=`` or ``:`` speaks of the entry that is asked for;
 ``||`` for the end of a line. ``&`` is between the parts of what is asked. A line goes on, indented, in the next.
 """
 
-from collections.abc import Callable
+import resource
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import pytest
 
@@ -25,6 +27,17 @@ def check_said(message: str, said: str, asked: str) -> None:
     assert message.count("\n") == len(lines) - 1, message
     for line, (start, *words) in zip(message.splitlines(), (one.split(" | ") for one in lines)):
         assert line.startswith(start) and all(word in line for word in words), f"{line!r} is not {said!r}"
+
+
+@contextmanager
+def full_disk(n_bytes: int) -> Iterator[None]:
+    """Let no file grow beyond a size: to a process, that is a full disk."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def refusal(call: Callable, *arguments: object, error: type[Exception] = InputError, **options: object) -> str:

@@ -152,7 +152,7 @@ class Command:
         order = ("output", *(name for name in found if name not in SHARED or name == "model"), *SHARED)
         named = {name: found[name] for name in order if name in found}
         if self.ending is not None:
-            meaning = f"{named['output'].meaning} By default it is named by the scene, {self.example}."
+            meaning = f"{named['output'].meaning} By default it is named by the scene, SCENE_{self.ending({})}.h5."
             named["output"] = replace(named["output"], required=False, meaning=meaning)
         return {name: one for name, one in named.items() if one.meaning or one.flags or one.parts}
 
@@ -168,11 +168,6 @@ class Command:
         stem = Path(first[0] if isinstance(first, (list, tuple)) else first).stem
         model = f"_{given['model']}" if given.get("model") else ""
         return Path(f"{re.sub(ENDINGS, '', stem)}_{ending}{model}.h5")
-
-    @property
-    def example(self) -> str:
-        """Name of a file that it writes where none is given, in the current folder."""
-        return f"SCENE_{self.ending({})}.h5"
 
     def spelled(self, text: str) -> str:
         """Return a text with arguments as a command line calls them."""

@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc.api.arguments import wrong
+from pgmp_petsc.api.built import BUILT
 from pgmp_petsc.api.declared import Argument, interface
 from pgmp_petsc.api.ranks import RESULT, solving_ranks_of, tell_remarks
 from pgmp_petsc.api.result import Result, in_memory
-from pgmp_petsc.api.sources import BUILT, SOURCE, AnySource, Origin, place_on_the_way
+from pgmp_petsc.api.sources import SOURCE, AnySource, Origin, place_on_the_way
 from pgmp_petsc.api.tables import PointSet, needs_xarray
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, warning
@@ -246,8 +247,7 @@ def _dataset(
             values, unit = system.named(values, data.units[name])
             about = {"units": unit, "long_name": f"largest estimated error of output '{name}' over the run"}
         elif kind == "validity":
-            label, (unit, words) = place, VALIDITY[name]
-            about = {"units": unit, "long_name": words}
+            label, about = place, {"units": VALIDITY[name]["unit"], "long_name": VALIDITY[name]["about"]}
         else:
             continue
         found[label] = (dims, values.reshape(shape), about)

@@ -19,7 +19,7 @@ from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.bench.cases import Setting, Training
 from pgmp_petsc.models import Model, OutputRecord, ReducedModel
 from pgmp_petsc.models.model import floors_of as floors_of
-from pgmp_petsc.outputs.joint_forces import judged
+from pgmp_petsc.outputs.multipliers import judged
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import values_text

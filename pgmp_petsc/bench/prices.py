@@ -22,7 +22,8 @@ Over n coordinates a step of a reduced model evaluates ``4^n`` coefficients of e
 floating frames keep as many fields as modes are asked for, and the static answers of their joints.
 
 Errors are those that were measured of deformations in the scenes of this project (docs/components.md, docs/costs.md): a
-prediction is of their size, and `pgmp tradeoff` measures those of a scene.
+prediction is of their size, and `pgmp tradeoff` measures those of a scene. Where no output is of deformations they
+decide nothing: of motions and of forces in joints they are a small share.
 """
 
 from __future__ import annotations
@@ -182,7 +183,7 @@ class Prospect:
     unknowns: int = 0  # of a step
     build: float = 0.0  # s, before the first sample
     step: float = 0.0  # s, of a step of a sample in a batch
-    error: float = 0.0  # of a deformation, as a share
+    error: float = 0.0  # of deformations, or of outputs that are not of these, as a share
     why: str = ""  # which error that is
 
     @property
@@ -211,6 +212,7 @@ def prospects(scene: Scene, meshes: Shapes, mechanism: Mechanism, n_flexible: in
     share = "0.1 to 1 % of deformations, with static answers to loads"
     if not answered:
         share = "1 to 6 % of deformations, without static answers to loads (reduction.static_modes)"
+    deformed = any(output.deforms_in(scene) for output in scene.outputs.values())
     found = [
         Prospect(
             "mesh", why_refused(scene, Purpose.FULL, meshes), mechanism.n_dofs, 0.0,
@@ -226,7 +228,7 @@ def prospects(scene: Scene, meshes: Shapes, mechanism: Mechanism, n_flexible: in
         Prospect(
             "reduced", why_refused(scene, Purpose.BUILD, meshes), n_flexible + n_rigid, build_seconds(scene, mechanism),
             reduced_step(n_flexible, n_rigid, scene.second_order, n_local(scene)) + in_lanes,
-            0.005 if answered else 0.03, share,
+            0.005 if answered or not deformed else 0.03, share,
         ),
     ]  # fmt: skip
     return [

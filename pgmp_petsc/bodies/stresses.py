@@ -10,7 +10,7 @@ Of beams it is forces and moments in their sections, and the stress of the outer
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
@@ -333,3 +333,24 @@ def principal(stresses: Points, largest: bool) -> np.ndarray:
     det = xx * (yy * zz - yz**2) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
     phi = np.arccos(np.clip(0.5 * det, -1.0, 1.0)) / 3.0
     return mean + 2.0 * q * np.cos(phi + (0.0 if largest else 2.0 * np.pi / 3.0))
+
+
+def _extreme(place: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what takes of values (n_points, n) those at a place of each, shape (n,); no number where one of them is
+    none."""
+
+    def found(values: np.ndarray) -> np.ndarray:
+        known = np.isfinite(values)
+        at = place(np.where(known, values, 0.0))
+        return np.where(known.all(axis=0), np.take_along_axis(values, at[None], axis=0)[0], np.nan)
+
+    return found
+
+
+LARGEST = _extreme(lambda values: np.argmax(values, axis=0))
+SMALLEST = _extreme(lambda values: np.argmin(values, axis=0))
+#: Of forces and moments: the one of largest magnitude, with its sign.
+FURTHEST = _extreme(lambda values: np.argmax(np.abs(values), axis=0))
+EXTREMES = {"von_mises": LARGEST, "principal_max": LARGEST, "stress_max": LARGEST} | dict.fromkeys(
+    ("principal_min", "stress_min"), SMALLEST
+)

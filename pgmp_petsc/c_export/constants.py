@@ -29,7 +29,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.models import ComponentModel, ReducedModel
-from pgmp_petsc.outputs.joint_forces import OfConnection, OfPrescribed
+from pgmp_petsc.outputs.multipliers import OfConnection, OfPrescribed
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.reduced import action_kernel
 from pgmp_petsc.reduced import steps as reduced_steps

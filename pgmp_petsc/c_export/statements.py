@@ -22,11 +22,11 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.mechanism.statement_rows import near_to
 from pgmp_petsc.mechanism.statements import Function, Statement, distance
-from pgmp_petsc.outputs.joint_forces import ForceOutput, OfConnection, OfCoupling, OfPrescribed, Pull
-from pgmp_petsc.outputs.of_outputs import TIME, Combined
+from pgmp_petsc.outputs.multipliers import ForceOutput, OfConnection, OfCoupling, OfPrescribed, Pull
+from pgmp_petsc.outputs.of_outputs import Combined
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.rainflow import Counted
-from pgmp_petsc.outputs.readings import Absolute, AnyReading, ModelReading, Rate, Reading
+from pgmp_petsc.outputs.readings import TIME, Absolute, AnyReading, ModelReading, Rate, Reading
 from pgmp_petsc.scene import Scene
 
 NO_CODE = "a model in C has no code for it"
@@ -152,7 +152,7 @@ class ForceInC:
             terms = [TermInC(number, read, force.function)]
             return cls(terms, COMPONENTS.index(along), False, False, 1.0, (0.0,), nowhere, nowhere)
         if not isinstance(force, OfConnection):
-            raise refuse(type(force), f"{NO_CODE}; make it of classes in outputs.joint_forces, or build without it")
+            raise refuse(type(force), f"{NO_CODE}; make it of classes in outputs.multipliers, or build without it")
         entry, joint, terms = force.entry, force.connection, []
         a, b = Side.of(joint.a, slots), Side.of(joint.b, slots)
         for row, (part, own) in zip(force.rows, force.held):

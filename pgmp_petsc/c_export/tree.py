@@ -21,7 +21,7 @@ from pgmp_petsc.full.parts import Share, floating_bodies, planar_masses, spatial
 from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.lanes.lane_items import SampleBlocks
 from pgmp_petsc.models import ComponentModel
-from pgmp_petsc.outputs.joint_forces import OfPrescribed
+from pgmp_petsc.outputs.multipliers import OfPrescribed
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping import alpha_step
 

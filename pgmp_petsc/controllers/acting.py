@@ -17,9 +17,8 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.controllers.law import LIMITS, ControlLaw, Measured
 from pgmp_petsc.declare.ideas import refuse
-from pgmp_petsc.effects.action import NOTHING, Action
+from pgmp_petsc.effects.action import NOTHING, Action, joint_measure
 from pgmp_petsc.effects.effect import ActionEffect
-from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece, TimeFunction, amplitude_of
 from pgmp_petsc.mechanism.mechanism import Mechanism

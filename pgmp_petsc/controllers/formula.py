@@ -17,7 +17,7 @@ from pydantic import Field
 from pgmp_petsc.controllers.acting import JointController
 from pgmp_petsc.controllers.law import ControlLaw
 from pgmp_petsc.declare.formulas import ALLOWED, FormulaError, declared, jumps_with, why_no_name
-from pgmp_petsc.outputs.of_outputs import OfMotion
+from pgmp_petsc.outputs.readings import OfMotion
 from pgmp_petsc.scene.controllers import OWN
 from pgmp_petsc.scene.fields import NumberOrParameter, Unit, refusal
 from pgmp_petsc.scene.uses import Use

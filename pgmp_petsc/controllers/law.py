@@ -43,7 +43,7 @@ from pgmp_petsc.declare.own_units import InSi, in_si
 from pgmp_petsc.effects.law import calling
 from pgmp_petsc.lanes.compiled import native_address, njit, text_mark
 from pgmp_petsc.lanes.lane_items import eliminate
-from pgmp_petsc.outputs.of_outputs import Expression, OfMotion, in_law, rate_of
+from pgmp_petsc.outputs.readings import Expression, OfMotion, in_law, rate_of
 from pgmp_petsc.scene import Scene
 
 
@@ -174,7 +174,7 @@ class ControlLaw(Printed):
     def code(self) -> ModuleType:
         """The module that is printed from the declaration."""
         declaration = [getattr(self, one.name) for one in fields(self) if one.name != "place"]
-        key = repr((text_mark(__name__, "pgmp_petsc.outputs.of_outputs", *expressions.MARKED), declaration))
+        key = repr((text_mark(__name__, "pgmp_petsc.outputs.readings", *expressions.MARKED), declaration))
         return kept(f"control_{self.name}", key, Path(self.file), self._printed)
 
     @functools.cached_property

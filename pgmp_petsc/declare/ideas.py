@@ -6,8 +6,9 @@ package, and those that installed packages name as entry points of the family's 
 files of users (``--plugin FILE.py`` on a command line, `pgmp.use` in Python), which run when they are named there: a
 scene never names one.
 
-A family is looked through when it is first asked for. The scene, which is below the rooms, holds the place open with
-`Found`, and its schema is made of what was found.
+Which names there are is read in the text of the room's modules. One of them is imported when an idea of it is first
+asked for: a scene waits for those that it names. The scene, which is below the rooms, holds the place open with
+`Found`, and its schema asks for an idea when a table of it comes.
 """
 
 from __future__ import annotations
@@ -15,16 +16,17 @@ from __future__ import annotations
 import hashlib
 import inspect
 import linecache
+import re
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
 from pathlib import Path
-from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any, ForwardRef, get_args
 
@@ -109,7 +111,14 @@ class Family:
     group: str
     key: str = "type"  # entry that names one of them
     classes: dict[str, type[BaseModel]] = field(default_factory=dict)  # those that were imported, by their names
-    _looked_through: bool = False
+
+    @cached_property
+    def modules(self) -> dict[str, str]:
+        """Modules of the program's own ideas by their names, which are read in the modules' text."""
+        declared = re.compile(rf'^    {self.key}: Literal\["(\w+)"\]', re.MULTILINE)
+        (room,) = find_spec(self.room).submodule_search_locations
+        texts = {path.stem: path.read_text(encoding="utf-8") for path in Path(room).glob("*.py")}
+        return {name: f"{self.room}.{stem}" for stem, text in texts.items() for name in declared.findall(text)}
 
     def take(self, cls: type[BaseModel]) -> bool:
         """Take a class into the family if it has a ``type`` (or another `key`) of its own; return whether it has.
@@ -123,31 +132,36 @@ class Family:
         names = get_args(entry)
         if len(names) != 1 or not isinstance(names[0], str):
             raise refuse(cls, f'its {self.key} names the {self.what}, {self.key}: Literal["NAME"]')
-        other = self.classes.get(names[0])
-        if other is not None:
+        ours = cls.__module__.startswith(PACKAGE)
+        if names[0] in self.classes or not ours and names[0] in self.modules:
+            other = self.named(names[0])
             file, line = place_of(other)
             cure = "choose another name"
             if cls.__module__ != other.__module__ and place_of(cls) == (file, line):
                 cure = "another plugin imports this file: do not give it as one too"
             raise refuse(cls, f"there is the {self.what} '{names[0]}' already, {file}, line {line}; {cure}")
-        if not cls.__module__.startswith(PACKAGE):
+        if not ours:
             _check_methods(cls)
         self.classes[names[0]] = cls
-        if not cls.__module__.startswith(PACKAGE):
+        if not ours:
             IN_USE[self.group, names[0]] = _plugin(cls)
         return True
 
+    def named(self, name: str) -> type[BaseModel]:
+        """Return the idea of one of the `names`."""
+        if name not in self.classes:
+            import_module(self.modules[name])
+        return self.classes[name]
+
     def found(self) -> tuple[type[BaseModel], ...]:
         """Return the ideas in the order of their names."""
-        if not self._looked_through:
-            look_through()
-        return tuple(self.classes[name] for name in sorted(self.classes))
+        return tuple(self.named(name) for name in self.names)
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of all ideas, in order."""
-        self.found()
-        return tuple(sorted(self.classes))
+        _load_installed()
+        return tuple(sorted({*self.modules, *self.classes}))
 
 
 EFFECTS = Family("effect", "EffectEntry", "pgmp_petsc.effects", "effects")
@@ -158,24 +172,17 @@ SECTIONS = Family("section", "ShapedSection", "pgmp_petsc.bodies.sections", "sec
 FAMILIES = (EFFECTS, OUTPUTS, JOINTS, CONTROLLERS, SECTIONS)
 
 
-def look_through() -> None:
-    """Import the ideas of the package, and behind them those of installed ones, whichever group names their modules."""
-    waiting = [family for family in FAMILIES if not family._looked_through]
-    for family in waiting:
-        for module in iter_modules(import_module(family.room).__path__, f"{family.room}."):
-            import_module(module.name)
-    for family in waiting:
-        for point in sorted(_installed().select(group=f"pgmp.{family.group}"), key=lambda point: point.name):
-            _load(point, f"pgmp.{family.group}")
-        family._looked_through = True
-
-
 #: What is done when a family has grown after it was looked through.
 WHEN_GROWN: list[Callable[[], object]] = []
 
 
-#: Entry points of all installed packages, which are many: they are looked through once.
-_installed = cache(entry_points)
+@cache
+def _load_installed() -> None:
+    """Import the ideas of installed packages, whichever group names their modules; once, as packages are many."""
+    points = entry_points()
+    for family in FAMILIES:
+        for point in sorted(points.select(group=f"pgmp.{family.group}"), key=lambda point: point.name):
+            _load(point, f"pgmp.{family.group}")
 
 
 def _load(point: EntryPoint, group: str) -> None:
@@ -200,9 +207,8 @@ class Found:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Return the schema of a table that its idea's class validates: only the schemas that are used are built."""
-        return self._union(
-            core_schema.with_info_plain_validator_function(_validator_of(c)) for c in self.family.found()
-        )
+        take = core_schema.with_info_plain_validator_function
+        return self._union(take(self._validator(name)) for name in self.family.names)
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         for cls in self.family.found():
@@ -212,16 +218,15 @@ class Found:
     def _union(self, schemas: Iterable[CoreSchema]) -> CoreSchema:
         return core_schema.tagged_union_schema(dict(zip(self.family.names, schemas)), self.family.key)
 
-
-def _validator_of(cls: type[BaseModel]) -> Callable[[Any, ValidationInfo], BaseModel]:
-    return lambda table, info: cls.model_validate(table, context=info.context)
+    def _validator(self, name: str) -> Callable[[Any, ValidationInfo], BaseModel]:
+        return lambda table, info: self.family.named(name).model_validate(table, context=info.context)
 
 
 def take(file: Path) -> None:
     """Take the ideas of a file into their families; see `api.scenes.use`. Raises `InputError` if it cannot be read, is
     not Python, fails, has no idea in it, or has one that is not whole or whose name is taken; with the file and line.
     """
-    look_through()  # the package's own come first: their names are taken
+    _load_installed()  # their names are taken
     try:
         text = file.read_bytes()
     except OSError as error:

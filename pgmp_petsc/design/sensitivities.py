@@ -11,7 +11,7 @@ from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.estimates.error_indicator import errors_of_runs, not_known
-from pgmp_petsc.estimates.own_error import of_figures, polynomials_of_lengths
+from pgmp_petsc.estimates.own_error import largest_at_start, of_figures, polynomials_of_lengths
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.contacts import Contact
 from pgmp_petsc.gradients.differences import NEAR, Off, announce_runs, why_differences
@@ -138,11 +138,12 @@ def _moved(scene: Scene, name: str) -> float:
 
 
 def step_remarks(model: Observing, run: DifferentiatedRun) -> list[Remark]:
-    """Return that a run took smaller steps than the scene's, where it did."""
-    if run.steps_divided == 1:
-        return []
-    step = f"simulation.step = {model.scene.simulation.step:g} s"
-    return [note(f"{step} is large for this run: it was integrated with 1/{run.steps_divided} of it")]
+    """Return that a run took smaller steps than the scene's, where it did, and what is largest at its start."""
+    told = list(largest_at_start(model.scene, run.outputs, model.outputs.units))
+    if run.steps_divided > 1:
+        step = f"simulation.step = {model.scene.simulation.step:g} s"
+        told.append(note(f"{step} is large for this run: it was integrated with 1/{run.steps_divided} of it"))
+    return told
 
 
 @gathered

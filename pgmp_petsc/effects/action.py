@@ -21,7 +21,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,10 +30,12 @@ from pgmp_petsc.effects.law import TRIED, Law, Laws
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.node_statements import NodeStatements
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.mechanism.statements import ANGLE, Combination, Statement
+from pgmp_petsc.mechanism.statements import ANGLE, Combination, Statement, distance
 from pgmp_petsc.scene.effects import ActionMismatch
+from pgmp_petsc.scene.uses import MEASURED
 
 # Laws of several effects; that of one is in its file, and that of a plugin is another such object. Friction is
 # regularised: its force is smooth.
@@ -232,3 +234,18 @@ def amplitudes_over(actions: Sequence[Action], times: np.ndarray) -> np.ndarray:
         if action.amplitude is not None:
             column[:] = action.amplitude(times)
     return result
+
+
+def joint_measure(mechanism: Mechanism, entry: Any) -> dict[str, Any]:
+    """Return statement and attachments of an effect's joint, as `Action` takes them; it may act at a point as well."""
+    scene, asked = mechanism.scene, getattr(entry, "motion", None)
+    found = scene.joints[entry.joint].motion_of(asked, getattr(entry, "joints", MEASURED), scene.dimension)
+    return mechanism.connection(entry.joint).motion("sliding" if found == "sliding" else "turning")
+
+
+def place_of(mechanism: Mechanism, name: str, entry: Any) -> dict[str, Any]:
+    """Return what an effect by a name acts on, as `Action` takes it: the motion in its joint, or the distance of its
+    two points."""
+    if entry.points is None:
+        return joint_measure(mechanism, entry)
+    return mechanism.between(distance(mechanism.space.dimension), entry.points, f"effects.{name}.points")

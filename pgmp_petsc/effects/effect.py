@@ -26,6 +26,7 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.body_frames import BodyStatements
+from pgmp_petsc.mechanism.joints import Connection
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.numerics import Reduction
 
@@ -181,3 +182,14 @@ class ActionEffect(Effect):
     def _fixed(self) -> list[Action]:
         """Return the actions whose forces keep their direction in body frames."""
         return [one for one in self._actions if not one.leads and one.statement.fixed_in_bodies]
+
+
+def couples(connection: Connection, matrices: AffineMatrices) -> np.ndarray:
+    """Return unit couples about a joint's axis at its nodes, on the rows of `matrices`."""
+    vector = np.zeros(len(matrices.rows))
+    for sign, side, axes in zip((-1.0, 1.0), connection.sides, connection.axes):
+        axis = axes[:, 0] if len(axes) == 3 else np.ones(1)  # in the plane rotations have one component
+        for dof, component in zip(side.dofs[-axis.size :], axis):
+            if not side.on_ground and dof in matrices.rows:
+                vector[dof - matrices.rows.start] += sign * component
+    return vector

@@ -27,9 +27,8 @@ from pydantic import Field
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.declare.formulas import ALLOWED, FormulaError, declared, jumps_with, why_no_name
 from pgmp_petsc.declare.own_units import in_si
-from pgmp_petsc.effects.action import NOTHING, Action
+from pgmp_petsc.effects.action import NOTHING, Action, place_of
 from pgmp_petsc.effects.effect import ActionEffect
-from pgmp_petsc.effects.joint_effects import place_of
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.mechanism import Mechanism

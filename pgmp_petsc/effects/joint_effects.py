@@ -2,7 +2,8 @@
 
 End stops are one-sided springs with Hunt and Crossley's damping, entered and left at instants found in time. The time
 of contact itself, about ``pi sqrt(inertia / stiffness)``, is not refined: steps have to resolve it. Where they do not,
-the balance of energy shows it.
+the balance of energy shows it. A spring with free play, a coupling or gear whose teeth touch on one side or on the
+other, is such a spring at both ends of the play.
 
 Viscous damping is ``-c s'``, Coulomb friction ``-limit tanh(s' / speed)``. Its limit is given, of a joint under a
 constant load, or hangs on the force N that the joint carries, ``coefficient radius N`` of what turns and
@@ -22,16 +23,15 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from pgmp_petsc.effects.action import FRICTION, SPRING_DAMPER
+from pgmp_petsc.effects.action import FRICTION, SPRING_DAMPER, joint_measure
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.statements import distance
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import OnJoint
 from pgmp_petsc.scene.fields import NotNegativeOrParameter, NumberOrParameter, PositiveOrParameter, Unit, refusal
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.uses import MEASURED, slides
+from pgmp_petsc.scene.uses import slides
 
 # A stop never pulls, and its force begins at zero, so that it is continuous at contact; side is 1 for an upper stop, -1
 # for a lower one.
@@ -51,21 +51,6 @@ CARRIED_FRICTION = Law(
     left_out=FRICTION.left_out,
     loaded=True,
 )
-
-
-def joint_measure(mechanism: Mechanism, entry: Any) -> dict[str, Any]:
-    """Return statement and attachments of an effect's joint, as `Action` takes them; it may act at a point as well."""
-    scene, asked = mechanism.scene, getattr(entry, "motion", None)
-    found = scene.joints[entry.joint].motion_of(asked, getattr(entry, "joints", MEASURED), scene.dimension)
-    return mechanism.connection(entry.joint).motion("sliding" if found == "sliding" else "turning")
-
-
-def place_of(mechanism: Mechanism, name: str, entry: Any) -> dict[str, Any]:
-    """Return what an effect by a name acts on, as `Action` takes it: the motion in its joint, or the distance of its
-    two points."""
-    if entry.points is None:
-        return joint_measure(mechanism, entry)
-    return mechanism.between(distance(mechanism.space.dimension), entry.points, f"effects.{name}.points")
 
 
 class ElasticEnds(OnJoint):
@@ -191,3 +176,26 @@ class JointFriction(OnJoint):
             radius = 1.0 if self.radius is None else self.radius
             law, given = CARRIED_FRICTION, (0.0, self.coefficient, radius, self.speed)
         return ActionEffect.of_laws(name, mechanism, joint_measure(mechanism, self), law, given)
+
+
+FREE_PLAY = Law(
+    "free_play",
+    ("k", "c", "lower", "upper"),
+    potential="k * (max(0, s - upper)**2 + max(0, lower - s)**2) / 2",
+    force="elastic * max(0, 1 + c * (rate if s > upper else -rate))",
+    edges=("s - upper", "lower - s"),
+    left_out="it has free play, not linear",
+)
+
+
+class FreePlay(ElasticEnds):
+    """A spring in a joint with free play: no force between lower and upper, elastic beyond, with the instants of
+    contact found exactly."""
+
+    type: Literal["free_play"]
+    lower: Annotated[NumberOrParameter, Unit("rad", "m")] = Field(description="where the play ends below (rad or m)")
+    upper: Annotated[NumberOrParameter, Unit("rad", "m")] = Field(description="where the play ends above (rad or m)")
+
+    def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
+        place, parameters = joint_measure(mechanism, self), (self.stiffness, self.damping, self.lower, self.upper)
+        return ActionEffect.of_laws(name, mechanism, place, FREE_PLAY, parameters)

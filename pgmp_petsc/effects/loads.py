@@ -21,17 +21,17 @@ from pydantic import Field
 from pgmp_petsc.base.units import STANDARD_GRAVITY
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
-from pgmp_petsc.effects.action import FRICTION, SOURCE, Action
-from pgmp_petsc.effects.effect import ActionEffect, Effect, Load
+from pgmp_petsc.effects.action import FRICTION, SOURCE, Action, joint_measure
+from pgmp_petsc.effects.effect import ActionEffect, Effect, Load, couples
 from pgmp_petsc.effects.formula import load_over_joint, load_over_problems
-from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.effects.time_function import TimeFunction, amplitude_of
-from pgmp_petsc.mechanism.joints import Attachment, Connection, share_position
-from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
+from pgmp_petsc.mechanism.joints import Attachment, share_position
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import along, distance, following
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import AddedMass, EffectEntry, OverMotion, OverTime
 from pgmp_petsc.scene.fields import (
+    GROUND_ORIGIN,
     Direction,
     NotNegativeOrParameter,
     NumberOrParameter,
@@ -44,7 +44,6 @@ from pgmp_petsc.scene.fields import (
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.references import apart_problems
 
-GROUND_ORIGIN = "ground:origin"
 OVER = (
     "name of a joint that turns or slides, where the table is not over time, but over the motion of that joint: rows "
     "[rad or m, value], linear between them and constant beyond; one over whole turns goes on for ever"
@@ -214,7 +213,7 @@ class Couples(Effect):
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return one term: unit couples about the joint's axis at its nodes; the axis is fixed in both bodies."""
-        vector = self._scale.coefficient * _couples(self._connection, matrices)
+        vector = self._scale.coefficient * couples(self._connection, matrices)
         return [Load(self.name, self._scale.monomial, vector, in_bodies=True)]
 
     def natural_actions(self) -> list[Action]:
@@ -224,33 +223,6 @@ class Couples(Effect):
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
         """Return the couples, which are constant in the bodies."""
         return [load.vector for load in self.loads(matrices)]
-
-
-class HoldingTorque(Effect):
-    """The torque or force that holds a coordinate until a run starts: no load in the run, but the static basis answers
-    it."""
-
-    def __init__(self, coordinate: Coordinate) -> None:
-        super().__init__(f"hold {coordinate.name}")
-        self._coordinate = coordinate
-
-    def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
-        return [_couples(self._coordinate.connection, matrices)] if self._coordinate.turns else []
-
-    def turning_patterns(self) -> list[Action]:
-        held = self._coordinate
-        return [] if held.turns else [Action(self.name, held.statement, *held.sides, SOURCE, (Quantity(1.0),))]
-
-
-def _couples(connection: Connection, matrices: AffineMatrices) -> np.ndarray:
-    """Return unit couples about a joint's axis at its nodes, on the rows of `matrices`."""
-    vector = np.zeros(len(matrices.rows))
-    for sign, side, axes in zip((-1.0, 1.0), connection.sides, connection.axes):
-        axis = axes[:, 0] if len(axes) == 3 else np.ones(1)  # in the plane rotations have one component
-        for dof, component in zip(side.dofs[-axis.size :], axis):
-            if not side.on_ground and dof in matrices.rows:
-                vector[dof - matrices.rows.start] += sign * component
-    return vector
 
 
 class Weights(Effect):

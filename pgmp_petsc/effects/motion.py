@@ -18,16 +18,15 @@ accelerations is constant beyond its rows. Absolute outputs add x(t) itself, int
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.loads import Weights
-from pgmp_petsc.effects.time_function import Piece, TimeFunction, amplitude_of, derived, harmonic, integrated
+from pgmp_petsc.effects.time_function import Motion, Piece, TimeFunction, amplitude_of, derived, harmonic, integrated
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Driving, OverTime
@@ -136,32 +135,6 @@ class PrescribedMotion(Driving):
         return Motion(name, self.coordinate, angle)
 
 
-class Instant(NamedTuple):
-    """A motion at an instant, or several, each entry then of shape (n_motions,), rad or m."""
-
-    angle: float | np.ndarray
-    speed: float | np.ndarray
-    acceleration: float | np.ndarray
-
-
-@dataclass(eq=False)
-class Motion:
-    """The motion of a coordinate that an effect prescribes, or that holds it where it is."""
-
-    name: str  # of the effect
-    coordinate: str
-    angle: TimeFunction  # rad or m
-
-    def at(self, time: float | np.ndarray) -> Instant:
-        """Return the motion at a time (s), or at each of several."""
-        return Instant(*self.angle.with_rates(time))
-
-
-def driven(motions: Sequence[Motion], time: float) -> Instant:
-    """Return several motions at a time (s)."""
-    return Instant(*np.array([motion.at(time) for motion in motions]).reshape(-1, 3).T)
-
-
 def _restless(entry: str, rows: TimeTable | LoadTable) -> Iterator[Finding]:
     """Yield the rows of an effect's table between which its spline moves although they say that it rests."""
     pairs = [pair for pair in pairwise(rows) if pair[0][1] == pair[1][1]]
@@ -247,14 +220,6 @@ def acceleration_of(entry: BaseMotion) -> TimeFunction:
     for _ in range(GIVEN[entry.of][0]):
         pieces = derived(pieces)
     return TimeFunction(*pieces)
-
-
-def bases_of(scene: Scene) -> Iterator[tuple[OverTime, TimeFunction]]:
-    """Yield the motions of a scene's base, those whose values name parameters as several with a scale each."""
-    for entry in scene.plain_effects.values():
-        course = entry.course()
-        if course is not None:
-            yield entry, course
 
 
 def _given(entry: BaseMotion) -> Sequence[Piece]:

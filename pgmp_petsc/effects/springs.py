@@ -27,9 +27,8 @@ from pydantic import Field
 
 from pgmp_petsc.base.errors import Remark, gathered, note
 from pgmp_petsc.bodies.affine import AffineSum, Quantity
-from pgmp_petsc.effects.action import SPRING_DAMPER, Action
+from pgmp_petsc.effects.action import SPRING_DAMPER, Action, place_of
 from pgmp_petsc.effects.effect import ActionEffect, Effect
-from pgmp_petsc.effects.joint_effects import place_of
 from pgmp_petsc.mechanism.composition import sines
 from pgmp_petsc.mechanism.joints import Coupling, triad
 from pgmp_petsc.mechanism.mechanism import Mechanism

@@ -9,6 +9,7 @@ them at any instant within a step. Loads have tables, linear between their rows,
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -174,3 +175,29 @@ def _table(rows: LoadTable) -> TimeFunction:
         Piece(time, time, (here, (there - here) / (then - time))) for (time, here), (then, there) in pairwise(rows)
     ]
     return TimeFunction(Piece(cubic=(value,)), *between, Piece(last, cubic=(final,)))
+
+
+class Instant(NamedTuple):
+    """A motion at an instant, or several, each entry then of shape (n_motions,), rad or m."""
+
+    angle: float | np.ndarray
+    speed: float | np.ndarray
+    acceleration: float | np.ndarray
+
+
+@dataclass(eq=False)
+class Motion:
+    """The motion of a coordinate that an effect prescribes, or that holds it where it is."""
+
+    name: str  # of the effect
+    coordinate: str
+    angle: TimeFunction  # rad or m
+
+    def at(self, time: float | np.ndarray) -> Instant:
+        """Return the motion at a time (s), or at each of several."""
+        return Instant(*self.angle.with_rates(time))
+
+
+def driven(motions: Sequence[Motion], time: float) -> Instant:
+    """Return several motions at a time (s)."""
+    return Instant(*np.array([motion.at(time) for motion in motions]).reshape(-1, 3).T)

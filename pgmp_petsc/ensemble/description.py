@@ -355,7 +355,7 @@ def _estimate_remarks(
         yield from remarks_of(scene, estimates["validity"])
         why = f"pgmp simulate with their --set says why, sample by sample; {comparing(scene)}"
     if estimates["errors"]:
-        counted = scene.counted  # see `outputs.joint_forces.judged`
+        counted = scene.counted  # see `outputs.multipliers.judged`
         sizes = {n: np.abs(peaks.outputs[n]) if n in counted else peaks.largest(n) for n in estimates["errors"]}
         yield from own_error.large_errors(estimates["errors"], sizes, origin.units, origin.model, scene, length)
     if estimates["errors"] and (origin.model == "reduced" or not own_error.too_few_steps(n_steps, scene)):

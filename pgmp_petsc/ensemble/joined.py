@@ -34,7 +34,7 @@ from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Columns
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.statistics import came_true, is_constant, parts_of_tails, quantities, quantity
-from pgmp_petsc.files.checkpoint_folder import within_checkpoint
+from pgmp_petsc.files.claims import pieces_path
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.ensemble import Corrected, Ensemble, Figure, Joined
 from pgmp_petsc.scene import Scene
@@ -331,7 +331,7 @@ class Better:
 
 def plan_of(plan: Plan, better: Better) -> Plan:
     """Return the plan of a better model's samples, whose checkpoint lies within that of the ensemble."""
-    output = within_checkpoint(plan.output, better.key)
+    output = pieces_path(plan.output) / better.key
     return replace(plan, n_samples=plan.n_samples if better.count is None else better.count, output=output)
 
 

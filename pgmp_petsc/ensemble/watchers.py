@@ -22,6 +22,7 @@ from pgmp_petsc.estimates.coarser_run import fewest_steps, run_coarser, step_err
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator, indicator_of
 from pgmp_petsc.estimates.validity import Validity
 from pgmp_petsc.models import FullModel, Model, OutputRecord, Reduced, SeparateLengths
+from pgmp_petsc.outputs.multipliers import after_start
 from pgmp_petsc.outputs.rainflow import Counting
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY, moved_around
@@ -264,7 +265,7 @@ class _OverTimeWatch(PooledObserver):
         self._extremes = {name: _Extremes(n) for name in extremes}
         self._passages = {label: _Passage(event, n) for label, event in events.items()}
         self._bands = {name: np.full((n, steps.size), np.nan) for name in names if steps.size}
-        self._counts = model.outputs.counts
+        self._counts, self._late = model.outputs.counts, after_start(model.scene)
         self._counting = Counting(self._counts, begun.values, n)
         self._last: dict[str, np.ndarray] = {}
         self._looks_always = bool(self._extremes or self._passages or self._counts)
@@ -281,10 +282,12 @@ class _OverTimeWatch(PooledObserver):
         found = self._model.outputs.evaluate(self._model.observed_over(self._begun.system, states, times))
         outputs = self._counting.over(times, {name: row.reshape(times.size, -1) for name, row in found.items()})
         self._last = {name: outputs[name][-1] for name in self._counts}
+        judged = {name: slice(int(first == 0 and name in self._late), None) for name in outputs}
         for name, extremes in self._extremes.items():
-            extremes.take(times, outputs[name])
+            extremes.take(times[judged[name]], outputs[name][judged[name]])
         for passage in self._passages.values():
-            passage.take(times, outputs[passage.event.output])
+            of = passage.event.output
+            passage.take(times[judged[of]], outputs[of][judged[of]])
         of_bands, places = self._of_bands(numbers)
         for name, band in self._bands.items():
             band[:, places] = outputs[name][of_bands].T
@@ -331,7 +334,9 @@ class _Extremes:
         self._unknown = np.zeros(n, dtype=bool)
 
     def take(self, times: np.ndarray, values: np.ndarray) -> None:
-        """Take in values (n_t, n) at some instants (n_t,)."""
+        """Take in values (n_t, n) at some instants (n_t,), or at none."""
+        if not times.size:
+            return
         self._unknown |= np.isnan(values).any(axis=0)
         for which, place_of, is_beyond in (("max", np.argmax, np.greater), ("min", np.argmin, np.less)):
             place = place_of(values, axis=0)

@@ -41,7 +41,7 @@ from pgmp_petsc.bodies.shape import in_floating_frame
 from pgmp_petsc.controllers.running import Controls
 from pgmp_petsc.effects import Action, Effect, Motion, effects_of, motions_of
 from pgmp_petsc.effects.effect import Load
-from pgmp_petsc.effects.motion import Instant
+from pgmp_petsc.effects.time_function import Instant
 from pgmp_petsc.estimates.reference_motion import ReferenceMotion, Schedule
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -296,9 +296,6 @@ class ErrorSystem(SecondOrderSystem):
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
         return self.full.reasons(time, state, samples)
-
-    def unpack(self, array: np.ndarray) -> np.ndarray:
-        return self.full.unpack(array)
 
 
 def _in_floating_frames(rom: ReducedOrderModel, reduced: Mechanism, full: Mechanism) -> ReducedOrderModel:

@@ -35,7 +35,7 @@ import scipy
 from pgmp_petsc.effects.formula import FormulaEffect
 from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.models import FullModel, Model, OutputRecord
-from pgmp_petsc.outputs.joint_forces import judged
+from pgmp_petsc.outputs.multipliers import judged
 from pgmp_petsc.outputs.of_frames import Angle, Distance, Sliding
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.results.numbers import Arrays, share_text

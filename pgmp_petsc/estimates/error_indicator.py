@@ -33,8 +33,7 @@ from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import ComponentModel, LengthLanes, Model, Reduced, ReducedModel
 from pgmp_petsc.models.model import floors_of
-from pgmp_petsc.outputs.joint_forces import judged
-from pgmp_petsc.outputs.rainflow import counted_after
+from pgmp_petsc.outputs.multipliers import judged
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene.border import values_text
@@ -268,7 +267,7 @@ class WatchedRun(Observer):
         every_time = {name: np.tile(value, shape[0]) for name, value in values.items()}
         here = model.outputs.evaluate(model.observed_of(np.repeat(time, shape[1]), states, every_time))
         here, there = (
-            counted_after(model.outputs.counts, time, {k: v.reshape(shape) for k, v in found.items()}, values)
+            model.outputs.counted_over(time, {k: v.reshape(shape) for k, v in found.items()}, values)
             for found in (here, there)
         )
         return judged(model.scene, {name: here[name] - there[name] for name in here})

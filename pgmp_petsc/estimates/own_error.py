@@ -21,7 +21,7 @@ from pgmp_petsc.estimates.coarser_run import MOST, CoarserRun, StepErrors, fewes
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, SeparateLengths
-from pgmp_petsc.outputs.joint_forces import joints_of
+from pgmp_petsc.outputs.multipliers import after_start, joints_of, judged
 from pgmp_petsc.results.estimates import ANSWERS, LARGE, EstimatedErrors
 from pgmp_petsc.results.numbers import (
     Arrays,
@@ -118,8 +118,8 @@ def large_errors(
     errors: Arrays,
     sizes: Arrays,
     units: Units,
-    model: str = "reduced",
-    scene: Scene | None = None,
+    model: str,
+    scene: Scene,
     length: float = 0.0,
 ) -> Iterator[Remark]:
     """Return a warning of outputs whose estimated errors are large, in any of some runs of a model.
@@ -129,7 +129,7 @@ def large_errors(
     the mechanism too, components of what a joint carries beside the others, and so do their errors. Where joints of the
     scene have clearance, impacts may be why.
     """
-    system, loose, joints = (scene.system, bool(scene.loose), joints_of(scene)) if scene else (SI, False, {})
+    system, loose, joints = scene.system, bool(scene.loose), joints_of(scene)
     found, beside, none = [], sizes_of(sizes, units, length), nothing(sizes, units, length)
     in_joints, sizes = misaligned(sizes, units, joints), felt(sizes, units, length, joints)
     for name, values in errors.items():
@@ -150,13 +150,32 @@ def large_errors(
     if not found:
         return
     of = " of the samples that are checked" if any(values.size > 1 for values in errors.values()) else ""
-    off = [f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset] if scene else []
+    off = [f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset]
     beyond = f"; {', '.join(off)} {FIRST_ORDER}" if off and model == "reduced" else ""
     lost = NOT_CONVERGED + BY_IMPACTS * loose if any(" more than all of it" in one for one in found) else ""
     yield warning(
         f"large estimated errors{OF_MODEL[model]}{of}, as shares of the largest values over the run: "
         f"{', '.join(found)}; {SMALLER_ERRORS[model]}{beyond}{lost}"
     )
+
+
+@gathered
+def largest_at_start(scene: Scene, outputs: Arrays, units: Units) -> Iterator[Remark]:
+    """Return which outputs (n_t,) of a run are largest at the start, where they are not judged."""
+    system, told = scene.system, []
+    sizes = {name: np.max(np.abs(values)) for name, values in judged(scene, outputs).items()}
+    largest = felt(sizes, units, joints=joints_of(scene))
+    for name in after_start(scene):
+        start, later = abs(float(outputs[name][0])), float(largest[name])
+        if start > (1.0 + SMALL) * later > 0.0 and name not in scene.counted:
+            both = (with_unit(*system.named(one, units[name]), 3) for one in (start, later))
+            told.append("{} ({}, later {} at most)".format(name, *both))
+    if told:
+        yield warning(
+            f"largest at time 0: {', '.join(told)}. What joints carry where bodies start undeformed hangs there on the "
+            "mesh and on modes alone: estimated errors, and extremes and events of ensembles, begin with the next "
+            "instant; start with initial.equilibrium = true, or let loads grow from zero"
+        )
 
 
 @gathered

@@ -45,7 +45,7 @@ from pgmp_petsc.reduced.kernel import gather
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.tables import StiffnessChanges
-from pgmp_petsc.results.estimates import ROTATION_LIMIT, VALIDITY, beyond_limit, limits_of
+from pgmp_petsc.results.estimates import ROTATION_LIMIT, VALIDITY, limits_of
 from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
@@ -230,9 +230,10 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> Iter
 
     What is looked at comes by the names of `VALIDITY`, each a number or of shape (n,).
     """
+    limits = limits_of(scene.second_order)
     for name, text in _beyond(scene).items():
         values = np.atleast_1d(validity[name])
-        too_far = beyond_limit(name, values, scene.second_order)
+        too_far = np.abs(values) > limits[name]  # NaN, where nothing is known, is not
         if too_far.any():
             whose = "" if values.size == 1 else f"{int(too_far.sum())} of {values.size} samples: "
             worst = values[too_far][np.argmax(np.abs(values[too_far]))]

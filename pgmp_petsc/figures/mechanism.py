@@ -292,7 +292,7 @@ def mechanism(
     if the trajectory has no frames.
     """
     frames = trajectory.frames
-    if frames is None or not len(frames.time):
+    if frames is None:
         raise InputError("the trajectory has no frames to draw; use --override simulation.frames=100")
     factor, unit = style.axis_unit(trajectory.record.system.unit("m"), *frames.positions.values())
     shapes = Shapes.of(frames, exaggeration, factor, trajectory.record)

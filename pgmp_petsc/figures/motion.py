@@ -191,7 +191,7 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
     `InputError` if the run has no frames, or nothing of it is known in the colour. `scale` is the factor on the
     deformation; None is one that shows it."""
     frames = run.frames
-    if frames is None or not len(frames.time):
+    if frames is None:
         raise InputError("the trajectory has no frames to draw; use --override simulation.frames=100")
     notes = of_runs([run])
     factor = scale_of(run.fields) if scale is None else scale

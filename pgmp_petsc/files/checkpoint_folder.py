@@ -54,11 +54,6 @@ AT_HAND = 2**24  # bytes of pieces that the process which wrote them need not re
 Content = TypeVar("Content")
 
 
-def within_checkpoint(output: Path, name: str) -> Path:
-    """Return the output of a part of a run, whose folder lies in that of the run, and is removed with it."""
-    return pieces_path(output) / name
-
-
 class CheckpointFolder:
     """The folder of the run of one result.
 

@@ -99,6 +99,7 @@ class GuardedStream(AbstractContextManager):
 FORMAT_VERSION = 2
 VERSIONS = {"rom": 5, "ensemble": 3, "trajectory": 3, "design": 3}  # of kinds that have changed since
 WRITE_AGAIN, BUILD_AGAIN = "write it again", "build it again with pgmp build"
+MODELS = ("full", "components", "reduced")  # of which runs are, as files name them
 #: Models that stand alone, by kind: what to do where the other one is needed.
 INSTEAD = {
     "rom": "; pgmp build SCENE --components -o FILE makes one",

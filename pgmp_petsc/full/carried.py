@@ -10,8 +10,6 @@ the equations at the iterate. Those of a joint in the tree of joint coordinates 
 behind it ask of the frame that it holds. From correction to correction forces go on as `controllers.running` says.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple, Self
 
@@ -29,7 +27,7 @@ from pgmp_petsc.lanes.lane_items import borrowed, fill, items, keep, square_root
 from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.node_statements import NodeStatements
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.outputs.joint_forces import OfConnection
+from pgmp_petsc.outputs.multipliers import OfConnection
 
 # of a term: its joint, -1 of none, the first unknown of one of its points, and its multiplier; of what acts: its term
 JOINT, PLACE, NUMBER = range(3)

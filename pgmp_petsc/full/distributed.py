@@ -26,8 +26,7 @@ from functools import cached_property
 import numpy as np
 
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.effects.motion import Motion
-from pgmp_petsc.effects.time_function import TimeFunction
+from pgmp_petsc.effects.time_function import Motion, TimeFunction
 from pgmp_petsc.full.energy import energies_of
 from pgmp_petsc.full.forces import act
 from pgmp_petsc.full.kernel import count_turns, evaluate

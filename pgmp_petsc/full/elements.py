@@ -10,8 +10,6 @@ Unknowns are natural coordinates, twelve a frame. Samples lie side by side in th
 of what moves with it is ``1/2 m p'.p' + 1/2 sum J_kl d_k'.d_l'``: one density, (4, 4), for every direction in space.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Samples lie side by side in the last axis (lanes); see `batched_ldl`. The equati
 `effects.action`. Actions are on the unknowns of nodes (`mechanism.node_statements`).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

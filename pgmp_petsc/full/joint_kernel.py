@@ -7,8 +7,6 @@ the unknowns q, as those of full-order models are. A driven angle that is a coor
 value.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple, Self
 
 import numpy as np

@@ -14,8 +14,6 @@ All are bilinear but for R, so that rates and accelerations are of the same form
 transposed steps: nothing is solved for. Samples lie side by side in the last axis (lanes).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

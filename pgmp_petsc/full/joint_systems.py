@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.effects.motion import driven
+from pgmp_petsc.effects.time_function import driven
 from pgmp_petsc.full.batched_ldl import Pattern
 from pgmp_petsc.full.carried import Carried
 from pgmp_petsc.full.joint_kernel import Joints, TreeHolds, count_turns_in_joints, hold_all_in_tree, unknowns_of
@@ -32,7 +32,7 @@ from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
-from pgmp_petsc.outputs.joint_forces import OfConnection
+from pgmp_petsc.outputs.multipliers import OfConnection
 from pgmp_petsc.stepping.second_order_system import State
 
 ROUND_OFF = 1e-9  # of the slopes of constraints, over the largest of a row

@@ -12,8 +12,6 @@ besides, joints that close loops, couplings and driven statements stay constrain
 numbered body by body, a body's motion before its amplitudes, and what it carries right behind it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from typing import NamedTuple

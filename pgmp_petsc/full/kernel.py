@@ -12,8 +12,6 @@ side in the last axis (lanes); see `batched_ldl`. The equations of a sample that
 having the rows and the elements that it needs (`layout`).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -8,8 +8,6 @@ stretch, twist or bend it in one of two planes, a fifth. Work space is made once
 amplitudes, and viewed anew for each body.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 

@@ -11,8 +11,6 @@ For the constraints g that make directors a rotation it therefore holds ``w G^T 
 the solution is the same for any weight w (the augmented Lagrangian of Glowinski and Le Tallec 1989).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

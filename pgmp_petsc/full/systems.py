@@ -21,7 +21,7 @@ from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.controllers.acting import NOTED
 from pgmp_petsc.controllers.running import BEFORE, MOST_STARTS, Controls, States
 from pgmp_petsc.effects import Effect, Motion
-from pgmp_petsc.effects.motion import driven
+from pgmp_petsc.effects.time_function import driven
 from pgmp_petsc.full.carried import Carried, find_all_carried
 from pgmp_petsc.full.energy import EnergyNames, energies_of
 from pgmp_petsc.full.forces import act
@@ -33,7 +33,7 @@ from pgmp_petsc.full.steps import Beside, correct, take_steps
 from pgmp_petsc.lanes.lane_items import SampleBlocks, aligned
 from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.outputs.joint_forces import OfConnection
+from pgmp_petsc.outputs.multipliers import OfConnection
 from pgmp_petsc.stepping.second_order_system import Energies, Scheme, SecondOrderSystem, State, StepsAsked, StepsTaken
 from pgmp_petsc.stepping.status import Status
 

@@ -60,7 +60,7 @@ from pgmp_petsc.models.lengths import blended
 from pgmp_petsc.models.reduced_statics import JointAngles
 from pgmp_petsc.outputs.of_outputs import FormulaOfOutputs
 from pgmp_petsc.outputs.outputs import in_order
-from pgmp_petsc.outputs.rainflow import counted_after, counted_changes
+from pgmp_petsc.outputs.rainflow import counted_changes
 from pgmp_petsc.scene.uses import offset_directions, ordered_ends, velocity_names
 from pgmp_petsc.stepping.alpha_step import LENGTHS, WEIGHTS, First, first_accelerations, goes_on_resolved
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, StateRecord, integrate, integrate_with_smaller_steps
@@ -212,7 +212,7 @@ def _counted(
     """Return outputs, with what is counted of them, and their derivatives by the names of outputs and parameters."""
     counts = model.outputs.counts
     by_name = {name: counted_changes(counts, times, outputs, found, values, name) for name, found in by_name.items()}
-    outputs = counted_after(counts, times, outputs, values)
+    outputs = model.outputs.counted_over(times, outputs, values)
     derivatives = {output: {name: found[output] for name, found in by_name.items()} for output in outputs}
     for output, whole in outputs.items():
         for name, found in {"": whole, **derivatives[output]}.items():

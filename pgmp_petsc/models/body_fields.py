@@ -1,37 +1,40 @@
-"""Where the nodes of bodies are, and their stresses at nodes and in cells, at some instants of one sample.
+"""Where the nodes of bodies are, and their stresses at nodes, in cells and where outputs ask for them.
 
-The models know both in their own ways (`models.stresses`): a full-order model has the positions of its meshes. A body
-that is condensed has ``x = p + R (X + T y)`` with its pose and its coordinates y, a reduced model ``y = Psi(theta)
-delta``, and of second order ``1/2 chi delta delta`` besides. Visible are the bodies whose meshes a model knows.
+A full-order model has the positions of its meshes, and strains of these. A body that is condensed has
+``x = p + R (X + T y)`` with its pose and its coordinates y, and strains ``S y`` linear in these with a constant matrix
+S: those of the displacements T y. In the component model y are the amplitudes of its fields; `reduced_fields` has those
+of the reduced model. Visible are the bodies whose meshes a model knows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.floating import products
 from pgmp_petsc.bodies.sections.section import BeamSection
-from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, Strains
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.bodies.stresses import EXTREMES, FURTHEST, BeamLaw, SolidLaw, Strains
 from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.mechanism.space import Space
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.models.stresses import ReducedStrains, full_strains
-from pgmp_petsc.outputs.stress import EXTREMES, FURTHEST
-from pgmp_petsc.reduction.reconstruction import Reconstruction
-from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.references import stressed_bodies
+
+if TYPE_CHECKING:
+    from pgmp_petsc.outputs.stress import StressOutput
 
 LARGEST = 2**28  # bytes of the fields of bodies that no stress output names, over all frames
 AT_ONCE = 2**22  # numbers that are evaluated together: 32 MB
 ROD = 0.02  # radius of the lines of a body without a section over its extent
-Values = dict[str, np.ndarray]
+Quantities = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +48,12 @@ class Stresses:
     law: SolidLaw | BeamLaw  # what makes quantities of strains
     units: dict[str, str]  # of the quantities
 
-    def at_nodes(self, strains: np.ndarray, values: Mapping[str, float]) -> Values:
+    def at_nodes(self, strains: np.ndarray, values: Mapping[str, float]) -> Quantities:
         """Return all quantities at the nodes, each of shape (n_nodes, n), for strains (n_points, n_strains, n)."""
         found = self.law.values(self.units, self.nodal, self.law.forces(self.nodal, strains, values), values)
         return {quantity: EXTREMES.get(quantity, FURTHEST)(own[self._by_node]) for quantity, own in found.items()}
 
-    def at_cells(self, strains: np.ndarray, values: Mapping[str, float]) -> Values:
+    def at_cells(self, strains: np.ndarray, values: Mapping[str, float]) -> Quantities:
         """Return all quantities in the middles of the cells, each of shape (n_cells, n), as `at_nodes`."""
         return self.law.values(self.units, self.inner, self.law.forces(self.inner, strains, values), values)
 
@@ -156,8 +159,8 @@ class BodyValues:
 
     positions: np.ndarray  # of the nodes, ground frame, shape (n_nodes, d, n), m
     #: at_nodes, at_cells: quantities, of shape (n_nodes, n) and (n_cells, n)
-    at_nodes: Values
-    at_cells: Values
+    at_nodes: Quantities
+    at_cells: Quantities
 
 
 Fields = dict[str, BodyValues]
@@ -188,43 +191,6 @@ class FullFields:
         )
 
 
-class ReducedFields:
-    """Fields of the bodies wanted from reduced coordinates, by the model's projection and its interpolation."""
-
-    def __init__(self, seen: FieldSet, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str) -> None:
-        self.seen, self._kinematics, bodies = seen, kinematics, kinematics.mechanism.bodies
-        numbers = [field.number for field in seen.points.values()]
-        self._strains = ReducedStrains(
-            kinematics, rom, scheme, [number for number in numbers if bodies[number].flexible]
-        )
-        self._rigid = {
-            number: Reconstruction(kinematics, rom, scheme, [bodies[number].nodes.start])
-            for number in numbers
-            if not bodies[number].flexible
-        }
-
-    def of(self, eta: np.ndarray, values: Mapping[str, float]) -> Fields:
-        """Return the fields for reduced coordinates (n, n_eta)."""
-        poses = self._kinematics.poses(eta[:, : self._kinematics.n_coordinates])
-        coordinates, strained = self._strains.coordinates(eta), self._strains.strained(eta)
-        missed = self._strains.missed(eta, values)
-        space, found = self._kinematics.mechanism.space, {}
-        for name, field in self.seen.points.items():
-            number, body = field.number, self._strains.bodies[field.number]
-            if number in self._rigid:
-                found[name] = carried(space, field, body, self._rigid[number].frames(eta)[0])
-                continue
-            moved = body.displacements(coordinates[number])[:, : space.dimension]
-            places = placed(space, poses[number], field.mesh.nodes[:, :, None] + moved)
-
-            def strains(points: Strains, field: FieldPoints = field) -> np.ndarray:
-                y, unmet = strained[field.number], missed.get(field.number)
-                return self._strains.of(field.number, points, field.stresses.law, y, unmet, values)
-
-            found[name] = with_stresses(field, places, strains, values)
-        return found
-
-
 def carried(space: Space, field: FieldPoints, body: Body, frame: np.ndarray) -> BodyValues:
     """Return a rigid body whose node, its centre of mass, has frames (n_frame, n)."""
     arms = field.mesh.nodes - body.mesh.nodes[0]
@@ -249,7 +215,7 @@ def placed(space: Space, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
 def joined(parts: list[Fields]) -> Fields:
     """Return fields of instants one after the other."""
 
-    def along(tables: list[Values]) -> Values:
+    def along(tables: list[Quantities]) -> Quantities:
         return {name: np.concatenate([table[name] for table in tables], axis=1) for name in tables[0]}
 
     return {
@@ -260,3 +226,75 @@ def joined(parts: list[Fields]) -> Fields:
         )
         for name in (parts[0] if parts else ())
     }
+
+
+def full_strains(
+    unknowns: Unknowns, number: int, points: Strains, q: np.ndarray, linear: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the strains of points of a body, shape (n_points, n_strains, n), from the unknowns (n_dofs, n) of a
+    full-order or a component model; `linear` is the matrix S of a body that is condensed, where it is at hand."""
+    body = unknowns.bodies[number]
+    if body.n_amplitudes:
+        return of_coordinates(body, points, q[body.internal], linear)
+    return points.of_places(body.moving_nodes(q, unknowns.frames(q)))
+
+
+class FullStresses:
+    """Stresses, outputs of the scene, from the unknowns of a full-order or a component model."""
+
+    def __init__(self, outputs: OutputSet, unknowns: Unknowns) -> None:
+        self._stresses, self._unknowns = outputs.stresses, unknowns
+        self._linear = linear_maps(
+            [s for s in outputs.stresses if unknowns.bodies[s.body].n_amplitudes], unknowns.bodies
+        )
+
+    def of(self, q: np.ndarray, values: Values) -> np.ndarray:
+        """Return the stresses, shape (n_stresses, n), for unknowns (n_dofs, n); values are numbers or of shape (n,)."""
+
+        def forces(number: int, part: slice) -> np.ndarray:
+            stress = self._stresses[number]
+            linear = self._linear.get(stress.name)
+            strains = full_strains(self._unknowns, stress.body, stress.points, q[:, part], linear)
+            return stress.law.forces(stress.points, strains, values_of(values, part))
+
+        return in_blocks(self._stresses, forces, q.shape[1], values)
+
+
+def of_coordinates(body: Body, points: Strains, y: np.ndarray, linear: np.ndarray | None) -> np.ndarray:
+    """Return strains that are linear in a body's coordinates y (n_dofs, n), by the matrix S where it is at hand."""
+    if linear is None:
+        return points.of_displacements(body.displacements(y))
+    return products(linear.reshape(1, -1, linear.shape[2]), y[None]).reshape(*linear.shape[:2], y.shape[1])
+
+
+def linear_maps(stresses: Iterable[StressOutput], bodies: Sequence[Body]) -> dict[str, np.ndarray]:
+    """Return S of each stress, shape (n_points, n_strains, n_dofs), by its name."""
+    found = {}
+    for stress in stresses:
+        by_node = bodies[stress.body].by_node
+        parts = (stress.points.of_displacements(by_node[..., part]) for part in _blocks(stress, by_node.shape[2]))
+        found[stress.name] = np.concatenate(list(parts), axis=2)
+    return found
+
+
+def in_blocks(
+    stresses: Sequence[StressOutput], forces: Callable[[int, slice], np.ndarray], n: int, values: Values
+) -> np.ndarray:
+    """Return stress outputs of n instants, shape (n_stresses, n), from the forces of some at a time."""
+    found = np.empty((len(stresses), n))
+    for number, (row, stress) in enumerate(zip(found, stresses)):
+        for part in _blocks(stress, n):
+            row[part] = stress.value(forces(number, part), values_of(values, part))
+    return found
+
+
+def _blocks(stress: StressOutput, n: int) -> Iterator[slice]:
+    """Yield parts of n columns that are evaluated together."""
+    step = max(1, AT_ONCE // max(1, stress.points.width))
+    for first in range(0, n, step):
+        yield slice(first, min(first + step, n))
+
+
+def values_of(values: Values, part: slice) -> dict[str, np.ndarray | float]:
+    """Return the parameter values of some samples; numbers are those of all."""
+    return {name: value[part] if np.ndim(value) and np.size(value) > 1 else value for name, value in values.items()}

@@ -31,7 +31,6 @@ from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import TITLES, Measures, Model, require_lengths, search_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.outputs.rainflow import Counted
 from pgmp_petsc.ranks.petsc import options_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import uncertain_names
@@ -41,6 +40,7 @@ from pgmp_petsc.stepping.static_equilibrium import UNBALANCED, moved_along, requ
 
 if TYPE_CHECKING:
     from pgmp_petsc.models.body_fields import FullFields
+    from pgmp_petsc.outputs.rainflow import Counted
     from pgmp_petsc.reduction.rom import Served
 
 
@@ -75,7 +75,7 @@ class FullModel(Model):
         self.measures = Measures(scene, self.kinematics, self._start[0]) if scene.beside else None
         self._stresses = None
         if self.outputs.stresses:
-            from pgmp_petsc.models.stresses import FullStresses  # few scenes have them
+            from pgmp_petsc.models.body_fields import FullStresses  # few scenes have them
 
             self._stresses = FullStresses(self.outputs, Unknowns(mechanism))
 

@@ -86,7 +86,7 @@ class LengthLanes(Observing):
         self.members = tuple(self._member(number) for number in range(len(family.members)))
         self.stresses = None
         if model.stresses is not None:
-            from pgmp_petsc.models.stresses import LengthStresses  # few scenes have them
+            from pgmp_petsc.models.reduced_fields import LengthStresses  # few scenes have them
 
             self.stresses = LengthStresses([member.stresses for member in self.members], self._shares_of)
         for member in self.members:

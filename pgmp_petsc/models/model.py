@@ -18,9 +18,8 @@ from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.outputs.joint_forces import carried_forces
+from pgmp_petsc.outputs.multipliers import carried_forces
 from pgmp_petsc.outputs.outputs import OutputSet, with_outputs
-from pgmp_petsc.outputs.rainflow import counted_after
 from pgmp_petsc.outputs.readings import AnyReading, Rate, Reading, Seen
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.outputs import OutputEntry
@@ -98,7 +97,7 @@ class OutputRecord(PooledObserver):
     def outputs(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Return the instants (n_t,), s, and every output (n_t, n_samples)."""
         time, found = self.evaluated()
-        return time, counted_after(self._model.outputs.counts, time, found, self._system.values)
+        return time, self._model.outputs.counted_over(time, found, self._system.values)
 
 
 def floors_of(model: Model) -> np.ndarray:

@@ -9,15 +9,14 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from pgmp_petsc.effects.joint_effects import joint_measure
-from pgmp_petsc.effects.loads import GROUND_ORIGIN
-from pgmp_petsc.effects.motion import bases_of
+from pgmp_petsc.effects import bases_of
+from pgmp_petsc.effects.action import joint_measure
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import along, angle, distance
 from pgmp_petsc.outputs.readings import AXES, Absolute, AnyReading, Rate, Reading, RigidReference
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.fields import Connection, Point, refusal
+from pgmp_petsc.scene.fields import GROUND_ORIGIN, Connection, Point, refusal
 from pgmp_petsc.scene.messages import Finding, doubt, problem
 from pgmp_petsc.scene.outputs import Axis, OutputEntry
 from pgmp_petsc.scene.uses import slides
@@ -142,6 +141,7 @@ class Displacement(OnTheGround):
     """Position of a point along an axis minus that at the start of the run (m)."""
 
     type: Literal["displacement"]
+    of_deformation = True  # where the mechanism rests
 
     def reading(self, name: str, start: np.ndarray, kinematics: RigidKinematics) -> AnyReading:
         """Return the place along the axis, from that of the rigid mechanism at the start."""
@@ -155,6 +155,7 @@ class Deformation(AlongAxis):
     """Position of a point along an axis minus that of the rigid mechanism at the same joint angle (m)."""
 
     type: Literal["deformation"]
+    of_deformation = True
     frame: Literal["ground", "body"] = Field(
         "ground", description="whose axes: the ground's, or those of the rigid body that carries the point"
     )

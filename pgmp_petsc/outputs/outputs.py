@@ -2,8 +2,8 @@
 
 All outputs but stresses and forces in joints are read of the frames of some nodes and of their rates and accelerations,
 whichever model moved them, of the time and of parameters (`readings`). Stresses depend on what else a model knows of a
-body, and on parameters; each model evaluates them in its own way (`models.stresses`). So do forces in joints, which
-depend on the model's multipliers (`joint_forces`). What a model observes has all this in rows, as far as outputs read
+body, and on parameters; each model evaluates them in its own way (`models.body_fields`). So do forces in joints, which
+depend on the model's multipliers (`multipliers`). What a model observes has all this in rows, as far as outputs read
 it: frames, rates, accelerations, stresses, forces, the time, parameters.
 """
 
@@ -12,23 +12,25 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import UnknownUnit, measure
-from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.bodies.affine import Quantity, Values
 from pgmp_petsc.declare.ideas import blaming, refuse
-from pgmp_petsc.effects import start_of
-from pgmp_petsc.effects.motion import bases_of
+from pgmp_petsc.effects import bases_of, start_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.outputs.joint_forces import ForceOutput, force_outputs
-from pgmp_petsc.outputs.rainflow import Counted
+from pgmp_petsc.outputs.multipliers import ForceOutput, force_outputs
 from pgmp_petsc.outputs.readings import AnyReading, Base, Frames, Jet, ModelReading, Needs, RigidReference, Seen
-from pgmp_petsc.outputs.stress import StressOutput
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.outputs import OutputEntry
+
+if TYPE_CHECKING:
+    from pgmp_petsc.outputs.rainflow import Counted
+    from pgmp_petsc.outputs.stress import StressOutput
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,14 @@ class OutputSet:
     def counts(self) -> dict[str, Counted]:
         """Readings that are counted over a run, by the outputs' names."""
         return {name: self.functions[name] for name in self.counted}
+
+    def counted_over(self, times: np.ndarray, found: Mapping[str, np.ndarray], values: Values) -> dict[str, np.ndarray]:
+        """Return outputs of whole runs, (n_t, n) or (n_t,), with those that are counted in place of what they count."""
+        if not self.counted:
+            return dict(found)
+        from pgmp_petsc.outputs.rainflow import counted_after  # most runs count nothing
+
+        return counted_after(self.counts, times, found, values)
 
     def near(self, observed: np.ndarray) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
         """Return `evaluate` for what is observed there and next to it, for central differences; see
@@ -176,6 +186,8 @@ class OutputSet:
             entry, where = scene.outputs[name], f"outputs.{name}"
             with blaming(type(entry)):
                 if "stresses" in entry.reads:
+                    from pgmp_petsc.outputs.stress import StressOutput  # no other output waits for it
+
                     bodies = enumerate(kinematics.mechanism.bodies)
                     number, body = next(one for one in bodies if one[1].name == entry.body)
                     stresses.append(StressOutput.of(name, scene, number, body))

@@ -210,8 +210,6 @@ def counted_after(
     counts: Mapping[str, Counted], times: np.ndarray, found: Mapping[str, np.ndarray], values: Values
 ) -> dict[str, np.ndarray]:
     """Return outputs of whole runs, (n_t, n) or (n_t,), with those that are counted in place of what they count."""
-    if not counts:
-        return dict(found)
     rows = {name: column.reshape(times.size, -1) for name, column in found.items()}
     counting = Counting(counts, values, next(iter(rows.values())).shape[1])
     return {name: part.reshape(found[name].shape) for name, part in counting.over(times, rows).items()}

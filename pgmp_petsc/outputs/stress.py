@@ -1,12 +1,12 @@
 """Stress outputs: strains at points of a body, what a quantity makes of them, and the largest of the points.
 
-Every model knows the strains in its own way (`models.stresses`): from the positions of a mesh, or as a constant linear
+Every model knows the strains in its own way (`models.body_fields`): of the positions of a mesh, or as a constant linear
 map of the coordinates that a body is condensed to. From there on all is the same.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,7 +16,7 @@ from pydantic import Field
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.stresses import BeamLaw, BodyStresses, SolidLaw, Strains
+from pgmp_petsc.bodies.stresses import EXTREMES, FURTHEST, LARGEST, BeamLaw, BodyStresses, SolidLaw, Strains
 from pgmp_petsc.mechanism.composition import bodies_of
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
@@ -31,7 +31,7 @@ class Stress(OutputEntry):
     """Stress of a flexible body, or the force or moment in a section of a beam, largest of what it is asked of."""
 
     type: Literal["stress"]
-    reads = ("stresses",)
+    reads, of_deformation = ("stresses",), True
     body: str = Field(description="name of a flexible body")
     quantity: Literal[QUANTITIES] = Field(
         description="von_mises, principal_max, principal_min (Pa) of solids; of beams axial_force, shear_force (N), "
@@ -131,24 +131,3 @@ def points_of(scene: Scene, name: str, stresses: BodyStresses) -> Strains:
         words = f"outside the mesh of {entry.body}, which reaches from {low} to {high} {unit}; its nearest node is at"
         raise InputError(problem(f"outputs.{name}.at", f"{words} {nearest}", at))
     return points
-
-
-def _extreme(place: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
-    """Return what takes of values (n_points, n) those at a place of each, shape (n,); no number where one of them is
-    none."""
-
-    def found(values: np.ndarray) -> np.ndarray:
-        known = np.isfinite(values)
-        at = place(np.where(known, values, 0.0))
-        return np.where(known.all(axis=0), np.take_along_axis(values, at[None], axis=0)[0], np.nan)
-
-    return found
-
-
-LARGEST = _extreme(lambda values: np.argmax(values, axis=0))
-SMALLEST = _extreme(lambda values: np.argmin(values, axis=0))
-#: Of forces and moments: the one of largest magnitude, with its sign.
-FURTHEST = _extreme(lambda values: np.argmax(np.abs(values), axis=0))
-EXTREMES = {"von_mises": LARGEST, "principal_max": LARGEST, "stress_max": LARGEST} | dict.fromkeys(
-    ("principal_min", "stress_min"), SMALLEST
-)

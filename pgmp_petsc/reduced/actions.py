@@ -12,8 +12,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.effects.action import NOTHING, Action, amplitudes_over, compile_actions, counted_from, first_terms
 from pgmp_petsc.effects.effect import Effect
-from pgmp_petsc.effects.motion import Motion
-from pgmp_petsc.effects.time_function import TimeFunction, joined
+from pgmp_petsc.effects.time_function import Motion, TimeFunction, joined
 from pgmp_petsc.lanes.vectors import same_in_all_lanes
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics, measured, turns_counted

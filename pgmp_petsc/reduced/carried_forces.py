@@ -12,7 +12,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.effects.action import Action, first_terms
 from pgmp_petsc.lanes.vectors import LANES, aligned_zeros
-from pgmp_petsc.outputs.joint_forces import OfConnection
+from pgmp_petsc.outputs.multipliers import OfConnection
 from pgmp_petsc.reduced.carried import Carried, KeptGaps
 from pgmp_petsc.reduced.cells import Cells, Grid
 from pgmp_petsc.reduced.gap_forces import GapForces

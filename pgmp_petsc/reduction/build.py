@@ -35,7 +35,7 @@ from pgmp_petsc.modes.built_in import BuiltIn, Closing
 from pgmp_petsc.modes.continuity import POOR_COSINE
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
-from pgmp_petsc.outputs.joint_forces import carried_forces
+from pgmp_petsc.outputs.multipliers import carried_forces
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.mechanism.kinematics import RigidKinematics
     from pgmp_petsc.modes.built_in import Closing
     from pgmp_petsc.modes.problem import ModalProblem, ModeSet
-    from pgmp_petsc.outputs.joint_forces import ForceOutput
+    from pgmp_petsc.outputs.multipliers import ForceOutput
     from pgmp_petsc.reduction.sampler import TurnedLoads
 
 

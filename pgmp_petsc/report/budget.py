@@ -134,12 +134,11 @@ def _share(source: Source, name: str) -> Datum:
 
 def error_budget(sources: Sequence[Source], error: ModelError | None) -> list[Line]:
     """Return the lines of the budget of one scene."""
-    studies = of_kind(sources, Tradeoff)
     return [
         *_of_model(sources, error),
         *_of_steps(sources),
         *_of_parts(sources),
-        *_of_mesh(sources, studies),
+        *_of_mesh(sources),
         *_of_sampling(sources),
         *_of_balance(sources),
         *_of_small_deformations(sources),
@@ -267,13 +266,13 @@ def n_nodes(run: Trajectory) -> int:
     return sum(len(run.fields[name].nodes if name in run.fields else nodes) for name, nodes in frames.items())
 
 
-def _of_mesh(sources: Sequence[Source], studies: Sequence[Source]) -> Iterator[Line]:
+def _of_mesh(sources: Sequence[Source]) -> Iterator[Line]:
     measured = mesh_errors(sources)
     for name, (share, how) in measured.items():
         yield Line(f"mesh: {name}", [Datum(share, share_text(share))], f"measured: {how}")
     if measured:
         return
-    for source in studies:
+    for source in of_kind(sources, Tradeoff):
         mesh = source.result.mesh
         own = np.flatnonzero(mesh.refinement == 1)
         if own.size and len(mesh.refinement) > 1:
@@ -327,7 +326,7 @@ def _of_small_deformations(sources: Sequence[Source]) -> Iterator[Line]:
         limits = limits_of(stiffened or bool(scene.get("reduction", {}).get("second_order")))
         for name, value in result.validity.items():
             if np.isfinite(value):
-                unit, about = VALIDITY[name]
+                unit, about = VALIDITY[name].values()
                 shown = Datum(value, f"{value:.2g}", source.name, f"/validity/{name}")
                 size, limit = [shown, behind(unit)], limits[name]
                 beyond = "no limit" if np.isinf(limit) else f"worth a warning beyond {limit:g}"

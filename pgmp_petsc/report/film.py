@@ -162,13 +162,8 @@ class _Picture:
         return self.directions(points) + self.shift
 
 
-def film_of(run: Trajectory, name: str = "") -> Film | None:
-    """Return the film of a run, whose file has a name; None where it has no frames."""
-    return None if run.frames is None or not len(run.frames.time) else Film(run, name)
-
-
 class Film:
-    """Data that the page needs to draw the mechanism of a run with frames."""
+    """Data that the page needs to draw the mechanism of a run with frames, whose file has a name."""
 
     def __init__(self, run: Trajectory, name: str) -> None:
         frames, stress = run.frames, stress_of(run)

@@ -32,7 +32,7 @@ from pgmp_petsc.files.hdf5 import KINDS, RunRecord
 from pgmp_petsc.report import charts
 from pgmp_petsc.report.budget import decision, error_budget, mesh_twins, model_error, verdict
 from pgmp_petsc.report.charts import Chart, Curve
-from pgmp_petsc.report.film import Film, film_of
+from pgmp_petsc.report.film import Film
 from pgmp_petsc.report.sources import (
     Build,
     Datum,
@@ -80,7 +80,7 @@ def section_of(sources: Sequence[Source]) -> SimpleNamespace:
     comparisons = paired([source.result for source in runs])
     error = model_error(sources, comparisons)
     filmed = next((source for source in runs if source.result.frames is not None), None)
-    film = None if filmed is None else film_of(filmed.result, filmed.name)
+    film = None if filmed is None else Film(filmed.result, filmed.name)
     labels = labels_of(comparisons, {id(source.result): source.path for source in runs})
     return SimpleNamespace(
         name=str(header.get("name", "scene without a name")),

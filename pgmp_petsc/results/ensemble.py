@@ -31,10 +31,10 @@ from pgmp_petsc.declare.records import (
     run_record,
     units_in,
 )
-from pgmp_petsc.files.hdf5 import RunRecord
-from pgmp_petsc.results.estimates import BALANCE_WORDS, OF_REDUCED, OF_STEP, VALIDITY_WORDS
+from pgmp_petsc.files.hdf5 import MODELS, RunRecord
+from pgmp_petsc.results.estimates import BALANCE, OF_REDUCED, OF_STEP, VALIDITY
 from pgmp_petsc.results.numbers import axis_unit, interval_text, number_text
-from pgmp_petsc.results.statistics import MODELS, UNKNOWN, Band, Chance, Sensitivity, Statistics
+from pgmp_petsc.results.statistics import UNKNOWN, Band, Chance, Sensitivity, Statistics
 
 _UNIT = "as attribute units"
 
@@ -340,10 +340,10 @@ class Ensemble(Result):
         when=_has_errors,
     )  # fmt: skip
     validity: Mapping[str, np.ndarray] = _of_samples(
-        "{about}", unit="{unit}", keys=VALIDITY_WORDS, label="validity.{name}",
+        "{about}", unit="{unit}", keys=VALIDITY, label="validity.{name}",
     )  # fmt: skip
     balance: Mapping[str, np.ndarray] = _of_samples(
-        "{about}", at="energy", unit="{unit}", keys=BALANCE_WORDS, label="energy.{name}",
+        "{about}", at="energy", unit="{unit}", keys=BALANCE, label="energy.{name}",
     )  # fmt: skip
     extremes: Mapping[str, np.ndarray] = _of_samples(
         "{about}",

@@ -33,13 +33,15 @@ STRAIN_LIMIT = 0.01
 SHARE_LIMIT = 0.1
 # With geometric stiffening, of first order in the forces: what it leaves out is about the square of the share.
 SHARE_LIMIT_WITH_STIFFENING = 0.5
+#: What says how far a run left small deformations, as results have it (`declare.records`).
 VALIDITY = {
-    "elastic_rotation": ("rad", "largest rotation of a node less that of its rigid body"),
-    "elastic_strain": ("1", "largest strain along an outermost fibre"),
-    "stiffness_gained": ("1", "largest share by which forces in the bodies stiffen a mode"),
-    "stiffness_lost": ("1", "largest share by which forces in the bodies soften a mode, negative; -1 is buckling"),
-}
-VALIDITY_WORDS = {name: {"unit": unit, "about": about} for name, (unit, about) in VALIDITY.items()}
+    "elastic_rotation": {"unit": "rad", "about": "largest rotation of a node less that of its rigid body"},
+    "elastic_strain": {"unit": "1", "about": "largest strain along an outermost fibre"},
+    "stiffness_gained": {"unit": "1", "about": "largest share by which forces in the bodies stiffen a mode"},
+    "stiffness_lost": {
+        "unit": "1", "about": "largest share by which forces in the bodies soften a mode, negative; -1 is buckling",
+    },
+}  # fmt: skip
 
 
 def limits_of(second_order: bool) -> dict[str, float]:
@@ -51,11 +53,6 @@ def limits_of(second_order: bool) -> dict[str, float]:
         "stiffness_gained": float("inf") if second_order else SHARE_LIMIT,
         "stiffness_lost": SHARE_LIMIT_WITH_STIFFENING if second_order else SHARE_LIMIT,
     }
-
-
-def beyond_limit(name: str, values: np.ndarray | float, second_order: bool = False) -> np.ndarray:
-    """Return which values of a name of `VALIDITY` exceed their limit; NaN, where nothing is known, does not."""
-    return np.abs(values) > limits_of(second_order)[name]
 
 
 @dataclass(frozen=True)
@@ -109,13 +106,11 @@ class EstimatedErrors(Record):
         return maxima, sizes
 
 
-#: What an ensemble keeps of the balance of every sample: name, unit and description.
+#: What an ensemble keeps of the balance of every sample.
 BALANCE = {
-    "residual": ("J", "largest residual of the balance of energy over the run"),
-    "exchanged": ("J", "the most energy that was moved around at any time"),
+    "residual": {"unit": "J", "about": "largest residual of the balance of energy over the run"},
+    "exchanged": {"unit": "J", "about": "the most energy that was moved around at any time"},
 }
-
-BALANCE_WORDS = {name: {"unit": unit, "about": about} for name, (unit, about) in BALANCE.items()}
 FREE = 1e-12  # of the kinetic energy: works and strain energies that are no larger are round-off
 RESOLVED = 8  # steps that a change of energy takes at least; faster ones are what a balance is to show
 

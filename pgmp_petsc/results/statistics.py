@@ -13,10 +13,9 @@ import numpy as np
 import scipy
 
 from pgmp_petsc.declare.records import Record, Result, array, attribute, check_shape, derived, run_record
-from pgmp_petsc.files.hdf5 import RunRecord, take
+from pgmp_petsc.files.hdf5 import MODELS, RunRecord, take
 from pgmp_petsc.results.numbers import share_text
 
-MODELS = ("full", "components", "reduced")
 DOUBT = 2.5  # times its estimate an error is larger than in 5 % of runs, see docs/method.md
 UNKNOWN = float("nan")
 

@@ -46,9 +46,8 @@ from pgmp_petsc.declare.records import (
     units_of,
 )
 from pgmp_petsc.files.claims import check_output, replacing
-from pgmp_petsc.files.hdf5 import RunRecord, open_file, shapes_of, take
-from pgmp_petsc.results.estimates import ANSWERS, VALIDITY_WORDS, Balance, EstimatedErrors
-from pgmp_petsc.results.statistics import MODELS
+from pgmp_petsc.files.hdf5 import MODELS, RunRecord, open_file, shapes_of, take
+from pgmp_petsc.results.estimates import ANSWERS, VALIDITY, Balance, EstimatedErrors
 
 GROUP = "fields"
 PLACES = ("at_nodes", "at_cells")
@@ -242,7 +241,7 @@ class Trajectory(Result):
     fields: dict[str, BodyField] = array(absent={})
     validity: dict[str, float] = array(
         unit="{unit}", about="{about}", gaps=True, absent={}, label="validity.{name}",
-        keys=VALIDITY_WORDS,
+        keys=VALIDITY,
     )  # fmt: skip
     status: int = attribute("@status", absent=0, about="0 where the run reached its end, else the number of the reason")
     steps_divided: int = attribute("@steps_divided", absent=1, about="by what simulation.step was divided")

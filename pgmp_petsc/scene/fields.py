@@ -35,6 +35,7 @@ from pgmp_petsc.base.units import QUANTITY, SI, UnknownUnit, number_of
 from pgmp_petsc.declare.ideas import refuse
 
 GROUND = "ground"
+GROUND_ORIGIN = "ground:origin"
 #: Which numbers make sense in an entry. A spring may be negative: a magnet, or one past its dead point.
 Sign = Literal["positive", "not negative", "not zero", "any"]
 #: Largest magnitude of a number, and smallest other than 0: fourth powers of lengths and products of a few numbers stay

@@ -167,10 +167,9 @@ def _text_of(name: str, entry: str, directory: Path) -> str:
 def _read_tables(data: dict[str, Any], directory: Path, system: UnitSystem) -> None:
     """Put the rows of files in the place of their names, in every entry of an idea that may have them."""
     for family in FAMILIES:
-        kinds = dict(zip(family.names, family.found()))
         for name, entry in raw_tables(data, family.group).items():
             said = entry.get(family.key)
-            for *within, key in in_files(kinds[said]) if isinstance(said, str) and said in kinds else ():
+            for *within, key in in_files(family.named(said)) if isinstance(said, str) and said in family.names else ():
                 table = reduce(lambda table, part: table.get(part) if isinstance(table, dict) else None, within, entry)
                 given = table.get(key) if isinstance(table, dict) else None
                 if isinstance(given, (str, dict)):

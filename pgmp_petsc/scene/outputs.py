@@ -49,6 +49,10 @@ class OutputEntry(Table):
     unit: ClassVar[str]
     #: Which derivative over time it takes of what it reads: 1 if that is a speed of it.
     derivative: ClassVar[int] = 0
+    #: Whether it may be of what deforms bodies alone, so that a model's error of deformations is one of it.
+    of_deformation: ClassVar[bool] = False
+    #: Whether it is of what acts in the joint that it names.
+    in_joint: ClassVar[bool] = False
     #: The other outputs that it is made of, each with the entry that names it.
     made_of: ClassVar[Mapping[str, str]] = {}
 
@@ -92,7 +96,7 @@ class OutputEntry(Table):
         return type(self).stated is not OutputEntry.stated
 
     def expression(self, scene: AnyScene, seen: Any) -> Any:
-        """Return what it is of other outputs for a controller, one of those in `outputs.of_outputs`, of what `seen`
+        """Return what it is of other outputs for a controller, one of those in `outputs.readings`, of what `seen`
         returns for their names; None if controllers take it as a motion of its own."""
         return None
 
@@ -108,7 +112,7 @@ class OutputEntry(Table):
         raise NotImplementedError
 
     def multiplied(self, name: str, kinematics: Any) -> Any:
-        """Return what makes it of multipliers, an `outputs.joint_forces.ForceOutput`, if it reads these; raises
+        """Return what makes it of multipliers, an `outputs.multipliers.ForceOutput`, if it reads these; raises
         `InputError` where they do not determine it."""
         raise NotImplementedError
 
@@ -135,6 +139,10 @@ class OutputEntry(Table):
     def kinked_in(self, scene: AnyScene) -> bool:
         """Whether it is the largest at many points: its history has kinks where another point takes over."""
         return any(scene.outputs[one].kinked_in(scene) for one in self.made_in(scene))
+
+    def deforms_in(self, scene: AnyScene) -> bool:
+        """Whether it, or one that it is made of, may be of what deforms bodies alone."""
+        return self.of_deformation or any(scene.outputs[one].deforms_in(scene) for one in self.made_in(scene))
 
     def derivatives_in(self, scene: AnyScene) -> int:
         """Return which derivative of places it takes: 0 of places, 1 of speeds, 2 of accelerations."""

@@ -87,9 +87,14 @@ def _place_problems(scene: AnyScene, entry: str, table: EffectEntry | OutputEntr
 
 def joint_problems(scene: AnyScene, entry: str, joint: str, motions: tuple[str, ...] = MEASURED) -> Iterator[str]:
     """Yield a line if there is no such joint, or it is of a kind that leaves none of these motions free."""
-    kinds = [kind for kind in JOINTS.found() if scene.dimension in kind.dimensions]
-    allowed = tuple(kind for kind in kinds if {*motions} & {*kind.motions_in(scene.dimension)})
-    fitting = [name for name, candidate in scene.joints.items() if isinstance(candidate, allowed)]
+
+    def leaves(kind: Any) -> bool:
+        return scene.dimension in kind.dimensions and not {*motions}.isdisjoint(kind.motions_in(scene.dimension))
+
+    if joint in scene.joints and leaves(scene.joints[joint]):
+        return
+    allowed = tuple(filter(leaves, JOINTS.found()))
+    fitting = [name for name, candidate in scene.joints.items() if leaves(candidate)]
     *others, last = (kind.model_fields["type"].annotation.__args__[0] for kind in allowed)
     named = f"{', '.join(others)} or {last}" if others else last
     if joint not in scene.joints:

@@ -92,7 +92,7 @@ def _errors(
     absent = {name: why for name, (why,) in estimate.absent.items() if why}
     errors = EstimatedErrors(*estimate.histories[0], single_run.largest_felt(model, known.outputs), absent=absent)
     large = own_error.large_errors(
-        *errors.of_one_run(), model.outputs.units, scene=scene, length=single_run.vanishing_length(model)
+        *errors.of_one_run(), model.outputs.units, model.name, scene, single_run.vanishing_length(model)
     )
     until = single_run.up_to(part, "errors") if len(absent) < len(errors.outputs) else ()
     said = [*large, *until, *own_error.not_estimated(errors, scene), *own_error.few_steps(known.time.size - 1)]

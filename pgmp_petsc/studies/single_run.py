@@ -15,12 +15,11 @@ from pgmp_petsc.base.progress import Progress, progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.base.units import SI, UnitSystem
-from pgmp_petsc.estimates import coarser_run
+from pgmp_petsc.estimates import coarser_run, own_error
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.models import Model
-from pgmp_petsc.outputs.joint_forces import joints_of, judged
-from pgmp_petsc.outputs.rainflow import counted_after
+from pgmp_petsc.outputs.multipliers import joints_of, judged
 from pgmp_petsc.results.estimates import Balance
 from pgmp_petsc.results.numbers import ROUND_OFF as SAME
 from pgmp_petsc.results.numbers import VANISHING, felt
@@ -73,7 +72,7 @@ class RunPart:
 
     @staticmethod
     def _outputs(model: Model, time: np.ndarray, observed: np.ndarray) -> dict[str, np.ndarray]:
-        return counted_after(model.outputs.counts, time, model.outputs.evaluate(observed), model.scene.values)
+        return model.outputs.counted_over(time, model.outputs.evaluate(observed), model.scene.values)
 
     @property
     def reach(self) -> float:
@@ -149,7 +148,8 @@ def described(
 ) -> dict[str, Any]:
     """Return what trajectories of both models have in common, by the names of `Trajectory`."""
     scene, instants = model.scene, part.time[part.shown]
-    said = (*remarks, *model.kinematics.remarks, *scene.remarks)
+    at_start = own_error.largest_at_start(scene, part.outputs, model.outputs.units)
+    said = (*remarks, *at_start, *model.kinematics.remarks, *scene.remarks)
     return {
         "model": model.name,
         "record": RunRecord(scene_to_toml(scene), own_values(scene), None, n_ranks, timings.as_dict(), said),

@@ -103,37 +103,25 @@ def falling(reduction: Reduction) -> float:
     return 0.05 / reduction.modes**2 / (4.0 if reduction.second_order else 1.0)
 
 
-def test_the_cheapest_basis_with_the_fewest_angles() -> None:
-    found = choice(Known(falling)).run().reduction
-    # 0.05 / 16 is less than 0.35 of a hundredth, 0.05 / 9 is not; three coordinates with terms of second order cost
-    # less than five without
-    assert (found.modes, found.second_order, found.angles) == (2, True, 32)
-    plain = choice(Known(falling, given=", second_order=false")).run().reduction
-    assert (plain.modes, plain.angles) == (4, 32)
-    said = choice(Known(falling)).price
-    assert said.startswith("candidates: ") and "of processor time each, built and run" in said
-
-
-def test_terms_of_second_order_where_modes_alone_do_not_help() -> None:
-    floor = 5e-3
-
-    def stubborn(reduction: Reduction) -> float:
-        return falling(reduction) + (0.0 if reduction.second_order else floor)
-
-    run = choice(Known(stubborn))
+@pytest.mark.parametrize(
+    ("basis", "given", "modes", "second_order"),
+    [
+        # 0.05 / 16 is less than 0.35 of a hundredth, 0.05 / 9 is not; three coordinates with terms of second order
+        # cost less than five without
+        (falling, "", 2, True),
+        (falling, ", second_order=false", 4, False),
+        # modes alone do not help
+        (lambda reduction: falling(reduction) + (0.0 if reduction.second_order else 5e-3), "", 2, True),
+        # the middle basis misses by little: the dearer family is not taken for that
+        (lambda reduction: 0.2 / reduction.modes**2 / (1.3 if reduction.second_order else 1.0), "", 10, False),
+    ],
+)
+def test_the_cheapest_basis_with_the_fewest_angles(basis, given: str, modes: int, second_order: bool) -> None:
+    run = choice(Known(basis, given=given))
+    assert run.price.startswith("candidates: ") and "of processor time each, built and run" in run.price
     found = run.run().reduction
-    assert (found.modes, found.second_order) == (2, True)
-    assert "with false" in run._ledger.reasons["reduction.second_order"]
-
-
-def test_a_cheap_basis_of_many_modes_is_preferred_to_one_with_terms_of_second_order() -> None:
-    """Where the middle basis misses by little, the dearer family is not taken for that."""
-
-    def nearly(reduction: Reduction) -> float:
-        return 0.2 / reduction.modes**2 / (1.3 if reduction.second_order else 1.0)
-
-    found = choice(Known(nearly)).run().reduction
-    assert not found.second_order and found.modes == 10
+    assert (found.modes, bool(found.second_order), found.angles) == (modes, second_order, 32)
+    assert not second_order or "with false" in run._ledger.reasons["reduction.second_order"]
 
 
 def test_a_basis_may_have_what_the_angles_do_not_need() -> None:

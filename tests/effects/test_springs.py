@@ -12,8 +12,8 @@ from spatial_beams import slider_crank_of_beams
 from spring_measures import measure_of
 
 from pgmp_petsc.effects import Action, actions_of, effects_of
+from pgmp_petsc.effects.action import joint_measure
 from pgmp_petsc.effects.effect import UnitForces
-from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.effects.springs import left_out, linear_springs, moving_dofs, spring_block, spring_force, spring_remarks
 from pgmp_petsc.mechanism.body_frames import BodyStatements
 from pgmp_petsc.mechanism.kinematics import RigidKinematics

@@ -1,6 +1,5 @@
 """The checkpoint of an ensemble: what is kept, what is refused."""
 
-import resource
 import shutil
 import zipfile
 from dataclasses import replace
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import full_disk
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Columns, Finished, remove_checkpoint
@@ -64,11 +64,17 @@ def piece(checkpoint: Checkpoint, first: int) -> Path:
     return checkpoint.folder / f"samples_{first:09d}.npz"
 
 
-def test_batches_come_back_in_order_and_unchanged(plan: Plan) -> None:
-    at_hand, read = list(started(plan, 8, 0, 4).batches()), list(taken_up(plan).batches())
-    assert [one.first for one in at_hand] == [one.first for one in read] == [0, 4, 8]
-    for one in (*at_hand, *read):
-        expected = batch(one.first)
+@pytest.mark.parametrize("sizes", [{8: 4, 0: 4, 4: 4}, {0: 1, 1: 7, 8: 4}])
+def test_batches_of_any_size_come_back_in_order_and_unchanged(plan: Plan, sizes: dict[int, int]) -> None:
+    """As those of runs on other numbers of ranks."""
+    checkpoint, order = started(plan), sorted(sizes.items())
+    for first, n in sizes.items():
+        add(checkpoint, first, n)
+    assert taken_up(plan).open() == Finished(tuple((first, first + n) for first, n in order), ())
+    at_hand, read = list(checkpoint.batches()), list(taken_up(plan).batches())
+    for one, (first, n) in zip((*at_hand, *read), 2 * order, strict=True):
+        expected = batch(first, n)
+        assert one.first == first and len(one.status) == n
         for name in ("parameters", "outputs", "errors", "errors_at_end", "validity"):
             assert getattr(one, name).keys() == getattr(expected, name).keys()
             for key, values in getattr(expected, name).items():
@@ -188,15 +194,6 @@ def test_a_batch_in_no_place_of_the_run_is_not_taken_up(plan: Plan, first: int, 
     assert firsts(checkpoint) == {0}
     why = "of which others are there already" if first == 2 else "which are none of this run"
     assert f"it holds samples {first} to {first + n - 1}, {why}" in str(*checkpoint.remarks)
-
-
-def test_pieces_have_any_size(plan: Plan) -> None:
-    """Of runs on other numbers of ranks."""
-    checkpoint = started(plan)
-    for first, n in ((0, 1), (1, 7), (8, 4)):
-        add(checkpoint, first, n)
-    assert taken_up(plan).open() == Finished(((0, 1), (1, 8), (8, 12)), ())
-    assert [len(one.status) for one in checkpoint.batches()] == [1, 7, 4]
 
 
 def test_estimates_of_errors_are_pieces_of_their_own(plan: Plan) -> None:
@@ -320,12 +317,8 @@ def test_it_leaves_no_file_and_lasts_longer_than_its_folder(tmp_path: Path) -> N
 
 def test_a_full_disk_is_said(tmp_path: Path) -> None:
     columns = Columns(tmp_path, 1000)
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-    try:
-        with pytest.raises(RunError, match="samples could not be put together in .*: File too large; what is"):
-            columns.put(0, {"a": np.zeros(1000)})
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    said = "samples could not be put together in .*: File too large; what is"
+    with full_disk(1000), pytest.raises(RunError, match=said):
+        columns.put(0, {"a": np.zeros(1000)})
     with pytest.raises(RunError, match="samples could not be put together in .*gone': No such file"):
         Columns(tmp_path / "gone", 2)

@@ -7,12 +7,24 @@ import numpy as np
 import pytest
 from refusals import cases, check_said, refusal
 from scipy import stats
+from scipy.stats import qmc
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble import sampling
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, Plan
 from pgmp_petsc.ensemble.sample_file import read_samples
-from pgmp_petsc.ensemble.sampling import Sampler, draw, draw_remarks, independent, physical, sampler_remarks, stream
+from pgmp_petsc.ensemble.sampling import (
+    Sampler,
+    draw,
+    draw_remarks,
+    independent,
+    latin_hypercube,
+    physical,
+    saltelli,
+    sampler_remarks,
+    sobol,
+    stream,
+)
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import Distribution, Parameter
 from scenes import slider_crank
@@ -27,33 +39,10 @@ def scene() -> Scene:
     return slider_crank(NORMAL, *YOUNG, FIXED, 'materials.steel.rho="rho"')
 
 
-def test_a_sample_depends_on_seed_and_number_alone(scene: Scene) -> None:
-    whole = draw(scene, 7, 0, 100)
-    for first, last in ((0, 1), (17, 42), (99, 100), (50, 50)):
-        part = draw(scene, 7, first, last)
-        for name, values in whole.items():
-            np.testing.assert_array_equal(part[name], values[first:last])
-            assert part[name].shape == (last - first,)
-    assert not np.array_equal(draw(scene, 8, 0, 100)["r1"], whole["r1"])
-    assert np.unique(whole["r1"]).size == 100
-
-
 def test_the_order_of_the_parameters_has_no_part_in_it(scene: Scene) -> None:
     other = scene.model_copy(update={"parameters": dict(reversed(scene.parameters.items()))})
     for name, values in draw(scene, 3, 0, 20).items():
         np.testing.assert_array_equal(draw(other, 3, 0, 20)[name], values)
-
-
-def test_moments_and_shape_are_those_of_the_distributions(scene: Scene) -> None:
-    n = 4000
-    values = draw(scene, 1, 0, n)
-    for name, law in (("r1", stats.norm(5.6e-3, 0.56e-3)), ("E", stats.lognorm(0.05, scale=2.1e11))):
-        sample = values[name]
-        # four standard errors
-        assert abs(sample.mean() - law.mean()) < 4 * law.std() / np.sqrt(n)
-        assert abs(sample.std() / law.std() - 1) < 4 / np.sqrt(2 * n) * 1.1
-        assert stats.kstest(sample, law.cdf).pvalue > 1e-3
-    assert abs(np.corrcoef(values["r1"], values["E"])[0, 1]) < 4 / np.sqrt(n)
 
 
 def test_a_parameter_without_a_distribution_keeps_the_value_of_the_run(scene: Scene) -> None:
@@ -152,18 +141,27 @@ def drawn_by(sampler: str, *overrides: str) -> Scene:
     return slider_crank(NORMAL, *YOUNG, f'ensemble.sampler="{sampler}"', *overrides)
 
 
+@pytest.mark.filterwarnings("error")  # scipy's about numbers that are no powers of two would reach the terminal
 @pytest.mark.parametrize("sampler", SAMPLERS)
-def test_samplers_draw_the_distributions_of_the_scene_in_any_batch(sampler: str) -> None:
+def test_samplers_draw_the_distributions_of_the_scene_by_seed_and_number_alone(sampler: str) -> None:
     n, scene = 2048, drawn_by(sampler)
     whole = Sampler(scene, Plan(n, 4))
-    values = whole.draw(0, n)
-    chosen = whole.described(n)
-    assert chosen.sum() == (n // 2 if sampler == "saltelli" else n)
+    values, chosen = whole.draw(0, n), whole.described(n)
+    size = chosen.sum()
+    assert size == (n // 2 if sampler == "saltelli" else n)
     for name, law in (("r1", stats.norm(5.6e-3, 0.56e-3)), ("E", stats.lognorm(0.05, scale=2.1e11))):
-        assert stats.kstest(values[name][chosen], law.cdf).pvalue > 1e-3
-    part = Sampler(scene, Plan(n, 4)).draw(1000, 1033)
-    for name, column in values.items():
-        np.testing.assert_array_equal(part[name], column[1000:1033])
+        sample = values[name][chosen]
+        assert np.unique(sample).size == size and np.isfinite(values[name]).all()
+        # four standard errors
+        assert abs(sample.mean() - law.mean()) < 4 * law.std() / np.sqrt(size)
+        assert abs(sample.std() / law.std() - 1) < 4 / np.sqrt(2 * size) * 1.1
+        assert stats.kstest(sample, law.cdf).pvalue > 1e-3
+    assert abs(np.corrcoef(values["r1"][chosen], values["E"][chosen])[0, 1]) < 4 / np.sqrt(size)
+    again, other = (Sampler(scene, Plan(n, seed)) for seed in (4, 5))
+    for first, last in ((0, 1), (17, 42), (50, 50), (3, 77), (1000, 1033), (n - 1, n)):
+        for name, column in again.draw(first, last).items():
+            np.testing.assert_array_equal(column, values[name][first:last], strict=True)
+    assert not np.array_equal(other.draw(0, n)["r1"], values["r1"])
     longer = Sampler(scene, Plan(2 * n, 4)).draw(0, n)
     assert whole.extends == all(np.array_equal(longer[name], column) for name, column in values.items())
     assert whole.extends == (sampler != "latin_hypercube")
@@ -298,6 +296,51 @@ def test_samples_are_the_first_numbers_of_streams_of_their_own(seed: int) -> Non
     for first, last, d in ((0, 40, 1), (MOST_SAMPLES - 3, MOST_SAMPLES, 5), (0, 0, 2), (0, 4, 0)):
         expected = [stream(seed, number).random(d) for number in range(first, last)]
         np.testing.assert_array_equal(independent(seed, d)(first, last), np.reshape(expected, (last - first, d)))
+
+
+N = 96
+
+
+def test_each_slice_of_a_latin_hypercube_holds_one_sample() -> None:
+    values = latin_hypercube(1, 3, N)(0, N)
+    slices = np.floor(N * values).astype(int)
+    for column in slices.T:
+        np.testing.assert_array_equal(np.sort(column), np.arange(N))
+    assert len({tuple(column) for column in slices.T}) == 3
+    assert stats.kstest((N * values - slices).ravel(), "uniform").pvalue > 1e-3
+
+
+def test_replicates_are_scrambled_sobol_sequences_of_their_own() -> None:
+    """A (0, m, 2)-net has one point in each of 64 boxes, whatever their shape; replicates differ."""
+    values = sobol(2, 2, 8)(0, 8 * 64).reshape(64, 8, 2)
+    for k in range(8):
+        for rows in (1, 2, 8, 32, 64):
+            boxes = np.floor(values[:, k] * [rows, 64 // rows]).astype(int)
+            assert len({tuple(box) for box in boxes}) == 64
+    assert len({tuple(values[0, k]) for k in range(8)}) == 8
+
+
+def test_blocks_differ_in_one_parameter_from_their_first_point() -> None:
+    blocks = saltelli(3, 3, 2)(0, 5 * 64).reshape(64, 5, 3)
+    a, b = blocks[:, 0], blocks[:, 4]
+    for k in range(3):
+        expected = a.copy()
+        expected[:, k] = b[:, k]
+        np.testing.assert_array_equal(blocks[:, k + 1], expected)
+    # A and B are the halves of points in six dimensions, evenly spread together in either of two replicates
+    for points in (np.hstack([a, b])[k::2] for k in range(2)):
+        assert qmc.discrepancy(points) < 0.7 * qmc.discrepancy(np.random.default_rng(1).random((32, 6)))
+
+
+def test_a_latin_hypercube_that_no_rank_could_hold_is_refused() -> None:
+    with pytest.raises(InputError, match="-n 200000000 with the sampler latin_hypercube: at most 100,000,000"):
+        latin_hypercube(0, 1, 200_000_000)
+
+
+def test_a_far_stretch_of_a_million_takes_no_time() -> None:
+    """It is reached without the samples before it."""
+    far = 1_000_000
+    np.testing.assert_array_equal(sobol(1, 2, 8)(far, far + 9)[1:], sobol(1, 2, 8)(far + 1, far + 9))
 
 
 RADII = [5e-3, 5.5e-3, 6e-3]

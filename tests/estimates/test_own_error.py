@@ -192,12 +192,12 @@ def test_what_hardly_moves_has_no_range():
 def test_a_share_is_told_where_it_says_something(largest: float, line: str, warned: str) -> None:
     errors = EstimatedErrors(np.array([0.0, 1.0]), {"tip": np.array([0.0, -1e-3])}, {"tip": largest})
     assert of_trajectory(errors, {"tip": "m"}, 1.0)[1].endswith(line)
-    remarks = large_errors(*errors.of_one_run(), {"tip": "m"})
+    remarks = large_errors(*errors.of_one_run(), {"tip": "m"}, "reduced", slider_crank())
     assert bool(remarks) == bool(warned)
     assert all(warned in remark.text for remark in remarks)
     assert any("has not converged" in remark.text for remark in remarks) == ("more than all" in warned)
     assert not any("impacts" in remark.text for remark in remarks)
-    loose = large_errors(*errors.of_one_run(), {"tip": "m"}, scene=worn())
+    loose = large_errors(*errors.of_one_run(), {"tip": "m"}, "reduced", worn())
     assert any("where impacts make" in remark.text for remark in loose) == ("more than all" in warned)
     for model in ("reduced", "full"):
         off = large_errors(*errors.of_one_run(), {"tip": "m"}, model, clamped_beam(offset("right", place=[1e-3, 0.0])))
@@ -208,17 +208,18 @@ def test_an_ensemble_tells_the_worst_of_its_samples_and_how_many_are_so() -> Non
     """Samples that are not checked, and outputs that are known to 5 %, are not told."""
     errors = {"tip": np.array([0.06, 0.01, np.nan, 0.4]), "angle": np.array([0.05, 0.01, np.nan, 0.02])}
     sizes = {name: np.array([1.0, 1.0, 1.0, 2.0]) for name in errors}
-    (remark,) = large_errors(errors, sizes, dict.fromkeys(errors, "1"))
+    (remark,) = large_errors(errors, sizes, dict.fromkeys(errors, "1"), "reduced", slider_crank())
     assert remark.kind == "warning" and "errors of the samples that are checked, as shares" in remark.text
     assert "over the run: tip 20 % at most, beyond 5 % in 2 of 3; a smaller simulation.step" in remark.text
-    assert not large_errors({"tip": np.full(4, np.nan)}, sizes, {})
+    assert not large_errors({"tip": np.full(4, np.nan)}, sizes, {}, "reduced", slider_crank())
 
 
 @pytest.mark.parametrize("error, warned", [(1e-10, ""), (7.6e-7, "sway all of it (0.76 ")])
 def test_what_vanishes_beside_others_of_its_unit_has_no_share(error: float, warned: str) -> None:
     """Round-off of a symmetric shaker's sway, which was wrong by more than 10,000 %; what a model does not have."""
     sizes = {"lift": np.array([2e-2]), "sway": np.array([1.4e-13])}
-    remarks = large_errors({"lift": np.array([1e-5]), "sway": np.array([error])}, sizes, dict.fromkeys(sizes, "m"))
+    errors, said_of = {"lift": np.array([1e-5]), "sway": np.array([error])}, ("reduced", slider_crank())
+    remarks = large_errors(errors, sizes, dict.fromkeys(sizes, "m"), *said_of)
     assert bool(remarks) == bool(warned) and all(warned in remark.text for remark in remarks)
     assert not any("has not converged" in remark.text for remark in remarks)
     assert felt(sizes, dict.fromkeys(sizes, "m"))["sway"] == 0.0
@@ -229,7 +230,7 @@ def test_what_vanishes_beside_others_of_its_unit_has_no_share(error: float, warn
     # pure numbers are beside 1, as a damage is
     tiny = {"whole": np.array([5.0]), "damage": np.array([1.5e-14, 2e-12])}
     assert felt(tiny, {})["damage"].tolist() == [0.0, 2e-12]
-    assert not large_errors({"damage": np.array([1e-14, np.nan])}, {"damage": tiny["damage"]}, {})
+    assert not large_errors({"damage": np.array([1e-14, np.nan])}, {"damage": tiny["damage"]}, {}, *said_of)
 
 
 @pytest.mark.parametrize(
@@ -249,7 +250,7 @@ def test_components_of_what_a_joint_carries_are_seen_beside_the_others(size: flo
     scene, units = spatial_slider_crank(*outputs, far), dict.fromkeys(("mx", "my", "far"), "N m")
     sizes = {"mx": np.array([size, 1.0]), "my": np.array([0.0663, 1e-6]), "far": np.array([4.6e-8, 1.0])}
     errors = {"mx": np.array([error, 0.0]), "my": np.array([5e-7, 0.0]), "far": np.array([7e-7, 0.0])}
-    (remark,) = large_errors(errors, sizes, units, scene=scene)
+    (remark,) = large_errors(errors, sizes, units, "reduced", scene)
     assert ("mx" in remark.text) == bool(warned) and warned in remark.text
     assert "far more than all of it" in remark.text and "my" not in remark.text
 

@@ -23,7 +23,7 @@ from pgmp_petsc.figures.ensembles import bands, densities, kernel_density, repea
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.mechanism import mechanism, shown_positions
 from pgmp_petsc.figures.motion import drawn_faces, normals, outlines, triangles
-from pgmp_petsc.figures.style import axis_unit, quantity, save
+from pgmp_petsc.figures.style import save
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import Comparison, design, fit, paired, sensitivities, trajectories
 from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS
@@ -89,21 +89,6 @@ def test_little_is_drawn_within_the_picture(name):
     assert name != "three coordinates" or visible(figure)[-1].get_xlabel() == "configuration"
     assert name != "three ensembles" or len({p.get_edgecolor() for p in figure.legends[0].get_patches()[:3]}) == 3
     assert_inside(figure)
-
-
-TWENTY = synthetic.ensemble("full", 20)
-ZERO = replace(TWENTY, parameters={}, outputs={"x": np.zeros(20)}, statistics={"x": synthetic.statistics(np.zeros(20))})
-REFUSED = {
-    "no output in common": lambda: trajectories(paired([ALONE, replace(ALONE, outputs={"other": ALONE.time})])),
-    "ensembles have nothing in common": lambda: densities([TWENTY, ZERO]),
-    "no frames to draw": lambda: mechanism(ALONE),
-}
-
-
-@pytest.mark.parametrize("said", REFUSED)
-def test_what_cannot_be_drawn_is_refused(said):
-    with pytest.raises(InputError, match=said):
-        REFUSED[said]()
 
 
 def test_runs_are_paired_by_their_parameters():
@@ -296,19 +281,6 @@ def test_exaggeration_moves_nodes_between_the_ends_only():
     largest = np.max(np.linalg.norm(plain - rigid, axis=-1))
     assert largest == pytest.approx(2e-3 * np.sin(0.4 * np.pi), rel=1e-2)
     np.testing.assert_array_equal(shown_positions(frames, "rod", 1.0), plain)
-
-
-def test_units_get_readable_prefixes():
-    assert axis_unit("m", np.array([2e-4])) == (1e3, "mm")
-    assert axis_unit("m", np.array([0.3])) == (1.0, "m")
-    assert axis_unit("m", np.array([2e-5])) == (1e6, "µm")
-    assert axis_unit("Pa", np.array([2.1e11]))[1] == "GPa"
-    assert axis_unit("Pa", np.array([1.5e8])) == (pytest.approx(1e-6), "MPa")
-    assert axis_unit("N", np.array([150.0])) == (1.0, "N")
-    assert axis_unit("rad", np.array([5.3, np.nan])) == (1.0, "rad")
-    assert axis_unit("kg/m3", np.array([7800.0])) == (1.0, "kg/m3")
-    assert axis_unit("m", np.array([])) == (1.0, "m")
-    assert quantity("r1", 5.6e-3, "m") == "r1 = 5.6 mm"
 
 
 def test_labels_name_only_what_differs():

@@ -1,8 +1,5 @@
 """Pictures tell results apart and say what is left out; of energies, two coordinates, rigid bodies, and portraits."""
 
-import resource
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +8,7 @@ import pytest
 import synthetic
 from conftest import ROOT
 from pictures import assert_inside, keys_of, legend_texts, texts, visible, written
+from refusals import full_disk
 
 from pgmp_petsc.base.errors import InputError, RunError, note, warning
 from pgmp_petsc.figures.captions import same_case, short_names, tell_apart
@@ -215,17 +213,6 @@ def test_deformations_are_called_enlarged_only_where_they_are() -> None:
     assert all(len(set(distinct_colours(n))) == n for n in (1, 7, 8, 60))
 
 
-@contextmanager
-def full_disk(n_bytes: int) -> Iterator[None]:
-    """Let no file grow beyond a size: to a process, that is a full disk."""
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, limits[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-
-
 def test_a_full_disk_leaves_the_older_picture(tmp_path: Path) -> None:
     paths, out = written(tmp_path, synthetic.modes_table()), tmp_path / "out"
     draw(paths, out)
@@ -314,7 +301,12 @@ def test_many_effects_are_told_apart():
     assert_inside(figure)
 
 
+WHOLE, TWENTY = synthetic.trajectory(n_frames=0), synthetic.ensemble("full", 20)
+ZERO = replace(TWENTY, parameters={}, outputs={"x": np.zeros(20)}, statistics={"x": synthetic.statistics(np.zeros(20))})
 REFUSED = [
+    (lambda: trajectories(paired([WHOLE, replace(WHOLE, outputs={"other": WHOLE.time})])), "no output in common"),
+    (lambda: densities([TWENTY, ZERO]), "ensembles have nothing in common"),
+    (lambda: mechanism(WHOLE), "no frames to draw"),
     (lambda: energies(synthetic.trajectory()), "holds no energies"),
     (lambda: frequency_maps(synthetic.modes_table()), "two coordinates, the table has 1"),
     (lambda: frequencies([planar_table(n_modes=0, reduced=None)]), "no flexible modes"),

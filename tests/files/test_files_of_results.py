@@ -1,7 +1,6 @@
 """Files of results and of jobs: written whole or not at all, sealed, known as finished by their own key."""
 
 import os
-import resource
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 import synthetic
+from refusals import full_disk
 from sealed import resealed
 
 from pgmp_petsc import __version__
@@ -84,15 +84,10 @@ def test_a_symbolic_link_is_written_through(good):
 
 
 def test_a_full_disk_is_a_run_error_and_keeps_the_old_file(good):
-    before = good.read_bytes()
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))
-    try:
-        with pytest.raises(RunError, match="could not be written"), write_file(good, "modes") as file:
-            RECORD.write(file)
-            put(file, "theta", np.arange(1e5), "rad", "too much")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    before, said = good.read_bytes(), "could not be written"
+    with full_disk(20_000), pytest.raises(RunError, match=said), write_file(good, "modes") as file:
+        RECORD.write(file)
+        put(file, "theta", np.arange(1e5), "rad", "too much")
     assert good.read_bytes() == before
     assert os.listdir(good.parent) == [good.name]
 

@@ -14,8 +14,7 @@ from pgmp_petsc.mechanism.statements import Statement
 
 
 def joint(kind: str, in_a: np.ndarray, in_b: np.ndarray) -> tuple[Statement, ...]:
-    JOINTS.found()
-    return tuple(JOINTS.classes[kind].model_construct().statements(in_a, in_b))
+    return tuple(JOINTS.named(kind).model_construct().statements(in_a, in_b))
 
 
 def residual(joint: Sequence[Statement], a: np.ndarray, b: np.ndarray) -> np.ndarray:

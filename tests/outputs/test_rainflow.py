@@ -12,12 +12,16 @@ from runs import history, motion, reduced_model, samples, trajectory
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench.history import errors_between, run_history
 from pgmp_petsc.ensemble.integration import run_batch
+from pgmp_petsc.ensemble.watchers import watch_over_time
+from pgmp_petsc.estimates.own_error import largest_at_start
 from pgmp_petsc.figures.loads import loads
 from pgmp_petsc.lanes.rainflow import cycles
 from pgmp_petsc.outputs.rainflow import Counted, Counting, Rainflow
 from pgmp_petsc.studies.plausibility.check import plausibility
 from scenes import meshes_of
 
+PIN = 'outputs.pin={type="joint_force",joint="pivot",component="y"}'
+RIGID_POLE = ("bodies.pole.flexible=false",)
 CURVE = {"exponent": 3.0, "reference": 2.0, "cycles": 1e3}
 
 
@@ -132,8 +136,7 @@ def test_errors_are_those_at_the_end(model: str) -> None:
 def test_what_joints_carry_is_judged_after_the_start() -> None:
     """A level pole that is let go at once: what its pin carries then hangs on the mesh, and models differ by eight
     times what they do later. Errors, sizes and runs of the bench have the next instant there, of formulas too."""
-    pin = 'outputs.pin={type="joint_force",joint="pivot",component="y"}'
-    scene = cart(pin, 'outputs.twice={type="formula",formula="2 * pin"}', "reduction.modes=1")
+    scene = cart(PIN, 'outputs.twice={type="formula",formula="2 * pin"}', "reduction.modes=1")
     run, other = trajectory("reduced", scene), motion("full", scene)
     off = np.abs(run.outputs["pin"] - other.outputs["pin"])
     assert off[0] > 8.0 * off[1:].max()
@@ -142,6 +145,40 @@ def test_what_joints_carry_is_judged_after_the_start() -> None:
         assert errors[0] == errors[1] and run.errors.largest[name] == np.abs(run.outputs[name][1:]).max()
         kept = run_history(MODELS["full"](scene), samples(scene, 1), 1, 100).outputs[one, :, 0]
         assert kept[0] == kept[1]
+
+
+@pytest.mark.parametrize("rigid", (True, False))
+def test_extremes_and_events_begin_where_outputs_are_judged(rigid: bool) -> None:
+    """What the pin of a level pole carries as it is let go is ``m g (1 - (l/2)^2 / (l^2/3 + h^2/12))`` where it is
+    rigid, the least of the first steps. Of a flexible one it is a third of that at time 0, which does not count, and as
+    much a step later."""
+    events = "ensemble.probabilities.light={output='pin',when='ever',below=0.8}", "ensemble.extremes=true"
+    young = "parameters.E={nominal=210e9}", 'materials.steel.E="E"'
+    scene = cart(PIN, *events, *young, "simulation.duration=5e-3", *RIGID_POLE[: int(rigid)])
+    made, values = MODELS["full"](scene), samples(scene, 1)
+    found = run_batch(made, values, 0, [watch_over_time(made, False)])
+    (least,), (at,) = found.extremes["pin/min"], found.extremes["pin/time_of_min"]
+    pin = history(made, values, 1)[1]["pin"][:, 0]
+    exact = 0.78 * 9.80665 * (1.0 - 0.25 / (1.0 / 3.0 + 0.02**2 / 0.5**2 / 12.0))
+    assert np.isnan(found.first_passages["light"]) and least == pin[int(not rigid) :].min() and (at == 0.0) == rigid
+    assert pin[int(not rigid)] == pytest.approx(exact, rel=1e-8 if rigid else 0.02) and (pin[0] < 0.8) == (not rigid)
+
+
+def test_what_is_largest_at_the_start_is_said() -> None:
+    """Of a run that goes on with less; not where bodies are rigid or settled, where what joints carry is known then."""
+    run = {"pin": np.array([-92.0, 17.0, -3.0]), "s": np.array([-9.2, 1.7, 0.0]), "life": np.array([3.0, 1.0, 1.0])}
+    counted = (
+        PIN, "parameters.A={nominal=10.0,unit='m^2'}", "outputs.s={type='formula',formula='pin / A'}",
+        "outputs.life={type='rainflow',of='s',quantity='life',run_out=3.0,curve={exponent=3,reference=1,cycles=1e3}}",
+    )  # fmt: skip
+    scene, units = cart(*counted), {"pin": "N", "s": "Pa", "life": "1"}
+    (said,) = largest_at_start(scene, run, units)
+    both = "largest at time 0: pin (92 N, later 17 N at most), s (9.2 Pa, later 1.7 Pa at most). What joints carry"
+    assert said.kind == "warning" and said.text.startswith(both)
+    for known in (RIGID_POLE[0], "initial.equilibrium=true"):
+        assert not largest_at_start(cart(*counted, known), run, units)
+    for values in ([17.1, 17.0, -3.0], [92.0]):
+        assert not largest_at_start(cart(PIN), {"pin": np.array(values)}, units)
 
 
 def test_the_matrix_of_a_run() -> None:

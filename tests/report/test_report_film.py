@@ -20,7 +20,7 @@ from solids import box_mesh
 from pgmp_petsc.figures.motion import coarsened, drawn_faces, motion_of, triangles
 from pgmp_petsc.figures.style import scene_of
 from pgmp_petsc.report import film as module_of_films
-from pgmp_petsc.report.film import SHADES, SIZE, Film, bodies_of, film_of
+from pgmp_petsc.report.film import SHADES, SIZE, Film, bodies_of
 from pgmp_petsc.report.page import film_words, write_report
 from pgmp_petsc.report.sources import Source
 from pgmp_petsc.results import Trajectory
@@ -65,7 +65,7 @@ def picture_of(film: Film) -> np.ndarray:
 
 def test_lines_have_the_shapes_of_the_run() -> None:
     run = synthetic.trajectory("full", n_frames=20)
-    film = film_of(run)
+    film = Film(run, "")
     assert film.data["time"] == run.frames.time.tolist() and film.legend is None and film.still == ""
     assert [body["name"] for body in film.lines] == ["crank", "rod"] == [name for _, _, name in film.keys]
     unit = None
@@ -85,7 +85,6 @@ def test_lines_have_the_shapes_of_the_run() -> None:
         bend = 2e-3 * np.abs(np.sin(12.0 * run.frames.time)).max() * np.sin(np.pi * 0.4)
         assert np.linalg.norm(across, axis=-1).max() == pytest.approx(bend * unit[0], rel=0.02)
     assert film.data["factors"][0] == 1 and len(film.data["factors"]) > 1
-    assert film_of(synthetic.trajectory("full", n_frames=0)) is None
 
 
 SPRING = tables("""
@@ -99,7 +98,7 @@ effects.spring: points = ["ground:wall", "rod:2"]
 def test_what_acts_between_points_goes_from_the_ground_to_where_a_body_is_moved_to() -> None:
     run = synthetic.trajectory("full", n_frames=20)
     run = replace(run, record=replace(run.record, scene_toml=SPRING))
-    film, (_, rod, spring) = film_of(run), bodies_of(run)[0]
+    film, (_, rod, spring) = Film(run, ""), bodies_of(run)[0]
     assert [body["name"] for body in film.lines] == ["crank", "rod", "spring"]
     np.testing.assert_array_equal(spring.points[:, 0], [[0.1, 0.5, 0.0]] * 20)
     np.testing.assert_array_equal(spring.points[:, 1], rod.points[:, 2])
@@ -112,7 +111,7 @@ def test_what_acts_between_points_goes_from_the_ground_to_where_a_body_is_moved_
 
 @pytest.mark.parametrize("run", [flat_run(), block_run()], ids=["plane", "space"])
 def test_surfaces_are_where_the_run_has_them(run: Trajectory) -> None:
-    film = film_of(run)
+    film = Film(run, "")
     d = next(iter(run.fields.values())).nodes.shape[1]
     view = None
     for factor in (1.0, 100.0):
@@ -134,7 +133,7 @@ def test_surfaces_are_where_the_run_has_them(run: Trajectory) -> None:
 
 def test_shades_are_the_stresses_of_the_file(tmp_path: Path) -> None:
     run = flat_run()
-    film = film_of(run)
+    film = Film(run, "")
     values = run.fields["bar"].at_nodes["von_mises"][:, on_surface(run.fields["bar"])]
     shades = taken(film.data["bodies"][0], "shades", "<u1").reshape(4, -1)
     np.testing.assert_allclose(shades / SHADES * 3e6, values, atol=0.5 / SHADES * 3e6)
@@ -144,7 +143,7 @@ def test_shades_are_the_stresses_of_the_file(tmp_path: Path) -> None:
 def test_a_peak_between_frames_is_that_of_an_output() -> None:
     """Frames know 3 MPa at most; an output of the body peaks at 4.33 between two, one of another body higher."""
     run = block_run()
-    before = film_of(run)
+    before = Film(run, "")
     scene = run.record.scene_toml + tables("""
 outputs.squeezed: type = "stress"; body = "block"; quantity = "von_mises"
 outputs.other: type = "stress"; body = "elsewhere"; quantity = "von_mises"
@@ -152,7 +151,7 @@ outputs.other: type = "stress"; body = "elsewhere"; quantity = "von_mises"
     squeezed = np.zeros(run.time.size)
     squeezed[1] = 4.33e6
     outputs = run.outputs | {"squeezed": squeezed, "other": 3.0 * squeezed}
-    film = film_of(replace(run, outputs=outputs, record=replace(run.record, scene_toml=scene)), "run.h5")
+    film = Film(replace(run, outputs=outputs, record=replace(run.record, scene_toml=scene)), "run.h5")
     largest = film.legend.largest
     assert (largest.value, largest.path, largest.index) == (4.33e6, "/outputs/squeezed", "1") and largest.text == "4.33"
     assert film.legend.where == f"block at {run.time[1]:.4g} s, of all steps (squeezed)"
@@ -180,7 +179,7 @@ def test_the_legend_has_the_largest_stress_of_the_file(tmp_path: Path) -> None:
 
 
 def test_without_a_script_a_still_is_there() -> None:
-    picture = picture_of(film_of(flat_run()))
+    picture = picture_of(Film(flat_run(), ""))
     rows, columns = np.nonzero(picture[..., 3] > 128)
     height, width = picture.shape[:2]
     # the bar, five times as long as it is high, at its last place: half the picture but for the margins
@@ -196,8 +195,8 @@ def test_the_bar_of_the_scale_is_in_the_unit_of_the_scene() -> None:
     text = run.record.scene_toml.lstrip().replace("[scene]", '[scene]\nunits = "mm"', 1)
     in_mm = replace(run, record=replace(run.record, scene_toml=text))
     for one, metre in ((run, "m"), (in_mm, "mm")):
-        film = film_of(one)
-        assert film.data["metre"] == metre and film.data["bar"] == film_of(run).data["bar"]
+        film = Film(one, "")
+        assert film.data["metre"] == metre and film.data["bar"] == Film(run, "").data["bar"]
     assert film.scale[1].endswith(" mm")
 
 
@@ -205,7 +204,7 @@ def test_unknown_deformations_and_stresses_are_drawn_as_they_are() -> None:
     own = flat_run(1e-3).fields["bar"]
     bent, stress = own.deformation.copy(), own.at_nodes["von_mises"].copy()
     bent[1], stress[2, 0] = np.nan, np.nan
-    film = film_of(run_of(bar=replace(own, deformation=bent, at_nodes={"von_mises": stress})))
+    film = Film(run_of(bar=replace(own, deformation=bent, at_nodes={"von_mises": stress})), "")
     assert film.data["bodies"][0]["as_it_is"] == [1] and film.data["factors"][-1] > 1
     assert any("not enlarged where the deformation is not known" in note for note in film.notes)
     np.testing.assert_array_equal(drawn(film, 0)[1], drawn(film, 0, 100.0)[1])
@@ -214,7 +213,7 @@ def test_unknown_deformations_and_stresses_are_drawn_as_they_are() -> None:
 
 
 def test_beams_are_coloured_by_their_fibre_stress() -> None:
-    film = film_of(rod_run(1.5e6), "run.h5")
+    film = Film(rod_run(1.5e6), "run.h5")
     assert film.legend.largest.value == 2e6 and film.legend.largest.path == "" and film.still == ""
     assert any("outermost fibres" in note for note in film.notes)
     (casing, *pieces) = film.lines[0]["paths"]
@@ -227,7 +226,7 @@ def test_solids_without_fields_are_lines_and_the_cure_is_named(tmp_path: Path) -
     runs = synthetic.trajectory("full", n_frames=5), flat_run()
     bare, seen = (replace(run, record=replace(run.record, scene_toml=SCENE)) for run in runs)
     said = "the film draws bar as lines: run.h5 has no displacements and stresses of it; simulate it again with frames"
-    assert film_of(bare, "run.h5").left_out[0].startswith(said) and film_of(seen, "run.h5").left_out == []
+    assert Film(bare, "run.h5").left_out[0].startswith(said) and Film(seen, "run.h5").left_out == []
     bare.write(tmp_path / "run.h5")
     write_report([tmp_path / "run.h5"], tmp_path / "report.html")
     assert said in (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -240,7 +239,7 @@ def test_fewer_frames_keep_that_of_the_largest_stress() -> None:
     stress = own.at_nodes["von_mises"][::-1].copy()
     stress[77, 5] = 9e6
     run = replace(run, fields={"bar": replace(own, at_nodes={"von_mises": stress})})
-    film = film_of(run)
+    film = Film(run, "")
     shown = len(film.data["time"])
     assert shown < 130 and film.data["time"][film.start] == run.frames.time[77] and film.legend.largest.value == 9e6
     assert film.left_out == [f"the film shows {shown} of 130 frames; the file has all"]
@@ -250,7 +249,7 @@ def test_fewer_frames_keep_that_of_the_largest_stress() -> None:
 def test_large_surfaces_are_coarsened(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module_of_films, "MOST_NODES", 120)
     mesh = box_mesh("hexahedron20", (12, 4, 4), (1.0, 0.3, 0.3))
-    film = film_of(run_of(2, block=field_of(mesh, np.zeros((2, 3)), 1e-4, 3e6)))
+    film = Film(run_of(2, block=field_of(mesh, np.zeros((2, 3)), 1e-4, 3e6)), "")
     entry = film.data["bodies"][0]
     assert 60 < entry["n"] <= 120 and film.left_out[0].startswith(f"the surface of block has {entry['n']} of its ")
     assert taken(entry, "shades", "<u1").max() == SHADES  # the largest one remains

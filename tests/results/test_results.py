@@ -16,6 +16,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.gradients import Vertex, is_sharp, vertex
 from pgmp_petsc.results.numbers import (
+    axis_unit,
     end_texts,
     interval_text,
     number_text,
@@ -91,8 +92,9 @@ def test_what_does_not_fit_together_is_refused(result, change, message):
 
 
 def test_results_are_imported_by_their_names_when_they_are_asked_for() -> None:
-    for name in results.__all__:
-        assert getattr(results, name).__name__ == name
+    for kind, reader in results.READERS.items():
+        assert getattr(results, reader.__name__) is reader
+        assert reader.kind == kind
     with pytest.raises(AttributeError, match="no attribute 'Trajectories'"):
         _ = results.Trajectories
 
@@ -162,10 +164,14 @@ def test_shares_are_per_cent() -> None:
 @pytest.mark.parametrize(
     ("value", "unit", "text"),
     [(1.2e7, "Pa", "12 MPa"), (0.0042, "m", "4.2 mm"), (0.3, "m", "0.3 m"), (1500.0, "N", "1.5 kN"),
-     (3.1, "1", "3.1"), (2.0, "kg", "2 kg"), (0.0, "Pa", "0 Pa"), (-2.5e5, "Pa", "-250 kPa")],
+     (3.1, "1", "3.1"), (2.0, "kg", "2 kg"), (0.0, "Pa", "0 Pa"), (-2.5e5, "Pa", "-250 kPa"), (2e-4, "m", "0.2 mm"),
+     (2e-5, "m", "20 µm"), (2.1e11, "Pa", "210 GPa"), (1.5e8, "Pa", "150 MPa"), (150.0, "N", "150 N"),
+     (5.3, "rad", "5.3 rad"), (7800.0, "kg/m3", "7800 kg/m3")],
 )  # fmt: skip
 def test_units_have_the_prefix_that_their_size_needs(value: float, unit: str, text: str) -> None:
     assert with_unit(value, unit) == text
+    assert axis_unit(unit, np.array([value, np.nan])) == axis_unit(unit, np.array([value]))
+    assert axis_unit(unit, np.array([])) == (1.0, unit)
 
 
 def test_figures_of_a_page_have_one_unit_each() -> None:

@@ -1,7 +1,6 @@
 """Factors in memory, in files and for counting: the same answers, and what is said where they cannot be made."""
 
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -16,6 +15,7 @@ petsc4py.init([])
 
 from conftest import TIMEOUT_SECONDS  # noqa: E402
 from petsc4py import PETSc  # noqa: E402
+from refusals import full_disk  # noqa: E402
 
 from pgmp_petsc.base import resources as memory_module  # noqa: E402
 from pgmp_petsc.base.errors import InputError, RunError  # noqa: E402
@@ -161,15 +161,9 @@ def test_a_folder_that_is_none_is_bad_input(laplacian: tuple, folder: Path, monk
 
 
 def test_a_disk_that_is_full_is_named(laplacian: tuple, folder: Path) -> None:
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, before[1]))  # a write beyond fails, as on a full disk
-    try:
-        with pytest.raises(
-            RunError, match=r"the 0\.0\d+ GB of its factor cannot be written in '.* GB are free there; let"
-        ):
-            answers(laplacian, LITTLE, folder)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    said = r"the 0\.0\d+ GB of its factor cannot be written in '.* GB are free there; let"
+    with full_disk(1_000_000), pytest.raises(RunError, match=said):
+        answers(laplacian, LITTLE, folder)
     assert not list(folder.iterdir())
     files = FactorFiles()  # what MUMPS finds itself, where it does not wait for ever
     assert "cannot be written or read, " in _meaning(NO_FILES, files)

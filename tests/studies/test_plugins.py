@@ -109,7 +109,7 @@ import numpy as np
 from pgmp_petsc.effects.action import NOTHING, Action
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.effect import ActionEffect
-from pgmp_petsc.effects.joint_effects import joint_measure
+from pgmp_petsc.effects.action import joint_measure
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.mechanism.statements import following
 from pgmp_petsc.scene.effects import EffectEntry
@@ -1004,9 +1004,8 @@ def test_installed_packages_have_ideas_behind_entry_points(tmp_path: Path, monke
 
     def named(name: str, group: str) -> None:
         found = EntryPoint(name, points[name], f"pgmp.{group}")
-        monkeypatch.setattr(ideas, "_installed", lambda: EntryPoints([found]))
-        for family in (ideas.EFFECTS, ideas.OUTPUTS):
-            monkeypatch.setattr(family, "_looked_through", False)
+        monkeypatch.setattr(ideas, "entry_points", lambda: EntryPoints([found]))
+        ideas._load_installed.cache_clear()
 
     named("broken", "effects")
     told = (

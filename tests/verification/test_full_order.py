@@ -11,7 +11,7 @@ from runs import full_model, history, paper_scene, quick_return, run_model, samp
 
 from benchmarks.called import Called
 from pgmp_petsc.effects import effects_of
-from pgmp_petsc.effects.motion import driven
+from pgmp_petsc.effects.time_function import driven
 from pgmp_petsc.full.systems import FullBatch
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.mechanism import Unknowns

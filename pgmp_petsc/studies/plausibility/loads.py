@@ -11,9 +11,8 @@ import numpy as np
 from pgmp_petsc.base.units import SI, UnitSystem
 from pgmp_petsc.declare.ideas import PACKAGE
 from pgmp_petsc.effects import effects_of, start_of
-from pgmp_petsc.effects.action import Action, jump_of
+from pgmp_petsc.effects.action import Action, joint_measure, jump_of
 from pgmp_petsc.effects.formula import FormulaEffect, not_finite
-from pgmp_petsc.effects.joint_effects import joint_measure
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Unknowns

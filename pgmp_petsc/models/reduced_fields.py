@@ -1,11 +1,9 @@
-"""Stresses as the models know them.
+"""Strains, stresses and fields of bodies in the reduced model, from its coordinates.
 
-The full-order model has the strains of its meshes themselves. A body that is condensed has strains ``S y`` linear in
-its coordinates y, with a constant matrix S: those of the displacements T y. In the component model y are the
-amplitudes of its fields; in the reduced model they follow from the modes, ``y = Psi(theta) delta`` (Naets et al. 2015,
-eq. (4)). What modes leave out of the static answers to loads and inertia forces is in S as far as the basis has it:
-`reduction.static_modes` and `reduction.inertia_modes`, on bodies that are condensed with the answers to their own
-inertia forces.
+Coordinates y of bodies follow from the modes, ``y = Psi(theta) delta`` (Naets et al. 2015, eq. (4)), and strains from
+them as of all bodies that are condensed (`models.body_fields`). What modes leave out of the static answers to loads and
+inertia forces is in the strains as far as the basis has it: `reduction.static_modes` and `reduction.inertia_modes`, on
+bodies that are condensed with the answers to their own inertia forces.
 
 Away from the nominal parameters a basis misses of the forces what hardly bends; `reduction.missed_answers` has what is
 added to the strains.
@@ -19,7 +17,7 @@ there, as those of the same order cancel in an extension: ``u' + 1/2 w'^2``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,31 +26,29 @@ import scipy
 from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.floating import products
 from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, Strains
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Unknowns
+from pgmp_petsc.models.body_fields import (
+    FieldPoints,
+    Fields,
+    FieldSet,
+    carried,
+    in_blocks,
+    linear_maps,
+    of_coordinates,
+    placed,
+    values_of,
+    with_stresses,
+)
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.outputs.stress import StressOutput
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.missed_answers import Missed
+from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import si_values
 
-AT_ONCE = 2**22  # strains that are evaluated together: 32 MB
 STATES = 2**12  # states in which the models of several lengths are evaluated together
-
-
-def full_strains(
-    unknowns: Unknowns, number: int, points: Strains, q: np.ndarray, linear: np.ndarray | None = None
-) -> np.ndarray:
-    """Return the strains of points of a body, shape (n_points, n_strains, n), from the unknowns (n_dofs, n) of a
-    full-order or a component model; `linear` is the matrix S of a body that is condensed, where it is at hand."""
-    body = unknowns.bodies[number]
-    if body.n_amplitudes:
-        return _of_coordinates(body, points, q[body.internal], linear)
-    return points.of_places(body.moving_nodes(q, unknowns.frames(q)))
 
 
 class ReducedStrains:
@@ -109,31 +105,10 @@ class ReducedStrains:
         if self._curved and body.strains_follow_frames:
             found = _of_beams(body, points, y)
         elif softer is not None and softer.shape[:2] == (1, 1):  # one factor for all points
-            return _of_coordinates(body, points, y + softer[0] * missed, linear)
+            return of_coordinates(body, points, y + softer[0] * missed, linear)
         else:
-            found = _of_coordinates(body, points, y, linear)
-        return found if missed is None else found + softer * _of_coordinates(body, points, missed, linear)
-
-
-class FullStresses:
-    """Stresses, outputs of the scene, from the unknowns of a full-order or a component model."""
-
-    def __init__(self, outputs: OutputSet, unknowns: Unknowns) -> None:
-        self._stresses, self._unknowns = outputs.stresses, unknowns
-        self._linear = _linear_maps(
-            [s for s in outputs.stresses if unknowns.bodies[s.body].n_amplitudes], unknowns.bodies
-        )
-
-    def of(self, q: np.ndarray, values: Values) -> np.ndarray:
-        """Return the stresses, shape (n_stresses, n), for unknowns (n_dofs, n); values are numbers or of shape (n,)."""
-
-        def forces(number: int, part: slice) -> np.ndarray:
-            stress = self._stresses[number]
-            linear = self._linear.get(stress.name)
-            strains = full_strains(self._unknowns, stress.body, stress.points, q[:, part], linear)
-            return stress.law.forces(stress.points, strains, values_of(values, part))
-
-        return _in_blocks(self._stresses, forces, q.shape[1], values)
+            found = of_coordinates(body, points, y, linear)
+        return found if missed is None else found + softer * of_coordinates(body, points, missed, linear)
 
 
 class ReducedStresses:
@@ -142,11 +117,11 @@ class ReducedStresses:
     def __init__(self, scene: Scene, outputs: OutputSet, kinematics: RigidKinematics, rom: ReducedOrderModel) -> None:
         self.stresses, numbers = outputs.stresses, {stress.body for stress in outputs.stresses}
         self._strains = ReducedStrains(kinematics, rom, scene.interpolation, numbers)
-        self._linear = _linear_maps(outputs.stresses, kinematics.mechanism.bodies)
+        self._linear = linear_maps(outputs.stresses, kinematics.mechanism.bodies)
 
     def of(self, eta: np.ndarray, values: Values) -> np.ndarray:
         """Return the stresses, shape (n_stresses, n), for eta (n, n_eta); values are numbers, or of shape (n,)."""
-        return _in_blocks(self.stresses, self.forces(eta, values), len(eta), values)
+        return in_blocks(self.stresses, self.forces(eta, values), len(eta), values)
 
     def forces(self, eta: np.ndarray, values: Values) -> Callable[[int, slice], np.ndarray]:
         """Return what gives the forces of the law of a stress with a number, shape (n_points, n_forces, k), in k of the
@@ -196,7 +171,7 @@ class LengthStresses:
             each = (own(number, part) for own in forces)
             return sum(share[part] * own[np.minimum(points, len(own) - 1)] for share, own in zip(shares, each))
 
-        return _in_blocks(self.stresses, summed, len(eta), values)
+        return in_blocks(self.stresses, summed, len(eta), values)
 
 
 def _strained(shapes: Interpolant, rom: ReducedOrderModel, body: Body, scheme: str) -> Interpolant:
@@ -228,41 +203,38 @@ def _of_beams(body: Body, points: BeamStrains, y: np.ndarray) -> np.ndarray:
     return points.of_places(frames)
 
 
-def _of_coordinates(body: Body, points: Strains, y: np.ndarray, linear: np.ndarray | None) -> np.ndarray:
-    """Return strains that are linear in a body's coordinates y (n_dofs, n), by the matrix S where it is at hand."""
-    if linear is None:
-        return points.of_displacements(body.displacements(y))
-    return products(linear.reshape(1, -1, linear.shape[2]), y[None]).reshape(*linear.shape[:2], y.shape[1])
+class ReducedFields:
+    """Fields of the bodies wanted from reduced coordinates, by the model's projection and its interpolation."""
 
+    def __init__(self, seen: FieldSet, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str) -> None:
+        self.seen, self._kinematics, bodies = seen, kinematics, kinematics.mechanism.bodies
+        numbers = [field.number for field in seen.points.values()]
+        self._strains = ReducedStrains(
+            kinematics, rom, scheme, [number for number in numbers if bodies[number].flexible]
+        )
+        self._rigid = {
+            number: Reconstruction(kinematics, rom, scheme, [bodies[number].nodes.start])
+            for number in numbers
+            if not bodies[number].flexible
+        }
 
-def _linear_maps(stresses: Iterable[StressOutput], bodies: Sequence[Body]) -> dict[str, np.ndarray]:
-    """Return S of each stress, shape (n_points, n_strains, n_dofs), by its name."""
-    found = {}
-    for stress in stresses:
-        by_node = bodies[stress.body].by_node
-        parts = (stress.points.of_displacements(by_node[..., part]) for part in _blocks(stress, by_node.shape[2]))
-        found[stress.name] = np.concatenate(list(parts), axis=2)
-    return found
+    def of(self, eta: np.ndarray, values: Mapping[str, float]) -> Fields:
+        """Return the fields for reduced coordinates (n, n_eta)."""
+        poses = self._kinematics.poses(eta[:, : self._kinematics.n_coordinates])
+        coordinates, strained = self._strains.coordinates(eta), self._strains.strained(eta)
+        missed = self._strains.missed(eta, values)
+        space, found = self._kinematics.mechanism.space, {}
+        for name, field in self.seen.points.items():
+            number, body = field.number, self._strains.bodies[field.number]
+            if number in self._rigid:
+                found[name] = carried(space, field, body, self._rigid[number].frames(eta)[0])
+                continue
+            moved = body.displacements(coordinates[number])[:, : space.dimension]
+            places = placed(space, poses[number], field.mesh.nodes[:, :, None] + moved)
 
+            def strains(points: Strains, field: FieldPoints = field) -> np.ndarray:
+                y, unmet = strained[field.number], missed.get(field.number)
+                return self._strains.of(field.number, points, field.stresses.law, y, unmet, values)
 
-def _in_blocks(
-    stresses: Sequence[StressOutput], forces: Callable[[int, slice], np.ndarray], n: int, values: Values
-) -> np.ndarray:
-    """Return stress outputs of n instants, shape (n_stresses, n), from the forces of some at a time."""
-    found = np.empty((len(stresses), n))
-    for number, (row, stress) in enumerate(zip(found, stresses)):
-        for part in _blocks(stress, n):
-            row[part] = stress.value(forces(number, part), values_of(values, part))
-    return found
-
-
-def _blocks(stress: StressOutput, n: int) -> Iterator[slice]:
-    """Yield parts of n columns that are evaluated together."""
-    step = max(1, AT_ONCE // max(1, stress.points.width))
-    for first in range(0, n, step):
-        yield slice(first, min(first + step, n))
-
-
-def values_of(values: Values, part: slice) -> dict[str, np.ndarray | float]:
-    """Return the parameter values of some samples; numbers are those of all."""
-    return {name: value[part] if np.ndim(value) and np.size(value) > 1 else value for name, value in values.items()}
+            found[name] = with_stresses(field, places, strains, values)
+        return found
