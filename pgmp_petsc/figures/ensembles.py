@@ -241,6 +241,8 @@ def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list
     ]
     if not shared:
         raise InputError("the ensembles have nothing in common; plot those of one scene together")
+    if wanted is None:
+        shared = [name for name in shared if all(one.statistics[name].count for one in ensembles)] or shared
     names = shared if wanted is None else list(wanted)
     for name in names:
         if name not in shared:

@@ -365,6 +365,9 @@ def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
             return Decision("unasked", "No probability known", "no samples are here: add a file of pgmp montecarlo")
         return Decision("unasked", "No probability asked for", "the scene has no ensemble.probabilities")
     doubtful = [label for label, decided in events if not decided]
+    unknown = [label for label, chance, _ in chances if np.isnan(chance.estimate)]
+    if unknown:
+        return Decision("undecided", "Not known", f"{', '.join(unknown)}: too many samples failed")
     if doubtful:
         return Decision("undecided", "Not decided by this model", ", ".join(dict.fromkeys(doubtful)))
     words = [
