@@ -30,7 +30,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import TITLES, Measures, Model, require_lengths, search_of, velocities_of
-from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.outputs.outputs import OutputSet, OverRuns
 from pgmp_petsc.ranks.petsc import options_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import uncertain_names
@@ -446,7 +446,7 @@ class ComponentModel(FullModel):
 
 
 @dataclass(frozen=True)
-class EvaluatedOutputs:
+class EvaluatedOutputs(OverRuns):
     """Outputs that a model observes as they are; see `OutputSet`."""
 
     units: dict[str, str]  # unit of every output

@@ -33,8 +33,22 @@ if TYPE_CHECKING:
     from pgmp_petsc.outputs.stress import StressOutput
 
 
+class OverRuns:
+    """Outputs of which some are counted over a run, those of `counts`."""
+
+    counts: Mapping[str, Counted]
+
+    def counted_over(self, times: np.ndarray, found: Mapping[str, np.ndarray], values: Values) -> dict[str, np.ndarray]:
+        """Return outputs of whole runs, (n_t, n) or (n_t,), with those that are counted in place of what they count."""
+        if not self.counts:
+            return dict(found)
+        from pgmp_petsc.outputs.rainflow import counted_after  # most runs count nothing
+
+        return counted_after(self.counts, times, found, values)
+
+
 @dataclass(frozen=True)
-class OutputSet:
+class OutputSet(OverRuns):
     """The outputs of a scene."""
 
     nodes: tuple[int, ...]  # global node numbers whose frames are needed, increasing
@@ -93,14 +107,6 @@ class OutputSet:
     def counts(self) -> dict[str, Counted]:
         """Readings that are counted over a run, by the outputs' names."""
         return {name: self.functions[name] for name in self.counted}
-
-    def counted_over(self, times: np.ndarray, found: Mapping[str, np.ndarray], values: Values) -> dict[str, np.ndarray]:
-        """Return outputs of whole runs, (n_t, n) or (n_t,), with those that are counted in place of what they count."""
-        if not self.counted:
-            return dict(found)
-        from pgmp_petsc.outputs.rainflow import counted_after  # most runs count nothing
-
-        return counted_after(self.counts, times, found, values)
 
     def near(self, observed: np.ndarray) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
         """Return `evaluate` for what is observed there and next to it, for central differences; see
