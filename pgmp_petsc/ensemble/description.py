@@ -443,10 +443,8 @@ def _meanings(lengths: Sequence[str]) -> dict[int, str]:
     """Return what status of samples mean; `lengths` are parameters with which a mechanism may not close."""
     found = {int(item): item.meaning for item in Status}
     if lengths:
-        found[Status.UNPHYSICAL] += (
-            f"; or a mechanism of its {', '.join(lengths)} cannot be put together over its range, as pgmp check "
-            f"SCENE --set {lengths[0]}=VALUE says"
-        )
+        how = f"over its range, as pgmp check SCENE --set {lengths[0]}=VALUE says"
+        found[Status.UNPHYSICAL] += f"; or a mechanism of its {', '.join(lengths)} cannot be put together {how}"
     return found
 
 

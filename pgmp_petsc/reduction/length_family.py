@@ -67,10 +67,8 @@ def build_over_lengths(
         try:
             return build(own, at_lengths(own, meshes), samples, there)
         except (InputError, RunError) as error:
-            cure = "" if _same(values, nominal_lengths) else (
-                f". The model is built over the whole range of {' and '.join(values)}: narrow the bounds, or take "
-                "--full, where those samples alone fail"
-            )
+            cure = f". The model spans the whole range of {' and '.join(values)}: narrow the bounds, or take --full"
+            cure = "" if _same(values, nominal_lengths) else cure
             error.args = (f"at {values_text(scene, values)}: {error}{cure}", *error.args[1:])
             raise
 

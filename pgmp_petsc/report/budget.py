@@ -357,7 +357,8 @@ def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
     for source in ensembles:
         for label, chance in source.result.probabilities.items():
             known = float(np.fmax(chance.model_error, _of_runs(source.result, label, error)))
-            chances.append((f"{source.name}: {label}" if len(ensembles) > 1 else label, chance, known))
+            label = (f"{source.name}: " if len(ensembles) > 1 else "") + label
+            chances.append((label + " (too many samples failed)" * np.isnan(chance.estimate), chance, known))
     events = [(label, chance.is_decided(known)) for label, chance, known in chances]
     events += [(source.result.event, source.result.reached) for source in of_kind(sources, RareEvent)]
     if not events:
@@ -365,9 +366,6 @@ def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
             return Decision("unasked", "No probability known", "no samples are here: add a file of pgmp montecarlo")
         return Decision("unasked", "No probability asked for", "the scene has no ensemble.probabilities")
     doubtful = [label for label, decided in events if not decided]
-    unknown = [label for label, chance, _ in chances if np.isnan(chance.estimate)]
-    if unknown:
-        return Decision("undecided", "Not known", f"{', '.join(unknown)}: too many samples failed")
     if doubtful:
         return Decision("undecided", "Not decided by this model", ", ".join(dict.fromkeys(doubtful)))
     words = [

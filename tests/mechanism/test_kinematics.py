@@ -170,7 +170,7 @@ REFUSED = {
     "is in a singular position alone": (
         lambda: four_bar('bodies.coupler.mesh="0.0:0.4:4"', 'bodies.rocker.mesh="0.0:0.3:3"'),
         ("joints: they leave the rigid mechanism 2 degrees of freedom", "9 of its 3 bodies less 7 independent",
-         "All 8 constraints would leave as many as were named", "where links fall into one line"),
+         "All 8 would leave as many as were named", "where links fall into one line"),
     ),
     "no degree of freedom": (
         lambda: up_to(2.0, TRIANGLE, "0.0:0.8:5", *TO_A_WALL),

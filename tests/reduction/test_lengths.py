@@ -256,7 +256,7 @@ def test_a_mechanism_that_does_not_close_at_a_length_is_refused_with_it() -> Non
     scene = long_crank(*SMALL, "parameters.rod_length={nominal=0.7, bounds=[0.2, 1.2]}")
     with pytest.raises(InputError, match=r"^at rod_length = 0.266987 m: joints.slider: .* cannot close") as refused:
         built_rom(scene)
-    assert "The model is built over the whole range of rod_length: narrow the bounds, or take --full" in str(refused.value)
+    assert "The model spans the whole range of rod_length: narrow the bounds, or take --full" in str(refused.value)
     scene = long_crank(*SMALL, "parameters.rod_length={nominal=0.25, bounds=[0.2, 1.2]}")
     with pytest.raises(InputError, match=r"^at rod_length = 0.25 m: joints.slider: .* cannot close") as refused:
         built_rom(scene)

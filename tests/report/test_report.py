@@ -336,7 +336,7 @@ def test_a_light_says_whether_it_is_decided(tmp_path: Path) -> None:
         assert kind.split()[0] in verdict_of(tree).get("class").split(), kind
         told = {
             "decided": "Decided late: the model's error is 0.1 %, and the answer holds up to 20 %",
-            "undecided lost": "Not known late: too many samples failed",
+            "undecided lost": "Not decided by this model late (too many samples failed)",
         }
         light = words(next(with_class(tree, "light")))
         assert light == told.get(kind, light)
