@@ -42,6 +42,7 @@ from pgmp_petsc.ensemble.sample_file import SampleFile, called, read_samples
 from pgmp_petsc.ensemble.sampling import refuse_drawn
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.mechanism.capabilities import check_capabilities
+from pgmp_petsc.mechanism.mechanism import TABLES
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel, Model
 from pgmp_petsc.models.component_file import ComponentsFile
@@ -63,8 +64,6 @@ MODELS = ("reduced", "components", "full")  # from worse to better
 MOST_DIVISOR = 1000
 FORM = re.compile(r"(?:(?P<scene>.+):)?(?P<model>[a-z]+)(?:/(?P<divisor>\d{1,4}))?=(?P<count>\d{1,9}|auto)")
 ALLOWED = "[SCENE:]MODEL[/D]=K with full, components or reduced, steps D times as short, and K samples or auto"
-# what has to be the same in a scene that gives meshes
-OF_MESHES = ("ground", "materials", "bodies", "joints", "coordinates")
 
 
 @dataclass(frozen=True)
@@ -170,7 +169,7 @@ def _model(one: Correction, own: Model, origin: Origin, comm: Comm) -> Model:
 
 def _check_same(one: Correction, scene: Scene, own: Scene, source: object) -> None:
     """Refuse a scene that gives bodies of another mechanism than an ensemble's own."""
-    for table in OF_MESHES:
+    for table in TABLES:
         if getattr(scene, table) != getattr(own, table):
             what = f"[{table}] of '{one.scene}' differs from that of '{source}'"
             raise InputError(f"--correct {one.text}: {what}; give the scene that it was built from")

@@ -35,7 +35,7 @@ from pgmp_petsc.models import ComponentModel, LengthLanes, Model, Reduced, Reduc
 from pgmp_petsc.models.model import floors_of
 from pgmp_petsc.outputs.multipliers import judged
 from pgmp_petsc.reduced.system import ReducedSystem
-from pgmp_petsc.results.numbers import Arrays
+from pgmp_petsc.results.numbers import Arrays, with_unit
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.uses import offset_names
@@ -199,6 +199,7 @@ class WatchedRun(Observer):
                 f"the full-order equations are looked at {densest.steps.size - 1} times, which is too seldom here; "
                 "a shorter simulation.duration is needed"
             )
+        named = indicator.model.scene.system.named
         allowed = np.where(is_any, reference_motion.UNSURE_WITH_OTHERS, reference_motion.UNSURE)
         for name in names:
             reasons = np.full(n, "", dtype=object)
@@ -208,7 +209,9 @@ class WatchedRun(Observer):
             for sample in np.flatnonzero(unsure):
                 factor = apart[name][sample]
                 apart_by = f"two estimates, with long and with short steps, disagree by a factor of {factor:.2g}"
-                reasons[sample] = f"{apart_by if np.isfinite(factor) else UNCONFIRMED}; {cure}"
+                why = apart_by if np.isfinite(factor) else UNCONFIRMED
+                with_short = with_unit(*named(largest[name][sample], indicator.model.outputs.units[name]), 2)
+                reasons[sample] = f"{why}; that with short ones is {with_short}; {cure}"
                 histories[sample][1][name][:] = np.nan
             largest[name][unsure] = at_end[name][unsure] = np.nan
             found.absent[name] = reasons.tolist()

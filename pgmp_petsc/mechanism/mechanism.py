@@ -90,6 +90,10 @@ def _point_rates(pose: np.ndarray, rate: np.ndarray, points: np.ndarray) -> np.n
     return np.stack([rate[0] - y * rate[2], rate[1] + x * rate[2]], axis=1)
 
 
+#: tables of a scene that say what its mechanism is, and its bodies
+TABLES = ("ground", "materials", "bodies", "joints", "coordinates")
+
+
 @dataclass(frozen=True)
 class Mechanism:
     """Bodies, connections and coordinates of a scene, with their numbering."""

@@ -35,13 +35,14 @@ over the packed pairs of ``chi_ij delta_i delta_j``, halved where i = j.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.bodies.matrices import inertia_moments
 from pgmp_petsc.declare.records import Record, array, attribute, check_sizes, derived
@@ -457,6 +458,16 @@ def indefinite_between(tables: ReducedTables, scene: Scene, values: Mapping[str,
                     f"{smoother(scene.interpolation)}"
                 )
     return ""
+
+
+@contextmanager
+def definite_mass(where: str, scheme: str) -> Iterator[None]:
+    """Raise `InputError` with the cure where modes take an interpolated mass that is indefinite, in a scheme."""
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        cure = f"build with {smoother(scheme)}, or take sampled angles"
+        raise InputError(f"{where}: the interpolated mass matrix is not positive definite there; {cure}") from error
 
 
 def smoother(scheme: str) -> str:

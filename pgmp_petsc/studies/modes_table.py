@@ -29,7 +29,7 @@ from pgmp_petsc.effects.springs import linear_springs, spring_remarks
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, words_of
+from pgmp_petsc.mechanism.mechanism import TABLES, Coordinate, Mechanism, words_of
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import SpringStiffness, VibrationProblem, frequencies_of
 from pgmp_petsc.ranks.agreement import agreed
@@ -37,6 +37,7 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.static_loads import BuiltInStress
+from pgmp_petsc.reduction.tables import definite_mass
 from pgmp_petsc.results.trajectory import ModesTable
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.border import own_values
@@ -82,7 +83,6 @@ STRESSED = "the frequencies are of bodies under the stress that joints that are 
 _BUT = "it has with geometric_stiffening in [effects] and without springs"
 UNSTRESSED = f"the stress that joints that are off build in has no part in the frequencies; {_BUT}"
 MESH_ERROR = "errors of the mesh in the frequencies were not estimated; compare with more elements a body"
-STRUCTURE = ("ground", "materials", "bodies", "joints", "coordinates")
 
 
 def tabulate_modes(
@@ -98,11 +98,7 @@ def tabulate_modes(
     with timings.phase("components"):
         shapes = condensed(scene, meshes, group)
     with angle_group(shapes, group) as angles:
-        with (
-            timings.phase("eigenproblems"),
-            agreed(group.world, "eigenproblems"),
-            progress(n_angles ** len(scene.coordinates), "eigenproblems", group.world) as bar,
-        ):
+        with timings.phase("reduced"), agreed(group.world, "frequencies of the reduced model"):
             _check_same_mechanism(scene, rom)
             mechanism = Mechanism.from_scene(scene, shapes).straight
             kinematics = RigidKinematics(mechanism)
@@ -115,6 +111,13 @@ def tabulate_modes(
             coordinates = kinematics.coordinates
             along = tuple(Samples.uniform(c.lower, c.upper, n_angles, c.periodic) for c in coordinates)
             theta = SampleGrid(along).theta
+            wanted = rom is not None and group.world.rank == 0
+            reduced = _reduced(scene, rom, mechanism, springs, stressed, theta) if wanted else None
+        with (
+            timings.phase("eigenproblems"),
+            agreed(group.world, "eigenproblems"),
+            progress(len(theta), "eigenproblems", group.world) as bar,
+        ):
             arc = angles.arc(len(theta))
             if arc:
                 with _problem(scene, kinematics, springs, angles.comm) as problem:
@@ -128,16 +131,6 @@ def tabulate_modes(
         arcs = None if angles.roots is None else angles.roots.gather(own)
     if group.world.rank > 0:
         return None
-    reduced = None
-    with timings.phase("reduced"):
-        if rom is not None:
-            rom = rom.at_lengths(scene)
-            scheme = scene_from_toml(rom.record.scene_toml, scene.directory).interpolation
-            if springs is not None:
-                reduced = reduced_vibrations(rom, springs, scheme, scene.values, theta)
-            else:
-                tables = rom.tables.moving(offset_values(scene, scene.values) if stressed else None)
-                reduced = tables.frequencies_hz(scene.values, mechanism.free, tables.over(scheme, theta))
     full = np.concatenate([rows for rows in arcs if rows is not None])
     remarks = (*scene.remarks, *said, *_unstable(full, theta, coordinates), note(MESH_ERROR))
     return ModesTable(
@@ -147,6 +140,19 @@ def tabulate_modes(
         reduced_hz=reduced,
         coordinate_units={c.name: c.unit for c in coordinates},
     )
+
+
+def _reduced(
+    scene: Scene, rom: ReducedOrderModel, mechanism: Mechanism, springs: SpringStiffness | None, stressed: bool,
+    theta: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    rom = rom.at_lengths(scene)
+    scheme = scene_from_toml(rom.record.scene_toml, scene.directory).interpolation
+    with definite_mass(f"--rom, at some of {len(theta)} configurations", scheme):
+        if springs is not None:
+            return reduced_vibrations(rom, springs, scheme, scene.values, theta)
+        tables = rom.tables.moving(offset_values(scene, scene.values) if stressed else None)
+        return tables.frequencies_hz(scene.values, mechanism.free, tables.over(scheme, theta))
 
 
 def springs_of(scene: Scene, kinematics: RigidKinematics) -> tuple[SpringStiffness | None, tuple[Remark, ...]]:
@@ -195,7 +201,7 @@ def _check_same_mechanism(scene: Scene, rom: ReducedOrderModel | None) -> None:
     if rom is None:
         return
     built = scene_from_toml(rom.record.scene_toml, scene.directory)
-    for table in STRUCTURE:
+    for table in TABLES:
         if getattr(built, table) != getattr(scene, table):
             raise InputError(f"--rom: it was built from another scene: [{table}] differs; build it from this one")
     missing = scene.parameters.keys() ^ built.parameters.keys()

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import LinAlgError, eigh
+from scipy.linalg import eigh
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.body import Body
@@ -26,7 +26,7 @@ from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.models.body_fields import FieldPoints, FieldSet, placed
-from pgmp_petsc.reduction.tables import smoother
+from pgmp_petsc.reduction.tables import definite_mass
 from pgmp_petsc.results.selection import Assembly, spans_in
 from pgmp_petsc.results.trajectory import BodyField, ModeShape
 from pgmp_petsc.scene import GROUND, Scene
@@ -136,12 +136,8 @@ def _modes(model: ReducedModel, theta: np.ndarray) -> tuple[np.ndarray, np.ndarr
     matrices = tables.vibrating(model.scene.values, free, tables.over(scheme, theta[None]))
     mass, stiffness = (matrix[0] for matrix in matrices)
     scale = 1.0 / np.sqrt(np.diag(mass))  # coordinates have units of their own
-    try:
+    with definite_mass(f"--at {words_of(model.kinematics.coordinates, theta)}", scheme):
         values, vectors = eigh(stiffness * scale * scale[:, None], mass * scale * scale[:, None])
-    except LinAlgError as error:
-        where = f"--at {words_of(model.kinematics.coordinates, theta)}"
-        cure = f"build with {smoother(scheme)}, or take a sampled angle"
-        raise InputError(f"{where}: the interpolated mass matrix is not positive definite there; {cure}") from error
     n_rigid = free.size + tables.unstrained.size
     return np.sqrt(np.maximum(values[n_rigid:], 0.0)) / (2.0 * np.pi), scale[:, None] * vectors[:, n_rigid:]
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fielded import last_grid
+from mpi4py import MPI
 from runs import MODELS, built_rom, full_model, reduced_model, trajectory
 from solids import rectangle_mesh
 from spatial import slider_crank_in_space
@@ -17,14 +18,16 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import write_xdmf
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.field_frames import fields_at
+from pgmp_petsc.studies.modes_table import tabulate_modes
 from pgmp_petsc.studies.stills import mode_shape
-from scenes import HEADER, slider_crank, tables
+from scenes import HEADER, meshes_of, slider_crank, tables
 
 LENGTH, HEIGHT, WIDTH, ARM, FORCE, YOUNG = 1.0, 0.1, 0.01, 0.2, 100.0, 210e9
 MOMENT, INERTIA = ARM * FORCE, WIDTH * HEIGHT**3 / 12.0
@@ -250,12 +253,16 @@ def test_a_rigid_solid_has_its_mesh(name: str) -> None:
     assert np.mod(angle + np.pi / 2, np.pi) - np.pi / 2 == pytest.approx(-MOMENT * LENGTH / (YOUNG * INERTIA), rel=0.02)
 
 
-def test_a_mode_where_the_interpolated_mass_is_none_is_refused() -> None:
-    """Few angles and many modes; the build warns of it."""
-    model = reduced_model(slider_crank("simulation.frames=1"))
+@pytest.mark.parametrize("springs", [(), ('effects.coil={type="spring_damper", joint="elbow", stiffness=1.0}',)])
+def test_modes_where_the_interpolated_mass_is_none_are_refused(springs: tuple[str, ...]) -> None:
+    """Few angles and many modes; the build warns of it. No table of all modes is begun."""
+    model = reduced_model(slider_crank("simulation.frames=1", *springs))
     mass = model.rom.tables.mass.copy()
     mass[..., 1, 2] = mass[..., 2, 1] = 10.0 * np.abs(mass).max()
-    broken = copy(model)
+    broken, said = copy(model), ": the interpolated mass matrix is not positive definite there; build with more"
     broken.rom = replace(model.rom, tables=replace(model.rom.tables, mass=mass))
-    with pytest.raises(InputError, match="--at theta = 0.7 rad: the interpolated mass matrix is not positive definite"):
+    with pytest.raises(InputError, match=f"--at theta = 0.7 rad{said}"):
         mode_shape(broken, 1, {"theta": 0.7})
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        with pytest.raises(InputError, match=f"--rom, at some of 5 configurations{said}"):
+            tabulate_modes(model.scene, meshes_of(model.scene), broken.rom, 5, group)
