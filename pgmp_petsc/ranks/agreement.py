@@ -43,7 +43,7 @@ def agreed(comm: Comm, activity: str) -> Iterator[None]:
         yield
     except PgmpError as error:
         failure = error
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a plugin's exit too: other ranks would wait for this one
         failure = missing_extra(error) if isinstance(error, ModuleNotFoundError) else None
         failure = failure or to_blame(error, {plugin.path for plugin in IN_USE.values()})
         failure = failure or _unexpected(error, activity, comm.rank)
@@ -74,7 +74,7 @@ def on_root(comm: Comm, function: Callable[..., Result], *args: Any) -> Result:
     return result
 
 
-def _unexpected(error: Exception, activity: str, rank: int) -> RunError:
+def _unexpected(error: BaseException, activity: str, rank: int) -> RunError:
     """Return the user's message of an error; the traceback of one that may be a mistake of ours is printed."""
     plain = plain_reason(error)
     if plain is not None:

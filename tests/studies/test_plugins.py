@@ -615,6 +615,9 @@ LATER = {
         TWICE, ("2.0 * part for part", "part[:0] for part"),
         r".*mine\.py, line 7: class Doubled: jet returns a list of 1 arrays of floats, .*not float64 of shape \(0,\)$",
     ),
+    "a reading that ends": (
+        TWICE, ("return [2.0 *", "raise SystemExit(0); [2.0 *"), r"plugin '.*', line \d+: SystemExit: 0; repair the file$",
+    ),
     "a reading of nothing": (
         TWICE, ("return [2.0 *", "[2.0 *"), r".*, line 7: class Doubled: jet returns .*, and not object of shape \(\)$",
     ),
