@@ -26,7 +26,6 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.models import ComponentModel, ReducedModel
 from pgmp_petsc.outputs.multipliers import OfConnection, OfPrescribed
@@ -508,7 +507,6 @@ def _steps(scene: Scene) -> dict[str, int | float]:
         "GOES_ON_RESOLVED": int(alpha_step.goes_on_resolved(simulation.spectral_radius)),
         "STARTING_CORRECTIONS": STARTING_CORRECTIONS,
         "CLOSURES": CLOSURES,
-        "CLOSURE_TOLERANCE": CLOSURE_TOLERANCE,
         "UNBALANCED": action_kernel.UNBALANCED,
         **{name: getattr(module, name) for module, names in SHARED.items() for name in names.split()},
     }

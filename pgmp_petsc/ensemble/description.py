@@ -124,7 +124,7 @@ def describe_ensemble(
         outputs=samples.outputs,
         units=units,
         status=status,
-        meanings={int(item): item.meaning for item in Status},
+        meanings=_meanings(length_names(scene)),
         failure_time=samples.failure_time,
         statistics=statistics,
         steps_divided=divisors,
@@ -439,6 +439,15 @@ NAMED = 3  # parameters, the clearest first
 FURTHER = (*DIVISORS, 16, 32, 64)  # of the scene's step
 
 
+def _meanings(lengths: Sequence[str]) -> dict[int, str]:
+    """Return what status of samples mean; `lengths` are parameters with which a mechanism may not close."""
+    found = {int(item): item.meaning for item in Status}
+    if lengths:
+        how = f"over its range, as pgmp check SCENE --set {lengths[0]}=VALUE says"
+        found[Status.UNPHYSICAL] += f"; or a mechanism of its {', '.join(lengths)} cannot be put together {how}"
+    return found
+
+
 @gathered
 def failure_remarks(
     status: np.ndarray,
@@ -463,14 +472,9 @@ def failure_remarks(
         return
     for code in np.unique(status[failed]):
         reason, count = Status(code), int(np.sum(status == code))
-        meaning = reason.meaning
-        if reason == Status.UNPHYSICAL and lengths:
-            meaning += (
-                f"; or a mechanism of its {', '.join(lengths)} cannot be put together over its range, as pgmp check "
-                f"SCENE --set {lengths[0]}=VALUE says"
-            )
         yield warning(
-            f"{count} of {n} samples failed (status {int(code)}): {meaning}; cure: {reason.cure(model, balance_cure)}"
+            f"{count} of {n} samples failed (status {int(code)}): {_meanings(lengths)[reason]}; cure: "
+            f"{reason.cure(model, balance_cure)}"
         )
     if n_failed == n:
         yield warning("no sample is fine, so the outputs have no statistics")

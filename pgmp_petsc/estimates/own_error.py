@@ -194,7 +194,7 @@ def step_remarks(
     elif np.isfinite(other.until[0]):
         why = f"failed in most of its steps from {other.until[0]:.4g} s on"
     if errors is None:
-        half = f"compare with half the step (--override simulation.step={0.5 * model.scene.simulation.step:.3g})"
+        half = f"compare with half the step (--override simulation.step={0.5 * float(time[1] - time[0]):.3g})"
         unknown = warning(f"errors of the time step were not estimated: {with_step} {why}; {half}")
         yield from too_few_steps(time.size - 1, model.scene) or (unknown,)
         return

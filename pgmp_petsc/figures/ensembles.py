@@ -234,14 +234,12 @@ def draw_repeated(axes: Axes, samples: Sequence[np.ndarray], colours: Sequence[s
 
 def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list[str]:
     """Return the wanted quantities, or all whose statistics the ensembles have in common, parameters first."""
-    shared = [
-        name
-        for name in (*ensembles[0].parameters, *ensembles[0].outputs)
-        if all(name in ensemble.statistics for ensemble in ensembles)
-    ]
+    first = ensembles[0]
+    shared = [name for name in (*first.parameters, *first.outputs) if all(name in one.statistics for one in ensembles)]
     if not shared:
         raise InputError("the ensembles have nothing in common; plot those of one scene together")
-    names = shared if wanted is None else list(wanted)
+    known = [name for name in shared if all(one.statistics[name].count for one in ensembles)]
+    names = (known or shared) if wanted is None else list(wanted)
     for name in names:
         if name not in shared:
             raise InputError(f"not every ensemble has '{name}'{nearest_name(name, shared)}")

@@ -394,6 +394,9 @@ class RigidKinematics:
             free = f"{n_poses - rank} degree{'' if n_poses - rank == 1 else 's'} of freedom"
             named = "1 coordinate was" if self.n_coordinates == 1 else f"{self.n_coordinates} coordinates were"
             more = self._left_loose(poses) if n_poses - rank > self.n_coordinates else ""
+            if n_poses - self.mechanism.n_constraints == self.n_coordinates:
+                why = "some follow from others, as where links fall into one line: choose other lengths or placements"
+                more = f". All {self.mechanism.n_constraints} would leave as many as were named, but {why}{more}"
             if n_poses == rank:
                 more = ". What bends alone, as a stage on leaf springs, takes a rigid body beside it, on a joint whose "
                 more += "motion is the coordinate and prescribed"

@@ -22,7 +22,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.model import TITLES, Measures, Model, require_lengths, search_of, velocities_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.outputs.readings import AnyReading, Seen
+from pgmp_petsc.outputs.readings import AnyReading, Seen, jet_of
 from pgmp_petsc.reduced.actions import ReducedActions, nodes_of
 from pgmp_petsc.reduced.carried_forces import CarriedForces
 from pgmp_petsc.reduced.gap_forces import GapForces
@@ -67,7 +67,7 @@ class Observing(Model):
         found = dict(outputs)
         seen = Seen(({},), of_model=found, time=np.broadcast_to(time, n), values=values, n=n)
         for name, formula in self.formulas.items():
-            found[name] = formula.jet(seen, 0)[0]
+            found[name] = jet_of(formula, seen, 0)[0]
         return found
 
     def observed_over(self, system: ReducedSystem, states: State, times: Sequence[float]) -> np.ndarray:

@@ -34,7 +34,7 @@ from pgmp_petsc.declare.formulas import (
     evaluated,
 )
 from pgmp_petsc.declare.own_units import in_si
-from pgmp_petsc.outputs.readings import TIME, AnyReading, Expression, FormulaOf, Jet, Needs, Rate, RateOf, Seen
+from pgmp_petsc.outputs.readings import TIME, AnyReading, Expression, FormulaOf, Jet, Needs, Rate, RateOf, Seen, jet_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.border import own_powers
 from pgmp_petsc.scene.messages import problem
@@ -225,9 +225,9 @@ class Combined:
         return max((part.depth(order) for part in self.parts.values()), default=0)
 
     def jet(self, seen: Seen, order: int) -> Jet:
-        n = next(iter(seen.frames[0].values())).shape[1] if seen.frames[0] else seen.n
+        n = seen.n_seen
         zero, one = np.zeros(n), np.ones(n)
-        jets = {name: part.jet(seen, order) for name, part in self.parts.items()}
+        jets = {name: jet_of(part, seen, order) for name, part in self.parts.items()}
         jets |= {name: [seen.values[parameter] * one, zero, zero] for name, parameter in self.constants.items()}
         jets[TIME] = [seen.time if self.reads_time else zero, one, zero]
         return [np.broadcast_to(part, n) for part in self._of(jets, order)]

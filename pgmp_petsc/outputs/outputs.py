@@ -24,7 +24,7 @@ from pgmp_petsc.effects import bases_of, start_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.outputs.multipliers import ForceOutput, force_outputs
-from pgmp_petsc.outputs.readings import AnyReading, Base, Frames, Jet, ModelReading, Needs, RigidReference, Seen
+from pgmp_petsc.outputs.readings import AnyReading, Base, Frames, Jet, ModelReading, Needs, RigidReference, Seen, jet_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.outputs import OutputEntry
 
@@ -116,13 +116,13 @@ class OutputSet(OverRuns):
 
     def _evaluated(self, observed: np.ndarray, poses: Callable[[Frames], np.ndarray] | None) -> dict[str, np.ndarray]:
         seen = self._seen(observed, poses)
-        return {name: reading.jet(seen, 0)[0] for name, reading in self.functions.items()}
+        return {name: jet_of(reading, seen, 0)[0] for name, reading in self.functions.items()}
 
     def jets(self, observed: np.ndarray, readings: Sequence[tuple[AnyReading, bool]]) -> list[Jet]:
         """Return the values and rates of readings of these outputs, each (n,), for what a model observes; rates are
         zero of those that none is asked for of."""
         seen = self._seen(observed, self.rigid and self.rigid.poses)
-        found = [reading.jet(seen, int(with_rate)) for reading, with_rate in readings]
+        found = [jet_of(reading, seen, int(with_rate)) for reading, with_rate in readings]
         return [[*jet, np.zeros_like(jet[0])][:2] for jet in found]
 
     def forces_of(

@@ -23,6 +23,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.declare.expressions import called_at, check, symbolic
+from pgmp_petsc.declare.ideas import PACKAGE, refuse
 from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.joints import Attachment, Connection
 from pgmp_petsc.mechanism.kinematics import JointTurns, RigidKinematics
@@ -54,6 +55,11 @@ class Seen:
     multipliers: np.ndarray | None = None  # of joints and prescribed coordinates, shape (n_held + n_driven, n)
     #: force and moment that outputs have found in joints, by their names and whether for the moment, of other rows
     wrenches: dict[tuple[str, bool], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+
+    @property
+    def n_seen(self) -> int:
+        """Number of instants: of frames, where any are seen."""
+        return next(iter(self.frames[0].values())).shape[1] if self.frames[0] else self.n
 
 
 class Base(NamedTuple):
@@ -93,6 +99,20 @@ class AnyReading(Protocol):
 
     def jet(self, seen: Seen, order: int) -> Jet:
         """Return its value and derivatives over time up to an order."""
+
+
+def jet_of(reading: AnyReading, seen: Seen, order: int) -> Jet:
+    """Return the jet of a reading. Raises `InputError` if one of a plugin's class is none, with file and line."""
+    found = reading.jet(seen, order)
+    if type(reading).__module__.startswith(PACKAGE):
+        return found
+    wanted = (seen.n_seen,)
+    parts = [np.asarray(part) for part in (found if isinstance(found, (list, tuple)) else [found])]
+    if len(parts) <= order or any(part.shape != wanted or part.dtype.kind != "f" for part in parts):
+        given = ", ".join(f"{part.dtype} of shape {part.shape}" for part in parts) or "none"
+        asked = f"{order + 1} arrays of floats, as many as instants: here of shape {wanted}"
+        raise refuse(type(reading), f"jet returns a list of {asked}, and not {given}")
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +260,7 @@ class OfReading:
         return self.of.depth(order)
 
     def jet(self, seen: Seen, order: int) -> Jet:
-        return self.of.jet(seen, order)
+        return jet_of(self.of, seen, order)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +273,7 @@ class Rate(OfReading):
         return self.of.depth(order + self.order)
 
     def jet(self, seen: Seen, order: int) -> Jet:
-        return self.of.jet(seen, order + self.order)[self.order :]
+        return jet_of(self.of, seen, order + self.order)[self.order :]
 
 
 @dataclass(frozen=True, eq=False)

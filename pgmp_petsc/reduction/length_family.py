@@ -57,6 +57,7 @@ def build_over_lengths(
     lengths at which a build failed, or if models of different lengths do not fit together.
     """
     grid = LengthGrid.of(scene)
+    nominal_lengths = {name: scene.nominal[name] for name in grid.names}
 
     def built(own: Scene, values: Mapping[str, float]) -> ReducedOrderModel | None:
         own, there = held(own, values), points
@@ -66,10 +67,11 @@ def build_over_lengths(
         try:
             return build(own, at_lengths(own, meshes), samples, there)
         except (InputError, RunError) as error:
-            error.args = (f"at {values_text(scene, values)}: {error}", *error.args[1:])
+            cure = f". The model spans the whole range of {' and '.join(values)}: narrow the bounds, or take --full"
+            cure = "" if _same(values, nominal_lengths) else cure
+            error.args = (f"at {values_text(scene, values)}: {error}{cure}", *error.args[1:])
             raise
 
-    nominal_lengths = {name: scene.nominal[name] for name in grid.names}
     everywhere, samples, points, said = scene, None, None, ()
     if scene.reduction.sampling_tolerance is not None:
         asked = [built(scene, values) for values in (nominal_lengths, *extremes(scene))]

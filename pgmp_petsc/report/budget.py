@@ -357,7 +357,8 @@ def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
     for source in ensembles:
         for label, chance in source.result.probabilities.items():
             known = float(np.fmax(chance.model_error, _of_runs(source.result, label, error)))
-            chances.append((f"{source.name}: {label}" if len(ensembles) > 1 else label, chance, known))
+            label = (f"{source.name}: " if len(ensembles) > 1 else "") + label
+            chances.append((label + " (too many samples failed)" * bool(np.isnan(chance.estimate)), chance, known))
     events = [(label, chance.is_decided(known)) for label, chance, known in chances]
     events += [(source.result.event, source.result.reached) for source in of_kind(sources, RareEvent)]
     if not events:

@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
+from matplotlib.transforms import blended_transform_factory
 
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.base.units import inverse
@@ -329,8 +330,10 @@ def _keys(axes: Axes) -> None:
     if handles:
         needed = [len(label) + 6 for label in labels]
         columns = len(labels) if sum(needed) <= ROW else max(1, min(len(labels), ROW // max(needed)))
+        # from the picture's edge, not from that of the axes, which long numbers beside them move to the right
         axes.legend(
-            handles, labels, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncol=columns, fontsize=8.5,
+            handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=columns, fontsize=8.5,
+            bbox_transform=blended_transform_factory(axes.figure.transFigure, axes.transAxes),
             handlelength=1.6, columnspacing=1.2, borderaxespad=0.1, labelspacing=0.25,
         )  # fmt: skip
 

@@ -248,9 +248,8 @@ def _outputs(
 
 def _statistics(source: Source, several: bool) -> Table:
     ensemble = source.result
-    head = ["", "mean", "deviation", "samples"]
     first = next(iter(ensemble.statistics.values()))
-    head += [f"{100 * p:g} %" for p in first.probabilities]
+    head = ["", "mean", "deviation", "samples", *(f"{100 * p:g} %" for p in first.probabilities)]
     rows: list[list[Sentence]] = []
     names = [name for name in ensemble.statistics if name not in ensemble.parameters]
     drawn = [name for name in ensemble.parameters if name in ensemble.statistics]
@@ -263,7 +262,7 @@ def _statistics(source: Source, several: bool) -> Table:
         count = [place.datum("count", s.count, str(s.count))]
         quantiles: list[Sentence] = [[]] * s.probabilities.size
         if not s.count:
-            never = "no sample has one" if name in ensemble.first_passages else "not known: no sample tells"
+            never = "no sample has one" if name in ensemble.without_passage else "not known: no sample tells"
             mean, std, count = [never], [], []
         elif s.constant:
             std = ["constant"]
@@ -418,16 +417,14 @@ def _tradeoff(source: Source) -> tuple[Table, list[Chart], list[str]]:
 
 def _failures(source: Source) -> Table:
     ensemble = source.result
-    failed = np.flatnonzero(ensemble.status)
-    names = list(ensemble.parameters)
+    failed, drawn = np.flatnonzero(ensemble.status), ensemble.parameters
     rows = []
     for k in failed[:MOST_FAILED]:
-        drawn = {name: ensemble.parameters[name][k] for name in names}
-        values = [[Datum(v, f"{v:.5g}", source.name, f"/parameters/{name}", str(k))] for name, v in drawn.items()]
+        values = [[Datum(v[k], f"{v[k]:.5g}", source.name, f"/parameters/{n}", str(k))] for n, v in drawn.items()]
         time = Datum(ensemble.failure_time[k], f"{ensemble.failure_time[k]:.4g}", source.name, "/failure_time", str(k))
         rows.append([[str(k)], *values, [time], [ensemble.meanings[int(ensemble.status[k])]]])
-    units = [ensemble.units.get(name, "1") for name in names]
-    head = ["sample", *(n if u == "1" else f"{n} ({u})" for n, u in zip(names, units)), "at (s)", "reason"]
+    units = [ensemble.units.get(name, "1") for name in drawn]
+    head = ["sample", *(n if u == "1" else f"{n} ({u})" for n, u in zip(drawn, units)), "at (s)", "reason"]
     left = len(failed) - len(rows)
     return Table(head, rows, failed_of(source) + (f"; {left} more are in its data." if left else "."))
 

@@ -405,6 +405,12 @@ class Ensemble(Result):
         return "no output is described"
 
     @property
+    def without_passage(self) -> frozenset[str]:
+        """Labels of events of which no sample, of those that did not fail, has a first passage."""
+        fine = self.status == 0
+        return frozenset(name for name, at in self.first_passages.items() if fine.any() and np.isnan(at[fine]).all())
+
+    @property
     def what_errors(self) -> str:
         """The model or step whose errors are estimated, in words."""
         return OF_REDUCED if self.model == "reduced" else OF_STEP

@@ -90,13 +90,13 @@ class Chance(Record):
     FURTHER = (derived(bool, lambda own, _: own.is_decided(), "@decided", about="whether this model decides it"),)
 
     def is_decided(self, model_error: float = float("nan")) -> bool:
-        """Return whether the model is good enough for it, whose error is known: estimated, or given."""
-        return bool(np.fmax(self.model_error, model_error) <= self.holds_to)
+        """Return whether it is known, and the model good enough for it, whose error is known: estimated, or given."""
+        return bool(np.fmax(self.model_error, model_error) <= self.holds_to) and not np.isnan(self.estimate)
 
     @property
     def decided_by(self) -> str:
-        """The command that decides it where the model does not."""
-        return f"pgmp montecarlo SCENE --full -n {self.n + self.n_failed}"
+        """The command that decides it where the model does not; empty where too many samples failed for a figure."""
+        return "" if np.isnan(self.estimate) else f"pgmp montecarlo SCENE --full -n {self.n + self.n_failed}"
 
     def doubt(self, model_error: float = float("nan"), full_order_stops: bool = False) -> str:
         """Return why the model does not decide it, and what does, unless the full-order run stops before its end."""

@@ -57,8 +57,8 @@ _CURES = {
     Status.UNPHYSICAL: "give the parameter bounds, which truncate its distribution",
     Status.NOT_CONVERGED: "take a smaller simulation.step",
     Status.LEFT_RANGE: "widen the coordinate's range",
-    Status.NOT_FINITE: "look at the loads and the start; a deformation is no number where the rigid mechanism cannot "
-    "close",
+    Status.NOT_FINITE: "take a smaller simulation.step, or look at the loads and the start; a deformation is no number "
+    "where the rigid mechanism cannot close",
     Status.SOLVER_FAILED: "see -pgmp_full_ksp_converged_reason",
     Status.BROKE_DOWN: "no step helps, and leaving geometric_stiffening out only hides it; build with stretching = "
     '"static" where it is "dynamic", with more reduction.angles or fewer reduction.modes where the build warned of a '

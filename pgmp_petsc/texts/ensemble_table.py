@@ -77,7 +77,7 @@ def _moments(ensemble: Ensemble) -> Iterator[str]:
         if s.constant:
             mean, std = f"{factor * s.mean:14.7g} {'':26s}", f"{'constant':>12s} {'':26s}"
         elif not s.count:
-            mean, std = f"{'none' if name in ensemble.first_passages else 'unknown':>14s} {'':26s}", f"{'':39s}"
+            mean, std = f"{'none' if name in ensemble.without_passage else 'unknown':>14s} {'':26s}", f"{'':39s}"
         yield f"  {title:24s}{mean}{std}{s.count:9d} {unit}".rstrip()
 
 

@@ -151,6 +151,9 @@ def test_an_event_within_the_error_is_not_decided() -> None:
     unknown = replace(chance, model_error=np.nan)
     assert not unknown.is_decided() and unknown.is_decided(1.0) and "its error is not known" in unknown.doubt()
     assert "samples lie on the level itself" in replace(chance, holds_to=0.0).doubt()
+    # where too many samples failed no model error decides, and no other model is sure to help
+    hidden = replace(chance, estimate=np.nan, interval=np.array([0.3, 1.0]), model_error=0.0)
+    assert not hidden.is_decided() and hidden.decided_by == ""
     assert not Chance("y", **of, model_error=0.0).is_decided() and "no sample tells" in Chance("y", **of).doubt(0.0)
     # half of the samples in the event: it holds as long as no more than the interval's width is in doubt
     halves = np.linspace(-1.0, 1.0, 512)

@@ -180,6 +180,9 @@ def test_too_little_tells_nothing() -> None:
     said = [remark.text for remark in step_remarks(_Model(), time, outputs, other, None)]
     assert len(said) == 1 and said[0].startswith("errors of the time step were not estimated: ")
     assert "--override simulation.step=0.0005" in said[0]
+    # a run that failed was integrated again with half of the scene's step, which is no better one to compare with
+    (said,) = step_remarks(_Model(), 0.5 * time, outputs, replace(other, step=0.5 * other.step), None)
+    assert "--override simulation.step=0.00025" in said.text
     # of a run of one step fewer than ten of the coarser one take
     n, scene = coarser_run.fewest_steps(coarser_run.TIMES), load_scene(PAPER_SCENE)
     few = {name: values[:n] for name, values in outputs.items()}

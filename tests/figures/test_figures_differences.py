@@ -187,6 +187,10 @@ def test_a_picture_that_cannot_be_drawn_leaves_the_others(tmp_path: Path, undraw
     assert lines[0].endswith("frequencies.png") and lines[1].startswith("no densities.png: no sample")
     with pytest.raises(InputError, match="no densities.png: no sample of the full ensemble"):
         draw(written(tmp_path / "lost", lost), tmp_path / "out")
+    # of many failed samples the parameters are known
+    r1 = {"r1": ensemble.statistics["r1"]}
+    (drawn,) = visible(densities([replace(ensemble, statistics=nothing | r1)]))
+    assert drawn.get_xlabel().startswith("r1")
     rigid = replace(synthetic.modes_table(), full_hz=np.empty((200, 0)), reduced_hz=None)
     with pytest.raises(InputError, match="every body is rigid"):
         draw(written(tmp_path / "rigid", rigid), tmp_path / "out")

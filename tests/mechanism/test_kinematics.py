@@ -166,6 +166,12 @@ REFUSED = {
         ("joints: at theta = 0 rad the rigid mechanism is in a singular position", "2 degrees of freedom",
          "elsewhere it has 1, as many as coordinates"),
     ),
+    # links that reach in one line alone: there is no other configuration
+    "is in a singular position alone": (
+        lambda: four_bar('bodies.coupler.mesh="0.0:0.4:4"', 'bodies.rocker.mesh="0.0:0.3:3"'),
+        ("joints: they leave the rigid mechanism 2 degrees of freedom", "9 of its 3 bodies less 7 independent",
+         "All 8 would leave as many as were named", "where links fall into one line"),
+    ),
     "no degree of freedom": (
         lambda: up_to(2.0, TRIANGLE, "0.0:0.8:5", *TO_A_WALL),
         ("", "leave the rigid mechanism 0 degrees of freedom", "6 of its 2 bodies less 6 independent constraints"),

@@ -22,7 +22,7 @@ from pgmp_petsc.base.errors import InputError, note, warning
 from pgmp_petsc.ensemble.statistics import describe, quantile_bounds
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.files.hdf5 import write_file
-from pgmp_petsc.report import budget
+from pgmp_petsc.report import budget, charts
 from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble, headline_of_run
 from pgmp_petsc.report.charts import Curve, Level, distribution, output_over_time
 from pgmp_petsc.report.page import _commands, _largest_of_units, downloads_of, write_report
@@ -328,13 +328,18 @@ def test_a_light_says_whether_it_is_decided(tmp_path: Path) -> None:
     for kind, result in {
         "decided": replace(many, probabilities={"late": late}),
         "undecided": replace(many, probabilities={"late": replace(late, model_error=0.3)}),
+        "undecided lost": replace(many, probabilities={"late": replace(late, estimate=np.nan)}),
         "unasked": replace(many, probabilities={}),
         "failed": early,
     }.items():
         tree = page_with(tmp_path, **{kind: result})
-        assert kind in verdict_of(tree).get("class").split(), kind
-        told = "Decided late: the model's error is 0.1 %, and the answer holds up to 20 %"
-        assert kind != "decided" or words(next(with_class(tree, "light"))) == told
+        assert kind.split()[0] in verdict_of(tree).get("class").split(), kind
+        told = {
+            "decided": "Decided late: the model's error is 0.1 %, and the answer holds up to 20 %",
+            "undecided lost": "Not decided by this model late (too many samples failed)",
+        }
+        light = words(next(with_class(tree, "light")))
+        assert light == told.get(kind, light)
 
 
 def test_two_designs_stand_beside_each_other(tmp_path: Path) -> None:
@@ -574,6 +579,21 @@ def test_the_page_and_the_terminal_bound_quantiles_where_samples_failed(folder: 
 
 
 @pytest.mark.parametrize(
+    ("passed", "n_failed", "told"), [(0, 3, "none"), (20, 45, "unknown"), (0, 60, "unknown")],
+)  # fmt: skip
+def test_first_passages_that_are_not_described_are_not_none(folder: Path, passed: int, n_failed: int, told: str) -> None:
+    """Where too many samples failed they have no statistics, whether there are passages or not."""
+    many = synthetic.ensemble("reduced", 60, n_failed)
+    none = describe(np.empty(0), 10, np.array([0.1, 0.5]), n_failed, 0.95)
+    at = np.where((np.arange(60) < passed) & (many.status == 0), 0.5, np.nan)
+    units = many.units | {"late": "s"}
+    lost = replace(many, units=units, first_passages={"late": at}, statistics=many.statistics | {"late": none})
+    (line,) = (line for line in lines_of(lost) if "late: first passage" in line)
+    assert line.split()[3] == told
+    assert ("no sample has one" in words(page_with(folder, lost=lost))) is (told == "none")
+
+
+@pytest.mark.parametrize(
     ("files", "output", "message"),
     [
         (["none.h5"], "x.html", "none.h5' does not exist; needed: a trajectory or an ensemble or a trade-off study"),
@@ -785,3 +805,15 @@ def test_commands_begin_with_the_scene_of_each_result() -> None:
 def test_commands_build_the_model_of_a_fit() -> None:
     build, again = _commands([Source("fit.h5", synthetic.fitted(), "", Path("fit.h5"))])[1:]
     assert (build, again) == ("pgmp build scene.toml -o rom.h5", "pgmp fit rom.h5 MEASURED.csv -o fit.h5")
+
+
+def test_keys_of_a_chart_stay_in_the_picture_beside_long_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numbers that differ in the seventh digit take a quarter of the width, and move the axes to the right."""
+    figures, create, time = [], charts.new_figure, np.linspace(0.0, 1.0, 21)
+    monkeypatch.setattr(charts, "new_figure", lambda *size: figures.append(create(*size)) or figures[-1])
+    named = {"full order": "full", "reduced, other.h5": "reduced", "components": "components"}
+    curves = [Curve(words, model, time, 0.5 + 1e-6 * time) for words, model in named.items()]
+    output_over_time("x", "m", curves, None, "reduced", None)
+    keys, page = figures[0].axes[0].get_legend().get_window_extent(), figures[0].bbox
+    assert figures[0].axes[0].get_position().x0 > 0.2
+    assert page.x0 <= keys.x0 and keys.x1 <= page.x1

@@ -611,6 +611,13 @@ LATER = {
         TWICE, ("Doubled(parts[self.of])", "Combined('2 * y', {}, {'y': 'far'})"),
         r".*: class Twice: it reads the parameter 'far', which the scene has not$",
     ),
+    "a reading of other instants": (
+        TWICE, ("2.0 * part for part", "part[:0] for part"),
+        r".*mine\.py, line 7: class Doubled: jet returns a list of 1 arrays of floats, .*not float64 of shape \(0,\)$",
+    ),
+    "a reading of nothing": (
+        TWICE, ("return [2.0 *", "[2.0 *"), r".*, line 7: class Doubled: jet returns .*, and not object of shape \(\)$",
+    ),
     "no reading": (
         OUTPUT, ("return Reading", "Reading"), r".*: an output is made of outputs\.readings, .* a NoneType$",
     ),

@@ -87,10 +87,10 @@ static double add_statement(const struct statement *s, double near, double poses
     return value;
 }
 
-/* One Newton step, of the normal equations; lengths are in units of the mechanism's size. Gaps within `open` stay. */
-void close_loops(const double theta[R], double open, double poses[N_BODIES][N_POSE]) {
+/* One Newton step, of the normal equations; lengths are in units of the mechanism's size. */
+void close_loops(const double theta[R], double poses[N_BODIES][N_POSE]) {
     static const int n_rows = N_CLOSURE, n_terms = N_CLOSURE_TERMS;
-    double normal[N_UNKNOWNS][N_UNKNOWNS] = {{0}}, right[N_UNKNOWNS] = {0}, largest = 0.0;
+    double normal[N_UNKNOWNS][N_UNKNOWNS] = {{0}}, right[N_UNKNOWNS] = {0};
     for (int number = 0, term = 0; number < n_rows + R; number++) {
         const struct statement *s = number < n_rows ? &closure[term].statement : coordinates + number - n_rows;
         double wanted = number < n_rows ? closure_wanted[number] : theta[number - n_rows];
@@ -101,7 +101,6 @@ void close_loops(const double theta[R], double open, double poses[N_BODIES][N_PO
             gap += add_statement(&closure[term].statement, near, poses, closure + term, row);
         }
         double unit = IS_LENGTH(s->kind) ? 1.0 / SIZE : 1.0;
-        if (!(fabs(gap) * unit <= largest)) largest = fabs(gap) * unit;
         for (int i = 0; i < N_UNKNOWNS; i++) row[i] *= unit * (i % N_POSE < D ? SIZE : 1.0);
         for (int i = 0; i < N_UNKNOWNS; i++) {
             if (row[i] == 0.0) continue;
@@ -122,7 +121,6 @@ void close_loops(const double theta[R], double open, double poses[N_BODIES][N_PO
     for (int i = N_UNKNOWNS - 1; i >= 0; i--) {
         for (int j = i + 1; j < N_UNKNOWNS; j++) right[i] -= normal[j][i] * right[j];
         right[i] /= normal[i][i];
-        double step = right[i] * (i % N_POSE < D ? SIZE : 1.0);
-        if (!(largest < open)) poses[i / N_POSE][i % N_POSE] -= step;
+        poses[i / N_POSE][i % N_POSE] -= right[i] * (i % N_POSE < D ? SIZE : 1.0);
     }
 }

@@ -33,7 +33,7 @@ static double measure(const struct statement *s, const struct frame nodes[], con
 }
 
 /* A point's displacement against the rigid mechanism at the measured coordinates. */
-static double deformation(const struct reading *o, const struct frame nodes[], const double theta[R], double open) {
+static double deformation(const struct reading *o, const struct frame nodes[], const double theta[R]) {
     const struct side *point = &o->statement.b;
     struct frame bodies[N_BODIES], frame;
     double measured[R], moved[D], along = 0.0;
@@ -44,7 +44,7 @@ static double deformation(const struct reading *o, const struct frame nodes[], c
         double reach = IS_LENGTH(coordinates[k].kind) ? REACH * SIZE : REACH;
         if (!axis->periodic && !(measured[k] >= axis->lower - reach && measured[k] <= upper + reach)) return NAN;
     }
-    place_bodies(measured, nodes, open, bodies);
+    place_bodies(measured, nodes, bodies);
     attach(point, nodes, &frame);
     const double *body = bodies[point->body].z;
     for (int c = 0; c < D; c++) {
@@ -56,13 +56,13 @@ static double deformation(const struct reading *o, const struct frame nodes[], c
 }
 
 /* All readings, in steps of `stride`. */
-static void read_nodes(const struct frame nodes[], const double theta[R], double open, int stride, double found[]) {
+static void read_nodes(const struct frame nodes[], const double theta[R], int stride, double found[]) {
     struct frame frame;
     for (int number = 0; number < N_READINGS; number++) {
         const struct reading *o = readings + number;
         double *value = found + stride * number;
         if (o->kind == DEFORMATION)
-            *value = deformation(o, nodes, theta, open);
+            *value = deformation(o, nodes, theta);
         else if (o->kind == MEASURE)
             *value = measure(&o->statement, nodes, theta);
         else {
@@ -83,8 +83,8 @@ static void find_changes(const struct pgmp_model *m, const struct look *look, do
     find_pace(m, look, &speed, &pull);
     double far = fmin(2e-3 / speed, sqrt(2.5e-4 / pull));
     for (int side = 0; side < 9; side++) {
-        see_nodes(m, look, (side - 4) * far, 0.0, theta, nodes);
-        read_nodes(nodes, theta, 0.0, 1, values);
+        see_nodes(m, look, (side - 4) * far, theta, nodes);
+        read_nodes(nodes, theta, 1, values);
         for (int number = 0; number < N_READINGS; number++) {
             found[number][1] += first[side] * values[number] / (840.0 * far);
             found[number][2] += second[side] * values[number] / (5040.0 * far * far);
@@ -146,8 +146,8 @@ void pgmp_observe_at(struct pgmp_model *m, double time, double since) {
     look_at(m, &look);
     m->elastic_rotation = find_rotation(m, &look);
     if (m->elastic_rotation > ROTATION_LIMIT) m->validity |= PGMP_ROTATION;
-    see_nodes(m, &look, 0.0, CLOSURE_TOLERANCE, theta, nodes);
-    read_nodes(nodes, theta, CLOSURE_TOLERANCE, 3, &found[0][0]);
+    see_nodes(m, &look, 0.0, theta, nodes);
+    read_nodes(nodes, theta, 3, &found[0][0]);
     if (DEPTH) find_changes(m, &look, found);
     for (int k = 0; k < N_BASES; k++) {
         double rates[2];

@@ -298,7 +298,7 @@ static void look_up(const double theta[R], double poses[N_BODIES][N_POSE]) {
 #endif
 
 #define TURN 6.283185307179586
-void place_bodies(const double theta[R], const struct frame nodes[], double open, struct frame bodies[N_BODIES]) {
+void place_bodies(const double theta[R], const struct frame nodes[], struct frame bodies[N_BODIES]) {
     (void)nodes; /* poses begin with the table's */
     double poses[N_BODIES][N_POSE], inside[R], turns[R];
     int outside = 0;
@@ -309,7 +309,7 @@ void place_bodies(const double theta[R], const struct frame nodes[], double open
         outside |= !(inside[k] >= axis->lower && inside[k] <= axis->lower + axis->n_cells * axis->step);
     }
     look_up(inside, poses);
-    for (int k = 0; k < (BRANCH_IS_EXACT && !outside ? 0 : CLOSURES); k++) close_loops(inside, open, poses);
+    for (int k = 0; k < (BRANCH_IS_EXACT && !outside ? 0 : CLOSURES); k++) close_loops(inside, poses);
     for (int body = 0; body < N_BODIES; body++) {
         frame_of_pose(poses[body], bodies[body].z);
         bodies[body].angle = D == 2 ? poses[body][2] : 0.0;
@@ -361,14 +361,12 @@ void look_at(const struct pgmp_model *m, struct look *look) {
     }
 }
 
-/* Nodes on a rigid mechanism whose gaps may be `open`: CLOSURE_TOLERANCE is as the program closes it. */
-void see_nodes(const struct pgmp_model *m, const struct look *look, double after, double open, double theta[R],
-               struct frame nodes[]) {
+void see_nodes(const struct pgmp_model *m, const struct look *look, double after, double theta[R], struct frame nodes[]) {
     double half = DEPTH > 1 ? 0.5 * after * after : 0.0, moved[N_SHAPES];
     struct frame bodies[N_BODIES];
     for (int k = 0; k < R; k++) theta[k] = m->q[k] + after * m->v[k] + half * m->a[k];
     for (int c = 0; c < N_SHAPES; c++) moved[c] = look->moved[0][c] + after * look->moved[1][c] + half * look->moved[2][c];
-    place_bodies(theta, nodes, open, bodies);
+    place_bodies(theta, nodes, bodies);
     for (int k = 0; k < N_NODES; k++) {
         turn_frame(bodies[node_bodies[k]].z, moved + N_DOFS * k, node_points[k], nodes + k);
         nodes[k].angle = bodies[node_bodies[k]].angle + moved[N_DOFS * k + D];

@@ -58,7 +58,7 @@ static void find_carried(struct pgmp_model *m, const struct acting *now, const d
     memcpy(own[0], m->q, size), memcpy(own[1], m->v, size), memcpy(own[2], m->a, size);
     memmove(m->q, q, size), memmove(m->v, v, size), memmove(m->a, a, size);
     look_at(m, &look);
-    see_nodes(m, &look, 0.0, CLOSURE_TOLERANCE, theta, nodes);
+    see_nodes(m, &look, 0.0, theta, nodes);
     find_forces(m, now, own_forces, nodes, found);
     memcpy(m->q, own[0], size), memcpy(m->v, own[1], size), memcpy(m->a, own[2], size);
     for (int k = 0; k < N_CARRIED; k++) carried[k] = found[k][0];

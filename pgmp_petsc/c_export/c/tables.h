@@ -131,8 +131,8 @@ void find_forces(struct pgmp_model *m, const struct acting *now, const double *o
 double read_force(const struct force *f, const struct frame nodes[], const double multipliers[]);
 /* What acts over time at an instant. */
 void act(const struct pgmp_model *m, double time, double since, struct acting *now);
-/* One Newton step to poses that hold the joints together at given coordinates; gaps within `open` stay. */
-void close_loops(const double theta[R], double open, double poses[N_BODIES][N_POSE]);
+/* One Newton step to poses that hold the joints together at given coordinates. */
+void close_loops(const double theta[R], double poses[N_BODIES][N_POSE]);
 void frame_of_pose(const double pose[N_POSE], double z[N_FRAME]);
 
 /* What each kind of model has in its own way: its tables, its start, its Newton correction, in r, and accelerations. */
@@ -153,10 +153,9 @@ void add_tangent(double tangent[N][N], struct matrix *matrix);
 /* What is seen: looked at once; frames of all nodes after a time on a line or a parabola, and what angles are near to; how
    fast they move at most, in units of the size or rad; and the rigid mechanism at measured coordinates. */
 void look_at(const struct pgmp_model *m, struct look *look);
-void see_nodes(const struct pgmp_model *m, const struct look *look, double after, double open, double theta[R],
-               struct frame nodes[]);
+void see_nodes(const struct pgmp_model *m, const struct look *look, double after, double theta[R], struct frame nodes[]);
 void find_pace(const struct pgmp_model *m, const struct look *look, double *speed, double *pull);
 double find_rotation(const struct pgmp_model *m, const struct look *look);
-void place_bodies(const double theta[R], const struct frame nodes[], double open, struct frame bodies[N_BODIES]);
+void place_bodies(const double theta[R], const struct frame nodes[], struct frame bodies[N_BODIES]);
 
 #endif

@@ -710,16 +710,15 @@ void find_pace(const struct pgmp_model *m, const struct look *look, double *spee
     *speed = fmax(*speed, look->speed), *pull = fmax(*pull, DEPTH > 1 ? look->pull : 0.0);
 }
 
-void see_nodes(const struct pgmp_model *m, const struct look *look, double after, double open, double theta[R],
-               struct frame nodes[]) {
+void see_nodes(const struct pgmp_model *m, const struct look *look, double after, double theta[R], struct frame nodes[]) {
     double half = DEPTH > 1 ? 0.5 * after * after : 0.0, q[N];
-    (void)look, (void)open;
+    (void)look;
     for (int i = 0; i < N; i++) q[i] = m->q[i] + after * m->v[i] + half * m->a[i];
     see(q, m->v, m->a, nodes);
     memcpy(theta, m->own.turned, R * sizeof *theta);
 }
 
-void place_bodies(const double theta[R], const struct frame nodes[], double open, struct frame bodies[N_BODIES]) {
+void place_bodies(const double theta[R], const struct frame nodes[], struct frame bodies[N_BODIES]) {
     double poses[N_BODIES][N_POSE];
     for (int k = 0; k < N_BODIES; k++) {
         const struct frame *node = nodes + body_nodes[k];
@@ -728,7 +727,7 @@ void place_bodies(const double theta[R], const struct frame nodes[], double open
         for (int j = 0; j < D; j++)
             for (int c = 0; c < D; c++) poses[k][c] -= body_centres[k][j] * node->z[D + D * j + c];
     }
-    (void)open; /* they begin at poses of deformed bodies, as near as that may be */
-    for (int k = 0; k < POSES; k++) close_loops(theta, 0.0, poses);
+    /* they begin at poses of deformed bodies, as near as that may be */
+    for (int k = 0; k < POSES; k++) close_loops(theta, poses);
     for (int k = 0; k < N_BODIES; k++) frame_of_pose(poses[k], bodies[k].z), bodies[k].angle = D == 2 ? poses[k][2] : 0.0;
 }
