@@ -130,7 +130,7 @@ def _draw(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path, inputs: 
     from pgmp_petsc.figures.mechanism import assembly  # matplotlib takes a noticeable time
     from pgmp_petsc.figures.solids import meshed_part
     from pgmp_petsc.figures.style import letters_lacking, save
-    from pgmp_petsc.studies.stills import assembly_of
+    from pgmp_petsc.studies.field_frames import assembly_of
 
     parts = {name: mesh for name, mesh in meshes.items() if isinstance(mesh, SolidMesh)}
     files = {name: picture.with_name(f"{picture.stem}_{name}.png") for name in parts}

@@ -110,7 +110,7 @@ def _check(file: Path, output: Path, mode: int | None, at: Mapping[str, float]) 
 def _shape(file: Path, mode: int, at: Mapping[str, float], comm: Comm) -> ModeShape:
     """Return a mode of a reduced model. Collective on `comm`."""
     from pgmp_petsc.api.sources import Origin  # takes a noticeable time
-    from pgmp_petsc.studies.stills import mode_shape
+    from pgmp_petsc.studies.field_frames import mode_shape
 
     model = Origin.of(comm, file, None, (), ()).prepared(comm, told=False)
     return on_root(comm, mode_shape, model, mode, at)

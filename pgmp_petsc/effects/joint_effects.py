@@ -2,8 +2,7 @@
 
 End stops are one-sided springs with Hunt and Crossley's damping, entered and left at instants found in time. The time
 of contact itself, about ``pi sqrt(inertia / stiffness)``, is not refined: steps have to resolve it. Where they do not,
-the balance of energy shows it. A spring with free play, a coupling or gear whose teeth touch on one side or on the
-other, is such a spring at both ends of the play.
+the balance of energy shows it.
 
 Viscous damping is ``-c s'``, Coulomb friction ``-limit tanh(s' / speed)``. Its limit is given, of a joint under a
 constant load, or hangs on the force N that the joint carries, ``coefficient radius N`` of what turns and
@@ -176,26 +175,3 @@ class JointFriction(OnJoint):
             radius = 1.0 if self.radius is None else self.radius
             law, given = CARRIED_FRICTION, (0.0, self.coefficient, radius, self.speed)
         return ActionEffect.of_laws(name, mechanism, joint_measure(mechanism, self), law, given)
-
-
-FREE_PLAY = Law(
-    "free_play",
-    ("k", "c", "lower", "upper"),
-    potential="k * (max(0, s - upper)**2 + max(0, lower - s)**2) / 2",
-    force="elastic * max(0, 1 + c * (rate if s > upper else -rate))",
-    edges=("s - upper", "lower - s"),
-    left_out="it has free play, not linear",
-)
-
-
-class FreePlay(ElasticEnds):
-    """A spring in a joint with free play: no force between lower and upper, elastic beyond, with the instants of
-    contact found exactly."""
-
-    type: Literal["free_play"]
-    lower: Annotated[NumberOrParameter, Unit("rad", "m")] = Field(description="where the play ends below (rad or m)")
-    upper: Annotated[NumberOrParameter, Unit("rad", "m")] = Field(description="where the play ends above (rad or m)")
-
-    def forces(self, name: str, mechanism: Mechanism) -> ActionEffect:
-        place, parameters = joint_measure(mechanism, self), (self.stiffness, self.damping, self.lower, self.upper)
-        return ActionEffect.of_laws(name, mechanism, place, FREE_PLAY, parameters)

@@ -14,7 +14,8 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects import action
 from pgmp_petsc.effects.action import FRICTION, SOURCE, SPRING_DAMPER, Action, compile_actions
-from pgmp_petsc.effects.joint_effects import CARRIED_FRICTION, FREE_PLAY, STOP
+from pgmp_petsc.effects.free_play import FREE_PLAY
+from pgmp_petsc.effects.joint_effects import CARRIED_FRICTION, STOP
 from pgmp_petsc.effects.law import Law, differentiate, obey
 from pgmp_petsc.full.forces import Acted, BlockActions, act
 from pgmp_petsc.full.part_reference import Reference

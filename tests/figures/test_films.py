@@ -26,7 +26,7 @@ from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.motion import motion_of, scale_of, vibration_of
 from pgmp_petsc.figures.solids import Pace, Stage, Surround, drawing, solids, view_of
 from pgmp_petsc.files.claims import check_output
-from pgmp_petsc.studies.stills import mode_shape
+from pgmp_petsc.studies.field_frames import mode_shape
 from scenes import slider_crank
 
 WIDE, HIGH = 240, 160

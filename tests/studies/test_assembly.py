@@ -14,8 +14,8 @@ from pgmp_petsc.figures.mechanism import assembly
 from pgmp_petsc.figures.solids import meshed_part
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.results.selection import Assembly
+from pgmp_petsc.studies.field_frames import assembly_of
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.stills import assembly_of
 
 SCENES = {
     "plane": "slider_crank", "close points": "crank_press", "many bodies": "platform_3rrr", "space": "six_joint_arm",

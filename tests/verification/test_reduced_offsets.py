@@ -43,8 +43,8 @@ from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.studies.effect_sizes import estimate_effects
+from pgmp_petsc.studies.field_frames import mode_shape
 from pgmp_petsc.studies.modes_table import tabulate_modes
-from pgmp_petsc.studies.stills import mode_shape
 from scenes import meshes_of
 
 TILT = float(np.radians(5.0))
