@@ -226,7 +226,8 @@ def take(file: Path) -> None:
     """Take the ideas of a file into their families; see `api.scenes.use`. Raises `InputError` if it cannot be read, is
     not Python, fails, has no idea in it, or has one that is not whole or whose name is taken; with the file and line.
     """
-    _load_installed()  # their names are taken
+    for family in FAMILIES:
+        family.found()  # their names, and those of their laws, are taken
     try:
         text = file.read_bytes()
     except OSError as error:

@@ -1,5 +1,6 @@
 """Families of ideas: what is read in the text of their rooms is what there is, and nothing else is imported."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -42,3 +43,12 @@ def test_a_scene_waits_for_the_ideas_that_it_names(scene: str, waited_for: set[s
     imported = set(done.stdout.split())
     assert {PACKAGE + one for one in waited_for} <= imported
     assert imported.isdisjoint(PACKAGE + one for one in left_alone)
+
+
+def test_the_law_of_a_plugin_has_no_name_of_one_that_nobody_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "from pgmp_petsc.effects.law import Law\n\nmine = Law('free_play', ('k',), force='-k * s', left_out='it is a test')\n"
+    )
+    lines = f"import pgmp_petsc as pgmp; pgmp.use({str(tmp_path / 'mine.py')!r})"
+    done = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True)
+    assert re.search(r"mine.py:3: the name 'free_play' is taken by .*free_play.py; take another one", done.stderr)
