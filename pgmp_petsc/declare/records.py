@@ -37,7 +37,7 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import inverse
-from pgmp_petsc.declare.values import Lazy, check_known, check_shape, converted, n_dimensions, units_in
+from pgmp_petsc.declare.values import Lazy, check_known, check_shape, converted, group_at, n_dimensions, units_in
 from pgmp_petsc.files.hdf5 import TEXT, RunRecord, open_file, put, shapes_of, take, take_each, write_file
 
 NEEDED = object()  # what an absent field is without which a file is damaged
@@ -634,16 +634,6 @@ def _decoded(one: Holding, value: Any) -> Any:
     if one.value is tuple:
         return tuple(str(text) for text in value)
     return one.value(value) if one.value in (float, int, bool, str) else np.array(value)
-
-
-def group_at(group: h5py.Group, place: str) -> h5py.Group:
-    """Return a group; raises `TypeError` where there is a dataset, which would be gone through number by number."""
-    if place and place not in group:
-        raise KeyError(f"'/{place}' is missing")
-    found = group[place] if place else group
-    if not isinstance(found, h5py.Group):
-        raise TypeError(f"'/{place}' is no group")
-    return found
 
 
 def check_finite(record: Record) -> None:

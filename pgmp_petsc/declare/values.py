@@ -105,3 +105,13 @@ def check_known(group: h5py.Group, place: str, data: np.ndarray) -> np.ndarray:
         where = f"{group.name.rstrip('/')}/{place}"
         raise ValueError(f"dataset '{where}' holds NaN, which no number of it can be")
     return data
+
+
+def group_at(group: h5py.Group, place: str) -> h5py.Group:
+    """Return a group; raises `TypeError` where there is a dataset, which would be gone through number by number."""
+    if place and place not in group:
+        raise KeyError(f"'/{place}' is missing")
+    found = group[place] if place else group
+    if not isinstance(found, h5py.Group):
+        raise TypeError(f"'/{place}' is no group")
+    return found

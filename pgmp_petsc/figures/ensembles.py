@@ -43,12 +43,11 @@ def densities(
     `names` only, in their order, where they are given.
 
     Densities are by a kernel (`kernel_density`); the file has them counted in bins. Values that many samples have alike
-    are bars as high as their share of the panel. Outputs are those of the samples
-    that are fine, parameters those of all samples, as in the file's statistics. The first ensemble is drawn as an area,
-    the others as steps over it. Dashed lines mark the means; the band reaches a standard deviation to both sides of the
-    first ensemble's mean. Above each panel are mean and standard deviation, each with its confidence interval in
-    brackets. With two ensembles a lower panel shows by how much the second density differs, in % of the first one's
-    peak.
+    are bars as high as their share of the panel. Outputs are those of the samples that are fine, parameters those of
+    all samples, as in the file's statistics. The first ensemble is drawn as an area, the others as steps over it.
+    Dashed lines mark the means; the band reaches a standard deviation to both sides of the first ensemble's mean. Above
+    each panel are mean and standard deviation, each with its confidence interval in brackets. With two ensembles a
+    lower panel shows by how much the second density differs, in % of the first one's peak.
 
     Labels are by default the model, how many of its samples are fine, and what else tells the ensembles apart. Raises
     `InputError` if the ensembles do not share one of `names`, or have no quantity in common or one has no sample that

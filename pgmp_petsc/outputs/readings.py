@@ -3,7 +3,8 @@
 A reading is a number that is read of frames of nodes: a statement about two points, a place, a rotation, or a place
 from that of the rigid mechanism. `Rate` and `Absolute` read a reading. All have a `jet`: value, rate and acceleration,
 made by the chain rule of those of the frames, which are the model's own: no instants are differenced. Models in C
-evaluate the same readings (`c_export.statements`).
+evaluate the same readings (`c_export.statements`). What controllers measure is an expression of motions and
+their rates, of which their laws have exact slopes.
 
 Frames are ``(x, y, phi)`` in the plane, and in space position, directors and the rigid coordinates, which say how often
 a joint has turned; rates of the last are not needed. A deformation is the position less that of the rigid mechanism at
