@@ -487,6 +487,7 @@ def _sizes(model: ReducedModel, shapes: Mapping[str, tuple[int, ...]]) -> dict[s
         "NEWTON_TOLERANCE": reduced_steps.NEWTON_TOLERANCE,
         "TOLERANCE_OF_ONE": reduced_steps.NEWTON_TOLERANCE,
         "TOLERANCE_OF_TRIALS": reduced_steps.TOLERANCE_OF_TRIALS,
+        "OF_OLD_FACTORS": reduced_steps.OF_OLD_FACTORS,
         "ROTATION_LIMIT": limits_of(model.scene.second_order)["elastic_rotation"],
     }
 

@@ -199,6 +199,7 @@ static int converge(struct pgmp_model *m, int attempt, int in_part, const struct
     for (int number = 0; number < most && (going || number < least); number++) {
         double size = 0.0, share = 1.0, contraction = m->contraction;
         double tolerance = !usual ? TOLERANCE_OF_TRIALS : number == 0 ? TOLERANCE_OF_ONE : NEWTON_TOLERANCE;
+        if (number == 1 && !careful) tolerance /= OF_OLD_FACTORS;
         int fresh = attempt != EXTRAPOLATED || number % REFRESH_EVERY == 0;
         int limited = 0, unsettled = 0;
 #if N_CARRIED > 0
