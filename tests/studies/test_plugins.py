@@ -20,7 +20,7 @@ from conftest import ROOT
 from effect_scenes import BASE
 from exported import as_one, assert_equal, outputs_of
 from handbook_blocks import blocks_of
-from runs import in_turn, motion, refused, trajectory
+from runs import in_turn, motion, overridden, refused, trajectory
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.base.errors import InputError
@@ -748,8 +748,14 @@ def test_what_fails_in_a_scene_ends_a_command_on_ranks(tmp_path: Path) -> None:
     (scene := tmp_path / "base.toml").write_text(BASE)
     text, (before, after), words = LATER["what fails"]
     (path := tmp_path / "mine.py").write_text(text.replace(before, after, 1))
-    (message,) = refused(2, [["check", scene, "--override", f"effects.e={TABLE}", "--plugin", path]])
+    alone = "from mpi4py import MPI; 1 // (1 - MPI.COMM_WORLD.rank); return [2.0 *"  # what the last rank's samples ask
+    (other := tmp_path / "other.py").write_text(TWICE.replace("return [2.0 *", alone))
+    more = overridden("simulation.duration=0.01", 'outputs.mine={type="twice", of="slider_position"}')
+    sampled = ["montecarlo", ROOT / "scenes/slider_crank.toml", "--full", "-n", 24, "-o", tmp_path / "many.h5", *more]
+    first = ["check", scene, "--override", f"effects.e={TABLE}", "--plugin", path]
+    message, of_samples = refused(2, [first, [*sampled, "--plugin", other]])
     assert re.search(words, message)
+    assert re.search(r"other\.py', line \d+: ZeroDivisionError: .*; repair the file$", of_samples)
 
 
 def test_what_it_declares_is_on_the_page_of_entries_and_in_messages(line_spring: Path) -> None:
