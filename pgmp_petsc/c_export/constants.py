@@ -177,7 +177,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     shapes = {name: table.shape for name, (_, table) in tables.items()}
     sizes = {**_sizes(model, shapes), **_sizes_of_gaps(gaps, shapes)}
     exchange = int(not (scene.controllers or model.outputs.counts))
-    sizes |= {"CORRECTIONS": CORRECTIONS, "EXCHANGE": exchange, "ALWAYS_PROBED": 0, "PROJECTS": 0, "SYMMETRIC": 0}
+    sizes |= {"CORRECTIONS": CORRECTIONS, "EXCHANGE": exchange, "ALWAYS_PROBED": 0, "PROJECTS": 0}
     return replace(
         shared,
         kind="reduced",
@@ -486,7 +486,6 @@ def _sizes(model: ReducedModel, shapes: Mapping[str, tuple[int, ...]]) -> dict[s
         "MASS_DAMPING": 0.0 if terms.damping is None else terms.damping.mass,
         "NEWTON_TOLERANCE": reduced_steps.NEWTON_TOLERANCE,
         "TOLERANCE_OF_ONE": reduced_steps.NEWTON_TOLERANCE,
-        "TOLERANCE_OF_TRIALS": reduced_steps.TOLERANCE_OF_TRIALS,
         "OF_OLD_FACTORS": reduced_steps.OF_OLD_FACTORS,
         "ROTATION_LIMIT": limits_of(model.scene.second_order)["elastic_rotation"],
     }
@@ -494,17 +493,14 @@ def _sizes(model: ReducedModel, shapes: Mapping[str, tuple[int, ...]]) -> dict[s
 
 def _steps(scene: Scene) -> dict[str, int | float]:
     """Return the settings of steps and iterations; the latter are the program's own."""
-    simulation = scene.simulation
-    n_steps = simulation.n_steps
+    simulation, n_steps = scene.simulation, scene.simulation.n_steps
     step = simulation.duration / n_steps
     scheme = Scheme.of(simulation.spectral_radius, step)
     return {
         "N_STEPS": n_steps,
         "STEP": step,
-        "ALPHA_M": scheme.alpha_m,
-        "ALPHA_F": scheme.alpha_f,
-        "BETA": scheme.beta,
-        "GAMMA": scheme.gamma,
+        **{name.upper(): getattr(scheme, name) for name in ("alpha_m", "alpha_f", "beta", "gamma")},
+        "TOLERANCE_OF_TRIALS": alpha_step.NEWTON_TOLERANCE,
         "GOES_ON_RESOLVED": int(alpha_step.goes_on_resolved(simulation.spectral_radius)),
         "STARTING_CORRECTIONS": STARTING_CORRECTIONS,
         "CLOSURES": CLOSURES,

@@ -30,11 +30,8 @@ STEPS = {
     "ROTATION_LIMIT": np.inf,
     "EXCHANGE": 0,
     "CORRECTIONS": 1,
-    "SYMMETRIC": 1,
     "NEWTON_TOLERANCE": alpha_step.NEWTON_TOLERANCE,
     "TOLERANCE_OF_ONE": alpha_step.TOLERANCE_OF_ONE,
-    "TOLERANCE_OF_TRIALS": alpha_step.NEWTON_TOLERANCE,
-    "OF_OLD_FACTORS": 1.0,
 }
 
 

@@ -149,9 +149,8 @@ LOST, OUTSIDE, CROSSED = int(Outcome.LOST), int(Outcome.OUTSIDE), int(Outcome.CR
 # In the units of `alpha_step`. One correction is then enough in nine of ten steps of the default scene; it leaves 3e-13
 # in the median.
 NEWTON_TOLERANCE = 1e-11
-# Times what a second correction is estimated to leave, which has the factors of the first: these are exact where the
-# step is predicted, so that the contraction between both is that of Newton's iteration, and the next one is not. In 25
-# models it left 1 to 20 times as much in the median, and up to this in 99 of 100 steps.
+# Times what a second correction is estimated to leave: it has the factors of the first, those of the prediction, and
+# the next one contracts worse. Of 25 models it left 1 to 20 times that in the median, and up to this in 99 of 100 steps.
 OF_OLD_FACTORS = 100.0
 
 

@@ -13,6 +13,7 @@
 #define N_FACTORS (M + N_PAIRS)
 #define TENSOR(n) (R == 1 ? (n) : R == 2 ? (n) * (n) : (n) * (n) * (n)) /* of each coordinate n */
 #define RIGID_POWERS TENSOR(8)
+#define SYMMETRIC 0 /* but for the flexible block, which takes means, see add_tangent */
 
 enum {
     COUPLING = PACKED(N),

@@ -9,6 +9,8 @@
    the tree leaves, with a multiplier each. */
 #define N_ALL (N + N_LEFT)
 #define N_TURNS (D == 2 ? 1 : 3)
+#define SYMMETRIC 1 /* the matrix of the iteration, see actions.c */
+#define OF_OLD_FACTORS 1.0 /* what a second correction leaves is as estimated */
 
 struct own {
     double table[AT_LEAST_ONE(N_WORDS)], densities[AT_LEAST_ONE(N_MASSES)][1 + D][1 + D], gravity[AT_LEAST_ONE(N_GRAVITY)][D];
