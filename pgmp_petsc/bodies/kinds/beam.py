@@ -98,6 +98,11 @@ class Beam(Body):
         (n_elements, 3, 6), in space (n_elements, 6, 12)."""
         return self._element.strain_gradients(self.mesh.lengths, self._turns)
 
+    @cached_property
+    def rest_strains(self) -> np.ndarray:
+        """What strains of higher order are made of likewise, shape (n_elements, 3, 6), in space (n_elements, 9, 12)."""
+        return self._element.rest_strains(self.mesh.lengths, self._turns)
+
     def stresses(self, scene: Scene) -> BeamStresses:
         return BeamStresses(scene, self)
 
@@ -204,9 +209,9 @@ class _Third(ThirdPart):
     """Its terms are sectional coefficients."""
 
     def __init__(self, body: Beam, rows: range, n_dofs: int) -> None:
-        chosen, of = body.touching(rows), body._element
-        self._lengths, self._contracted = body.mesh.lengths[chosen], of.third_derivative
-        strains = of.rest_strains(self._lengths, body._turns[chosen])
+        chosen = body.touching(rows)
+        self._lengths, self._contracted = body.mesh.lengths[chosen], body._element.third_derivative
+        strains = body.rest_strains[chosen]
         dofs, self._n = element_dofs(body.elements[chosen], body.node_dofs), strains.shape[1]
         columns, starts = np.repeat(dofs, self._n, axis=0), dofs.shape[1] * np.arange(dofs.shape[0] * self._n + 1)
         self._strains = sp.csr_matrix((strains.ravel(), columns.ravel(), starts), shape=(starts.size - 1, n_dofs))
