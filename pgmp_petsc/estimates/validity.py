@@ -36,7 +36,7 @@ from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import length_share
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import SampleBlocks, empty_lanes
-from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, blend, differing, exceeding, larger, load, spread, store
+from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, beyond, differing, larger, load, select, spread, store
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -433,11 +433,11 @@ def _look_in_lanes(places, weights, first, length, loads, forces, trail, kept, r
                     own = weights.stiffness[samples[lane]]
                     _come_to(_nearest(places.axes, ends, q, lane), places, own, lane, own_stiffness, terms)
             energy = _energy(terms, q, r, n_eta)
-            more = exceeding(energy, load(largest, 0)) & ~differing(energy, energy)
+            more = beyond(energy, load(largest, 0)) & ~differing(energy, energy)
             if more:
-                store(largest, 0, blend(more, energy, load(largest, 0)))
+                store(largest, 0, select(more, energy, load(largest, 0)))
                 for i in range(n_eta):
-                    store(states, part * n_eta + i, blend(more, load(q, i), load(states, part * n_eta + i)))
+                    store(states, part * n_eta + i, select(more, load(q, i), load(states, part * n_eta + i)))
             if places.influence.shape[1] > 0:
                 of_block = weights.mass[block], weights.loads[block]
                 _load_with(samples, of_block, loads[k], forces[k], trail[k], rates, moving, loading)
@@ -450,7 +450,7 @@ def _left(ends, q):
     moved = 0
     for axis in range(ends.shape[0] // 2):
         theta = load(q, axis)
-        moved |= exceeding(load(ends, 2 * axis), theta) | exceeding(theta, load(ends, 2 * axis + 1))
+        moved |= beyond(load(ends, 2 * axis), theta) | beyond(theta, load(ends, 2 * axis + 1))
     return moved
 
 
@@ -558,5 +558,5 @@ def _keep_shares(influence, row, terms, loading, largest):
         row += influence.shape[2] + 1
         finite = EVERYONE & ~differing(share * 0.0, none)
         gained, lost = load(largest, 1), load(largest, 2)
-        store(largest, 1, blend(finite & exceeding(share, gained), larger(share, none), gained))
-        store(largest, 2, blend(finite & exceeding(lost, share), blend(exceeding(share, none), none, share), lost))
+        store(largest, 1, select(finite & beyond(share, gained), larger(share, none), gained))
+        store(largest, 2, select(finite & beyond(lost, share), select(beyond(share, none), none, share), lost))

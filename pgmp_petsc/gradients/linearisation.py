@@ -20,32 +20,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.gradients.local_effects import LocalDerivatives
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import WIDE, aligned, items
 from pgmp_petsc.lanes.tiles import store_rows
-from pgmp_petsc.lanes.vectors import (
-    CACHE_LINE,
-    LANES,
-    N_POWERS,
-    N_POWERS_OF_RIGID,
-    data_of,
-    join,
-    load_rows,
-    parts_of,
-    row_of,
-    spread,
-    spread_number,
-    vector,
-)
+from pgmp_petsc.lanes.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, built, load_rows, spread, vector, widened
 from pgmp_petsc.models import Observing
 from pgmp_petsc.reduced.arrays import Layout
 from pgmp_petsc.reduced.cells import Grid, place_of
@@ -90,28 +76,25 @@ def _derivatives(
 
 
 def _jet(n_powers: int, order: int, about: str) -> Callable:
-    @intrinsic
-    def function(typing, coefficients, entry, place):
+    def wanted(r: int) -> list[tuple[int, ...]]:
+        return [which for total in range(order + 1) for which in product(range(r), repeat=total)]
+
+    def evaluate(builder, coefficients, entry, place):
         r = len(place)
-        wanted = [which for total in range(order + 1) for which in product(range(r), repeat=total)]
+        base = builder.mul(entry, ir.Constant(entry.type, n_powers**r))
 
-        def build(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-            base = builder.mul(args[1], ir.Constant(args[1].type, n_powers**r))
+        def coefficient(number: int) -> ir.Value:
+            at = builder.add(base, ir.Constant(base.type, number))
+            return coefficients.load(at) if coefficients.of.ndim == 2 else widened(builder, coefficients.number(at))
 
-            def coefficient(number: int) -> ir.Value:
-                at = builder.add(base, ir.Constant(base.type, number))
-                if coefficients.ndim == 2:
-                    return builder.load(row_of(context, builder, coefficients, args[0], at), align=CACHE_LINE)
-                data = data_of(context, builder, coefficients, args[0])
-                return spread_number(builder, builder.load(builder.gep(data, [at])))
+        found = _derivatives(builder, coefficient, place, n_powers, order)
+        return [found[tuple(which.count(k) for k in range(r))] for which in wanted(r)]
 
-            found = _derivatives(builder, coefficient, parts_of(builder, args[2], r), n_powers, order)
-            return join(builder, [found[tuple(which.count(k) for k in range(r))] for which in wanted])
+    def typed(coefficients, entry, place):
+        return types.UniTuple(vector, len(wanted(len(place))))(coefficients, types.intp, place)
 
-        return types.UniTuple(vector, len(wanted))(coefficients, types.intp, place), build
-
-    function.__doc__ = about
-    return function
+    evaluate.__doc__ = about
+    return built(typed)(evaluate)
 
 
 # Of a polynomial with coefficients (n_entries * n_powers^r,), the same numbers in all lanes, or vectors (..., LANES)
