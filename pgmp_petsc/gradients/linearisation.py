@@ -31,7 +31,17 @@ from pgmp_petsc.gradients.local_effects import LocalDerivatives
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import WIDE, aligned, items
 from pgmp_petsc.lanes.tiles import store_rows
-from pgmp_petsc.lanes.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, built, load_rows, spread, vector, widened
+from pgmp_petsc.lanes.vectors import (
+    LANES,
+    N_POWERS,
+    N_POWERS_OF_RIGID,
+    built,
+    derivatives_of,
+    load_rows,
+    spread,
+    vector,
+    widened,
+)
 from pgmp_petsc.models import Observing
 from pgmp_petsc.reduced.arrays import Layout
 from pgmp_petsc.reduced.cells import Grid, place_of
@@ -50,31 +60,6 @@ def weigh(terms, weights, coefficients):
             coefficients[c] += weights[t] * terms[t, c]
 
 
-def _derivatives(
-    builder: ir.IRBuilder, coefficient: Callable[[int], ir.Value], places: list[ir.Value], n_powers: int, order: int
-) -> dict[tuple[int, ...], ir.Value]:
-    """Build a polynomial and its derivatives up to an order, by how often each coordinate is differentiated with."""
-
-    def along(level: int, first: int) -> dict[tuple[int, ...], ir.Value]:
-        if level == len(places):
-            return {(): coefficient(first)}
-        stride, s = n_powers ** (len(places) - level - 1), places[level]
-        inner = [along(level + 1, first + power * stride) for power in range(n_powers)]
-        found = {}
-        for others in inner[0]:
-            # Horner's scheme, and what it makes of its own partial sums
-            sums = [inner[-1][others]]
-            for power in range(n_powers - 2, -1, -1):
-                longer = [builder.fadd(builder.fmul(s, sums[0]), inner[power][others])]
-                longer += [builder.fadd(builder.fmul(s, y), x) for x, y in zip(sums, sums[1:])]
-                sums = (longer + sums[-1:])[: order - sum(others) + 1]
-            for times, total in enumerate(sums):
-                found[(times, *others)] = builder.fadd(total, total) if times == 2 else total
-        return found
-
-    return along(0, 0)
-
-
 def _jet(n_powers: int, order: int, about: str) -> Callable:
     def wanted(r: int) -> list[tuple[int, ...]]:
         return [which for total in range(order + 1) for which in product(range(r), repeat=total)]
@@ -87,7 +72,7 @@ def _jet(n_powers: int, order: int, about: str) -> Callable:
             at = builder.add(base, ir.Constant(base.type, number))
             return coefficients.load(at) if coefficients.of.ndim == 2 else widened(builder, coefficients.number(at))
 
-        found = _derivatives(builder, coefficient, place, n_powers, order)
+        found = derivatives_of(builder, coefficient, place, n_powers, order)
         return [found[tuple(which.count(k) for k in range(r))] for which in wanted(r)]
 
     def typed(coefficients, entry, place):

@@ -346,33 +346,41 @@ def add_to_rows(builder, array, first, stride, x, y):
         array.store(row, _fused(builder, part, y, array.load(row)))
 
 
-def _horner(
-    builder: ir.IRBuilder, row: Callable[[int], ir.Value], places: list[ir.Value], n_powers: int
-) -> tuple[ir.Value, list[ir.Value]]:
-    """Build value and derivatives of a polynomial with n_powers along each of several places, from its coefficients."""
+def derivatives_of(
+    builder: ir.IRBuilder, coefficient: Callable[[int], ir.Value], places: list[ir.Value], n_powers: int, order: int
+) -> dict[tuple[int, ...], ir.Value]:
+    """Build a polynomial and its derivatives up to an order, by how often each coordinate is differentiated with."""
 
-    def along(level: int, first: int) -> tuple[ir.Value, list[ir.Value]]:
+    def along(level: int, first: int) -> dict[tuple[int, ...], ir.Value]:
         if level == len(places):
-            return row(first), []
+            return {(): coefficient(first)}
         stride, s = n_powers ** (len(places) - level - 1), places[level]
-        c = [along(level + 1, first + power * stride) for power in range(n_powers)]
-        value, others = c[-1]
-        slope = value
-        for power in range(n_powers - 2, -1, -1):
-            value = _fused(builder, s, value, c[power][0])
-            others = [_fused(builder, s, other, part) for other, part in zip(others, c[power][1])]
-            slope = _fused(builder, s, slope, value) if power else slope
-        return value, [slope, *others]
+        inner = [along(level + 1, first + power * stride) for power in range(n_powers)]
+        found = {}
+        for others in inner[0]:
+            # Horner's scheme, and what it makes of its own partial sums
+            sums = [inner[-1][others]]
+            for power in range(n_powers - 2, -1, -1):
+                longer = [_fused(builder, s, sums[0], inner[power][others])]
+                longer += [_fused(builder, s, y, x) for x, y in zip(sums, sums[1:])]
+                sums = (longer + sums[-1:])[: order - sum(others) + 1]
+            for times, total in enumerate(sums):
+                found[(times, *others)] = builder.fadd(total, total) if times == 2 else total
+        return found
 
     return along(0, 0)
 
 
 def _polynomial(n_powers: int, about: str) -> Callable:
     def evaluate(builder, kept, entry, place):
-        base = builder.mul(entry, ir.Constant(entry.type, n_powers ** len(place)))
-        return _horner(
-            builder, lambda number: kept.load(builder.add(base, ir.Constant(base.type, number))), place, n_powers
-        )
+        r = len(place)
+        base = builder.mul(entry, ir.Constant(entry.type, n_powers**r))
+
+        def row(number: int) -> ir.Value:
+            return kept.load(builder.add(base, ir.Constant(base.type, number)))
+
+        found = derivatives_of(builder, row, place, n_powers, 1)
+        return found[(0,) * r], [found[tuple(int(k == other) for other in range(r))] for k in range(r)]
 
     def typed(kept, entry, place):
         return types.Tuple((vector, types.UniTuple(vector, len(place))))(kept, types.intp, place)
