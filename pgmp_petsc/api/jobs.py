@@ -37,6 +37,7 @@ from pgmp_petsc.models import FullModel
 from pgmp_petsc.models.lengths import why_of_one_mesh
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.ending import keep, keep_no_longer
+from pgmp_petsc.reduction.length_family import why_no_family
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.report import budget
 from pgmp_petsc.results import Trajectory
@@ -182,7 +183,7 @@ class _Job:
             return "all bodies are rigid"
         if why_no_grid(self.scene, self.kinematics.mechanism):
             return f"{len(self.scene.coordinates)} coordinates"
-        return why_refused(self.scene, Purpose.BUILD, self.meshes)
+        return why_refused(self.scene, Purpose.BUILD, self.meshes) or why_no_family(self.scene, self.meshes)
 
     @property
     def n_steps(self) -> float:

@@ -46,6 +46,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.lengths import why_of_one_mesh
 from pgmp_petsc.outputs.joint_forces import InJoint
 from pgmp_petsc.outputs.stress import points_of
+from pgmp_petsc.reduction.length_family import why_no_family
 from pgmp_petsc.results.numbers import plain
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import uncertain_names
@@ -254,7 +255,8 @@ def prospects(scene: Scene, meshes: Shapes, mechanism: Mechanism, n_flexible: in
             step_of_samples(scene, of_components), CROSSING * edges, 0.0, 0.002, "0.002 to 0.8 % of deformations",
         ),
         Prospect(
-            "reduced", why_refused(scene, Purpose.BUILD, meshes), n_flexible + n_rigid, build_seconds(scene, mechanism),
+            "reduced", why_refused(scene, Purpose.BUILD, meshes) or why_no_family(scene, meshes),
+            n_flexible + n_rigid, build_seconds(scene, mechanism),
             reduced_step(n_flexible, n_rigid, scene.second_order, n_local(scene)) + in_lanes,
             CROSSING_IN_LANES * edges, 0.0 if scene.reduction.tolerance is None else scene.reference.budget,
             0.005 if answered or not deformed else 0.03, share,

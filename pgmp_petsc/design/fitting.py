@@ -202,7 +202,8 @@ class _Fitting:
             known = {name: known[name][history.there(name)] for name in self._n}
         remarks = (
             *history.remarks, *self._of_solution(solution), *self._turned_back.remarks,
-            *self._of_own_error(solution, slopes, sigma, errors, own, known), *served_remarks(self._served, self._names),
+            *self._of_own_error(solution, slopes, sigma, errors, own, known),
+            *served_remarks(self._served, self._names),
             *self._of_limits(estimate, errors, tied),
             *_tied(self._names, correlation),
             *self._of_noise(left, sigma, lasting, known),
