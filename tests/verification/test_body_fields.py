@@ -145,6 +145,8 @@ def test_bodies_at_any_instant_of_a_reduced_run() -> None:
     np.testing.assert_allclose(between, 0.7 * both[0] + 0.3 * both[1], rtol=0, atol=1e-8)
     with pytest.raises(InputError, match="times: 0.5 s is outside the run, from 0 to 0.02 s"):
         fields_at(model, run, [0.01, 0.5])
+    with pytest.raises(InputError, match="^no body can be seen: no instant is given, or no mesh is known$"):
+        fields_at(model, run, [])
     with pytest.raises(InputError, match="the run is of a full model with 1 coordinates"):
         fields_at(model, replace(run, model="full", modal=None), [0.01])
 
