@@ -581,7 +581,9 @@ def test_the_page_and_the_terminal_bound_quantiles_where_samples_failed(folder: 
 @pytest.mark.parametrize(
     ("passed", "n_failed", "told"), [(0, 3, "none"), (20, 45, "unknown"), (0, 60, "unknown")],
 )  # fmt: skip
-def test_first_passages_that_are_not_described_are_not_none(folder: Path, passed: int, n_failed: int, told: str) -> None:
+def test_first_passages_that_are_not_described_are_not_none(
+    folder: Path, passed: int, n_failed: int, told: str
+) -> None:
     """Where too many samples failed they have no statistics, whether there are passages or not."""
     many = synthetic.ensemble("reduced", 60, n_failed)
     none = describe(np.empty(0), 10, np.array([0.1, 0.5]), n_failed, 0.95)
