@@ -24,9 +24,8 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import write_xdmf
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.field_frames import fields_at
+from pgmp_petsc.studies.field_frames import fields_at, mode_shape
 from pgmp_petsc.studies.modes_table import tabulate_modes
-from pgmp_petsc.studies.field_frames import mode_shape
 from scenes import HEADER, meshes_of, slider_crank, tables
 
 LENGTH, HEIGHT, WIDTH, ARM, FORCE, YOUNG = 1.0, 0.1, 0.01, 0.2, 100.0, 210e9
