@@ -166,7 +166,9 @@ def test_what_fails_is_in_the_report(scene: Path, tmp_path: Path) -> None:
     assert again.count("(finished before") == 3
 
 
-def test_a_better_run_that_stops_is_said(scene: Path, first: str, no_page: None, monkeypatch) -> None:
+def test_a_better_run_that_stops_is_said(
+    scene: Path, first: str, tmp_path: Path, no_page: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its file holds what there is, and the job ends with status 1."""
 
     def stopped(*given: object) -> Trajectory:
@@ -176,9 +178,10 @@ def test_a_better_run_that_stops_is_said(scene: Path, first: str, no_page: None,
 
     simulated = jobs.simulated
     monkeypatch.setattr(jobs, "simulated", stopped)
-    (scene.with_name("mine_results") / "better.h5").unlink()
-    done = CliRunner().invoke(load(COMMANDS["run"]), [str(scene), "-n", "32", *SHORT], obj=Session(MPI.COMM_SELF))
-    told = r"^full-order simulation stopped; \S*better.h5, which the run is compared with, holds it up to there$"
+    own = shutil.copytree(scene.parent, tmp_path / "own") / scene.name
+    (own.with_name("mine_results") / "better.h5").unlink()
+    done = CliRunner().invoke(load(COMMANDS["run"]), [str(own), "-n", "32", *SHORT], obj=Session(MPI.COMM_SELF))
+    told = r"^full-order simulation stopped; \S*better.h5, which the run is compared with, holds it up to there"
     assert re.search(told, str(done.exception)) and done.exit_code == 1
 
 
