@@ -177,7 +177,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     shapes = {name: table.shape for name, (_, table) in tables.items()}
     sizes = {**_sizes(model, shapes), **_sizes_of_gaps(gaps, shapes)}
     exchange = int(not (scene.controllers or model.outputs.counts))
-    sizes |= {"CORRECTIONS": CORRECTIONS, "EXCHANGE": exchange, "ALWAYS_PROBED": 0, "PROJECTS": 0}
+    sizes |= {"CORRECTIONS": CORRECTIONS, "EXCHANGE": exchange, "ALWAYS_PROBED": 0, "PROJECTS": 0, "SYMMETRIC": 0}
     return replace(
         shared,
         kind="reduced",

@@ -339,7 +339,7 @@ TREES = {
     ),
     "scara": ("simulation.duration=0.1",),
     "payload_arm": (
-        "simulation.duration=0.01", *forces_in("shoulder_gearbox", joint_torque=("y",)),
+        "simulation.duration=0.08", *forces_in("shoulder_gearbox", joint_torque=("y",)),
         *forces_in("wrist_roll", joint_force=("magnitude",), joint_torque=("z",)),
     ),
     "palletizer": (
@@ -349,6 +349,7 @@ TREES = {
     "delta_robot": ("simulation.duration=0.02", "simulation.spectral_radius=1.0"),  # steps end with a projection
     "servo_arm": ("simulation.duration=0.1", 'outputs.held={type="control_force", controller="servo"}'),
     "crank_press": ("simulation.duration=0.1",),
+    "worn_slider_crank": ("simulation.duration=0.02",),
     "slider_crank_solid2d": ("simulation.duration=0.05",),
 }  # fmt: skip
 

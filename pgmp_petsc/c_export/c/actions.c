@@ -4,7 +4,8 @@
 
    with the coordinates eta of the model, without the change of J with them. A measure is the sum of functions of
    statements, each about two frames of its own. Of a law that is led by the effect before it k + gain_v c is with the
-   product of its own g and of g there.
+   product of its own g and of g there. A matrix that is SYMMETRIC, as that of component models is in the program, has
+   nothing of these products, and h of splines alone.
 
    written by pgmp_petsc */
 
@@ -105,8 +106,10 @@ void add_actions(const struct pgmp_model *m, const double strengths[], const dou
     for (int number = 0; number < N_ACTIONS; number++) {
         const struct action *action = actions + number;
         double s = 0.0, rate = 0.0, projected[N] = {0}, bent[N][N] = {{0}}, found[LAW_END + MOST_EDGES];
+        int curved = !SYMMETRIC;
+        for (int part = action->first; part < action->last; part++) curved |= action_parts[part].term.n_pieces > 0;
         for (int part = action->first; part < action->last; part++)
-            s += add_part(action_parts + part, nodes, turned[part], projected, fresh ? bent : 0);
+            s += add_part(action_parts + part, nodes, turned[part], projected, fresh && curved ? bent : 0);
         for (int i = 0; i < N; i++) rate += projected[i] * v[i];
         if (action->role != LED && action->role != BY_LOAD) {
             place = s, speed = rate;
@@ -133,11 +136,12 @@ void add_actions(const struct pgmp_model *m, const double strengths[], const dou
         for (int part = action->first; loads && part < action->last; part++)
             load_part(action_parts + part, nodes, turned[part], found[LAW_FORCE], loads);
         const double *damped = action->role == BY_LOAD ? projected : leading;
+        double stiffness = found[LAW_STIFFNESS], damping = gain_v * found[LAW_DAMPING];
+        if (SYMMETRIC && action->role != ALONE) stiffness = 0.0;
+        if (SYMMETRIC && action->role == LED) damping = 0.0;
         for (int i = 0; fresh && i < N; i++)
             for (int j = 0; j < N; j++)
-                tangent[i][j] += projected[i] * (found[LAW_STIFFNESS] * leading[j] +
-                                                 gain_v * found[LAW_DAMPING] * damped[j]) -
-                                 found[LAW_FORCE] * bent[i][j];
+                tangent[i][j] += projected[i] * (stiffness * leading[j] + damping * damped[j]) - found[LAW_FORCE] * bent[i][j];
     }
     if (fresh) add_tangent(tangent, matrix);
 }

@@ -686,7 +686,7 @@ void place_holders(const struct pgmp_model *m, const double q[N], struct moving 
 
 void add_tangent(double tangent[N][N], struct matrix *matrix) {
     for (int i = 0; i < N; i++)
-        for (int j = 0; j < N; j++) matrix->a[i][j] += tangent[i][j];
+        for (int j = 0; j < N; j++) matrix->a[i][j] += 0.5 * (tangent[i][j] + tangent[j][i]);
 }
 
 void look_at(const struct pgmp_model *m, struct look *look) {
