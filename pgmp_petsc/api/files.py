@@ -300,8 +300,9 @@ def diff(
     """Compare the outputs of `first` and `second`: two runs over time, or two ensembles of the same samples.
 
     Runs are compared at the instants of the one that has fewer, in the time that both cover; the other is interpolated
-    linearly between its own. Outputs in other units, as of scenes in mm and in SI, are compared in those of the first.
-    Ensembles are compared sample by sample at the end.
+    linearly between its own. What joints carry as undeformed bodies start, which hangs on the mesh and on modes alone,
+    is compared from the next instant on. Outputs in other units, as of scenes in mm and in SI, are compared in those of
+    the first. Ensembles are compared sample by sample at the end.
     """
     comm = ranks_of(comm)
     a, b = (one if isinstance(one, Result) else read(one, comm=comm) for one in (first, second))
@@ -328,6 +329,14 @@ def diff(
         of_b = {name: _times(name, a.units[name], b.units[name]) * values for name, values in of_b.items()}
         there = felt({name: _size(of_a[name], of_b[name]) for name in common}, a.units)
         found = {name: _largest(of_a[name], of_b[name], a.units[name], places, there[name]) for name in common}
+        entries = a.record.tables.get("outputs", {}) if a.kind == "trajectory" and len(places) > 1 else {}
+        early = {name for name in entries.keys() & found if found[name].largest and not found[name].place}
+        if early:
+            from pgmp_petsc.outputs.multipliers import after_start  # takes a noticeable time
+
+            for name in early.intersection(after_start(a.scene)):
+                later = (values[1:] for values in (of_a[name], of_b[name]))
+                found[name] = _largest(*later, a.units[name], places[1:], there[name])
         unknown = {name: int(np.sum(np.isfinite(of_a[name]) != np.isfinite(of_b[name]))) for name in common}
         lacking += [f"output {name} is no number {n} times in one of the two alone" for name, n in unknown.items() if n]
         lacking += [f"output {name} is in one of the two" for name in sorted({*a.outputs} ^ {*b.outputs})]

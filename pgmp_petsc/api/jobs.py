@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from os import PathLike, fspath
 from pathlib import Path
@@ -22,7 +22,7 @@ from pgmp_petsc.base.errors import InputError, RunError, counted
 from pgmp_petsc.base.plugins import in_use
 from pgmp_petsc.base.progress import doing
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.bench.prices import Price, prospects, quicker, step_of_samples, step_seconds
+from pgmp_petsc.bench.prices import Price, prospects, quicker, step_of_samples
 from pgmp_petsc.bench.reference import Demand, Reference, choose_reference, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
@@ -37,6 +37,7 @@ from pgmp_petsc.models import FullModel
 from pgmp_petsc.models.lengths import why_of_one_mesh
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.ending import keep, keep_no_longer
+from pgmp_petsc.reduction.length_family import why_no_family
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.report import budget
 from pgmp_petsc.results import Trajectory
@@ -182,7 +183,7 @@ class _Job:
             return "all bodies are rigid"
         if why_no_grid(self.scene, self.kinematics.mechanism):
             return f"{len(self.scene.coordinates)} coordinates"
-        return why_refused(self.scene, Purpose.BUILD, self.meshes)
+        return why_refused(self.scene, Purpose.BUILD, self.meshes) or why_no_family(self.scene, self.meshes)
 
     @property
     def n_steps(self) -> float:
@@ -268,7 +269,7 @@ class _Job:
         else:
             with agreed(self.comm, "preparing the other mesh"):
                 model = FullModel(self.scene, meshes)
-        price = Price(step_seconds(model.kinematics.mechanism, True), self.n_steps)
+        price = Price.of(model.kinematics.mechanism, self.n_steps, True)
         if price.seconds > (limit := self.scene.reference.budget):
             self._say("mesh", f"left out: it is predicted to take {price}, and reference.budget = {limit:g} s")
             return None
@@ -297,7 +298,7 @@ class _Job:
         limit = self.scene.reference.budget
         with agreed(comm, "preparing the full-order model"):
             mesh = FullModel(self.scene, self.meshes, self.kinematics)
-            price = Price(step_seconds(mesh.kinematics.mechanism, True), self.n_steps)
+            price = Price.of(mesh.kinematics.mechanism, self.n_steps, True)
         text = f"the mesh: its run is predicted to take {price} of processor time"
         if price.seconds > limit:
             self._say("compare", f"left out: {text}, and reference.budget = {limit:g} s")
@@ -348,7 +349,8 @@ class _Job:
             mechanism = component_model(self.scene, self.meshes, comm, None, self.kinematics).kinematics.mechanism
         else:
             mechanism = self.kinematics.mechanism
-        price = Price(step_of_samples(self.scene, step_seconds(mechanism), mechanism.bodies), self.n_steps * n_samples)
+        price = Price.of(mechanism, self.n_steps * n_samples)
+        price = replace(price, step=step_of_samples(self.scene, price.step, mechanism.bodies))
         text = f"{n_samples} samples are predicted to take {price} of processor time, reference.budget = {limit:g} s"
         fine = price.seconds <= limit
         self._say("ensemble", text if fine else f"left out: {text}; take fewer with -n, or raise it")

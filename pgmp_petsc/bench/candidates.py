@@ -15,7 +15,15 @@ from itertools import product
 from math import log
 from typing import Any
 
-from pgmp_petsc.bench.prices import coefficients, duration_text, n_local, reduced_step
+from pgmp_petsc.bench.prices import (
+    MODEL,
+    coefficients,
+    configuration_seconds,
+    duration_text,
+    n_local,
+    reduced_step,
+    tells_forces,
+)
 from pgmp_petsc.bench.reference import takes_second_order
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.bodies.shape import has_long_axis
@@ -27,9 +35,9 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import uncertain_names
 
-# s, of a configuration and an unknown: the eigenproblem, as much again for modes at other parameter values and for
-# terms of second order, and each of their pairs
-UNKNOWN, PAIR_OF_UNKNOWN = 8.0e-5, 1.0e-6
+# s, of a configuration and an unknown: each pair of terms of second order, for which an eigenproblem is taken as often
+# again, as for modes at other parameter values
+PAIR_OF_UNKNOWN = 1.0e-6
 SHARE = 0.2  # of the budget, that one candidate may take
 MOST_BYTES = 2**30  # that its tables may have
 
@@ -48,7 +56,9 @@ class CandidatePrices:
         m, n = rung.n_flexible, (angles or self.angles) ** self.limits.n_coordinates
         second, others = (bool(rung.entries[key]) for key in ("second_order", "parameter_modes"))
         pairs = m * (m + 1) / 2 if second else 0
-        build = n * self.limits.n_unknowns * (UNKNOWN * (1 + second + others) + PAIR_OF_UNKNOWN * pairs)
+        n_unknowns = self.limits.n_unknowns
+        each = configuration_seconds(n_unknowns, rung.entries["modes"], self.limits.tells_forces)
+        build = MODEL + n * (each * (1 + second + others) + n_unknowns * PAIR_OF_UNKNOWN * pairs)
         return build + self.n_steps * reduced_step(m, self.limits.n_coordinates, second, self.limits.n_local)
 
     def bytes(self, rung: Rung) -> float:
@@ -128,6 +138,7 @@ class Limits:
     slender: bool = True
     n_unknowns: int = 0  # n_unknowns, n_local: of the mechanism, bodies of cells condensed, and local effects
     n_local: int = 0
+    tells_forces: bool = False  # whether joints tell their forces
     gridded: bool = True  # whether reduced models go over the coordinates on a grid
     refinable: bool = True  # whether meshes can be cut into finer ones and run as the reference: those of lines
 
@@ -161,7 +172,7 @@ class Limits:
         n_inertia, curved = n * (n + 1) // 2 + len(clamped), not scene.second_order and takes_second_order(scene)
         slender = all(map(has_long_axis, mechanism.shapes.values()))
         uncertain, gridded = bool(uncertain_names(scene)), not why_no_grid(scene, mechanism)
-        sizes = mechanism.n_dofs, n_local(scene)
+        sizes = mechanism.n_dofs, n_local(scene), tells_forces(scene)
         return cls(n_modes, n_static, n_terms, uncertain, n, n_inertia, curved, served, slender, *sizes, gridded)
 
 

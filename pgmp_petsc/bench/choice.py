@@ -144,6 +144,7 @@ class ReductionChoice:
             trial = self._bench.try_out(reduction, self._n_steps, loads)
             if trial.reason == FEW_VECTORS:
                 # beside many modes there may be no independent ones from other parameter values: they have them all
+                self._bench.spent += self._prices.seconds(rung, grid["angles"])
                 reduction = reduction.model_copy(update={"parameter_modes": 0})
                 trial = self._bench.try_out(reduction, self._n_steps, loads)
             if not self._worst_load:

@@ -16,7 +16,8 @@ on the tree of joints       frames in space, and the cube of all coordinates and
 =========================== ==========================================================================
 
 Local effects come on top, and outputs that are found after every step. Of the scenes of this project predictions were
-within a factor of two or three, but for mechanisms of few unknowns that hit a stop, which cost five times as much.
+within a factor of two or three. How often samples meet a stop, or cross another edge of a law, nobody knows before they
+run; each time costs as much as thousands of their steps, and is said beside the price (`Price.crossing`).
 
 Over n coordinates a step of a reduced model evaluates ``4^n`` coefficients of each entry of its tables. Bodies in
 floating frames keep as many fields as modes are asked for, and the static answers of their joints.
@@ -36,7 +37,7 @@ import numpy as np
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.controllers.acting import are_stated
-from pgmp_petsc.effects import Effect, actions_of
+from pgmp_petsc.effects import actions_of, effects_of
 from pgmp_petsc.estimates.reference_motion import OF_BESIDE, carrying, found_beside
 from pgmp_petsc.full.joint_tree import count_of
 from pgmp_petsc.lanes.vectors import LANES, N_POWERS
@@ -45,6 +46,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.lengths import why_of_one_mesh
 from pgmp_petsc.outputs.joint_forces import InJoint
 from pgmp_petsc.outputs.stress import points_of
+from pgmp_petsc.reduction.length_family import why_no_family
 from pgmp_petsc.results.numbers import plain
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import uncertain_names
@@ -68,6 +70,8 @@ FOUND_EVERYWHERE = {
 }  # fmt: skip
 FORCES_APART = {2: 1.2e-4, 3: 1.2e-4}  # s, more, where samples are taken one by one: 70, 80 and 185 us were measured
 BY_ITSELF = {2: 1.5e-4, 3: 4.5e-4}  # s, more, of a run of one sample: 70 to 250 us were measured in the plane
+# s, of each edge of a law that a sample crosses: of the mesh or of components, 6 to 20 ms were measured; in the lanes
+CROSSING, CROSSING_IN_LANES = 8e-3, 1.5e-4
 SETTING_UP = {2: 0.04, 3: 0.4}  # s, of a sample of lengths of its own, by the dimension of space
 # s, of a step of a sample of a reduced model: by itself, a local effect, and a coefficient of its tables, which come
 # from the processor's cache, or where those of LANES samples are more than it holds, from memory
@@ -95,13 +99,30 @@ class Price:
 
     step: float  # processor time of a step of a sample, s
     steps: float  # steps of all samples together
+    crossing: float = 0.0  # processor time of each crossing of an edge, s, which are not among them; 0 without edges
+
+    @classmethod
+    def of(cls, mechanism: Mechanism, steps: float, by_itself: bool = False) -> Price:
+        """Return the price of steps of a full-order or component model; see `step_seconds`."""
+        return cls(step_seconds(mechanism, by_itself), steps, CROSSING * has_edges(mechanism))
 
     @property
     def seconds(self) -> float:
         return self.step * self.steps
 
     def __str__(self) -> str:
-        return duration_text(self.seconds)
+        return duration_text(self.seconds) + besides(self.crossing)
+
+
+def has_edges(mechanism: Mechanism) -> bool:
+    """Return whether forces of the scene bend somewhere, as at end stops: steps are divided there."""
+    return any(action.law.edges for action in actions_of(effects_of(mechanism.scene, mechanism)))
+
+
+def besides(crossing: float) -> str:
+    """Say what contacts take besides steps, s for each; empty where there are none."""
+    each = f"and {plain(1e3 * crossing)} ms for each contact that begins or ends"
+    return f" ({each}; only runs tell how many these are)" if crossing else ""
 
 
 def step_seconds(mechanism: Mechanism, by_itself: bool = False) -> float:
@@ -183,6 +204,8 @@ class Prospect:
     unknowns: int = 0  # of a step
     build: float = 0.0  # s, before the first sample
     step: float = 0.0  # s, of a step of a sample in a batch
+    crossing: float = 0.0  # s, of each edge that a sample crosses; see `Price`
+    search: float = 0.0  # s, that candidates for a tolerance may take before; 0 where nothing is left open
     error: float = 0.0  # of deformations, or of outputs that are not of these, as a share
     why: str = ""  # which error that is
 
@@ -191,6 +214,11 @@ class Prospect:
         if self.refused:
             return f"{self.model}: refused, {self.refused}"
         before = f", {duration_text(self.build)} before the first sample" if self.build else ""
+        if self.search:
+            before += (
+                f", and before that a search by its tolerance, whose candidates may take {duration_text(self.search)} "
+                "(reference.budget) besides runs of the reference; pgmp build says what it tries"
+            )
         return (
             f"{self.model}: {self.unknowns} unknowns, {plain(1e6 * self.step)} us a step and sample{before}; {self.why}"
         )
@@ -200,6 +228,7 @@ def prospects(scene: Scene, meshes: Shapes, mechanism: Mechanism, n_flexible: in
     """Return what is predicted of the mesh, of component modes and of a reduced model: of its flexible coordinates, and
     of the load patterns that static modes could answer."""
     everywhere = _found_everywhere(scene)
+    edges = has_edges(mechanism)
     n_rigid, fields = len(scene.coordinates), amplitudes(scene, mechanism, scene.reduction.modes)
     answered = scene.reduction.static_modes or not n_loads or scene.reduction.tolerance is not None
     besides, n_carried = STRAIN * n_strains(scene, mechanism), len(scene.carried)
@@ -216,18 +245,20 @@ def prospects(scene: Scene, meshes: Shapes, mechanism: Mechanism, n_flexible: in
     found = [
         Prospect(
             "mesh", why_refused(scene, Purpose.FULL, meshes), mechanism.n_dofs, 0.0,
-            step_of_samples(scene, step_seconds(mechanism), mechanism.bodies), 0.0,
+            step_of_samples(scene, step_seconds(mechanism), mechanism.bodies), CROSSING * edges, 0.0, 0.0,
             "errors are those of the elements and of the step",
         ),
         Prospect(
             "components",
             why_refused(scene, Purpose.COMPONENTS, meshes) or why_of_one_mesh(scene, uncertain_names(scene)),
             sum(fields.values()) + sum(count_of(mechanism)), condensing(mechanism),
-            step_of_samples(scene, of_components), 0.002, "0.002 to 0.8 % of deformations",
+            step_of_samples(scene, of_components), CROSSING * edges, 0.0, 0.002, "0.002 to 0.8 % of deformations",
         ),
         Prospect(
-            "reduced", why_refused(scene, Purpose.BUILD, meshes), n_flexible + n_rigid, build_seconds(scene, mechanism),
+            "reduced", why_refused(scene, Purpose.BUILD, meshes) or why_no_family(scene, meshes),
+            n_flexible + n_rigid, build_seconds(scene, mechanism),
             reduced_step(n_flexible, n_rigid, scene.second_order, n_local(scene)) + in_lanes,
+            CROSSING_IN_LANES * edges, 0.0 if scene.reduction.tolerance is None else scene.reference.budget,
             0.005 if answered or not deformed else 0.03, share,
         ),
     ]  # fmt: skip
@@ -236,7 +267,7 @@ def prospects(scene: Scene, meshes: Shapes, mechanism: Mechanism, n_flexible: in
     ]
 
 
-def choice(scene: Scene, meshes: Shapes, found: Sequence[Prospect], n_steps: int, effects: Sequence[Effect]) -> str:
+def choice(scene: Scene, meshes: Shapes, found: Sequence[Prospect], n_steps: int) -> str:
     """Return which model to take for how many samples of so many steps, in words; among those whose error is small."""
     good = [one for one in found if not one.refused and one.error <= GOOD]
     compared = not why_refused(scene, Purpose.TRADEOFF, meshes)
@@ -249,11 +280,11 @@ def choice(scene: Scene, meshes: Shapes, found: Sequence[Prospect], n_steps: int
     said = [names[0], *(f"{name} {count}" for name, count in zip(names[1:], counts))]
     row = [row for n, row in pieces if n <= MANY][-1]
     many = duration_text(offline[row] + MANY * n_steps * online[row])
+    apart = besides(good[row].crossing)
     left = [one.model for one in found if not one.refused and one.error > GOOD]
-    divided = any(action.law.edges for action in actions_of(effects))
     return (
-        f"{', '.join(said)}; {MANY} samples of {n_steps} steps are predicted to take {many} with {good[row].model}"
-        + (", without the steps that contacts divide, which may be most of the time" if divided else "")
+        f"{', '.join(said)}; {MANY} samples of {n_steps} steps are predicted to take {many}{apart} with "
+        f"{good[row].model}"
         + (f"; {', '.join(left)} is left out by its error, small with reduction.static_modes = true" if left else "")
         + ("; pgmp tradeoff measures times and errors" if compared else "")
     )
@@ -345,13 +376,23 @@ def _dense(scene: Scene, mechanism: Mechanism) -> float:
     return sum(FIELDS_CUBE * min(n, body.n_internal) ** 3 for n, body in zip(n_fields, cells))
 
 
+def configuration_seconds(n_unknowns: int, n_modes: int, tells_forces: bool) -> float:
+    """Return the predicted processor time of a configuration of a build, s, without what condensed bodies add: of its
+    eigenproblem, and of the gaps of joints that tell their forces."""
+    gaps = GAPS * n_modes if tells_forces else 0.0
+    return (SECONDS + SECONDS_PER_UNKNOWN * n_unknowns) * (1.0 + gaps)
+
+
+def tells_forces(scene: Scene) -> bool:
+    """Return whether a reduced model has gaps, for the forces that joints carry."""
+    told = {one.joint for one in scene.outputs.values() if isinstance(one, InJoint)}
+    return bool(scene.carried) or any(not scene.joints[joint].gives_way for joint in told)
+
+
 def build_seconds(scene: Scene, mechanism: Mechanism) -> float:
     """Return the predicted processor time of a reduced model's build, s, of all its lengths; bodies of cells are
     condensed first."""
     n_unknowns = sum(body.dofs.size for body in mechanism.bodies if not body.to_condense)
     n_configurations = scene.reduction.angles ** len(scene.coordinates)
-    told = {one.joint for one in scene.outputs.values() if isinstance(one, InJoint)}
-    held = scene.carried or any(not scene.joints[joint].gives_way for joint in told)
-    gaps = GAPS * scene.reduction.modes if held else 0.0
-    each = (SECONDS + SECONDS_PER_UNKNOWN * n_unknowns) * (1.0 + gaps) + _dense(scene, mechanism)
+    each = configuration_seconds(n_unknowns, scene.reduction.modes, tells_forces(scene)) + _dense(scene, mechanism)
     return count_builds(scene) * (MODEL + condensing(mechanism) + n_configurations * each)

@@ -152,7 +152,7 @@ def choose_reference(
     if not missing:
         with agreed(comm, "preparing the full-order model"):
             mesh = FullModel(scene, meshes, kinematics)
-            of_mesh = Price(step_seconds(mesh.kinematics.mechanism, demand.by_itself), demand.steps)
+            of_mesh = Price.of(mesh.kinematics.mechanism, demand.steps, demand.by_itself)
         if wanted == "mesh" or wanted == "auto" and of_mesh.seconds <= budget:
             named = "as reference.model says" if wanted == "mesh" else f"within reference.budget = {budget:g} s"
             why = f"reference: the mesh; its runs are predicted to take {of_mesh} of processor time, {named}"
@@ -170,7 +170,7 @@ def choose_reference(
         if wanted == "components":
             raise InputError(f'reference.model = "components": {error}') from error
         raise InputError(f"{refused}; there is no component model in its place: {error}") from error
-    price = Price(step_seconds(components.kinematics.mechanism, demand.by_itself), demand.steps)
+    price = Price.of(components.kinematics.mechanism, demand.steps, demand.by_itself)
     if wanted == "auto" and price.seconds > budget:
         named = 'name reference.model ("mesh" or "components") to take it at its price'
         raise InputError(f"{refused}, of the component model {price}; raise reference.budget, {named}, {demand.cure}")

@@ -38,6 +38,7 @@ FUNCTIONS = {
     "atan2": (2, f"({ATAN2})"),
     "where": (3, "({y} if {condition} else {z})"),
 }
+TURNING = {"abs", "tanh", "sign", "min", "max", "atan2", "where"}
 OPERATIONS = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**", ast.USub: "-", ast.UAdd: "+", ast.Lt: "<",
     ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
@@ -147,6 +148,12 @@ def declared(text: str, names: Mapping[str, str], words: str) -> tuple[str, set[
         return number(tree), used
     except RecursionError:
         raise FormulaError("is nested too deeply") from None
+
+
+def turns_at_once(text: str) -> bool:
+    """Return whether a formula has a comparison, or a function that bends within little of what it is of."""
+    nodes = list(ast.walk(ast.parse(text.strip(), mode="eval")))
+    return any(isinstance(node, ast.Compare) or getattr(node, "id", "") in TURNING for node in nodes)
 
 
 def jumps_with(text: str) -> frozenset[str]:

@@ -31,7 +31,7 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.design.goals import TurnedBack
 from pgmp_petsc.design.measured_history import MeasuredHistory, autocorrelation, remembered
 from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, difference_remarks, step_remarks
-from pgmp_petsc.estimates.error_indicator import errors_of_runs, not_known
+from pgmp_petsc.estimates.error_indicator import Estimate, errors_of_runs, not_known
 from pgmp_petsc.estimates.own_error import of_figures
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differences import announce_runs
@@ -196,12 +196,17 @@ class _Fitting:
         errors, correlation, tied = uncertainty(slopes, self._scale, lasting)
         estimate = np.array([solution.values[name] for name in self._names])
         scene, history = self._model.scene, self._history
+        own = errors_of_runs(self._model, [scene.values | solution.values])
+        known = None if own is None else own.over(history.time, self._n)
+        if known is not None:
+            known = {name: known[name][history.there(name)] for name in self._n}
         remarks = (
             *history.remarks, *self._of_solution(solution), *self._turned_back.remarks,
-            *self._of_own_error(solution, slopes, sigma, errors), *served_remarks(self._served, self._names),
+            *self._of_own_error(solution, slopes, sigma, errors, own, known),
+            *served_remarks(self._served, self._names),
             *self._of_limits(estimate, errors, tied),
             *_tied(self._names, correlation),
-            *self._of_noise(left, sigma, lasting),
+            *self._of_noise(left, sigma, lasting, known),
             *difference_remarks(self._model, solution.run.off), *step_remarks(self._model, solution.run),
             *contact_remarks(solution.run), *scene.remarks,
         )  # fmt: skip
@@ -363,15 +368,15 @@ class _Fitting:
                     )
 
     def _of_own_error(
-        self, solution: _Solution, slopes: Sequence[np.ndarray], sigma: np.ndarray, errors: np.ndarray
-    ) -> tuple[Remark, ...]:
+        self, solution: _Solution, slopes: Sequence[np.ndarray], sigma: np.ndarray, errors: np.ndarray,
+        estimate: Estimate | None, known: Mapping[str, np.ndarray] | None,
+    ) -> tuple[Remark, ...]:  # fmt: skip
         """Return what errors of the model do to the estimates, by a step of the fit: `slopes` are its Jacobians over
-        the noise, (n_k, n_parameters) of each output, standard errors are (n_parameters,)."""
-        own = errors_of_runs(self._model, [self._model.scene.values | solution.values])
-        known = None if own is None else own.over(self._history.time, self._n)
+        the noise, (n_k, n_parameters) of each output, standard errors are (n_parameters,). Its errors where outputs
+        were measured, (n_k,) each, are `known` of its estimate, or None."""
         if known is None:
-            return (not_known(self._model, "the estimates", own, self._n),)
-        row = np.concatenate([known[name][self._history.there(name)] / one for name, one in zip(self._n, sigma)])
+            return (not_known(self._model, "the estimates", estimate, self._n),)
+        row = np.concatenate([known[name] / one for name, one in zip(self._n, sigma)])
         moved = np.linalg.lstsq(np.concatenate(slopes) * self._scale, row, rcond=NO_DIRECTION)[0] * self._scale
         # y - e follows the data with values that differ by the step that e asks for
         figures = []
@@ -384,15 +389,22 @@ class _Fitting:
 
     @gathered
     def _of_noise(
-        self, left: Sequence[np.ndarray], sigma: np.ndarray, lasting: Sequence[np.ndarray]
-    ) -> Iterator[Remark]:
-        """Return in which outputs what is left is no independent noise, or not of the size that was given."""
+        self, left: Sequence[np.ndarray], sigma: np.ndarray, lasting: Sequence[np.ndarray],
+        known: Mapping[str, np.ndarray] | None,
+    ) -> Iterator[Remark]:  # fmt: skip
+        """Return in which outputs what is left is no independent noise, or not of the size that was given; the model's
+        errors are `known` as of `_of_own_error`."""
         for k, (name, row) in enumerate(zip(self._history.outputs, left)):
             size = float(np.sum(row**2))
             if size <= row.size * self._least[k] ** 2:
                 continue  # of what iterations leave nothing is to be told
             lag, after = remembered(row)
-            if lag:
+            if lag and known is not None and size <= float(np.sum(known[name] ** 2)):
+                yield note(
+                    f"what is left of {name} is no more than the run's own error: whether the model differs from what "
+                    "was measured is not to be told"
+                )
+            elif lag:
                 where = "from one measurement to the next" if lag == 1 else f"with the measurement {lag} later"
                 yield warning(
                     f"what is left of {name} is no independent noise (correlation {after:.2f} {where}): the model "

@@ -25,7 +25,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.declare.formulas import ALLOWED, FormulaError, declared, jumps_with, why_no_name
+from pgmp_petsc.declare.formulas import ALLOWED, FormulaError, declared, jumps_with, turns_at_once, why_no_name
 from pgmp_petsc.declare.own_units import in_si
 from pgmp_petsc.effects.action import NOTHING, Action, place_of
 from pgmp_petsc.effects.effect import ActionEffect
@@ -222,7 +222,6 @@ class FormulaEffect(OnJoint):
     one_of = ("joint", "points")
     changeable = ("force", "constants")
     strength_unit = "s"  # of what its law has over time, which is the time
-    edged = True
     joint: str | None = Field(None, description="name of a joint that turns or slides")
     points: Connection | None = Field(None, description='two points, "body:point" or "ground:point"')
     over: str | None = Field(
@@ -241,6 +240,11 @@ class FormulaEffect(OnJoint):
     def jumps_with(self) -> frozenset[str]:
         """Names in its comparisons and signs."""
         return jumps_with(self.force)
+
+    @property
+    def edged(self) -> bool:
+        """Whether it may turn within a step."""
+        return turns_at_once(self.force)
 
     def check_entries(self) -> None:
         for name in self.constants:

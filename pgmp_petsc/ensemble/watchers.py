@@ -311,6 +311,9 @@ class _OverTimeWatch(PooledObserver):
         self.finish()
         samples = self._begun.samples
         lost = (status != Status.FINE)[samples]
+        if self._steps.size > 2:
+            for name in (self._bands.keys() & {*self._late}) - self._counts.keys():
+                self._bands[name][:, 0] = self._bands[name][:, 1]  # as `outputs.multipliers.judged` has them
         kept: Found = {
             "extremes": {f"{name}/{w}": v for name, one in self._extremes.items() for w, v in one.found().items()},
             "first_passages": {label: passage.time for label, passage in self._passages.items()},

@@ -286,7 +286,7 @@ def step_errors(
     elif other.shortest[sample] < BRIEF * other.step:
         unsure = f"a contact lasts {other.shortest[sample]:.2g} s"
     elif edged and (loudest > RUBS or other.status[sample] != Status.FINE):
-        unsure = "friction or stops act with vibrations that a coarser step loses"
+        unsure = f"forces that turn at once ({', '.join(edged)}) act with vibrations that a coarser step loses"
     if unsure:
         order = rough(ratio)
     elif at_once:

@@ -165,16 +165,18 @@ def largest_at_start(scene: Scene, outputs: Arrays, units: Units) -> Iterator[Re
     system, told = scene.system, []
     sizes = {name: np.max(np.abs(values)) for name, values in judged(scene, outputs).items()}
     largest = felt(sizes, units, joints=joints_of(scene))
-    for name in after_start(scene):
+    late = after_start(scene)
+    for name in late:
         start, later = abs(float(outputs[name][0])), float(largest[name])
         if start > (1.0 + SMALL) * later > 0.0 and name not in scene.counted:
             both = (with_unit(*system.named(one, units[name]), 3) for one in (start, later))
             told.append("{} ({}, later {} at most)".format(name, *both))
     if told:
+        counted = ", but cycles are counted from time 0" if {*late} & {*scene.counted} else ""
         yield warning(
             f"largest at time 0: {', '.join(told)}. What joints carry where bodies start undeformed hangs there on the "
-            "mesh and on modes alone: estimated errors, and extremes and events of ensembles, begin with the next "
-            "instant; start with initial.equilibrium = true, or let loads grow from zero"
+            "mesh and on modes alone: estimated errors, and extremes, events and bands of ensembles, begin with the "
+            f"next instant{counted}; start with initial.equilibrium = true, or let loads grow from zero"
         )
 
 

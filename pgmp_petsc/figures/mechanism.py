@@ -184,10 +184,17 @@ class Shapes:
 
 def spans_of(frames: Frames, record: RunRecord | None, shown: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return both points of what acts between two, (n_f, 2, d), m, of bodies whose nodes are shown in places (n_f,
-    n_nodes, d); without those whose place a run does not say."""
+    n_nodes, d); without those whose place a run does not say (`without_span`)."""
     pairs = spans_in({} if record is None else style.scene_of(record))
     paths = {name: [paths_of(frames, record, one, shown) for one in pair] for name, pair in pairs.items()}
     return {name: np.concatenate(own, axis=1) for name, own in paths.items() if own[0].shape[1] == own[1].shape[1] == 1}
+
+
+def without_span(frames: Frames, record: RunRecord) -> list[str]:
+    """Say what acts between two points and is not drawn."""
+    pairs, drawn = spans_in(style.scene_of(record)), spans_of(frames, record, frames.positions)
+    names = ", ".join(name for name in pairs if name not in drawn)
+    return [f"{names}: not drawn, as a run does not say where points of meshes are"] if names else []
 
 
 def paths_of(frames: Frames, record: RunRecord, address: str, shown: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -313,7 +320,8 @@ def mechanism(
     shapes.draw(axes, chosen[-1], colours.at(frames.time[chosen[-1]]), width=3.0, pin=5.5, zorder=4)
     shapes.scale(axes, low, high, unit)
     colours.add_bar(axes)
-    notes, plain, enlarged = captions.of_runs([trajectory]), shapes.not_enlarged, ""
+    notes = [*captions.of_runs([trajectory]), *without_span(frames, trajectory.record)]
+    plain, enlarged = shapes.not_enlarged, ""
     if exaggeration != 1.0:
         deformable = len(frames.nodes) - len(frames.rigid)
         if plain:

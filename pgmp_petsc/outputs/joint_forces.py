@@ -64,6 +64,10 @@ class InJoint(OutputEntry):
             words = f"what {self.joint} couples there is the {share.motion} of {share.joint}: take {other}"
             yield problem(f"{entry}.of", words, self.of)
 
+    def of_springs(self, scene: Scene) -> bool:
+        elastic = scene.joints[self.joint].elastic
+        return elastic is not None and elastic.are_all(self.turning)
+
     def multiplied(self, name: str, kinematics: RigidKinematics) -> ForceOutput:
         mechanism = kinematics.mechanism
         coupling = next((one for one in mechanism.couplings if one.name == self.joint), None)

@@ -56,11 +56,12 @@ def joints_of(scene: Scene) -> dict[str, str]:
 def after_start(scene: Scene) -> tuple[str, ...]:
     """Return the outputs that are judged from the first step on: what joints carry where bodies start undeformed.
 
-    Loads have not reached the joints at time 0: what these carry then hangs on the mesh and on modes alone.
+    Loads have not reached the joints at time 0: what these carry then hangs on the mesh and on modes alone; but what
+    springs of theirs carry is known from where they are.
     """
     if scene.initial.equilibrium or not any(body.flexible for body in scene.bodies.values()):
         return ()
-    return tuple(name for name in scene.outputs if reads(scene, name, "multipliers"))
+    return tuple(name for name in scene.outputs if reads(scene, name, "multipliers", but_springs=True))
 
 
 def judged(scene: Scene, found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

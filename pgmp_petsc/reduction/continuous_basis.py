@@ -261,7 +261,7 @@ def compression_of(
     turned up at a sample that came since. Others are then chosen, or fewer.
     """
     n_snapshots = joined.snapshots.stop - joined.n_kept
-    if not n_parameter:
+    if not n_parameter or not n_snapshots:
         return before or Compression(np.empty((n_snapshots, 0)), np.empty((len(joined.flipped), 0), dtype=bool))
     grams, flipped = _grams(mechanism, nominal, joined), joined.flipped[:, joined.snapshots]
     return before if before is not None and before.holds(grams) else Compression.of(grams, flipped, n_parameter)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
@@ -46,6 +47,34 @@ FOLLOWED = 0.9  # between spaces of modes of neighbouring angles; below, more an
 MORE = "take more reduction.length_points, or a narrower range"
 
 
+@contextmanager
+def _at(scene: Scene, lengths: Mapping[str, float]) -> Iterator[None]:
+    """Say at which lengths a model of the family is refused."""
+    try:
+        yield
+    except (InputError, RunError) as error:
+        cure = f". The model spans the whole range of {' and '.join(lengths)}: narrow the bounds, or take --full"
+        cure = "" if _same(lengths, {name: scene.nominal[name] for name in lengths}) else cure
+        error.args = (f"at {values_text(scene, lengths)}: {error}{cure}", *error.args[1:])
+        raise
+
+
+def why_no_family(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
+    """Return at which of the lengths of a build the mechanism cannot be put together or turned, and why; empty where it
+    can at all of them, and without lengths."""
+    if not length_names(scene):
+        return ""
+    grid = LengthGrid.of(scene)
+    try:
+        for values in ({name: scene.nominal[name] for name in grid.names}, *grid.points):
+            own = held(scene, values)
+            with _at(scene, values):
+                RigidKinematics(Mechanism.from_scene(own, at_lengths(own, meshes)), over_range=True)
+    except (InputError, RunError) as error:
+        return str(error)
+    return ""
+
+
 def build_over_lengths(
     scene: Scene, meshes: Mapping[str, BodyShape], build: Build, comm: Comm
 ) -> ReducedOrderModel | None:
@@ -64,13 +93,8 @@ def build_over_lengths(
         if points is not None and points.values:
             n = len(points.missed) - 1
             there = replace(points, values=points.values | {name: np.full(n, value) for name, value in values.items()})
-        try:
+        with _at(scene, values):
             return build(own, at_lengths(own, meshes), samples, there)
-        except (InputError, RunError) as error:
-            cure = f". The model spans the whole range of {' and '.join(values)}: narrow the bounds, or take --full"
-            cure = "" if _same(values, nominal_lengths) else cure
-            error.args = (f"at {values_text(scene, values)}: {error}{cure}", *error.args[1:])
-            raise
 
     everywhere, samples, points, said = scene, None, None, ()
     if scene.reduction.sampling_tolerance is not None:

@@ -163,7 +163,8 @@ def choose_points(scene: Scene, problem: ModalProblem, loads: StaticLoads, group
         chosen: list[int] = []
         current = shares(chosen)
         missed = [current.max()]
-        while len(chosen) < min(MOST_POINTS, len(candidates)):
+        # where nothing is missed, as with parameters of forces alone, a point gives vectors of round-off
+        while current.max() > 0.0 and len(chosen) < min(MOST_POINTS, len(candidates)):
             trial = [*chosen, int(np.argmax(current))]
             found = shares(trial)
             if trial[-1] in chosen or (chosen and found.max() > GAIN * current.max()):

@@ -23,7 +23,7 @@ from matplotlib.tri import Triangulation
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.declare.records import number_name
 from pgmp_petsc.figures import motion
-from pgmp_petsc.figures.mechanism import AT_REST, FLAT, ends, is_followed, shown_positions
+from pgmp_petsc.figures.mechanism import AT_REST, FLAT, ends, is_followed, shown_positions, without_span
 from pgmp_petsc.figures.solids import COLOURS, EDGE, PLAIN, RIGID, colours_of, view_of
 from pgmp_petsc.figures.style import PALETTE, axis_unit, new_figure, round_below, scene_of
 from pgmp_petsc.report.sources import Datum
@@ -366,7 +366,7 @@ def _paths(run: Trajectory, joints: dict[str, np.ndarray], moving: bool) -> list
 
 
 def _notes(run: Trajectory, bodies: list[motion.Skin], enlarged: bool) -> list[str]:
-    said = motion.uncoloured(run.fields) if run.fields else []
+    said = without_span(run.frames, run.record) + (motion.uncoloured(run.fields) if run.fields else [])
     if run.fields and run.model == "reduced":
         said += filter(None, [truncated(run.record.tables)])
     unknown = [body.name for body in bodies if _kind(body) == "flexible" and not _known(body).all()]

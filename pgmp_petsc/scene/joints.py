@@ -89,6 +89,11 @@ class Elastic(Table):
         keys = chain(*DAMPED_BY.items())
         return self.reference, *(tuple(x if x in (0.0, math.inf) else 1.0 for x in getattr(self, key)) for key in keys)
 
+    def are_all(self, turning: bool) -> bool:
+        """Whether springs carry all forces of the joint, or all moments."""
+        stiffness = self.turning_stiffness if turning else self.stiffness
+        return bool(stiffness) and math.inf not in stiffness
+
     def problems(self, dimension: int, entry: str) -> Iterator[str]:
         """Yield a line if its axes make no frame, it has not as many numbers as axes, or damps what stays rigid."""
         yield from frame_problems(self, dimension, entry)
@@ -429,6 +434,10 @@ class ElasticCoupling(Table):
     damping: Annotated[NotNegativeOrParameter, Unit("N m s/rad", "N s/m")] = Field(
         0.0, description="damping (N m s/rad or N s/m)"
     )
+
+    def are_all(self, turning: bool) -> bool:
+        """Whether springs carry all of it: there is one."""
+        return True
 
 
 @dataclass(frozen=True)

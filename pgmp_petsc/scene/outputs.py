@@ -136,6 +136,10 @@ class OutputEntry(Table):
         """Whether it is counted over a run: a figure of the whole of it, as a damage."""
         return "history" in self.reads
 
+    def of_springs(self, scene: AnyScene) -> bool:
+        """Whether it is of what a joint's springs carry, none of which is a multiplier."""
+        return False
+
     def kinked_in(self, scene: AnyScene) -> bool:
         """Whether it is the largest at many points: its history has kinks where another point takes over."""
         return any(scene.outputs[one].kinked_in(scene) for one in self.made_in(scene))
@@ -198,10 +202,11 @@ def per_second(unit: str) -> str:
     return f"{unit[: found.start()]}/s{int(found[1] or 1) + 1}" if found else f"{unit or 1}/s"
 
 
-def reads(scene: AnyScene, name: str, what: str) -> bool:
-    """Whether an output, or one that it is made of, reads something of `READS`."""
+def reads(scene: AnyScene, name: str, what: str, but_springs: bool = False) -> bool:
+    """Whether an output, or one that it is made of, reads something of `READS`; or other than as a spring's force."""
     entry = scene.outputs[name]
-    return what in entry.reads or any(reads(scene, one, what) for one in entry.made_in(scene))
+    own = what in entry.reads and not (but_springs and entry.of_springs(scene))
+    return own or any(reads(scene, one, what, but_springs) for one in entry.made_in(scene))
 
 
 def models_alone(scene: AnyScene, name: str) -> bool:

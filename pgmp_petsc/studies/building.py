@@ -26,6 +26,7 @@ from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.checkpoint import BuildCheckpoint, Finished, SceneCheckpoint
+from pgmp_petsc.reduction.length_family import why_no_family
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import EffectSizes, Selection
 from pgmp_petsc.scene import Scene, scene_to_toml
@@ -137,6 +138,8 @@ def _check_ahead(scene: Scene, meshes: Shapes) -> None:
     check_capabilities(scene, Purpose.BUILD, meshes)
     kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
     OutputSet.of(scene, kinematics)
+    if why := why_no_family(scene, meshes):
+        raise InputError(why)
     if not scene.initial.equilibrium and any(joint.offset is not None for joint in scene.joints.values()):
         require_balance(scene, kinematics, start_of(scene, kinematics.mechanism)[0], scene.values)
 

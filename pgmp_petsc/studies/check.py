@@ -111,7 +111,7 @@ def describe_scene(scene: Scene, meshes: Shapes) -> str:
     if flexible_bodies:
         models = _models(scene, meshes, mechanism, patterns)
         lines += [f"  model         {one.text}" for one in models]
-        lines.append(f"  take          {choice(scene, meshes, models, scene.simulation.n_steps, effects)}")
+        lines.append(f"  take          {choice(scene, meshes, models, scene.simulation.n_steps)}")
     lines += [f"  {remark}" for remark in (*kinematics.remarks, *_drawn(scene, meshes))]
     lines.append(
         f"  outputs       {', '.join(f'{n} ({scene.system.unit(u)})' for n, u in outputs.units.items()) or 'none'}"
@@ -397,7 +397,7 @@ def summary_of_scene(scene: Scene, meshes: Shapes) -> dict[str, Any]:
         "unknowns": mechanism.n_dofs,
         "constraints": mechanism.n_constraints,
         "models": {one.model: asdict(one) for one in models},
-        "take": choice(scene, meshes, models, scene.simulation.n_steps, effects) if models else "",
+        "take": choice(scene, meshes, models, scene.simulation.n_steps) if models else "",
         "remarks": [asdict(remark) for remark in (*scene.remarks, *_drawn(scene, meshes))],
     }
 

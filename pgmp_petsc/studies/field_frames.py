@@ -89,7 +89,8 @@ def fields_at(model: ReducedModel, run: Trajectory, times: Sequence[float]) -> d
     eta = np.stack([np.interp(instants, run.time, column) for column in columns.T], axis=1)
     fields = model.fields(instants.size)
     if not fields.seen.points:
-        raise InputError(f"no body can be seen: {'; '.join(map(' '.join, fields.seen.left_out.items())) or 'no mesh'}")
+        why = "; ".join(map(" ".join, fields.seen.left_out.items())) or "no instant is given, or no mesh is known"
+        raise InputError(f"no body can be seen: {why}")
     nodal = np.moveaxis(model.frames_of(eta), 2, 0)
     return field_frames(fields.seen, model.kinematics, nodal, fields_over(fields, eta, model.scene.values))
 

@@ -206,4 +206,5 @@ def _check_same_mechanism(scene: Scene, rom: ReducedOrderModel | None) -> None:
             raise InputError(f"--rom: it was built from another scene: [{table}] differs; build it from this one")
     missing = scene.parameters.keys() ^ built.parameters.keys()
     if missing:
-        raise InputError(f"--rom: it was built with other parameters: {', '.join(sorted(missing))}")
+        names = ", ".join(sorted(missing))
+        raise InputError(f"--rom: it was built with other parameters: {names}; build it from this scene")

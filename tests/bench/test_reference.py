@@ -20,6 +20,7 @@ from pgmp_petsc.bench.prices import (
     FORCES,
     FORCES_IN_LANES,
     STRAIN,
+    Price,
     Prospect,
     build_seconds,
     coefficients,
@@ -168,6 +169,21 @@ def test_a_build_says_which_model_is_much_quicker() -> None:
     model, why = quicker([mesh, parts[1], reduced])
     assert model == "full" and why.endswith("of the mesh 2 us")
     assert quicker([mesh, replace(reduced, step=5e-6)]) == quicker([mesh, replace(reduced, refused="so")]) == ("", "")
+
+
+def test_contacts_and_searches_are_said_beside_a_price() -> None:
+    """How often steps are divided, and which candidates are tried, is not known before."""
+    plain = scene_of("beams", "torque")
+    stopped = changed(plain, 'effects.stop={type="end_stop", joint="crank_hinge", upper=0.5, stiffness=1e3}')
+    texts = [str(Price.of(Mechanism.from_scene(scene, meshes_for(scene)), 1e6)) for scene in (plain, stopped)]
+    assert "contact" not in texts[0] and texts[1].endswith("(and 8 ms for each contact that begins or ends; only runs "
+                                                           "tell how many these are)")  # fmt: skip
+    open_one = changed(plain, "reduction.tolerance=0.01", "reference.budget=90")
+    for scene, searched in ((plain, False), (open_one, True)):
+        meshes = meshes_for(scene)
+        *_, reduced = prospects(scene, meshes, Mechanism.from_scene(scene, meshes), 6, 1)
+        said = "before that a search by its tolerance, whose candidates may take 90 s (reference.budget)"
+        assert (said in reduced.text) == searched
 
 
 def points(scene: Scene, n: int) -> dict[str, np.ndarray]:

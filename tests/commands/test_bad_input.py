@@ -157,6 +157,8 @@ simulate ROM -o OUT & parameters.r1.nominal=5e-3 -> --override parameters.r1.nom
 simulate ROM -o OUT & effects.weight={type="gravity"} -> --override effects | pgmp build
 simulate ROM -o OUT & effects.motor.scale=2.0 -> --override effects.motor | pgmp build
 * modes SCENE --rom ROM -o OUT & bodies.rod.section.radius=6e-3 & SMALL -> --rom | [bodies] differs
+* modes SCENE --rom ROM -o OUT & parameters.more={nominal=1.0} & effects.motor.scale="more" & SMALL -> \
+    --rom | other parameters: more; build it from this scene
 * montecarlo ROM -n 2 -o OUT & parameters.r1={nominal=5.6e-3} -> parameters: none has a distribution
 montecarlo ROM -n 2 -o OUT --set r1=5e-3 -> --set r1=5e-3 | parameters.r1.distribution | --override
 montecarlo ROM -n 1 --seed 18446744073709551616 -o OUT -> --seed | 9223372036854775807

@@ -14,6 +14,8 @@ from refusals import refusal
 import pgmp_petsc as pgmp
 from pgmp_petsc.cli.declared import Session
 from pgmp_petsc.cli.main import COMMANDS, load
+from pgmp_petsc.scene import scene_to_toml
+from scenes import slider_crank
 
 
 def diff(*words: object) -> tuple[int, str]:
@@ -158,3 +160,18 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
     assert "have no instant, or no fine sample, in common" in refusal(pgmp.diff, run, held(later))
     with pytest.raises(pgmp.InputError, match="tolerance = -1: allowed are numbers from 0"):
         pgmp.diff(run, run, tolerance=-1)
+
+
+def test_what_joints_carry_as_undeformed_bodies_start_is_compared_from_the_next_instant_on() -> None:
+    """At time 0 it hangs on the mesh alone; that of a spring in the joint does not."""
+    for entry, place in (("", 1e-3), ("joints.crank_hinge.elastic={reference=[[1,0]],stiffness=[1e6,1e6]}", 0.0)):
+        scene = slider_crank('outputs={F={type="joint_force",joint="crank_hinge"}}', *filter(None, [entry]))
+        run = synthetic.trajectory("reduced", n_frames=0)
+        record = replace(run.record, scene_toml=scene_to_toml(scene))
+        time = 1e-3 * np.arange(len(run.time))
+        second = np.ones(len(time))
+        second[:2] += 5.0, 0.01
+        first, second = {"F": np.ones(len(time))}, {"F": second}
+        runs = (replace(run, record=record, time=time, outputs=one, units={"F": "N"}) for one in (first, second))
+        one = pgmp.diff(*map(held, runs)).outputs["F"]
+        assert one.place == pytest.approx(place) and one.largest == pytest.approx(0.01 if place else 5.0)

@@ -3,19 +3,27 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from conftest import ROOT, run_mpi
+from length_scenes import long_crank
 from machine_scenes import cart
+from mpi4py import MPI
 from runs import PGMP, one_message, overridden, pgmp, said
 
 from pgmp_petsc.api import jobs
-from pgmp_petsc.results import Ensemble
+from pgmp_petsc.base.errors import warning
+from pgmp_petsc.cli.declared import Session
+from pgmp_petsc.cli.main import COMMANDS, load
+from pgmp_petsc.results import Ensemble, Trajectory
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.loading import write_template
+from pgmp_petsc.stepping.status import Status
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 # without extremes: fewer pictures on the page
@@ -150,11 +158,46 @@ def test_what_fails_is_in_the_report(scene: Path, tmp_path: Path) -> None:
     out, err = said("run", scene, "-o", tmp_path / "out", "-n", 8, *SHORT, *narrow, status=1)
     assert "simulation stopped at" in err and "some samples failed" in err and err.count("pgmp: error") == 1
     assert told(out)["compare"][0].startswith("left out: no reference is within reference.budget = 1e-09 s")
+    assert told(out)["mesh"] == ["left out: no run of the mesh to compare with"]
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "Samples that failed" in page and "run.h5: the run stopped at" in page
     # what failed counts as done: it would fail again
     again, err = said("run", scene, "-o", tmp_path / "out", "-n", 8, *SHORT, *narrow, status=1)
     assert again.count("(finished before") == 3
+
+
+def test_a_better_run_that_stops_is_said(
+    scene: Path, first: str, tmp_path: Path, no_page: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its file holds what there is, and the job ends with status 1."""
+
+    def stopped(*given: object) -> Trajectory:
+        found = simulated(*given)
+        record = replace(found.record, remarks=(warning("full-order simulation stopped"), *found.record.remarks))
+        return replace(found, status=int(Status.NOT_CONVERGED), record=record)
+
+    simulated = jobs.simulated
+    monkeypatch.setattr(jobs, "simulated", stopped)
+    own = shutil.copytree(scene.parent, tmp_path / "own") / scene.name
+    (own.with_name("mine_results") / "better.h5").unlink()
+    done = CliRunner().invoke(load(COMMANDS["run"]), [str(own), "-n", "32", *SHORT], obj=Session(MPI.COMM_SELF))
+    told = r"^full-order simulation stopped; \S*better.h5, which the run is compared with, holds it up to there"
+    assert re.search(told, str(done.exception)) and done.exit_code == 1
+
+
+def test_runs_beyond_the_budget_are_left_out(tmp_path: Path, no_page: None) -> None:
+    """Of a mechanism that closes at its nominal lengths alone, and of a robot: each has another model for its runs."""
+    wide = 'parameters.rod_length={nominal=0.7, bounds=[0.25,0.9], distribution={name="uniform",loc=0.25,scale=0.65}}'
+    scene = long_crank(wide, "simulation.duration=5e-3", "reference.budget=1e-9")
+    (tmp_path / "long.toml").write_text(scene_to_toml(scene))
+    lines = told(said("run", tmp_path / "long.toml", "-n", 3)[0])
+    assert lines["build"][0].startswith("left out: no reduced model (at rod_length = 0.265")
+    assert lines["mesh"][0].startswith("left out: it is predicted to take") and lines["simulate"][0].startswith("full")
+    assert re.match("left out: 3 samples .* reference.budget = 1e-09 s; take fewer with -n", lines["ensemble"][0])
+    short = overridden("simulation.duration=5e-3", "simulation.step=1e-3", "reference.budget=1e-9")
+    lines = told(said("run", ROOT / "scenes" / "six_joint_arm.toml", "-o", tmp_path / "arm", *short)[0])
+    assert re.match("left out: the mesh: its run is predicted to take .*, and reference.budget", lines["compare"][0])
+    assert lines["mesh"] == ["left out: no run of the mesh to compare with"]
 
 
 def test_two_ranks_give_the_same_figures(scene: Path, first: str, tmp_path: Path) -> None:

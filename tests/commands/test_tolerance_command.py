@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from conftest import ROOT, run_mpi
 from refusals import cases
-from runs import PAPER_SCENE, PGMP, besides_progress, overridden, pgmp, refused
+from runs import PAPER_SCENE, PGMP, besides_progress, overridden, pgmp, refused, said
 
 from pgmp_petsc.components.condensing import FACTORS
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
+from pgmp_petsc.scene.loading import write_template
 
 RIGID = 'outputs={crank_angle={type="angle", joint="crank_hinge"}}'
 NO_MORE = "inertia_modes=false, parameter_modes=0"
@@ -85,6 +86,23 @@ def test_what_was_chosen_is_said_and_kept(tmp_path: Path) -> None:
     refused = pgmp("simulate", rom, "-o", run, *too_long, status=2)
     assert "the time step stands in the way\n  step: at best" in refused.stderr
     assert 'model = "reduced"' in refused.stderr
+
+
+def test_training_runs_that_leave_the_range_do_not_count(tmp_path: Path) -> None:
+    """Stronger motors drive the crank beyond where the nominal one does, which has to stay."""
+    scene = write_template("slider_crank", tmp_path / "mine.toml")[0]
+    few = f"reduction={{tolerance=0.3, modes=2, static_modes=true, {NO_MORE}, second_order=false, angles=12}}"
+    short = "simulation.duration=0.03", "simulation.step=1e-3", "coordinates.theta.periodic=false"
+    motor = "effects.motor.table=[[0.0, 0.0], [0.005, 5.0], [1.0, 5.0]]"
+
+    def build(upper: float, status: int) -> str:
+        changed = overridden(few, *short, motor, f"coordinates.theta.range=[-0.2, {upper}]")
+        return "".join(said("build", scene, "-o", tmp_path / "rom.h5", *changed, status=status))
+
+    alone = "training run of the full-order model at nominal parameters, own loads: the coordinate leaves its range"
+    assert alone in build(0.02, 1) and not (tmp_path / "rom.h5").exists()
+    told = re.findall("load '(.*)': the full-order model leaves the range .* in (.*) of 13 .*; they do", build(0.1, 0))
+    assert {load for load, _ in told} >= {"own"} and all(0 < int(n) < 13 for _, n in told)
 
 
 def test_one_rank_and_two_choose_the_same(tmp_path: Path) -> None:

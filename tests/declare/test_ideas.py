@@ -47,7 +47,8 @@ def test_a_scene_waits_for_the_ideas_that_it_names(scene: str, waited_for: set[s
 
 def test_the_law_of_a_plugin_has_no_name_of_one_that_nobody_asked_for(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
-        "from pgmp_petsc.effects.law import Law\n\nmine = Law('free_play', ('k',), force='-k * s', left_out='it is a test')\n"
+        "from pgmp_petsc.effects.law import Law\n\n"
+        "mine = Law('free_play', ('k',), force='-k * s', left_out='it is a test')\n"
     )
     lines = f"import pgmp_petsc as pgmp; pgmp.use({str(tmp_path / 'mine.py')!r})"
     done = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True)

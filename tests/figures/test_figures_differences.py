@@ -15,10 +15,12 @@ from pgmp_petsc.figures.captions import same_case, short_names, tell_apart
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.ensembles import densities
 from pgmp_petsc.figures.frequencies import coordinate_path, frequencies, frequency_maps
-from pgmp_petsc.figures.mechanism import Shapes, is_followed, mechanism
+from pgmp_petsc.figures.mechanism import Shapes, is_followed, mechanism, without_span
+from pgmp_petsc.figures.motion import motion_of
 from pgmp_petsc.figures.style import distinct_colours
 from pgmp_petsc.figures.trajectories import DECADES, Comparison, energies, labels_of, paired, trajectories
 from pgmp_petsc.files.hdf5 import RunRecord
+from pgmp_petsc.report import film
 from pgmp_petsc.results import Balance, Frames, Trajectory
 from scenes import tables
 from scripts import portraits
@@ -399,6 +401,20 @@ def test_pins_within_a_body_are_marked_and_what_acts_between_points_is_dotted():
     figure = mechanism(run, n_instants=4)
     assert legend_texts(figure) == ["acts between two points"]
     assert sum(line.is_dashed() for line in visible(figure)[0].lines) == 4 * 2
+    assert without_span(run.frames, run.record) == []
+
+
+def test_what_acts_at_points_of_meshes_is_said_not_to_be_drawn():
+    """In pictures, films and the report's film alike."""
+    run = synthetic.trajectory(n_frames=5)
+    meshed = SPANS.replace("line = {length = 0.3, elements = 5}", 'mesh = "crank.msh"')
+    run = replace(run, record=replace(run.record, scene_toml=meshed))
+    told = "gas: not drawn, as a run does not say where points of meshes are"
+    assert without_span(run.frames, run.record) == [told] and told in motion_of(run, "none").notes
+    figure = mechanism(run, n_instants=4)
+    assert told in " ".join(" ".join(texts(figure)).split())
+    assert sum(line.is_dashed() for line in visible(figure)[0].lines) == 4, "the rope alone"
+    assert told in film._notes(run, [], False)
 
 
 def test_the_first_run_that_has_them_gives_the_pictures(tmp_path, undrawn):

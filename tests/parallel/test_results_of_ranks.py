@@ -89,7 +89,11 @@ STARTS = {
     },
     "run in space": {
         "full": (
-            "simulate", SPACE, "--full", *IN_SPACE, *ACTING,
+            "simulate",
+            SPACE,
+            "--full",
+            *IN_SPACE,
+            *ACTING,
             *overridden("simulation.duration=0.003", "simulation.step=1e-3"),
         )
     },

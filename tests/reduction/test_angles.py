@@ -205,6 +205,16 @@ def test_a_basis_that_turns_faster_than_the_angles_follow_is_warned_of(tmp_path:
     assert sound.indefinite == "" and "warning" not in report(sound, tmp_path)
 
 
+def test_parameters_of_forces_alone_give_no_vectors() -> None:
+    """Modes are the same at all values: what differs is round-off, which makes no basis, however many the angles."""
+    drawn = 'parameters.hard={nominal=2e4, distribution={name="norm", loc=2e4, scale=2e3}}'
+    stop = 'effects.stop={type="end_stop", joint="slider", upper=0.99, stiffness="hard"}'
+    rom = rom_of(slider_crank(drawn, stop, *EXTENDED, "reduction.angles=24"))
+    assert rom.tables.samples.n == 24 and rom.indefinite == ""
+    assert rom.points.n_vectors == 0 and rom.points.points == [] and rom.points.missed.tolist() == [0.0]
+    assert any("independent at every configuration: 0 in place of 2" in remark.text for remark in rom.record.remarks)
+
+
 @pytest.mark.parametrize("name", ["mass", "stiffness"])
 def test_the_matrix_and_the_parameters_are_named(name: str) -> None:
     tables = rom_of(slider_crank(SPLINE)).tables

@@ -32,6 +32,7 @@ from pgmp_petsc.reduction.rom_file import LengthCheck
 from pgmp_petsc.reduction.sample_grid import LengthGrid
 from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.status import Status
+from pgmp_petsc.studies import building
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.inputs import read_scene, with_meshes
 from scenes import mechanism_of, meshes_of
@@ -257,6 +258,11 @@ def test_a_mechanism_that_does_not_close_at_a_length_is_refused_with_it() -> Non
     with pytest.raises(InputError, match=r"^at rod_length = 0.266987 m: joints.slider: .* cannot close") as refused:
         built_rom(scene)
     assert "The model spans the whole range of rod_length: narrow the bounds, or take --full" in str(refused.value)
+    meshes = meshes_of(scene)
+    *_, reduced = prospects(scene, meshes, Mechanism.from_scene(scene, meshes), 4, 1)
+    assert reduced.refused == str(refused.value) and not reduced.build, "what is refused has no price"
+    with pytest.raises(InputError, match=re.escape(reduced.refused)):  # before anything is solved
+        building._check_ahead(scene, meshes)
     scene = long_crank(*SMALL, "parameters.rod_length={nominal=0.25, bounds=[0.2, 1.2]}")
     with pytest.raises(InputError, match=r"^at rod_length = 0.25 m: joints.slider: .* cannot close") as refused:
         built_rom(scene)

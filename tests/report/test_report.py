@@ -23,7 +23,13 @@ from pgmp_petsc.ensemble.statistics import describe, quantile_bounds
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.files.hdf5 import write_file
 from pgmp_petsc.report import budget, charts
-from pgmp_petsc.report.budget import error_budget, headline_of_comparison, headline_of_ensemble, headline_of_run
+from pgmp_petsc.report.budget import (
+    error_budget,
+    headline_of_comparison,
+    headline_of_ensemble,
+    headline_of_meshes,
+    headline_of_run,
+)
 from pgmp_petsc.report.charts import Curve, Level, distribution, output_over_time
 from pgmp_petsc.report.page import _commands, _largest_of_units, downloads_of, write_report
 from pgmp_petsc.report.sources import Source, read_sources
@@ -581,7 +587,9 @@ def test_the_page_and_the_terminal_bound_quantiles_where_samples_failed(folder: 
 @pytest.mark.parametrize(
     ("passed", "n_failed", "told"), [(0, 3, "none"), (20, 45, "unknown"), (0, 60, "unknown")],
 )  # fmt: skip
-def test_first_passages_that_are_not_described_are_not_none(folder: Path, passed: int, n_failed: int, told: str) -> None:
+def test_first_passages_that_are_not_described_are_not_none(
+    folder: Path, passed: int, n_failed: int, told: str
+) -> None:
     """Where too many samples failed they have no statistics, whether there are passages or not."""
     many = synthetic.ensemble("reduced", 60, n_failed)
     none = describe(np.empty(0), 10, np.array([0.1, 0.5]), n_failed, 0.95)
@@ -697,6 +705,23 @@ def test_an_error_that_two_runs_with_the_same_step_share_is_said(folder: Path) -
     told = "; 1 % is estimated to be the reduced run's, the rest the time step's in the other"
     assert headline_of_comparison(*files[:2]).endswith(told)
     assert "estimated" not in headline_of_comparison(files[0], files[2])
+    # of a run that ended early the part that both cover
+    cut = {name: values[: len(full.time) // 2] for name, values in full.outputs.items()}
+    replace(
+        full, time=full.time[: len(full.time) // 2], outputs=cut, coordinates=full.coordinates[:500], frames=None
+    ).write(files[1])
+    assert "; compared over the first 0.4" in headline_of_comparison(*files[:2])
+    # nothing moves in the better run
+    replace(full, outputs={name: 0.0 * values for name, values in full.outputs.items()}).write(files[1])
+    assert (
+        headline_of_comparison(*files[:2]) == "full order: its outputs are zero or not known, so no share can be given"
+    )
+    # nor on another mesh
+    still = synthetic.trajectory("full", n_frames=0)
+    for path, n_elements in zip(files, (5, 10)):
+        frames = synthetic.frames(np.linspace(0.0, 1.0, 3), n_elements=n_elements)
+        replace(still, outputs={name: 0.0 * still.time for name in still.outputs}, frames=frames).write(path)
+    assert headline_of_meshes(*files[:2]) == "outputs are zero or not known, so no share of the mesh can be given"
 
 
 @pytest.mark.parametrize(

@@ -24,9 +24,8 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import write_xdmf
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.studies.field_frames import fields_at
+from pgmp_petsc.studies.field_frames import fields_at, mode_shape
 from pgmp_petsc.studies.modes_table import tabulate_modes
-from pgmp_petsc.studies.field_frames import mode_shape
 from scenes import HEADER, meshes_of, slider_crank, tables
 
 LENGTH, HEIGHT, WIDTH, ARM, FORCE, YOUNG = 1.0, 0.1, 0.01, 0.2, 100.0, 210e9
@@ -145,6 +144,8 @@ def test_bodies_at_any_instant_of_a_reduced_run() -> None:
     np.testing.assert_allclose(between, 0.7 * both[0] + 0.3 * both[1], rtol=0, atol=1e-8)
     with pytest.raises(InputError, match="times: 0.5 s is outside the run, from 0 to 0.02 s"):
         fields_at(model, run, [0.01, 0.5])
+    with pytest.raises(InputError, match="^no body can be seen: no instant is given, or no mesh is known$"):
+        fields_at(model, run, [])
     with pytest.raises(InputError, match="the run is of a full model with 1 coordinates"):
         fields_at(model, replace(run, model="full", modal=None), [0.01])
 

@@ -150,6 +150,16 @@ def test_standard_errors_are_the_spread_of_estimates(model) -> None:
     assert not any("what is left of" in remark.text for remark in again.record.remarks)
 
 
+def test_what_runs_do_not_resolve_is_no_doubt_of_the_model(model) -> None:
+    """A run of the reduced model ends its iterations 1e-13 of the mechanism's size early, 1e-9 of its deformations."""
+    time, outputs = history(model, samples(model.scene, 1, **TRUE), 1)
+    exact = {"time": time, **{name: values[:, 0] for name, values in outputs.items()}}
+    found = fit(model, measured(exact, 0, size=0.0), ["r1", "c"], {}, MPI.COMM_SELF)
+    assert of(found)["r1"].estimate == pytest.approx(TRUE["r1"], rel=1e-6)
+    told = [remark for remark in found.record.remarks if "what is left of" in remark.text]
+    assert [remark.kind for remark in told] == ["note"] and "bend is no more than the run's own error" in told[0].text
+
+
 def test_a_parameter_without_effect_is_named(of_full) -> None:
     scene = slider_crank(*MODES, *SCENE, "parameters.idle={nominal=1.0,bounds=[0.5,2.0]}")
     model = reduced_model(scene)
