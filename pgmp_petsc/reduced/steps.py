@@ -150,7 +150,7 @@ LOST, OUTSIDE, CROSSED = int(Outcome.LOST), int(Outcome.OUTSIDE), int(Outcome.CR
 # in the median.
 NEWTON_TOLERANCE = 1e-11
 # Times what a second correction is estimated to leave: it has the factors of the first, those of the prediction, and
-# the next one contracts worse. Of 25 models it left 1 to 20 times that in the median, and up to this in 99 of 100 steps.
+# the next one contracts worse. Of 25 models it left 1 to 20 times that in the median, up to this in 99 of 100 steps.
 OF_OLD_FACTORS = 100.0
 
 
