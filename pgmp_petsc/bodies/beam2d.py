@@ -93,19 +93,23 @@ def fill_tangent(strain, stress, section, cos, sin, length, tangent):
     tangent[17] = kpp - kb
 
 
-def undeformed_stiffness(lengths: np.ndarray, alphas: np.ndarray, section: np.ndarray) -> np.ndarray:
-    """Return the tangents of elements of lengths (m) and angles (rad) at rest in the mesh's own frame, shape
-    (n_elements, 6, 6).
+def strain_gradients(lengths: np.ndarray, alphas: np.ndarray) -> np.ndarray:
+    """Return strains ``(eps, gamma, kappa)`` per displacement and rotation of the nodes at rest, shape (n, 3, 6), of
+    elements of lengths (m) and angles (rad) in the mesh's own frame."""
+    cos, sin, zero = np.cos(alphas), np.sin(alphas), np.zeros_like(alphas)
+    first = np.array([[-cos, -sin, zero], [sin, -cos, zero], [zero, zero, zero - 1.0]]) / lengths
+    rows = np.concatenate([first, -first], axis=1)
+    rows[1, [2, 5]] = -0.5  # of the mean rotation
+    return np.moveaxis(rows, -1, 0)
 
-    At rest the stress resultants vanish, so the tangent is the sum of three rank-one terms. The section is ``(EA, k_s
-    GA, EI)``.
+
+def undeformed_stiffness(lengths: np.ndarray, gradients: np.ndarray, section: np.ndarray) -> np.ndarray:
+    """Return tangents at rest, where stress resultants vanish, in the mesh's own frame, shape (n, n_dofs, n_dofs).
+
+    In the plane and in space alike: of lengths, m, `strain_gradients` (n, n_strains, n_dofs), and a section of shape
+    (n_strains,).
     """
-    cos, sin, zero, one = np.cos(alphas), np.sin(alphas), np.zeros_like(alphas), np.ones_like(alphas)
-    half = lengths / 2
-    gradients = np.array(  # of eps, gamma, kappa, each times the length: shape (3, 6, n_elements)
-        [[-cos, -sin, zero, cos, sin, zero], [sin, -cos, -half, -sin, cos, -half], [zero, zero, -one, zero, zero, one]]
-    )
-    return np.einsum("s,sie,sje,e->eij", section, gradients, gradients, 1 / lengths)
+    return np.einsum("s,esi,esj,e->eij", section, gradients, gradients, lengths)
 
 
 def rest_strains(lengths: np.ndarray, alphas: np.ndarray) -> np.ndarray:

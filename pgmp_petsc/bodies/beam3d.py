@@ -329,15 +329,6 @@ def strain_gradients(lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:
     return np.moveaxis(strains_of(np.moveaxis(rest_strains(lengths, axes), 1, 0), curved=False), 0, 1)
 
 
-def undeformed_stiffness(lengths: np.ndarray, axes: np.ndarray, section: np.ndarray) -> np.ndarray:
-    """Return tangents at rest for displacements and rotations of the nodes in the body's frame, shape (n, 12, 12).
-
-    Lengths are in m, axes T of shape (n, 3, 3), and the section of shape (6,).
-    """
-    gradients = strain_gradients(lengths, axes)
-    return np.einsum("s,esi,esj,e->eij", section, gradients, gradients, lengths)
-
-
 N_STRAINS = 9  # w, m, k
 
 

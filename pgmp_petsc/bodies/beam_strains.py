@@ -67,19 +67,8 @@ class BeamStrains:
     def of_displacements(self, displacements: np.ndarray) -> np.ndarray:
         """Return linear strains, shape (n_points, n_strains, n), for small displacements and rotations in the body's
         frame, shape (n_nodes, 3, n), in space (n_nodes, 6, n)."""
-        cells, lengths = self.body.mesh.cells, self.body.mesh.lengths[:, None]
-        first, second = displacements[cells[:, 0]], displacements[cells[:, 1]]
-        apart, turned = (second - first) / lengths[:, None], 0.5 * (first + second)
-        if not self.body.planar:
-            axes = self.body.axes
-            tilted = np.cross(turned[:, 3:], axes[:, :, 0, None], axis=1)
-            along = axes.swapaxes(1, 2)
-            gamma, kappa = products(along, apart[:, :3] - tilted), products(along, apart[:, 3:])
-            return self._at_points(np.concatenate([gamma, kappa], axis=1))
-        angle = self.body.directions[:, None]
-        cos, sin = np.cos(angle), np.sin(angle)
-        eps, across = cos * apart[:, 0] + sin * apart[:, 1], cos * apart[:, 1] - sin * apart[:, 0]
-        return self._at_points(np.stack([eps, across - turned[:, 2], apart[:, 2]], axis=1))
+        ends = displacements[self.body.mesh.cells]
+        return self._at_points(products(self.body.strain_gradients, ends.reshape(len(ends), -1, ends.shape[-1])))
 
     def _at_points(self, middles: np.ndarray) -> np.ndarray:
         """Return the strains of the points from those in the middles of all elements, (n_elements, 3 or 6, n)."""

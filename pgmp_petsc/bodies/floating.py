@@ -41,6 +41,7 @@ class Beams(Protocol):
     planar: bool
     dimension: int
     directions: np.ndarray
+    strain_gradients: np.ndarray
     extent: float
 
     def sections(self, kind: str) -> dict[Monomial, np.ndarray]: ...

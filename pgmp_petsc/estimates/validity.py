@@ -30,13 +30,13 @@ import numpy as np
 
 from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.bodies.beam3d import rest_strains, strains_of
+from pgmp_petsc.bodies.beam3d import strains_of
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.shape import length_share
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import SampleBlocks, empty_lanes
-from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, blend, differing, exceeding, larger, load, spread, store
+from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, beyond, differing, larger, load, select, spread, store
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -177,36 +177,30 @@ class BodyStrains:
         """
         rotation, strain = np.zeros(len(local)), np.full(len(local), np.nan)
         for body in self._flexible:
-            if body.name in self._half_heights and not self._spatial:
-                strain = np.fmax(strain, self._of_planar_beam(body, local, rotation))
-                continue
             moved = local[:, body.nodes]
             turned = np.linalg.norm(moved[..., 3:], axis=2) if self._spatial else np.abs(moved[..., 2])
             rotation = np.maximum(rotation, np.max(turned, axis=1))
             if body.name in self._half_heights:
-                strain = np.fmax(strain, self._of_spatial_beam(body, moved))
+                strain = np.fmax(strain, self._of_beam(body, moved))
         return rotation, strain
 
-    def _of_planar_beam(self, body: Body, local: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Return the largest strain of a beam from displacements of all nodes (n, n_nodes, 3), shape (n,); enlarge the
-        rotation."""
-        strain, angles = np.empty(len(local)), np.asarray(body.directions, dtype=float)
-        look_at_planar_beam(
-            np.ascontiguousarray(local), (body.nodes.start, body.nodes.stop), body.mesh.cells, body.mesh.lengths,
-            self._longer[body.name], angles, self._half_heights[body.name], self._curved, rotation, strain,
-        )  # fmt: skip
-        return strain
-
-    def _of_spatial_beam(self, body: Body, moved: np.ndarray) -> np.ndarray:
-        """Return the largest strain of a beam from its nodes' displacements (n, n_nodes, 6), shape (n,)."""
-        half_heights, longer = self._half_heights[body.name], self._longer[body.name]
+    def _of_beam(self, body: Body, moved: np.ndarray) -> np.ndarray:
+        """Return the largest strain of a beam from its nodes' displacements (n, n_nodes, n_dofs), shape (n,)."""
+        longer, half_heights = (
+            np.resize(own[body.name], (len(moved), 1)) for own in (self._longer, self._half_heights)
+        )
         ends = moved[:, body.mesh.cells]  # (n, n_elements, 2, n_dofs)
-        rows = rest_strains(body.mesh.lengths, body.axes)
-        rest = np.einsum("esi,nei->sne", rows, ends.reshape(*ends.shape[:2], -1))
-        rest[[0, 1, 2, 6, 7, 8]] /= np.resize(longer, (len(moved), 1))  # what is over the length of an element
-        strains = strains_of(rest, self._curved)
-        bending = np.resize(half_heights, (len(moved), 1)) * np.linalg.norm(strains[4:], axis=0)
-        return np.max(np.abs(strains[0]) + bending, axis=1)
+        rest = np.einsum("esi,nei->sne", body.rest_strains, ends.reshape(*ends.shape[:2], -1))
+        if self._spatial:
+            rest[[0, 1, 2, 6, 7, 8]] /= longer  # what is over the length of an element
+            strains = strains_of(rest, self._curved)
+            axial, bending = strains[0], np.linalg.norm(strains[4:], axis=0)
+        else:
+            axial, across, turn = rest[0] / longer, rest[1] / longer, rest[2]
+            if self._curved:
+                axial = (1.0 + axial) * np.cos(turn) + across * np.sin(turn) - 1.0
+            bending = np.diff(ends[..., 2], axis=2)[:, :, 0] / (longer * body.mesh.lengths)
+        return np.max(np.abs(axial) + half_heights * np.abs(bending), axis=1)
 
 
 def half_height(scene: Scene, body: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
@@ -439,11 +433,11 @@ def _look_in_lanes(places, weights, first, length, loads, forces, trail, kept, r
                     own = weights.stiffness[samples[lane]]
                     _come_to(_nearest(places.axes, ends, q, lane), places, own, lane, own_stiffness, terms)
             energy = _energy(terms, q, r, n_eta)
-            more = exceeding(energy, load(largest, 0)) & ~differing(energy, energy)
+            more = beyond(energy, load(largest, 0)) & ~differing(energy, energy)
             if more:
-                store(largest, 0, blend(more, energy, load(largest, 0)))
+                store(largest, 0, select(more, energy, load(largest, 0)))
                 for i in range(n_eta):
-                    store(states, part * n_eta + i, blend(more, load(q, i), load(states, part * n_eta + i)))
+                    store(states, part * n_eta + i, select(more, load(q, i), load(states, part * n_eta + i)))
             if places.influence.shape[1] > 0:
                 of_block = weights.mass[block], weights.loads[block]
                 _load_with(samples, of_block, loads[k], forces[k], trail[k], rates, moving, loading)
@@ -456,7 +450,7 @@ def _left(ends, q):
     moved = 0
     for axis in range(ends.shape[0] // 2):
         theta = load(q, axis)
-        moved |= exceeding(load(ends, 2 * axis), theta) | exceeding(theta, load(ends, 2 * axis + 1))
+        moved |= beyond(load(ends, 2 * axis), theta) | beyond(theta, load(ends, 2 * axis + 1))
     return moved
 
 
@@ -564,49 +558,5 @@ def _keep_shares(influence, row, terms, loading, largest):
         row += influence.shape[2] + 1
         finite = EVERYONE & ~differing(share * 0.0, none)
         gained, lost = load(largest, 1), load(largest, 2)
-        store(largest, 1, blend(finite & exceeding(share, gained), larger(share, none), gained))
-        store(largest, 2, blend(finite & exceeding(lost, share), blend(exceeding(share, none), none, share), lost))
-
-
-@njit(cache=True, entry=True, error_model="numpy")
-def look_at_planar_beam(local, nodes, cells, lengths, longer, angles, half_heights, curved, rotation, strain):
-    """Enlarge rotations, (n,), to the largest one of a planar beam, and fill the largest strain of an outermost fibre,
-    (n,); NaN where one is.
-
-    Parameters
-    ----------
-    local
-        Displacements and rotations of all nodes in body frames, shape (n, n_nodes, 3).
-    nodes
-        The beam's, first and behind the last.
-    cells, lengths, angles
-        Nodes of every element, shape (n_elements, 2), counted from the beam's first; lengths, m, and directions, rad,
-        each of shape (n_elements,).
-    longer
-        How often these lengths one sample after the other has, or one for all.
-    half_heights
-        Of one sample after the other, or one for all, m.
-    curved
-        Whether strains are geometrically exact.
-    """
-    cos, sin = np.cos(angles), np.sin(angles)
-    for k in range(local.shape[0]):
-        for node in range(nodes[0], nodes[1]):
-            turned = abs(local[k, node, 2])
-            if turned > rotation[k] or np.isnan(turned):
-                rotation[k] = turned
-        half_height, stretch, strain[k] = half_heights[k % half_heights.size], longer[k % longer.size], 0.0
-        for e in range(lengths.size):
-            near, far, length = nodes[0] + cells[e, 0], nodes[0] + cells[e, 1], stretch * lengths[e]
-            x = length * cos[e] + (local[k, far, 0] - local[k, near, 0])
-            y = length * sin[e] + (local[k, far, 1] - local[k, near, 1])
-            along, across = cos[e], sin[e]
-            if curved:
-                angle = angles[e] + 0.5 * (local[k, near, 2] + local[k, far, 2])
-                along, across = np.cos(angle), np.sin(angle)
-            axial = (along * x + across * y) / length - 1.0
-            here = abs(axial) + half_height * abs((local[k, far, 2] - local[k, near, 2]) / length)
-            if not here <= strain[k]:
-                strain[k] = here
-            if np.isnan(here):
-                break
+        store(largest, 1, select(finite & beyond(share, gained), larger(share, none), gained))
+        store(largest, 2, select(finite & beyond(lost, share), select(beyond(share, none), none, share), lost))

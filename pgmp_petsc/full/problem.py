@@ -191,10 +191,7 @@ class FullEquations:
     def place(self, theta: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return unknowns and velocities (n_dofs,) of the undeformed mechanism for coordinates and rates (n_theta,)."""
         poses, q = self._place(theta)
-        pushed = self._kinematics.rates(poses)[..., 0]
-        if self.unknowns.dimension == 2:
-            return q, self._kinematics.mechanism.place_rates(poses[..., 0], pushed) @ rates
-        return q, self.unknowns.place(pushed @ rates)
+        return q, self.unknowns.place(poses[..., 0], self._kinematics.rates(poses)[..., 0] @ rates)
 
     def _place(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return poses (n_bodies, n_pose, 1) and unknowns (n_dofs,) of the undeformed mechanism."""

@@ -20,12 +20,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.gradients.local_effects import LocalDerivatives
@@ -33,18 +32,15 @@ from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import WIDE, aligned, items
 from pgmp_petsc.lanes.tiles import store_rows
 from pgmp_petsc.lanes.vectors import (
-    CACHE_LINE,
     LANES,
     N_POWERS,
     N_POWERS_OF_RIGID,
-    data_of,
-    join,
+    built,
+    derivatives_of,
     load_rows,
-    parts_of,
-    row_of,
     spread,
-    spread_number,
     vector,
+    widened,
 )
 from pgmp_petsc.models import Observing
 from pgmp_petsc.reduced.arrays import Layout
@@ -64,54 +60,26 @@ def weigh(terms, weights, coefficients):
             coefficients[c] += weights[t] * terms[t, c]
 
 
-def _derivatives(
-    builder: ir.IRBuilder, coefficient: Callable[[int], ir.Value], places: list[ir.Value], n_powers: int, order: int
-) -> dict[tuple[int, ...], ir.Value]:
-    """Build a polynomial and its derivatives up to an order, by how often each coordinate is differentiated with."""
-
-    def along(level: int, first: int) -> dict[tuple[int, ...], ir.Value]:
-        if level == len(places):
-            return {(): coefficient(first)}
-        stride, s = n_powers ** (len(places) - level - 1), places[level]
-        inner = [along(level + 1, first + power * stride) for power in range(n_powers)]
-        found = {}
-        for others in inner[0]:
-            # Horner's scheme, and what it makes of its own partial sums
-            sums = [inner[-1][others]]
-            for power in range(n_powers - 2, -1, -1):
-                longer = [builder.fadd(builder.fmul(s, sums[0]), inner[power][others])]
-                longer += [builder.fadd(builder.fmul(s, y), x) for x, y in zip(sums, sums[1:])]
-                sums = (longer + sums[-1:])[: order - sum(others) + 1]
-            for times, total in enumerate(sums):
-                found[(times, *others)] = builder.fadd(total, total) if times == 2 else total
-        return found
-
-    return along(0, 0)
-
-
 def _jet(n_powers: int, order: int, about: str) -> Callable:
-    @intrinsic
-    def function(typing, coefficients, entry, place):
+    def wanted(r: int) -> list[tuple[int, ...]]:
+        return [which for total in range(order + 1) for which in product(range(r), repeat=total)]
+
+    def evaluate(builder, coefficients, entry, place):
         r = len(place)
-        wanted = [which for total in range(order + 1) for which in product(range(r), repeat=total)]
+        base = builder.mul(entry, ir.Constant(entry.type, n_powers**r))
 
-        def build(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-            base = builder.mul(args[1], ir.Constant(args[1].type, n_powers**r))
+        def coefficient(number: int) -> ir.Value:
+            at = builder.add(base, ir.Constant(base.type, number))
+            return coefficients.load(at) if coefficients.of.ndim == 2 else widened(builder, coefficients.number(at))
 
-            def coefficient(number: int) -> ir.Value:
-                at = builder.add(base, ir.Constant(base.type, number))
-                if coefficients.ndim == 2:
-                    return builder.load(row_of(context, builder, coefficients, args[0], at), align=CACHE_LINE)
-                data = data_of(context, builder, coefficients, args[0])
-                return spread_number(builder, builder.load(builder.gep(data, [at])))
+        found = derivatives_of(builder, coefficient, place, n_powers, order)
+        return [found[tuple(which.count(k) for k in range(r))] for which in wanted(r)]
 
-            found = _derivatives(builder, coefficient, parts_of(builder, args[2], r), n_powers, order)
-            return join(builder, [found[tuple(which.count(k) for k in range(r))] for which in wanted])
+    def typed(coefficients, entry, place):
+        return types.UniTuple(vector, len(wanted(len(place))))(coefficients, types.intp, place)
 
-        return types.UniTuple(vector, len(wanted))(coefficients, types.intp, place), build
-
-    function.__doc__ = about
-    return function
+    evaluate.__doc__ = about
+    return built(typed)(evaluate)
 
 
 # Of a polynomial with coefficients (n_entries * n_powers^r,), the same numbers in all lanes, or vectors (..., LANES)

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from llvmlite import ir
@@ -26,7 +26,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.vectors import CACHE_LINE, LANES, blend, data_of, exceeding, vector
+from pgmp_petsc.lanes.vectors import CACHE_LINE, DOUBLES, LANES, alike, beyond, built, select, vector, widest
 
 WIDE, ALONE = (0.0,) * LANES, (0.0,)
 
@@ -47,6 +47,10 @@ def aligned(shape: tuple[int, ...]) -> np.ndarray:
     return buffer[first : first + size].reshape(shape)
 
 
+def _item(width: types.BaseTuple) -> types.Type:
+    return types.float64 if len(width) == 1 else vector
+
+
 @intrinsic
 def items(typing, array, width):
     """Return the same numbers without the axis of lanes: an array of numbers for one lane, or of vectors.
@@ -54,10 +58,9 @@ def items(typing, array, width):
     They are not counted as a user of the array (counting them would take as long as some of the work): an array that a
     kernel has made needs a `keep` behind the last use of its items.
     """
-    alone = len(width) == 1
-    of = types.float64 if alone else vector
+    of = _item(width)
     # numpy's arrays begin anywhere: nothing is promised about where vectors lie
-    result = types.Array(of, array.ndim - 1, "C", aligned=alone)
+    result = types.Array(of, array.ndim - 1, "C", aligned=of is not vector)
 
     def build(context, builder, sig, args):
         from numba.np.arrayobj import populate_array  # a noticeable time, and what is compiled has no use for it
@@ -81,20 +84,15 @@ def empty_lanes(n, n_lanes):
     return buffer[first : first + n * n_lanes].reshape((n, n_lanes))
 
 
-@intrinsic
-def of_column(typing, array, row, column, width):
+@built(lambda array, row, column, width: _item(width)(array, types.intp, types.intp, width))
+def of_column(builder, array, row, column, width):
     """Return what columns (..., LANES) have for all lanes, the vector in a row (all axes but the last count as one), or
     for a sample alone one number of it."""
-    alone = len(width) == 1
-    of = types.float64 if alone else vector
-
-    def build(context, builder, sig, args):
-        data = data_of(context, builder, array, args[0])
-        first = builder.mul(args[1], ir.Constant(args[1].type, LANES))
-        place = builder.gep(data, [builder.add(first, args[2]) if alone else first])
-        return builder.load(builder.bitcast(place, context.get_data_type(of).as_pointer()), align=8)
-
-    return of(array, types.intp, types.intp, width), build
+    first, of = builder.mul(row, ir.Constant(row.type, LANES)), DOUBLES
+    if len(width) == 1:
+        first, of = builder.add(first, column), ir.DoubleType()
+    place = builder.gep(array.numbers, [first])
+    return builder.load(builder.bitcast(place, of.as_pointer()), align=8)
 
 
 @intrinsic
@@ -109,102 +107,50 @@ def borrowed(typing, array):
     return array(array), build
 
 
-@intrinsic
-def keep(typing, array):
+@built(lambda array: types.void(array))
+def keep(builder, array):
     """Use an array made here once more: items do not own it, and it would be given back after its own last use."""
-    return types.void(array), lambda context, builder, sig, args: context.get_dummy_value()
 
 
-def _operation(name: str, n_arguments: int, about: str) -> Callable:
-    """Return a function of numbers or vectors that LLVM has; of both where some are vectors, a vector."""
-
-    def lowered(arguments: tuple[types.Type, ...]) -> tuple[Any, Callable]:
-        result = vector if vector in arguments else types.float64
-
-        def build(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-            of = context.get_data_type(result)
-            parts = [context.cast(builder, part, own, result) for part, own in zip(args, sig.args)]
-            suffix = f"v{LANES}f64" if result is vector else "f64"
-            called = ir.FunctionType(of, [of] * n_arguments)
-            return builder.call(cgutils.get_or_insert_function(builder.module, called, f"llvm.{name}.{suffix}"), parts)
-
-        return result(*(vector if part is vector else types.float64 for part in arguments)), build
-
-    if n_arguments == 1:
-
-        @intrinsic
-        def function(typing, x):
-            return lowered((x,))
-
-    else:
-
-        @intrinsic
-        def function(typing, x, y, z):
-            return lowered((x, y, z))
-
-    function.__doc__ = about
-    return function
+def _call(builder: ir.IRBuilder, name: str, *arguments: ir.Value) -> ir.Value:
+    """Return what a function of LLVM makes of numbers or vectors; of both where some are vectors, a vector."""
+    of = arguments[0].type
+    suffix = f"v{LANES}f64" if of == DOUBLES else "f64"
+    called = ir.FunctionType(of, [of] * len(arguments))
+    return builder.call(cgutils.get_or_insert_function(builder.module, called, f"llvm.{name}.{suffix}"), arguments)
 
 
-square_root = _operation("sqrt", 1, "Return the square root of every number.")
-floor = _operation("floor", 1, "Return the largest whole number below or at every number.")
-absolute = _operation("fabs", 1, "Return the absolute value of every number.")
-nearest_whole = _operation("rint", 1, "Return the whole number that is nearest to every number.")
-# "fmuladd" is one instruction where the machine has it, in vectors and in numbers alike
-fused = _operation("fmuladd", 3, "Return ``x y + z``, contracted where the machine can.")
+def _operation(name: str, about: str) -> Callable:
+    def operate(builder, x):
+        return _call(builder, name, x)
+
+    operate.__doc__ = about
+    return built(lambda x: widest(x)(widest(x)))(operate)
 
 
-@intrinsic
-def select(typing, lanes, x, y):
-    """Return x in some lanes, y in the others."""
-    if x is vector or y is vector:
-
-        def build(context, builder, sig, args):
-            return blend._defn(typing, lanes, vector, vector)[1](context, builder, sig, args)
-
-        return vector(types.int64, vector, vector), build
-
-    def build_one(context, builder, sig, args):
-        return builder.select(builder.trunc(args[0], ir.IntType(1)), args[1], args[2])
-
-    return types.float64(types.int64, types.float64, types.float64), build_one
+square_root = _operation("sqrt", "Return the square root of every number.")
+floor = _operation("floor", "Return the largest whole number below or at every number.")
+absolute = _operation("fabs", "Return the absolute value of every number.")
+nearest_whole = _operation("rint", "Return the whole number that is nearest to every number.")
 
 
-@intrinsic
-def beyond(typing, x, y):
-    """Return the lanes where not x <= y: a NaN counts."""
-    if x is vector or y is vector:
-
-        def build(context, builder, sig, args):
-            return exceeding._defn(typing, vector, vector)[1](context, builder, sig, args)
-
-        return types.int64(vector, vector), build
-
-    def build_one(context, builder, sig, args):
-        return builder.zext(builder.fcmp_unordered(">", *args), ir.IntType(64))
-
-    return types.int64(types.float64, types.float64), build_one
+@built(lambda x, y, z: widest(x, y, z)(*alike(x, y, z)))
+def fused(builder, x, y, z):
+    """Return ``x y + z``, contracted where the machine can: one instruction, in vectors and in numbers alike."""
+    return _call(builder, "fmuladd", x, y, z)
 
 
-@intrinsic
-def angle_of(typing, y, x):
+@built(lambda y, x: widest(x, y)(*alike(x, y)))
+def angle_of(builder, y, x):
     """Return the angle of the point (x, y) in every lane, in (-pi, pi]; by the library's function, lane by lane."""
-    result = vector if vector in (x, y) else types.float64
     number = ir.DoubleType()
-
-    def build(context, builder, sig, args):
-        of = ir.FunctionType(number, [number, number])
-        function = cgutils.get_or_insert_function(builder.module, of, "atan2")
-        if result is types.float64:
-            return builder.call(function, args)
-        found = args[0]
-        for lane in range(LANES):
-            place = ir.Constant(ir.IntType(32), lane)
-            one = builder.call(function, [builder.extract_element(part, place) for part in args])
-            found = builder.insert_element(found, one, place)
-        return found
-
-    return result(result, result), build
+    function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(number, [number, number]), "atan2")
+    if x.type == number:
+        return builder.call(function, [y, x])
+    for place in (ir.Constant(ir.IntType(32), lane) for lane in range(LANES)):
+        one = builder.call(function, [builder.extract_element(part, place) for part in (y, x)])
+        y = builder.insert_element(y, one, place)
+    return y
 
 
 @njit(inline="always")

@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable
-from typing import Any
+from functools import update_wrapper
+from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
@@ -71,10 +72,12 @@ class _VectorModel(models.PrimitiveModel):
         super().__init__(manager, of, DOUBLES)
 
 
-def spread_number(builder: ir.IRBuilder, number: ir.Value) -> ir.Value:
-    """Return a vector with the same number in every lane."""
+def widened(builder: ir.IRBuilder, x: ir.Value) -> ir.Value:
+    """Return a vector: as it is, or of a number that in every lane."""
+    if x.type == DOUBLES:
+        return x
     undefined = ir.Constant(DOUBLES, ir.Undefined)
-    one = builder.insert_element(undefined, number, ir.Constant(ir.IntType(32), 0))
+    one = builder.insert_element(undefined, x, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(one, undefined, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
 
 
@@ -82,7 +85,7 @@ def spread_number(builder: ir.IRBuilder, number: ir.Value) -> ir.Value:
 def _widen(
     context: Any, builder: ir.IRBuilder, from_type: types.Type, to_type: types.Type, number: ir.Value
 ) -> ir.Value:
-    return spread_number(builder, number)
+    return widened(builder, number)
 
 
 class _Operation(AbstractTemplate):
@@ -100,18 +103,13 @@ class _Operation(AbstractTemplate):
 def _arithmetic(operators: tuple[Callable, ...], instruction: str) -> None:
     """Give vectors an operation with vectors and with numbers."""
 
-    def lowered(first: bool, second: bool) -> Callable:
-        def build(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-            left = args[0] if first else spread_number(builder, args[0])
-            right = args[1] if second else spread_number(builder, args[1])
-            return getattr(builder, instruction)(left, right)
-
-        return build
+    def lowered(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
+        return getattr(builder, instruction)(*(widened(builder, one) for one in args))
 
     for name in operators:
         infer_global(name)(_Operation)
         for pair in ((vector, vector), (types.float64, vector), (vector, types.float64)):
-            lower_builtin(name, *pair)(lowered(pair[0] is vector, pair[1] is vector))
+            lower_builtin(name, *pair)(lowered)
 
 
 _arithmetic((operator.add, operator.iadd), "fadd")
@@ -133,111 +131,145 @@ def data_of(context: Any, builder: ir.IRBuilder, array_type: types.Array, array:
     return context.data_model_manager[array_type].get(builder, array, "data")
 
 
-def row_of(context: Any, builder: ir.IRBuilder, array_type: types.Array, array: ir.Value, row: ir.Value) -> ir.Value:
-    """Return the address of a row of LANES doubles, of an array contiguous over all of its axes."""
-    data = data_of(context, builder, array_type, array)
-    first = builder.mul(row, ir.Constant(row.type, LANES))
-    return builder.bitcast(builder.gep(data, [first]), ir.PointerType(DOUBLES))
+class Rows(NamedTuple):
+    """An array of vectors, contiguous over all of its axes, where code is built; its axes but the last count as one."""
+
+    context: Any
+    builder: ir.IRBuilder
+    of: types.Array
+    array: ir.Value
+
+    @property
+    def numbers(self) -> ir.Value:
+        """Where the numbers of the array begin."""
+        return data_of(self.context, self.builder, self.of, self.array)
+
+    def address(self, row: ir.Value) -> ir.Value:
+        """Return that of a row of LANES doubles."""
+        first = self.builder.mul(row, ir.Constant(row.type, LANES))
+        return self.builder.bitcast(self.builder.gep(self.numbers, [first]), ir.PointerType(DOUBLES))
+
+    def number(self, at: ir.Value) -> ir.Value:
+        """Return one of the numbers."""
+        return self.builder.load(self.builder.gep(self.numbers, [at]))
+
+    def load(self, row: ir.Value) -> ir.Value:
+        """Return the vector in a row."""
+        return self.builder.load(self.address(row), align=CACHE_LINE)
+
+    def store(self, row: ir.Value, x: ir.Value) -> None:
+        """Put a vector into a row, or a number into all of its lanes."""
+        self.builder.store(widened(self.builder, x), self.address(row), align=CACHE_LINE)
 
 
-@intrinsic
-def load(typing, array, row):
+def built(typed: Callable) -> Callable:
+    """Return what makes a function for compiled code of one that builds its result.
+
+    That takes a builder of instructions and the values of the arguments: of a tuple the list of its parts, of an array
+    its `Rows`. It returns a value, a list, which is a tuple of vectors, a tuple of these, or None. `typed` gives the
+    signature, in numba's form, from the types of the arguments.
+    """
+
+    def decorate(build: Callable) -> Callable:
+        def defined(typing: Any, *given: types.Type) -> tuple[Any, Callable]:
+            def lower(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
+                def handed(of: types.Type, value: ir.Value) -> Any:
+                    if isinstance(of, types.Array):
+                        return Rows(context, builder, of, value)
+                    return parts_of(builder, value, len(of)) if isinstance(of, types.BaseTuple) else value
+
+                def returned(found: Any) -> ir.Value:
+                    if isinstance(found, tuple):
+                        return context.make_tuple(builder, sig.return_type, tuple(map(returned, found)))
+                    return join(builder, found) if isinstance(found, list) else found
+
+                found = build(builder, *map(handed, sig.args, args))
+                return context.get_dummy_value() if found is None else returned(found)
+
+            return typed(*given), lower
+
+        return intrinsic(update_wrapper(defined, build))
+
+    return decorate
+
+
+def widest(*of: types.Type) -> types.Type:
+    """Return the type of vectors where one of these is, else that of numbers."""
+    return vector if vector in of else types.float64
+
+
+def alike(*of: types.Type) -> list[types.Type]:
+    """Return the types of numbers and vectors as which all of them are taken: vectors where one is."""
+    return [widest(*of)] * len(of)
+
+
+@built(lambda array, row: vector(array, types.intp))
+def load(builder, array, row):
     """Return row number `row` of an array of vectors; its axes but the last count as one."""
-
-    def build(context, builder, sig, args):
-        return builder.load(row_of(context, builder, sig.args[0], *args), align=CACHE_LINE)
-
-    return vector(array, types.intp), build
+    return array.load(row)
 
 
-@intrinsic
-def number_at(typing, array, at):
+@built(lambda array, at: types.float64(array, types.intp))
+def number_at(builder, array, at):
     """Return a number of a contiguous array, all of its axes counting as one."""
-
-    def build(context, builder, sig, args):
-        return builder.load(builder.gep(data_of(context, builder, sig.args[0], args[0]), [args[1]]))
-
-    return types.float64(array, types.intp), build
+    return array.number(at)
 
 
-@intrinsic
-def store(typing, array, row, x):
+@built(lambda array, row, x: types.void(array, types.intp, widest(x)))
+def store(builder, array, row, x):
     """Put a vector into a row; a number goes to all lanes."""
-
-    def build(context, builder, sig, args):
-        x = args[2] if sig.args[2] is vector else spread_number(builder, args[2])
-        builder.store(x, row_of(context, builder, sig.args[0], *args[:2]), align=CACHE_LINE)
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, x if x is vector else types.float64), build
+    array.store(row, x)
 
 
-@intrinsic
-def spread(typing, x):
+@built(lambda x: vector(types.float64))
+def spread(builder, x):
     """Return a vector with the same number in every lane."""
-    return vector(types.float64), lambda context, builder, sig, args: spread_number(builder, args[0])
+    return widened(builder, x)
 
 
-@intrinsic
-def larger(typing, x, y):
+@built(lambda x, y: vector(vector, vector))
+def larger(builder, x, y):
     """Return the larger of two numbers in every lane, NaN where the first one is."""
-
-    def build(context, builder, sig, args):
-        return builder.select(builder.fcmp_unordered("ugt", *args), *args)
-
-    return vector(vector, vector), build
+    return builder.select(builder.fcmp_unordered("ugt", x, y), x, y)
 
 
 def _comparison(instruction: str, operator_name: str, about: str) -> Callable:
-    @intrinsic
-    def function(typing, x, y):
-        def build(context, builder, sig, args):
-            bits = getattr(builder, instruction)(operator_name, *args)
-            return builder.zext(builder.bitcast(bits, ir.IntType(LANES)), ir.IntType(64))
+    def compare(builder, x, y):
+        found = getattr(builder, instruction)(operator_name, x, y)
+        bits = builder.bitcast(found, ir.IntType(LANES)) if x.type == DOUBLES else found
+        return builder.zext(bits, ir.IntType(64))
 
-        return types.int64(vector, vector), build
-
-    function.__doc__ = about
-    return function
+    compare.__doc__ = about
+    return built(lambda x, y: types.int64(*alike(x, y)))(compare)
 
 
-exceeding = _comparison("fcmp_unordered", ">", "Return the lanes where not x <= y: a NaN counts.")
+# of numbers a set of lanes is 1 or 0
+beyond = _comparison("fcmp_unordered", ">", "Return the lanes where not x <= y: a NaN counts.")
 differing = _comparison("fcmp_unordered", "!=", "Return the lanes where x is not y, or a NaN.")
 equal = _comparison("fcmp_ordered", "==", "Return the lanes where x is y.")
 
 
-@intrinsic
-def blend(typing, lanes, x, y):
+@built(lambda lanes, x, y: widest(x, y)(types.int64, *alike(x, y)))
+def select(builder, lanes, x, y):
     """Return x in some lanes, y in the others."""
-
-    def build(context, builder, sig, args):
-        bits = builder.bitcast(builder.trunc(args[0], ir.IntType(LANES)), _BITS)
-        return builder.select(bits, args[1], args[2])
-
-    return vector(types.int64, vector, vector), build
+    is_vector = x.type == DOUBLES
+    bits = builder.trunc(lanes, ir.IntType(LANES if is_vector else 1))
+    return builder.select(builder.bitcast(bits, _BITS) if is_vector else bits, x, y)
 
 
-@intrinsic
-def first_lane(typing, lanes):
+@built(lambda lanes: types.int64(types.int64))
+def first_lane(builder, lanes):
     """Return the number of the first of some lanes; undefined without any."""
-
-    def build(context, builder, sig, args):
-        of = ir.FunctionType(ir.IntType(64), [ir.IntType(64), ir.IntType(1)])
-        count = cgutils.get_or_insert_function(builder.module, of, "llvm.cttz.i64")
-        return builder.call(count, [args[0], ir.Constant(ir.IntType(1), 1)])
-
-    return types.int64(types.int64), build
+    of = ir.FunctionType(ir.IntType(64), [ir.IntType(64), ir.IntType(1)])
+    count = cgutils.get_or_insert_function(builder.module, of, "llvm.cttz.i64")
+    return builder.call(count, [lanes, ir.Constant(ir.IntType(1), 1)])
 
 
-@intrinsic
-def count_lanes(typing, lanes):
+@built(lambda lanes: types.int64(types.int64))
+def count_lanes(builder, lanes):
     """Return how many lanes there are in a set."""
-
-    def build(context, builder, sig, args):
-        of = ir.FunctionType(ir.IntType(64), [ir.IntType(64)])
-        return builder.call(cgutils.get_or_insert_function(builder.module, of, "llvm.ctpop.i64"), args)
-
-    return types.int64(types.int64), build
+    of = ir.FunctionType(ir.IntType(64), [ir.IntType(64)])
+    return builder.call(cgutils.get_or_insert_function(builder.module, of, "llvm.ctpop.i64"), [lanes])
 
 
 # Tuples of vectors: one for each rigid coordinate. Their length is known when the code is compiled.
@@ -263,141 +295,98 @@ def _fused(builder: ir.IRBuilder, x: ir.Value, y: ir.Value, z: ir.Value) -> ir.V
     return builder.fadd(builder.fmul(x, y), z)
 
 
-@intrinsic
-def add(typing, array, row, x):
+def _every(builder: ir.IRBuilder, first: ir.Value, stride: ir.Value, n: int) -> list[ir.Value]:
+    """Return numbers of n rows first, first + stride, ..."""
+    return [builder.add(first, builder.mul(stride, ir.Constant(stride.type, k))) for k in range(n)]
+
+
+@built(lambda array, row, x: types.void(array, types.intp, vector))
+def add(builder, array, row, x):
     """Add a vector to a row."""
-
-    def build(context, builder, sig, args):
-        address = row_of(context, builder, sig.args[0], *args[:2])
-        builder.store(builder.fadd(builder.load(address, align=CACHE_LINE), args[2]), address, align=CACHE_LINE)
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, vector), build
+    array.store(row, builder.fadd(array.load(row), x))
 
 
-@intrinsic
-def add_to_row(typing, array, row, x, y):
+@built(lambda array, row, x, y: types.void(array, types.intp, vector, widest(y)))
+def add_to_row(builder, array, row, x, y):
     """Add ``x y`` to a row; y may be a number."""
-
-    def build(context, builder, sig, args):
-        address = row_of(context, builder, sig.args[0], *args[:2])
-        y = args[3] if sig.args[3] is vector else spread_number(builder, args[3])
-        builder.store(_fused(builder, args[2], y, builder.load(address, align=CACHE_LINE)), address, align=CACHE_LINE)
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, vector, y if y is vector else types.float64), build
+    array.store(row, _fused(builder, x, widened(builder, y), array.load(row)))
 
 
-@intrinsic
-def load_rows(typing, array, first, stride, like):
+@built(lambda array, first, stride, like: types.UniTuple(vector, len(like))(array, types.intp, types.intp, like))
+def load_rows(builder, array, first, stride, like):
     """Return rows first, first + stride, ... as a tuple as long as another one."""
-
-    def build(context, builder, sig, args):
-        rows = [builder.add(args[1], builder.mul(args[2], ir.Constant(args[2].type, k))) for k in range(len(like))]
-        return join(
-            builder,
-            [builder.load(row_of(context, builder, sig.args[0], args[0], row), align=CACHE_LINE) for row in rows],
-        )
-
-    return types.UniTuple(vector, len(like))(array, types.intp, types.intp, like), build
+    return [array.load(row) for row in _every(builder, first, stride, len(like))]
 
 
-@intrinsic
-def zeros(typing, like):
+@built(lambda like: types.UniTuple(vector, len(like))(like))
+def zeros(builder, like):
     """Return a tuple of zeros as long as another one."""
-    none = ir.Constant(DOUBLES, [0.0] * LANES)
-    return (
-        types.UniTuple(vector, len(like))(like),
-        lambda context, builder, sig, args: join(builder, [none] * len(like)),
-    )
+    return [ir.Constant(DOUBLES, [0.0] * LANES)] * len(like)
 
 
-@intrinsic
-def add_product(typing, total, x, y):
+@built(lambda total, x, y: total(total, x, y))
+def add_product(builder, total, x, y):
     """Return ``total_k + x_k y`` for tuples total and x."""
-
-    def build(context, builder, sig, args):
-        pairs = zip(*(parts_of(builder, values, len(total)) for values in args[:2]))
-        return join(builder, [_fused(builder, part, args[2], sum_) for sum_, part in pairs])
-
-    return total(total, x, y), build
+    return [_fused(builder, part, y, sum_) for sum_, part in zip(total, x)]
 
 
-@intrinsic
-def dot(typing, x, y):
+@built(lambda x, y: vector(x, y))
+def dot(builder, x, y):
     """Return ``sum_k x_k y_k`` for two tuples."""
-
-    def build(context, builder, sig, args):
-        pairs = list(zip(*(parts_of(builder, values, len(x)) for values in args)))
-        total = builder.fmul(*pairs[0])
-        for pair in pairs[1:]:
-            total = _fused(builder, *pair, total)
-        return total
-
-    return vector(x, y), build
+    total = builder.fmul(x[0], y[0])
+    for pair in zip(x[1:], y[1:]):
+        total = _fused(builder, *pair, total)
+    return total
 
 
-@intrinsic
-def add_to_rows(typing, array, first, stride, x, y):
+@built(lambda array, first, stride, x, y: types.void(array, types.intp, types.intp, x, y))
+def add_to_rows(builder, array, first, stride, x, y):
     """Add ``x_k y`` to rows first + k stride of an array, for a tuple x."""
-
-    def build(context, builder, sig, args):
-        for k, part in enumerate(parts_of(builder, args[3], len(x))):
-            row = builder.add(args[1], builder.mul(args[2], ir.Constant(args[2].type, k)))
-            address = row_of(context, builder, sig.args[0], args[0], row)
-            total = _fused(builder, part, args[4], builder.load(address, align=CACHE_LINE))
-            builder.store(total, address, align=CACHE_LINE)
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, types.intp, x, y), build
+    for part, row in zip(x, _every(builder, first, stride, len(x))):
+        array.store(row, _fused(builder, part, y, array.load(row)))
 
 
-def _horner(
-    builder: ir.IRBuilder, row: Callable[[int], ir.Value], places: list[ir.Value], n_powers: int
-) -> tuple[ir.Value, list[ir.Value]]:
-    """Build value and derivatives of a polynomial with n_powers along each of several places, from its coefficients."""
+def derivatives_of(
+    builder: ir.IRBuilder, coefficient: Callable[[int], ir.Value], places: list[ir.Value], n_powers: int, order: int
+) -> dict[tuple[int, ...], ir.Value]:
+    """Build a polynomial and its derivatives up to an order, by how often each coordinate is differentiated with."""
 
-    def along(level: int, first: int) -> tuple[ir.Value, list[ir.Value]]:
+    def along(level: int, first: int) -> dict[tuple[int, ...], ir.Value]:
         if level == len(places):
-            return row(first), []
+            return {(): coefficient(first)}
         stride, s = n_powers ** (len(places) - level - 1), places[level]
-        c = [along(level + 1, first + power * stride) for power in range(n_powers)]
-        value, others = c[-1]
-        slope = value
-        for power in range(n_powers - 2, -1, -1):
-            value = _fused(builder, s, value, c[power][0])
-            others = [_fused(builder, s, other, part) for other, part in zip(others, c[power][1])]
-            slope = _fused(builder, s, slope, value) if power else slope
-        return value, [slope, *others]
+        inner = [along(level + 1, first + power * stride) for power in range(n_powers)]
+        found = {}
+        for others in inner[0]:
+            # Horner's scheme, and what it makes of its own partial sums
+            sums = [inner[-1][others]]
+            for power in range(n_powers - 2, -1, -1):
+                longer = [_fused(builder, s, sums[0], inner[power][others])]
+                longer += [_fused(builder, s, y, x) for x, y in zip(sums, sums[1:])]
+                sums = (longer + sums[-1:])[: order - sum(others) + 1]
+            for times, total in enumerate(sums):
+                found[(times, *others)] = builder.fadd(total, total) if times == 2 else total
+        return found
 
     return along(0, 0)
 
 
-def _coefficients(context: Any, builder: ir.IRBuilder, sig: Any, args: Any, n_powers: int) -> Callable[[int], ir.Value]:
-    """Return what loads the coefficients of an entry of kept polynomials."""
-    base = builder.mul(args[1], ir.Constant(args[1].type, n_powers ** len(sig.args[2])))
-
-    def row(number: int) -> ir.Value:
-        at = builder.add(base, ir.Constant(base.type, number))
-        return builder.load(row_of(context, builder, sig.args[0], args[0], at), align=CACHE_LINE)
-
-    return row
-
-
 def _polynomial(n_powers: int, about: str) -> Callable:
-    @intrinsic
-    def function(typing, kept, entry, place):
-        result = types.Tuple((vector, types.UniTuple(vector, len(place))))
+    def evaluate(builder, kept, entry, place):
+        r = len(place)
+        base = builder.mul(entry, ir.Constant(entry.type, n_powers**r))
 
-        def build(context, builder, sig, args):
-            rows = _coefficients(context, builder, sig, args, n_powers)
-            value, parts = _horner(builder, rows, parts_of(builder, args[2], len(place)), n_powers)
-            return context.make_tuple(builder, sig.return_type, (value, join(builder, parts)))
+        def row(number: int) -> ir.Value:
+            return kept.load(builder.add(base, ir.Constant(base.type, number)))
 
-        return result(kept, types.intp, place), build
+        found = derivatives_of(builder, row, place, n_powers, 1)
+        return found[(0,) * r], [found[tuple(int(k == other) for other in range(r))] for k in range(r)]
 
-    function.__doc__ = about
-    return function
+    def typed(kept, entry, place):
+        return types.Tuple((vector, types.UniTuple(vector, len(place))))(kept, types.intp, place)
+
+    evaluate.__doc__ = about
+    return built(typed)(evaluate)
 
 
 # Polynomials at a place, a tuple of r vectors, from kept coefficients: n_powers^r rows of each entry, with the powers

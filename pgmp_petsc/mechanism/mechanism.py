@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connections_of, couplings_of, first_guess
 from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupling
-from pgmp_petsc.mechanism.space import SPATIAL, Space, rotate, space_of
+from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
 from pgmp_petsc.mechanism.statements import ANGLE, Statement, distance, within
 from pgmp_petsc.scene.messages import unknown
 from pgmp_petsc.scene.schema import Scene
@@ -82,12 +82,6 @@ class Coordinate:
 def words_of(coordinates: Sequence[Coordinate], theta: np.ndarray, digits: int = 6) -> str:
     """Name a configuration (n_theta,): ``theta = 0.1 rad, x = 0.2 m``."""
     return ", ".join(c.described(value, digits) for c, value in zip(coordinates, theta))
-
-
-def _point_rates(pose: np.ndarray, rate: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return the velocities (n, 2, k) of points (n, 2) of a body at a pose (3,) with rates (3, k)."""
-    x, y = rotate(pose[2], points.T)[..., None]
-    return np.stack([rate[0] - y * rate[2], rate[1] + x * rate[2]], axis=1)
 
 
 #: tables of a scene that say what its mechanism is, and its bodies
@@ -217,17 +211,6 @@ class Mechanism:
         per_node = self.space.n_dofs
         return vectors[: per_node * self.n_nodes].reshape(self.n_nodes, per_node, *vectors.shape[1:])
 
-    def place_rates(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return ``d rho / d theta`` in the inertial frame, shape (n_dofs, n_theta), at one configuration: poses
-        (n_bodies, 3) and ``dP/dtheta``, shape (n_bodies, 3, n_theta)."""
-        result = np.zeros((self.n_dofs, rates.shape[2]))
-        nodal = self.by_node(result)
-        for body, pose, rate in zip(self.bodies, poses, rates):
-            nodal[body.nodes, :2] = _point_rates(pose, rate, body.mesh.nodes)
-            nodal[body.nodes, 2] = rate[2]
-            body.at_points(result)[:] = _point_rates(pose, rate, body.points)
-        return result
-
     def made_of(self, scene: Scene, shapes: Mapping[str, BodyShape]) -> bool:
         """Return whether this very scene and these very shapes of bodies make the same mechanism."""
         same = self.shapes.keys() == shapes.keys() and all(self.shapes[name] is shapes[name] for name in shapes)
@@ -289,16 +272,15 @@ class Unknowns:
         n_nodes, n_pose = self.mechanism.n_nodes, self._space.n_pose
         return q[: n_pose * n_nodes].reshape(n_nodes, n_pose, *q.shape[1:])
 
-    def place(self, poses: np.ndarray) -> np.ndarray:
-        """Return the unknowns (n_dofs, ...) of undeformed bodies, rho of eq. (4), at poses (n_bodies, n_pose, ...).
-
-        In space it is linear in the poses, so that rates of poses give those of the unknowns.
-        """
-        q, space = np.zeros((self.n_dofs, *poses.shape[2:])), self._space
+    def place(self, poses: np.ndarray, rates: np.ndarray | None = None) -> np.ndarray:
+        """Return the unknowns (n_dofs, ...) of undeformed bodies, rho of eq. (4), at poses (n_bodies, n_pose, ...), or
+        with rates (n_bodies, n_pose, ...) at one configuration how fast they change."""
+        q, space = np.zeros((self.n_dofs, *(poses if rates is None else rates).shape[2:])), self._space
         frames = self.frames(q)
-        for body, pose in zip(self.bodies, poses):
-            frames[body.nodes] = space.place(pose, body.mesh.nodes)
-            body.at_points(q)[:] = space.place(pose, body.points)[:, : space.dimension]
+        for k, body in enumerate(self.bodies):
+            of = partial(space.place, poses[k]) if rates is None else partial(space.place_rates, poses[k], rates[k])
+            frames[body.nodes] = of(body.mesh.nodes)
+            body.at_points(q)[:] = of(body.points)[:, : space.dimension]
         return q
 
     def share(self, rank: int, size: int) -> range:

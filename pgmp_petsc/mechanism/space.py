@@ -115,6 +115,13 @@ class Plane:
         frames[:, 2] = pose[2]
         return frames
 
+    def place_rates(self, pose: np.ndarray, rates: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Return the rates (n, n_pose, ...) of these frames for those of the pose (n_pose, ...), itself (n_pose,)."""
+        x, y = rotate(pose[2], points.T)
+        found = np.repeat(rates[None], len(points), axis=0)
+        found[:, :2] += np.multiply.outer(np.stack([-y, x], axis=1), rates[2])
+        return found
+
     def velocity_field(self, pose: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return the coefficients (d + d^2, k, ...) of velocities for poses (n_pose, ...) and rates (n_pose, k,
         ...): ``R^T r'`` and ``phi' J``, J a right angle's rotation."""
@@ -156,7 +163,7 @@ class Spatial:
         once, twice = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
         across = cross(vector, axes, axis=2)
         turned = axes + once * across + twice * cross(vector, across, axis=2)
-        return np.concatenate([poses[:, :3] + motions[:, :3], turned.reshape(poses[:, 3:].shape)], axis=1)
+        return np.concatenate([poses[:, :3] + motions[:, :3], turned.reshape(len(poses), 9, -1)], axis=1)
 
     def changes(self, poses: np.ndarray, motions: np.ndarray) -> np.ndarray:
         n_bodies, _, k, n = motions.shape
@@ -216,6 +223,9 @@ class Spatial:
         frames[:, 3:] = pose[3:]
         frames[:, :3] = pose[:3] + np.einsum("nk,ki...->ni...", points, pose[3:].reshape(3, 3, *pose.shape[1:]))
         return frames
+
+    def place_rates(self, pose: np.ndarray, rates: np.ndarray, points: np.ndarray) -> np.ndarray:
+        return self.place(rates, points)
 
     def velocity_field(self, pose: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``R^T r'`` and ``R^T R'``."""

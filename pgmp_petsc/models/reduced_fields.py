@@ -21,13 +21,13 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.stresses import BeamLaw, SolidLaw, Strains
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.space import space_of
 from pgmp_petsc.models.body_fields import (
     FieldPoints,
     Fields,
@@ -193,14 +193,9 @@ def _strained(shapes: Interpolant, rom: ReducedOrderModel, body: Body, scheme: s
 def _of_beams(body: Body, points: BeamStrains, y: np.ndarray) -> np.ndarray:
     """Return the strains of beams, those of second order in the deformation among them, for unknowns (n_dofs, n) in the
     body's frame."""
-    frames, d = y.reshape(body.n_nodes, body.node_dofs, -1).copy(), body.dimension
-    frames[:, :d] += body.mesh.nodes[:, :, None]
-    if d == 3:
-        vectors = np.moveaxis(frames[:, 3:], 1, 2)
-        turns = scipy.spatial.transform.Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix()
-        turned = np.moveaxis(turns.reshape(*vectors.shape, 3), 1, 3).swapaxes(1, 2)  # directors one after the other
-        frames = np.concatenate([frames[:, :3], turned.reshape(body.n_nodes, 9, -1)], axis=1)
-    return points.of_places(frames)
+    space = space_of(body.dimension)
+    rest = space.place(space.identity, body.mesh.nodes)[:, :, None]
+    return points.of_places(space.displaced(rest, y.reshape(body.n_nodes, body.node_dofs, -1)))
 
 
 class ReducedFields:

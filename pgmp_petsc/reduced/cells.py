@@ -24,7 +24,7 @@ import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import absolute, floor
-from pgmp_petsc.lanes.vectors import N_POWERS, blend, exceeding, larger, load, number_at, spread, store
+from pgmp_petsc.lanes.vectors import N_POWERS, beyond, larger, load, number_at, select, spread, store
 from pgmp_petsc.reduction.cell_products import N_ROWS, OVERHAUSER, Axis, count_rows, stencil
 from pgmp_petsc.reduction.interpolation import Interpolant
 
@@ -183,7 +183,7 @@ def locate_all(q, grid, place):
     number = spread(0.0)
     for k in range(len(grid)):
         theta, n = load(q, k), float(grid[k].n_cells)
-        theta = blend(exceeding(absolute(theta), spread(FURTHEST)), spread(grid[k].lower), theta)
+        theta = select(beyond(absolute(theta), spread(FURTHEST)), spread(grid[k].lower), theta)
         # division of vectors takes as long as twenty products: it is done once, of numbers
         position = (theta - grid[k].lower) * (1.0 / grid[k].step)
         cell = floor(position)
@@ -192,7 +192,7 @@ def locate_all(q, grid, place):
             number = number * n + (cell - n * floor((cell + 0.5) * (1.0 / n)))
         else:
             cell = larger(cell, spread(0.0))
-            cell = blend(exceeding(cell, spread(n - 1.0)), spread(n - 1.0), cell)
+            cell = select(beyond(cell, spread(n - 1.0)), spread(n - 1.0), cell)
             number = number * n + cell
         store(place, k, (position - cell) * grid[k].step)
     return number
@@ -201,7 +201,7 @@ def locate_all(q, grid, place):
 @njit(inline="always")
 def _put(kept, row, lanes, x):
     """Put some lanes of a vector into a row."""
-    store(kept, row, blend(lanes, x, load(kept, row)))
+    store(kept, row, select(lanes, x, load(kept, row)))
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"}, counted=False)

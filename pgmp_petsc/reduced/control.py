@@ -25,7 +25,7 @@ from pgmp_petsc.controllers.running import (
 from pgmp_petsc.effects.time_function import TimeFunction, TimeFunctions, evaluate, joined
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.vectors import LANES, blend, load, spread, store
+from pgmp_petsc.lanes.vectors import LANES, load, select, spread, store
 from pgmp_petsc.reduced.action_kernel import Chosen, act, forget_rates
 from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.arrays import acting_of, places_of
@@ -185,7 +185,7 @@ def jump_lanes(equations, memory, room, block, strengths, step, state, lanes):
         store(work.q, i, load(state[0], i))
         store(work.rate, i, load(state[1], i))
         store(work.acceleration, i, begun)
-        store(state[4], i, blend(lanes, begun, load(state[4], i)))
+        store(state[4], i, select(lanes, begun, load(state[4], i)))
     for part in range(len(LENGTHS)):
         length = LENGTHS[part] * step
         gains = spread(2.0 / length), spread(2.0 / (length * length))
@@ -198,12 +198,12 @@ def jump_lanes(equations, memory, room, block, strengths, step, state, lanes):
         correct_block(equations, memory, room, block, strengths.loads, gains, np.bool_(True))
         for i in range(n):
             jump = -WEIGHTS[part] * (gains[1] * load(work.balance, i))
-            store(state[4], i, blend(lanes, load(state[4], i) + jump, load(state[4], i)))
+            store(state[4], i, select(lanes, load(state[4], i) + jump, load(state[4], i)))
     for i in range(n):
         now, then = load(state[2], i), load(state[4], i)
-        store(state[2], i, blend(lanes, then, now))
-        store(state[3], i, blend(lanes, load(state[3], i) + (then - now), load(state[3], i)))
-    store(state[5], 0, blend(lanes, spread(FIRST_CONTRACTION), load(state[5], 0)))
+        store(state[2], i, select(lanes, then, now))
+        store(state[3], i, select(lanes, load(state[3], i) + (then - now), load(state[3], i)))
+    store(state[5], 0, select(lanes, spread(FIRST_CONTRACTION), load(state[5], 0)))
 
 
 @njit(cache=True, apart=True, error_model="numpy", counted=False)

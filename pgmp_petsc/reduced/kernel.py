@@ -20,7 +20,6 @@ from pgmp_petsc.lanes.vectors import (
     add,
     add_product,
     add_to_row,
-    blend,
     differing,
     equal,
     first_lane,
@@ -29,6 +28,7 @@ from pgmp_petsc.lanes.vectors import (
     load_rows,
     polynomial,
     rigid_polynomial,
+    select,
     spread,
     store,
 )
@@ -161,7 +161,7 @@ def follow_correction(equations, gains, lanes, work):
     for i in range(equations.layout.n_eta):
         correction = load(work.balance, i)
         size = larger(absolute(correction) * equations.scale[i], size)
-        change = blend(lanes, correction, spread(0.0))
+        change = select(lanes, correction, spread(0.0))
         store(work.q, i, load(work.q, i) - change)
         store(work.rate, i, load(work.rate, i) - gain_v * change)
         store(work.acceleration, i, load(work.acceleration, i) - gain_a * change)
@@ -212,7 +212,7 @@ def correct(equations, memory, room, strengths, state, gains, active, fresh, siz
         scatter(work.q, memory.samples[block], active[block], state[0])
         scatter(work.rate, memory.samples[block], active[block], state[1])
         scatter(work.acceleration, memory.samples[block], active[block], state[2])
-        store(size, block, blend(active[block], found, spread(0.0)))
+        store(size, block, select(active[block], found, spread(0.0)))
 
 
 @njit(cache=True, entry=True, error_model="numpy", counted=False)

@@ -20,7 +20,7 @@ from pgmp_petsc.effects.time_function import evaluate
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import aligned
-from pgmp_petsc.lanes.vectors import EVERY_LANE, LANES, blend, count_lanes, exceeding, first_lane, load, spread, store
+from pgmp_petsc.lanes.vectors import EVERY_LANE, LANES, beyond, count_lanes, first_lane, load, select, spread, store
 from pgmp_petsc.reduced.action_kernel import act, bent_lanes, forget_rates, limited_lanes
 from pgmp_petsc.reduced.arrays import Strengths, acting_of, places_of
 from pgmp_petsc.reduced.carried import find_carried
@@ -101,7 +101,7 @@ def set_out(strengths, functions, scheme, steps, lanes, n_steps, expected, clock
     if search.depths.shape[0] == 0:  # all of them go in step
         number = n_steps[first_lane(lanes)]
         if (first + number + 1) % PROBED_EVERY == 0:
-            store(expected, 0, blend(lanes, spread(FIRST_CONTRACTION), load(expected, 0)))
+            store(expected, 0, select(lanes, spread(FIRST_CONTRACTION), load(expected, 0)))
         _put_in_all(strengths.loads, number, now.loads)
         _put_in_all(strengths.actions, number, now.actions)
         _put_in_all(strengths.motions, number, now.motions)
@@ -220,7 +220,7 @@ def _advance_block(
             lost = _converge(equations, memory, room, block, clocks, lost, careful, attempt, state, progress, control)
             if lost == 0:
                 break
-            store(state[5], 0, blend(lost, spread(FIRST_CONTRACTION), load(state[5], 0)))
+            store(state[5], 0, select(lost, spread(FIRST_CONTRACTION), load(state[5], 0)))
         going &= ~_note(lost & ~searching, LOST, outcome)
         done, onward, hopeless = going & ~lost, 0, lost & searching
         if memory.depths.shape[1] > 0 and done != 0:
@@ -251,8 +251,8 @@ def _advance_block(
             _stand(state, onward, n)
             ended = done & searching
             for i in range(n):
-                store(state[4], i, blend(ended, load(clocks.kept[2], i), load(state[4], i)))
-            store(state[5], 0, blend(ended, spread(FIRST_CONTRACTION), load(state[5], 0)))
+                store(state[4], i, select(ended, load(clocks.kept[2], i), load(state[4], i)))
+            store(state[5], 0, select(ended, spread(FIRST_CONTRACTION), load(state[5], 0)))
             back = searching & (hopeless | beyond_bounds)
             _keep(clocks.kept, back, state)
             give_up(search, back, samples, progress.beyond)
@@ -295,14 +295,14 @@ def _keep(state, lanes, kept):
     if lanes != 0:
         for part, into in zip(state, kept):
             for i in range(part.shape[0]):
-                store(into, i, blend(lanes, load(part, i), load(into, i)))
+                store(into, i, select(lanes, load(part, i), load(into, i)))
 
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def _stand(state, lanes, n):
     """Let the next step of some lanes begin with constant accelerations."""
     for i in range(n):
-        store(state[4], i, blend(lanes, load(state[2], i), load(state[4], i)))
+        store(state[4], i, select(lanes, load(state[2], i), load(state[4], i)))
 
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
@@ -342,9 +342,9 @@ def _predict_anew(equations, scheme, state, clocks, lanes, work):
         kept = (1.0 - alpha_m) * (-(0.5 - beta) / beta * behind) + alpha_m * behind - alpha_f * load(state[2], i)
         then = kept / (1.0 - alpha_f)
         place, rate = _end_of_step(scheme, weight, step, state, i, then)
-        store(work.q, i, blend(lanes, place, load(work.q, i)))
-        store(work.rate, i, blend(lanes, rate, load(work.rate, i)))
-        store(work.acceleration, i, blend(lanes, then, load(work.acceleration, i)))
+        store(work.q, i, select(lanes, place, load(work.q, i)))
+        store(work.rate, i, select(lanes, rate, load(work.rate, i)))
+        store(work.acceleration, i, select(lanes, then, load(work.acceleration, i)))
     _prescribe(equations, clocks, lanes, work)
 
 
@@ -364,9 +364,9 @@ def _prescribe(equations, clocks, lanes, work):
     motions = clocks.strengths.motions
     for k in range(len(equations.layout.rigid)):
         if equations.prescribed[k]:
-            store(work.q, k, blend(lanes, load(motions, 3 * k), load(work.q, k)))
-            store(work.rate, k, blend(lanes, load(motions, 3 * k + 1), load(work.rate, k)))
-            store(work.acceleration, k, blend(lanes, load(motions, 3 * k + 2), load(work.acceleration, k)))
+            store(work.q, k, select(lanes, load(motions, 3 * k), load(work.q, k)))
+            store(work.rate, k, select(lanes, load(motions, 3 * k + 1), load(work.rate, k)))
+            store(work.acceleration, k, select(lanes, load(motions, 3 * k + 2), load(work.acceleration, k)))
 
 
 @njit(inline="always")
@@ -383,7 +383,7 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
     expected, work, local = state[5], room.work, room.local
     last, active, lost = spread(np.inf), lanes, 0
     strict = EVERY_LANE if progress.precise else careful
-    tolerance = blend(strict, spread(TOLERANCE_OF_TRIALS), spread(NEWTON_TOLERANCE))
+    tolerance = select(strict, spread(TOLERANCE_OF_TRIALS), spread(NEWTON_TOLERANCE))
     forget_rates(memory.known, memory.samples[block], lanes)
     # it goes on until forces that joints carry are settled; with those as they are found a sample is not lost
     rubbing, parameters = equations.carried.actions, equations.local.actions.parameters
@@ -411,7 +411,7 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
             )  # fmt: skip
             # nothing follows from the size of the last correction
             limited = limited_lanes(memory.known, memory.samples[block], going)
-            last = blend(limited, spread(0.0), last)
+            last = select(limited, spread(0.0), last)
         correct_block(equations, memory, room, block, strengths.loads, (gain_v, gain_a), fresh)
         size = follow_correction(equations, (gain_v, gain_a), going, work)
         progress.n_corrections[0] += count_lanes(going)
@@ -420,17 +420,17 @@ def _converge(equations, memory, room, block, clocks, lanes, careful, attempt, s
                 equations.local, strengths.actions, work.rate, gain_v, memory.samples[block], going, local,
                 memory.depths,
             )  # fmt: skip
-            first = blend(bent, spread(FIRST_CONTRACTION), first)
+            first = select(bent, spread(FIRST_CONTRACTION), first)
         contraction = contraction_of(iteration, size, last, first)
         if iteration == 1:
-            store(expected, 0, blend(active, expected_after(contraction), load(expected, 0)))
-        broken = active & exceeding(size * 0.0, spread(0.0))  # infinity times zero is no number either
+            store(expected, 0, select(active, expected_after(contraction), load(expected, 0)))
+        broken = active & beyond(size * 0.0, spread(0.0))  # infinity times zero is no number either
         lost |= broken & active
         onward = active & ~broken & goes_on(size, contraction, tolerance)
         once_more = goes_on(size, contraction, spread(ROUND_OFF)) if progress.precise else 0
         once_more &= active & ~broken & ~onward
         active, last = onward, size
-        unsettled &= exceeding(size, spread(ROUND_OFF))
+        unsettled &= beyond(size, spread(ROUND_OFF))
         going = (going & (active | unsettled) if carries else active) | once_more
         if going == 0:
             break
@@ -443,7 +443,7 @@ def _outside(work, bounds):
     lanes = 0
     for k in range(bounds.shape[0]):
         theta = load(work.q, k)
-        lanes |= exceeding(theta, spread(bounds[k, 1])) | exceeding(spread(bounds[k, 0]), theta)
+        lanes |= beyond(theta, spread(bounds[k, 1])) | beyond(spread(bounds[k, 0]), theta)
     return lanes
 
 
@@ -466,8 +466,8 @@ def _follow(scheme, state, lanes, n, work):
     for i in range(n):
         now, then, behind = load(a, i), load(work.acceleration, i), load(auxiliary, i)
         end = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * behind) * weight
-        store(q, i, blend(lanes, load(work.q, i), load(q, i)))
-        store(v, i, blend(lanes, load(work.rate, i), load(v, i)))
-        store(a, i, blend(lanes, then, now))
-        store(auxiliary, i, blend(lanes, end, behind))
-        store(before, i, blend(lanes, now, load(before, i)))
+        store(q, i, select(lanes, load(work.q, i), load(q, i)))
+        store(v, i, select(lanes, load(work.rate, i), load(v, i)))
+        store(a, i, select(lanes, then, now))
+        store(auxiliary, i, select(lanes, end, behind))
+        store(before, i, select(lanes, now, load(before, i)))

@@ -58,6 +58,8 @@ def test_the_tangent_is_the_derivative_of_the_force() -> None:
 
 @pytest.mark.parametrize("alpha", [0.0, 0.4, np.pi / 2, np.pi, -2.8])
 def test_the_stiffness_at_rest_is_the_kernels_tangent(alpha: float) -> None:
-    stiffness = beam2d.undeformed_stiffness(np.array([LENGTH]), np.array([alpha]), SECTION)[0]
+    length = np.array([LENGTH])
+    gradients = beam2d.strain_gradients(length, np.array([alpha]))
+    stiffness = beam2d.undeformed_stiffness(length, gradients, SECTION)[0]
     _, tangent = kernel(at_rest(alpha)[:, None], alpha)
     np.testing.assert_allclose(stiffness, tangent[..., 0], rtol=0, atol=1e-13)

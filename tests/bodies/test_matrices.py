@@ -27,7 +27,7 @@ from pgmp_petsc.bodies.matrices import AffineMatrices, ThirdDerivative, owned_ro
 from pgmp_petsc.bodies.sections.section import Coefficients
 from pgmp_petsc.bodies.solid import FaceFrame, Region, Solid
 from pgmp_petsc.components.condensing import condensed
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import reference_element
 from pgmp_petsc.ranks.groups import RankGroup
@@ -270,7 +270,7 @@ effects.second: type = "point_mass"; point = "bar:middle"; mass = 0.5
     rates = np.zeros((3, 3, 1))
     place = np.array([body.mesh.nodes[0] for body in mechanism.bodies])
     rates[:, 2, 0] = 1.0
-    motion = mechanism.place_rates(poses, rates)[:, 0]
+    motion = Unknowns(mechanism).place(poses, rates)[:, 0]
     np.testing.assert_allclose(place[:, 0], [0.5, 1.0, 0.5])
     assert motion @ mass @ motion == pytest.approx(1 / 3 + 3.0 + 0.3 + 0.5 * 0.25, rel=1e-14), "nothing is lost"
 

@@ -10,16 +10,16 @@ from pgmp_petsc.lanes.vectors import (
     LANES,
     N_POWERS,
     aligned_zeros,
-    blend,
+    beyond,
     count_lanes,
     differing,
     equal,
-    exceeding,
     first_lane,
     larger,
     load,
     load_rows,
     polynomial,
+    select,
     spread,
     store,
 )
@@ -46,13 +46,13 @@ def computed(x, result):
     store(result, 2, absolute(b))
     store(result, 3, floor(a))
     store(result, 4, larger(a, b))
-    store(result, 5, blend(exceeding(a, b), a, spread(7.0)))
+    store(result, 5, select(beyond(a, b), a, spread(7.0)))
 
 
 @njit(error_model="numpy")
 def compared(x):
     a, b = load(x, 0), load(x, 1)
-    more = exceeding(a, b)
+    more = beyond(a, b)
     return more, differing(a, b), equal(a, b), count_lanes(more), first_lane(more)
 
 

@@ -77,7 +77,7 @@ def test_the_rigid_motion_satisfies_them(mechanism: Mechanism) -> None:
     rates = kinematics.rates(poses)
     for k in range(3):
         q = Unknowns(mechanism).place(poses[..., k])
-        velocity = mechanism.place_rates(poses[..., k], rates[..., k])
+        velocity = Unknowns(mechanism).place(poses[..., k], rates[..., k])
         np.testing.assert_allclose(dense_jacobian(constraints, q) @ velocity, 0.0, rtol=0, atol=1e-11)
 
 

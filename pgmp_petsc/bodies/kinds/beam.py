@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import ModuleType
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,6 +20,7 @@ import scipy.sparse as sp
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies import beam2d, beam3d
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.beam2d import undeformed_stiffness
 from pgmp_petsc.bodies.body import Body, Entries, Pairs, ThirdPart, element_dofs
 from pgmp_petsc.bodies.profile import UNIFORM, Profiles
 from pgmp_petsc.bodies.random_fields import profiles_of
@@ -86,6 +88,21 @@ class Beam(Body):
         """Rotations of the elements, row by row: directions, or axes."""
         return self.directions if self.planar else self.axes
 
+    @property
+    def _element(self) -> ModuleType:
+        return beam2d if self.planar else beam3d
+
+    @cached_property
+    def strain_gradients(self) -> np.ndarray:
+        """Linear strains of the elements per displacement and rotation of their nodes in the body's frame, shape
+        (n_elements, 3, 6), in space (n_elements, 6, 12)."""
+        return self._element.strain_gradients(self.mesh.lengths, self._turns)
+
+    @cached_property
+    def rest_strains(self) -> np.ndarray:
+        """What strains of higher order are made of likewise, shape (n_elements, 3, 6), in space (n_elements, 9, 12)."""
+        return self._element.rest_strains(self.mesh.lengths, self._turns)
+
     def stresses(self, scene: Scene) -> BeamStresses:
         return BeamStresses(scene, self)
 
@@ -130,14 +147,13 @@ class Beam(Body):
     def of_elements(self, kind: str, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return consistent masses, tangents at rest or what of these resists extension of some elements, in the body's
         frame, shape (n_chosen, 6, 6), in space (n_chosen, 12, 12), by weight."""
-        lengths, turns, element = self.mesh.lengths[chosen], self._turns[chosen], beam2d if self.planar else beam3d
-        matrices, of = element.undeformed_stiffness, "stiffness"
+        matrices, of_each, of = undeformed_stiffness, self.strain_gradients, "stiffness"
         if kind == "mass":
-            matrices, of = element.consistent_mass, "mass"
-        terms = self.section.terms(of)
+            matrices, of_each, of = self._element.consistent_mass, self._turns, "mass"
+        terms, own = self.section.terms(of), (self.mesh.lengths[chosen], of_each[chosen])
         if kind == "stretching":
             terms = {weight: (axial, *[0.0] * len(others)) for weight, (axial, *others) in terms.items() if axial}
-        found = {weight: matrices(lengths, turns, np.array(coefficients)) for weight, coefficients in terms.items()}
+        found = {weight: matrices(*own, np.array(coefficients)) for weight, coefficients in terms.items()}
         return self.profiles.of(of).over(found, chosen)
 
     def _section_turns(self, mean: np.ndarray) -> np.ndarray:
@@ -193,9 +209,9 @@ class _Third(ThirdPart):
     """Its terms are sectional coefficients."""
 
     def __init__(self, body: Beam, rows: range, n_dofs: int) -> None:
-        chosen, of = body.touching(rows), beam2d if body.planar else beam3d
-        self._lengths, self._contracted = body.mesh.lengths[chosen], of.third_derivative
-        strains = of.rest_strains(self._lengths, body._turns[chosen])
+        chosen = body.touching(rows)
+        self._lengths, self._contracted = body.mesh.lengths[chosen], body._element.third_derivative
+        strains = body.rest_strains[chosen]
         dofs, self._n = element_dofs(body.elements[chosen], body.node_dofs), strains.shape[1]
         columns, starts = np.repeat(dofs, self._n, axis=0), dofs.shape[1] * np.arange(dofs.shape[0] * self._n + 1)
         self._strains = sp.csr_matrix((strains.ravel(), columns.ravel(), starts), shape=(starts.size - 1, n_dofs))
