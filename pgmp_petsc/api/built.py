@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.mechanism import TABLES
 from pgmp_petsc.models.component_file import ComponentsFile
 from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, served_ranges
 from pgmp_petsc.scene import Scene
@@ -19,7 +20,7 @@ Built = ReducedOrderModel | ComponentsFile
 #: Kinds of built models by their names.
 KINDS = {"reduced": ReducedOrderModel, "components": ComponentsFile}
 # what tables and condensed bodies depend on; all else may be changed when they are used
-BUILT = ("ground", "materials", "bodies", "fields", "joints", "coordinates", "reduction")
+BUILT = (*TABLES, "fields", "reduction")
 
 
 def read_built(

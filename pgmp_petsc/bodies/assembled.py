@@ -93,7 +93,7 @@ class Assembled:
     @property
     def n_rigid(self) -> int:
         """Number of rigid-body motions."""
-        return 3 if self.dimension == 2 else 6
+        return self.dimension * (self.dimension + 1) // 2
 
     @property
     def n_cells(self) -> int:

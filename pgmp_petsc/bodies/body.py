@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from pgmp_petsc.scene.bodies import Body as BodyEntry
 
 DOFS_PER_NODE = 3  # x, y, phi
-DOFS_IN_SPACE = 6  # displacement and rotation
 Pairs = tuple[np.ndarray, np.ndarray]  # numbers of one vector and of the other, each (n_pairs,)
 Entries = tuple[np.ndarray, np.ndarray, dict[Monomial, np.ndarray]]  # rows, columns, and values by weight, each (n,)
 
@@ -148,7 +147,7 @@ class Body(ABC):
     @property
     def node_dofs(self) -> int:
         """Number of unknowns of a node: displacements and rotations, 3 in the plane and 6 in space."""
-        return DOFS_PER_NODE if self.dimension == 2 else DOFS_IN_SPACE
+        return self.dimension + len(TURNS[self.dimension])
 
     @property
     def internal(self) -> slice:

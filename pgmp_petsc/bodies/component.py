@@ -155,8 +155,8 @@ class Component:
     @property
     def n_frame_dofs(self) -> int:
         """Number of unknowns of all frames, or of a rigid body."""
-        n_nodes = 1 if self.rigid else len(self.frames)
-        return n_nodes * (3 if self.centres.shape[1] == 2 else 6)
+        n_nodes, d = 1 if self.rigid else len(self.frames), self.centres.shape[1]
+        return n_nodes * (d + len(TURNS[d]))
 
     @property
     def n_internal(self) -> int:

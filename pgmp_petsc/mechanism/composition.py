@@ -441,7 +441,7 @@ def _slopes(parts: Sequence[Statement], in_a: np.ndarray, in_b: np.ndarray) -> t
     d = len(in_a)
     turned = in_a @ in_b.T  # the directors of b in a, one a column
     a, b = (np.concatenate([np.zeros(d), directors.T.ravel()])[:, None] for directors in (np.eye(d), turned))
-    moved, turning = np.zeros((len(parts), d)), np.zeros((len(parts), 1 if d == 2 else 3))
+    moved, turning = np.zeros((len(parts), d)), np.zeros((len(parts), TURNS[d]))
     for row, part in enumerate(parts):
         slopes = part.gradient(a, b)[d * (d + 1) :, 0].reshape(d + 1, d)
         moved[row] = slopes[0]

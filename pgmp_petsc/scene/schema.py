@@ -19,7 +19,7 @@ from pgmp_petsc.scene.bodies import Body, Material
 from pgmp_petsc.scene.controllers import Controller, controller_problems
 from pgmp_petsc.scene.effects import Driving, Effect
 from pgmp_petsc.scene.fields import Name, Number, OneLine, Sign, Table
-from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
+from pgmp_petsc.scene.joints import TURNS, Coordinate, Ground, Joint
 from pgmp_petsc.scene.messages import input_error
 from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter, RandomField, correlation_problems, field_problems
@@ -160,7 +160,7 @@ class Scene(Table):
     @property
     def n_overconstrained(self) -> int:
         """Number of constraints that rigid bodies with these coordinates do not need: those of parallel hinges, say."""
-        motions = (3 if self.dimension == 2 else 6) * len(self.bodies)
+        motions = (self.dimension + TURNS[self.dimension]) * len(self.bodies)
         held = sum(joint.n_constraints(self.dimension) for joint in self.joints.values())
         return max(0, held - (motions - len(self.coordinates)))
 
