@@ -45,7 +45,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import EffectEntry
-from pgmp_petsc.scene.fields import Name, NotNegative, Number, no_parameter, refusal
+from pgmp_petsc.scene.fields import Name, NotNegative, Number, Unit, no_parameter, refusal
 from pgmp_petsc.scene.messages import MAX_RECEIVED, Finding, doubt, problem
 
 SLOWEST = 4.0  # times as slowly as between hinges a beam with one free end and a mass may bend
@@ -64,10 +64,10 @@ class StructuralDamping(EffectEntry):
     acts = "forces"
     on_vibrations = True
     bodies: tuple[Name, ...] | None = Field(None, min_length=1, description="names of bodies; all if not given")
-    stiffness: Annotated[NotNegative, _OF_DAMPING] = Field(
+    stiffness: Annotated[NotNegative, _OF_DAMPING, Unit("s")] = Field(
         0.0, description="share of the strain's rate that acts like strain (s): stresses of eps + stiffness eps'"
     )
-    mass: Annotated[NotNegative, _OF_DAMPING] = Field(
+    mass: Annotated[NotNegative, _OF_DAMPING, Unit("1/s")] = Field(
         0.0, description="braking of all motion, as in a viscous medium, by its momentum (1/s)"
     )
     ratios: Annotated[tuple[Annotated[Number, Field(ge=0.0, lt=1.0)], ...], _OF_DAMPING] = Field(

@@ -139,6 +139,8 @@ TEXTS = [
     ('joints.cam={type="cam", joints=["crank_hinge", "slider"], motion="sliding",'
      ' table=[[0.0, "0 mm"], ["90 deg", "5 mm"], [3.0, 0.001], ["360 deg", "0 mm"]]}',
      lambda scene: sum(scene.joints["cam"].table, ()), (0.0, 0.0, np.pi / 2, 0.005, 3.0, 0.001, 2 * np.pi, 0.0)),
+    ('effects.d={type="structural_damping", stiffness="20 us", mass="30 1/min"}',
+     lambda scene: (scene.effects["d"].stiffness, scene.effects["d"].mass), (2e-5, 0.5)),
     ('outputs={s={type="stress", body="rod", quantity="stress_max"},'
      ' d={type="rainflow", of="s", curve={table=[["100 MPa", 1e6], [2e8, 1e4]]}}}',
      lambda scene: sum(scene.outputs["d"].curve.table, ()), (1e8, 1e6, 2e8, 1e4)),
