@@ -38,6 +38,7 @@ FUNCTIONS = {
     "atan2": (2, f"({ATAN2})"),
     "where": (3, "({y} if {condition} else {z})"),
 }
+#: Functions that bend within little of what they are of.
 TURNING = {"abs", "tanh", "sign", "min", "max", "atan2", "where"}
 OPERATIONS = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**", ast.USub: "-", ast.UAdd: "+", ast.Lt: "<",
@@ -151,7 +152,7 @@ def declared(text: str, names: Mapping[str, str], words: str) -> tuple[str, set[
 
 
 def turns_at_once(text: str) -> bool:
-    """Return whether a formula has a comparison, or a function that bends within little of what it is of."""
+    """Return whether a formula has a comparison, or a function of `TURNING`."""
     nodes = list(ast.walk(ast.parse(text.strip(), mode="eval")))
     return any(isinstance(node, ast.Compare) or getattr(node, "id", "") in TURNING for node in nodes)
 
