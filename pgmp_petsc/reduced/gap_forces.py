@@ -23,8 +23,8 @@ chi[f,g,i]  its curvature there              -F d_i
 D[g,x]      ``Y^T D [d rho, Psi]``           rate of x
 =========== ================================ ======================= =================================
 
-F and G are the same for all gaps, so that a row costs a product of these with the tables alone; while a sample stays in
-a cell, all terms of mass, stiffness and damping are one table with its parameters, and instants lie side by side. ``1/2
+F and G are the same for all gaps, so that a row costs a product of these with the tables alone; states in one cell lie
+side by side, each with the weights of its sample's parameters. ``1/2
 a_k d_i`` is what skew gyroscopic terms leave out, as the inertia of Y and Psi changes with theta
 (`JointGaps.changing`).
 """
@@ -33,7 +33,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -41,10 +40,18 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.effects import Effect
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, load, number_at, spread, store
+from pgmp_petsc.lanes.vectors import LANES, add, aligned_zeros, load, spread, store
 from pgmp_petsc.reduced.carried import fill_elasticity, fill_inertia
 from pgmp_petsc.reduced.terms import ReducedDamping
-from pgmp_petsc.reduction.cell_products import N_ROWS, cells_of, fill_lane_weights, stencil_room, tensor_stencil
+from pgmp_petsc.reduction.cell_products import (
+    N_ROWS,
+    by_cell,
+    cells_of,
+    end_of_cell,
+    fill_lane_weights,
+    stencil_room,
+    tensor_stencil,
+)
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.joint_gaps import JointGaps
 from pgmp_petsc.reduction.tables import ReducedTables
@@ -134,109 +141,62 @@ class GapForces:
         for row, name in zip(amplitudes, self.load_effects):
             row.reshape(instants.size, -1)[:] = by_name[name].amplitude(instants)[:, None]
         (g, _), r, n = self.table.shape, self.sizes[0], self.sizes[0] + self.sizes[1]
-        kinds = tuple((_vectors(length), *others) for length, *others in self.kinds)
-        n_factors = LANES * sum(length * tables for length, _, tables in kinds)
-        n_slopes = LANES * _vectors(self.changing.shape[1] // len(self.weights[0]))
-        sizes = (N_ROWS**r, N_ROWS, n, n, n, n_factors, r * n_slopes, g)
+        n_changing = self.changing.shape[1] // len(self.weights[0])
+        n_factors = sum(length * tables for length, _, tables in self.kinds)
+        sizes = (N_ROWS**r, N_ROWS, n, n, n, len(weights), n_factors, r * n_changing, g)
         work = tuple(aligned_zeros((size, LANES)) for size in sizes)
-        ours = aligned_zeros((N_ROWS**r, g, n_factors)), aligned_zeros((N_ROWS**r, g, n_slopes))
         # one layout, one compiled function
         theta, *moving = map(np.ascontiguousarray, (states.q[:, :r], states.q, states.v, states.a))
-        found = np.empty((g, len(theta)))
+        tables = (one.rows.reshape(-1, *one.shape) for one in (self.table, self.changing))
+        cells, found = cells_of(theta, self.table.axes), np.empty((g, len(theta)))
         _fill(
-            self.sizes, kinds, self.mass_damping, self.quadratic, weights, amplitudes, np.ascontiguousarray(loads),
-            (theta, *moving), self.table.axes, *self.tables, cells_of(theta, self.table.axes), work, ours, found,
+            self.sizes, self.kinds, self.mass_damping, self.quadratic, weights, amplitudes, np.ascontiguousarray(loads),
+            (theta, *moving), self.table.axes, *tables, cells, by_cell(cells), work, found,
         )  # fmt: skip
         return found
-
-    @cached_property
-    def tables(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of `table` and of `changing`, with each term in whole vectors."""
-        of_terms = [n for n, terms, tables in self.kinds for _ in range(terms * tables)]
-        of_changes = [self.changing.shape[1] // len(self.weights[0])] * len(self.weights[0])
-        return _in_vectors(self.table, of_terms), _in_vectors(self.changing, of_changes)
-
-
-def _vectors(n: int) -> int:
-    """Return how many vectors n numbers take."""
-    return -(-n // LANES)
-
-
-def _in_vectors(table: Interpolant, lengths: Sequence[int]) -> np.ndarray:
-    """Return the rows of a table, (n_rows, g, n), of entries that follow each other, so many a term, with each of these
-    in whole vectors."""
-    rows = table.rows.reshape(-1, *table.shape)
-    found, into, first = aligned_zeros((*rows.shape[:2], LANES * sum(map(_vectors, lengths)))), 0, 0
-    for n in lengths:
-        found[:, :, into : into + n] = rows[:, :, first : first + n]
-        into, first = into + LANES * _vectors(n), first + n
-    return found
 
 
 @njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
 def _fill(
-    sizes, kinds, mass_damping, quadratic, weights, amplitudes, loads, states, axes, table, changing, cells, work, ours,
-    found,
+    sizes, kinds, mass_damping, quadratic, weights, amplitudes, loads, states, axes, table, changing, cells, order,
+    work, found,
 ):  # fmt: skip
     """Fill the rows (g, n) of states (n, n_eta), of samples with weights of the terms (n_terms, n_samples), at one
-    instant after the other, with amplitudes of loads (n_loads, n), loads of local effects (n, n_dofs) and tables as of
-    `GapForces.tables`, LANES of a sample that are in one cell (n,) side by side.
+    instant after the other, with amplitudes of loads (n_loads, n) and loads of local effects (n, n_dofs), LANES that
+    are in one cell (n,) side by side, as an order (n,) has them: whichever sample they are of, as the tables are more
+    than the processor's cache holds, and what they say of a cell is not.
 
-    `work` has room for weights of rows and those along an axis, q, v, a, factors, slopes and rows, all of them vectors;
-    `ours` for the tables of a sample in a cell.
+    `work` has room for weights of rows and those along an axis, q, v, a, weights of terms, factors, slopes and
+    rows, all of them vectors.
     """
     (theta, q, rates, accelerations), r, n_samples = states, sizes[0], weights.shape[1]
-    of_rows, along, at, rate, own, factors, slopes, sums = work
-    one_axis, n_rows, n_slopes = stencil_room(), N_ROWS ** len(axes), ours[1].shape[2]
-    rows, spare, together = np.empty(n_rows, dtype=np.int64), np.empty(n_rows), np.empty(LANES, dtype=np.int64)
-    of_changes = ((n_slopes // LANES, kinds[0][1], 1),)
-    for sample in range(n_samples):
-        first, cell = sample, -1
-        while first < q.shape[0]:
-            count = 0
-            while count < LANES and first < q.shape[0] and (count == 0 or cells[first] == cells[together[0]]):
-                together[count] = first
-                count, first = count + 1, first + n_samples
-            some = together[:count]
-            for lane in range(count):
-                s = together[lane]
-                for x in range(q.shape[1]):
-                    at[x, lane], rate[x, lane], own[x, lane] = q[s, x], rates[s, x], accelerations[s, x]
-            if cells[together[0]] != cell:
-                cell = cells[together[0]]
-                tensor_stencil(theta[together[0]], axes, -1, one_axis, rows, spare)
-                _weigh(table, rows, kinds, weights, sample, ours[0])
-                _weigh(changing, rows, of_changes, weights, sample, ours[1])
-            _fill_factors(
-                sizes, kinds, mass_damping, quadratic, amplitudes, loads, some, at, rate, own, factors, slopes
-            )
-            fill_lane_weights(theta, axes, some, -1, along, of_rows)
+    of_rows, along, at, rate, own, of_terms, factors, slopes, sums = work
+    one_axis, n_rows, n_slopes = stencil_room(), N_ROWS ** len(axes), changing.shape[2] // kinds[0][1]
+    rows, spare, first = np.empty(n_rows, dtype=np.int64), np.empty(n_rows), 0
+    of_changes = ((n_slopes, kinds[0][1], 1),)
+    while first < order.size:
+        together = order[first : end_of_cell(cells, order, first)]
+        tensor_stencil(theta[together[0]], axes, -1, one_axis, rows, spare)
+        for lane in range(together.size):
+            s = together[lane]
+            for x in range(q.shape[1]):
+                at[x, lane], rate[x, lane], own[x, lane] = q[s, x], rates[s, x], accelerations[s, x]
+            for t in range(weights.shape[0]):
+                of_terms[t, lane] = weights[t, s % n_samples]
+        _fill_factors(
+            sizes, kinds, mass_damping, quadratic, amplitudes, loads, together, at, rate, own, factors, slopes
+        )
+        fill_lane_weights(theta, axes, together, -1, along, of_rows)
+        for g in range(table.shape[1]):
+            store(sums, g, _summed(table, rows, g, kinds, of_terms, of_rows, factors, 0))
+        for k in range(r):
+            fill_lane_weights(theta, axes, together, k, along, of_rows)
             for g in range(table.shape[1]):
-                store(sums, g, 0.0)
-            _add(ours[0], of_rows, factors, 0, sums)
-            for k in range(r):
-                fill_lane_weights(theta, axes, some, k, along, of_rows)
-                _add(ours[1], of_rows, slopes, k * n_slopes, sums)
-            for lane in range(count):
-                for g in range(table.shape[1]):
-                    found[g, together[lane]] = sums[g, lane]
-
-
-@njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def _weigh(table, rows, kinds, weights, sample, found):
-    """Fill some rows of a table (n_rows, g, n) with the sums of their terms with the weights of a sample."""
-    n_gaps, across, into = table.shape[1], table.shape[2] // LANES, 0
-    for p in range(rows.size):
-        for g in range(n_gaps):
-            first, weight = (rows[p] * n_gaps + g) * across, 0
-            for n, n_terms, n_tables in kinds:
-                for _ in range(n_tables):
-                    for e in range(n):
-                        total = weights[weight, sample] * load(table, first + e)
-                        for t in range(1, n_terms):
-                            total += weights[weight + t, sample] * load(table, first + t * n + e)
-                        store(found, into + e, total)
-                    first, weight, into = first + n_terms * n, weight + n_terms, into + n
+                add(sums, g, _summed(changing, rows, g, of_changes, of_terms, of_rows, slopes, k * n_slopes))
+        for g in range(table.shape[1]):
+            for lane in range(together.size):
+                found[g, together[lane]] = sums[g, lane]
+        first += together.size
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
@@ -244,19 +204,19 @@ def _fill_factors(sizes, kinds, mass_damping, quadratic, amplitudes, loads, toge
     """Fill the factors F of `_fill` and, coordinate after coordinate, G; `own` has the accelerations."""
     r, m, second, _ = sizes
     fill_inertia(sizes, mass_damping, quadratic, q, rate, own, factors, slopes, slopes.shape[0] // r)
-    begin = LANES * kinds[0][0]
+    begin = kinds[0][0]
     if kinds[1][2]:
         fill_elasticity(sizes, q, factors, begin)
-    begin += LANES * kinds[1][0] * kinds[1][2]
+    begin += kinds[1][0] * kinds[1][2]
     for number in range(amplitudes.shape[0]):
         for lane in range(together.size):
             factors[begin, lane] = -amplitudes[number, together[lane]]
         for i in range(m if second else 0):
             store(factors, begin + 1 + i, load(factors, begin) * load(q, r + i))
-        begin += LANES * kinds[2][0]
+        begin += kinds[2][0]
     for x in range(r + m if kinds[3][2] else 0):
         store(factors, begin + x, load(rate, x))
-    begin += LANES * kinds[3][0] * kinds[3][2]
+    begin += kinds[3][0] * kinds[3][2]
     for f in range(loads.shape[1] if kinds[4][2] else 0):
         for lane in range(together.size):
             factors[begin, lane] = -loads[together[lane], f]
@@ -266,29 +226,23 @@ def _fill_factors(sizes, kinds, mass_damping, quadratic, amplitudes, loads, toge
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def _add(table, weights, factors, first, sums):
-    """Add products of the rows of a table (n_rows, g, n), with weights, and factors from the first one on to sums, of
-    two gaps at a time, which keeps the processor's pipelines full."""
-    n_gaps, n = table.shape[1], table.shape[2]
-    for g in range(0, n_gaps, 2):
-        other = min(g + 1, n_gaps - 1)
-        total, beside = load(sums, g), load(sums, other)
-        for p in range(0, table.shape[0], N_ROWS):
-            at, step, aside = (p * n_gaps + g) * n, n_gaps * n, (other - g) * n
-            a, b, c, d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
-            h, i, j, k = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
-            for e in range(n):
-                x, of = load(factors, first + e), at + e
-                a, h = a + x * number_at(table, of), h + x * number_at(table, of + aside)
-                of += step
-                b, i = b + x * number_at(table, of), i + x * number_at(table, of + aside)
-                of += step
-                c, j = c + x * number_at(table, of), j + x * number_at(table, of + aside)
-                of += step
-                d, k = d + x * number_at(table, of), k + x * number_at(table, of + aside)
-            one, two, three, four = load(weights, p), load(weights, p + 1), load(weights, p + 2), load(weights, p + 3)
-            total += one * a + two * b + three * c + four * d
-            beside += one * h + two * i + three * j + four * k
-        store(sums, g, total)
-        if other != g:
-            store(sums, other, beside)
+def _summed(table, rows, gap, kinds, of_terms, of_rows, factors, begin):
+    """Return the sums of products of a gap's entries in some rows of a table (n_rows, g, n), with weights of these rows
+    and of the terms, and factors from the first one on, those of a kind for all its terms: four rows in one pass."""
+    total = spread(0.0)
+    for p in range(0, rows.size, N_ROWS):
+        one, two, three, four = load(of_rows, p), load(of_rows, p + 1), load(of_rows, p + 2), load(of_rows, p + 3)
+        row_0, row_1 = table[rows[p], gap], table[rows[p + 1], gap]
+        row_2, row_3 = table[rows[p + 2], gap], table[rows[p + 3], gap]
+        term, entry, first = 0, 0, begin
+        for n, n_terms, n_tables in kinds:
+            for _ in range(n_tables):
+                for _ in range(n_terms):
+                    a, b, c, d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+                    for e in range(n):
+                        x, of = load(factors, first + e), entry + e
+                        a, b, c, d = a + x * row_0[of], b + x * row_1[of], c + x * row_2[of], d + x * row_3[of]
+                    total += load(of_terms, term) * (one * a + two * b + three * c + four * d)
+                    term, entry = term + 1, entry + n
+                first += n
+    return total

@@ -176,12 +176,10 @@ def products_of(
     (k, m); where there are more, they are products of pairs of these.
     """
     (_, n_in, n_out), cells = table.shape, cells_of(theta, axes)
-    # equal ones side by side; in so few bits it is fast, and were there more, some would share fewer loads of the table
-    order = np.argsort(cells.astype(np.uint16), kind="stable")
     result = np.empty((len(theta), n_out))
     work = tuple(aligned_zeros((n, LANES)) for n in (N_ROWS ** len(axes), N_ROWS, n_in, n_out))
     vectors = np.require(vectors, requirements="CW")  # one kind of array, one compiled function
-    _fill_products(theta, axes, table, vectors, derivative, cells, order, work, result)
+    _fill_products(theta, axes, table, vectors, derivative, cells, by_cell(cells), work, result)
     return result
 
 
@@ -190,6 +188,12 @@ def cells_of(theta: np.ndarray, axes: tuple[Axis, ...]) -> np.ndarray:
     cells = np.empty(len(theta), dtype=np.int64)
     _fill_cells(theta, axes, cells)
     return cells
+
+
+def by_cell(cells: np.ndarray) -> np.ndarray:
+    """Return an order (n,) that puts equal cells (n,) side by side."""
+    # in so few bits it is fast, and were there more, some would share fewer loads of the table
+    return np.argsort(cells.astype(np.uint16), kind="stable")
 
 
 @njit(error_model="numpy")
