@@ -8,7 +8,7 @@ last digits.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from graphlib import TopologicalSorter
 from typing import Self
@@ -62,31 +62,48 @@ class Blocks:
         return found
 
 
-def solved(jacobian: np.ndarray, right: np.ndarray, blocks: Blocks | None = None) -> np.ndarray:
-    """Return the least x, (n, n_columns, k), that comes nearest to ``J x = right`` for J (n, n_rows, n_columns).
+def solver(jacobian: np.ndarray, blocks: Blocks | None = None) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what gives the least x, (n, n_columns, k), that comes nearest to ``J x = right`` for right-hand sides of J
+    (n, n_rows, n_columns).
 
     Where J is square and its inverse shows that it is far from singular, the inverse is the answer, of its blocks where
     they are given. Where J has full column rank that is R^-1 Q^T, of which Q^T times the right-hand side stands beside
     R; the singular values, at ten times the cost, are for the rest.
     """
-    n, found = jacobian.shape[2], np.empty((len(jacobian), jacobian.shape[2], right.shape[2]))
-    rest = np.ones(len(jacobian), dtype=bool)
+    n, rest, inverted = jacobian.shape[2], np.ones(len(jacobian), dtype=bool), []
     for form in (blocks, Blocks.whole(n)) if jacobian.shape[1] == n else ():
         if form is not None and rest.any():
             factors, chosen = jacobian[rest], np.flatnonzero(rest)
             sound = np.flatnonzero(form.factorise(factors))
-            chosen = chosen[sound]
+            inverted.append((form, factors, sound, chosen[sound]))
+            rest[chosen[sound]] = False
+
+    def solve(right: np.ndarray) -> np.ndarray:
+        found = np.empty((len(jacobian), n, right.shape[2]))
+        for form, factors, sound, chosen in inverted:
             found[chosen] = form.substituted(factors, sound, right[chosen])
-            rest[chosen] = False
-    if jacobian.shape[1] >= n and rest.any():
-        both = np.linalg.qr(np.concatenate([jacobian[rest], right[rest]], axis=2), mode="r")
+        if rest.any():
+            found[rest] = _least(jacobian[rest], right[rest])
+        return found
+
+    return solve
+
+
+def solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return `solver` of J for its right-hand sides (n, n_rows, k)."""
+    return solver(jacobian)(right)
+
+
+def _least(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
+    n, found = jacobian.shape[2], np.empty((len(jacobian), jacobian.shape[2], right.shape[2]))
+    full = np.zeros(len(jacobian), dtype=bool)
+    if jacobian.shape[1] >= n:
+        both = np.linalg.qr(np.concatenate([jacobian, right], axis=2), mode="r")
         pivots = np.abs(np.diagonal(both[..., :n], axis1=1, axis2=2))
         full = pivots.min(axis=1) > RANK_TOLERANCE * pivots.max(axis=1)
-        chosen = np.flatnonzero(rest)[full]
-        found[chosen] = np.linalg.solve(both[full, :n, :n], both[full, :n, n:])
-        rest[chosen] = False
-    if rest.any():
-        found[rest] = np.linalg.pinv(jacobian[rest], rcond=RANK_TOLERANCE) @ right[rest]
+        found[full] = np.linalg.solve(both[full, :n, :n], both[full, :n, n:])
+    if not full.all():
+        found[~full] = np.linalg.pinv(jacobian[~full], rcond=RANK_TOLERANCE) @ right[~full]
     return found
 
 

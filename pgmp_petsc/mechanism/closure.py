@@ -22,7 +22,7 @@ What elastic joints allow beside the motion of the coordinates: `ReleasedClosure
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -31,7 +31,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.mechanism.block_solves import Blocks, solved, triangular_blocks
+from pgmp_petsc.mechanism.block_solves import Blocks, solved, solver, triangular_blocks
 from pgmp_petsc.mechanism.joints import Attached, Connection, Coupling
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -116,8 +116,27 @@ class LoopClosure:
         found = np.empty((*poses.shape[:2], self.n_coordinates, poses.shape[2]))
         for k in self.pieces(poses.shape[2]):
             own = self.jacobian(poses[..., k]) if jacobian is None else jacobian[k]
-            motions = self._least(own, np.repeat(unit, len(own), axis=0))
-            found[..., k] = self.mechanism.space.changes(poses[..., k], self.jacobian.by_body(motions))
+            found[..., k] = self._changed(poses[..., k], self._solver(own)(np.repeat(unit, len(own), axis=0)))
+        return found
+
+    def jets(self, poses: np.ndarray, motion: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Return the first and, if these of the coordinates are given, the second derivatives over time of poses
+        (n_bodies, n_pose, n), of that shape each, for the derivatives (n, n_theta) of the coordinates.
+
+        They are `rates` and `curvatures` along the motion, of one J and a right-hand side for each derivative.
+        """
+        found, r = [np.empty(poses.shape) for _ in motion], self.n_coordinates
+        for k in self.pieces(poses.shape[2]):
+            at, where = poses[..., k], _unknowns(poses[..., k])
+            slopes = self._rows.jacobian_values(where)
+            solve, right = self._solver(self.jacobian(at, slopes)), np.zeros((at.shape[2], self._rows.n, 1))
+            right[:, -r:, 0] = motion[0][k]
+            found[0][..., k] = speed = self._changed(at, solve(right))[:, :, 0]
+            if len(motion) > 1:
+                bent = self.mechanism.space.bends(at, speed[:, :, None])[:, :, 0]
+                right = -self._rows.drift(where, _unknowns(speed)).T[..., None] - self.jacobian.along(slopes, bent)
+                right[:, -r:, 0] += motion[1][k]
+                found[1][..., k] = (bent + self._changed(at, solve(right)))[:, :, 0]
         return found
 
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
@@ -129,8 +148,9 @@ class LoopClosure:
             right = self._rows.second_along(unknowns, own.reshape(len(unknowns), *own.shape[2:]))
             right = right.reshape(own.shape[3], self._rows.n, -1)
             flat = bends.reshape(*bends.shape[:2], -1, bends.shape[-1])
-            motions = self._least(self.jacobian(at), right + self.jacobian.along(at, flat))
-            found.append(flat - space.changes(at, self.jacobian.by_body(motions)))
+            slopes = self._rows.jacobian_values(unknowns)
+            motions = self._solver(self.jacobian(at, slopes))(right + self.jacobian.along(slopes, flat))
+            found.append(flat - self._changed(at, motions))
         return np.concatenate(found, axis=-1).reshape(*rates.shape[:3], *rates.shape[2:])
 
     def open_and_gap(self, poses: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -353,7 +373,7 @@ class LoopClosure:
         """Return the motions of bodies to be taken back, (n_bodies, n_dofs, n), and what then is left of the residual
         (n_rows, n) at first order; of the closure alone, if the residual has no driving rows."""
         jacobian = self.jacobian(poses)[:, : len(residual)]
-        motions = self._least(jacobian, residual.T[..., None])
+        motions = self._solver(jacobian)(residual.T[..., None])
         return self.jacobian.by_body(motions)[:, :, 0], residual - (jacobian @ motions)[..., 0].T
 
     def pieces(self, n: int) -> list[slice]:
@@ -430,19 +450,26 @@ class LoopClosure:
         right = residual[:, chosen].T[..., None] / self._scale[:, None]
         return self.jacobian.by_body(self._blocks.substituted(factors, chosen, right))[:, :, 0]
 
-    def _least(self, jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Return the least y (n, n_dofs n_bodies, k) that comes nearest to ``J y = right``, for J and right-hand sides
-        (n, n_rows, k)."""
+    def _solver(self, jacobian: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """Return what gives the least y (n, n_dofs n_bodies, k) that comes nearest to ``J y = right`` for right-hand
+        sides of J (n, n_rows, k)."""
         n_rows = jacobian.shape[1]
         scale = self._scale[:n_rows, None]
-        return solved(jacobian / scale, right / scale, self._blocks if n_rows == self._rows.n else None)
+        solve = solver(jacobian / scale, self._blocks if n_rows == self._rows.n else None)
+        return lambda right: solve(right / scale)
+
+    def _changed(self, poses: np.ndarray, motions: np.ndarray) -> np.ndarray:
+        """Return how poses (n_bodies, n_pose, n) change, (n_bodies, n_pose, k, n), by motions (n, n_dofs n_bodies, k)
+        of bodies."""
+        return self.mechanism.space.changes(poses, self.jacobian.by_body(motions))
 
 
 class RowsOfMotions:
     """Derivatives of statements in displacements and turns of rigid bodies, along the inertial axes, those of one body
     after the other.
 
-    Called with poses (n_bodies, n_pose, n) it returns them, shape (n, n_rows, n_dofs n_bodies).
+    Called with poses (n_bodies, n_pose, n) it returns them, shape (n, n_rows, n_dofs n_bodies). Derivatives of the
+    statements in the numbers of poses, `StatementRows.jacobian_values`, may be at hand.
     """
 
     def __init__(self, rows: StatementRows, mechanism: Mechanism) -> None:
@@ -451,16 +478,16 @@ class RowsOfMotions:
         self._pattern = of, *np.divmod(columns, self._space.n_pose)
         self._sums = sp.csr_matrix((np.ones(of.size), (of, np.arange(of.size))), shape=(rows.n, of.size))
 
-    def __call__(self, poses: np.ndarray) -> np.ndarray:
+    def __call__(self, poses: np.ndarray, values: np.ndarray | None = None) -> np.ndarray:
         found = np.zeros((poses.shape[2], self._rows.n, self._space.n_dofs * self._n_bodies))
-        values = self._rows.jacobian_values(_unknowns(poses))
+        values = self._rows.jacobian_values(_unknowns(poses)) if values is None else values
         _fill(values, *self._pattern, np.ascontiguousarray(poses), self._space.n_dofs, found)
         return found
 
-    def along(self, poses: np.ndarray, changes: np.ndarray) -> np.ndarray:
-        """Return how statements change with changes of poses (n_bodies, n_pose, k, n), shape (n, n_rows, k)."""
-        of, body, place = self._pattern
-        values = self._rows.jacobian_values(_unknowns(poses))
+    def along(self, values: np.ndarray, changes: np.ndarray) -> np.ndarray:
+        """Return how statements with such derivatives change with changes of poses (n_bodies, n_pose, k, n), shape (n,
+        n_rows, k)."""
+        _, body, place = self._pattern
         parts = [self._sums @ (values * changes[body, place, k]) for k in range(changes.shape[2])]
         return np.stack(parts, axis=-1).swapaxes(0, 1)
 

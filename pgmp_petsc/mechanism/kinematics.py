@@ -289,6 +289,10 @@ class RigidKinematics:
         """Return ``dP/dtheta_k`` at poses (n_bodies, n_pose, n), shape (n_bodies, n_pose, n_theta, n)."""
         return self._closure.rates(poses)
 
+    def jets(self, poses: np.ndarray, motion: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Return the derivatives over time of poses, as of `LoopClosure.jets`."""
+        return self._closure.jets(poses, motion)
+
     def turning(self, poses: np.ndarray) -> np.ndarray:
         """Return by how much bodies turn with each coordinate, at that of poses (n_bodies, n_pose, n) where they turn
         most, shape (n_bodies, n_theta), rad per rad or m."""

@@ -197,9 +197,7 @@ class OutputSet(OverRuns):
                     bodies = enumerate(kinematics.mechanism.bodies)
                     number, body = next(one for one in bodies if one[1].name == entry.body)
                     stresses.append(StressOutput.of(name, scene, number, body))
-                    # frames of the nodes of beams say all of their strains
-                    nodes = frozenset(range(body.nodes.start, body.nodes.stop) if body.fibred else ())
-                    reading = ModelReading(name, Needs(nodes, stresses=frozenset([name])))
+                    reading = ModelReading(name, Needs(stresses=frozenset([name])))
                 elif "multipliers" in entry.reads:
                     force = next(one for one in forces if one.name == name)
                     own = Needs(frozenset(force.nodes), multipliers=frozenset([name]))

@@ -343,14 +343,10 @@ class RigidReference:
         found = [seen.poses]
         if order:
             known = np.isfinite(seen.poses).all(axis=(0, 1))
-            poses = seen.poses[..., known]
-            slopes = self._kinematics.rates(poses)
             found += [np.full_like(seen.poses, np.nan) for _ in range(order)]
-            found[1][..., known] = np.einsum("bpkn,nk->bpn", slopes, measured[1][known])
-        if order == 2:
-            bends, rate = self._kinematics.curvatures(poses, slopes), measured[1][known]
-            found[2][..., known] = np.einsum("bpkn,nk->bpn", slopes, measured[2][known])
-            found[2][..., known] += np.einsum("bpkln,nk,nl->bpn", bends, rate, rate)
+            moving = self._kinematics.jets(seen.poses[..., known], [part[known] for part in measured[1 : order + 1]])
+            for whole, part in zip(found[1:], moving):
+                whole[..., known] = part
         return found
 
     def near(self, frames: Frames) -> Callable[[Frames], np.ndarray]:

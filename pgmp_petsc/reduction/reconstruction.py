@@ -124,12 +124,8 @@ class Reconstruction:
         local = self._displacement_jets(states[: order + 1], eta if cells_of is None else cells_of)
         found = [self._frames(theta, poses, local[0])]
         if order:
-            slopes = self._kinematics.rates(poses)
-            moving = [poses, *(np.einsum("bpkn,nk->bpn", slopes, self._theta(part)) for part in states[1 : order + 1])]
-            if order == 2:
-                turning, bends = self._theta(states[1]), self._kinematics.curvatures(poses, slopes)
-                moving[2] += np.einsum("bpkln,nk,nl->bpn", bends, turning, turning)
-            found += self._frame_changes(moving, [part[:, : self._n_nodal].T for part in local])
+            moving = self._kinematics.jets(poses, [self._theta(part) for part in states[1 : order + 1]])
+            found += self._frame_changes([poses, *moving], [part[:, : self._n_nodal].T for part in local])
         return found
 
     def _displacement_jets(self, states: Sequence[np.ndarray], cells_of: np.ndarray) -> list[np.ndarray]:
