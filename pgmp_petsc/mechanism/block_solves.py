@@ -195,8 +195,7 @@ def _substitute(factors, chosen, right, starts, rows, columns, entered, before, 
             for j in range(n):
                 column = columns[first + j]
                 for c in range(n_right):
-                    x[column, c] = 0.0
-                for i in range(n):
-                    factor = matrix[rows[first + i], column]
-                    for c in range(n_right):
-                        x[column, c] += factor * work[i, c]
+                    total = 0.0
+                    for i in range(n):
+                        total += matrix[rows[first + i], column] * work[i, c]
+                    x[column, c] = total

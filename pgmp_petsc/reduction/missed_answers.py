@@ -24,6 +24,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.declare.records import Record, array
 from pgmp_petsc.lanes.lane_items import solutions
+from pgmp_petsc.reduction.cell_products import by_cell, cells_of
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import WEIGHT_FREE, ReducedTables, Weights, beside_rigid, weights_of
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.reduction.sampler import Sample
     from pgmp_petsc.reduction.static_loads import StaticLoads
 
+AT_ONCE = 2**12  # states that are evaluated together: what is between the tables stays in the cache
 DEPENDENT = 1e-11  # of loads of unit size: what round-off leaves of a combination of them that is no load
 
 
@@ -80,16 +82,24 @@ class Missed:
 
     def of(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
         """Return du, shape (k, n), for reduced coordinates (n, n_eta); values are numbers or of shape (n,)."""
+        weights = [
+            np.broadcast_to(evaluate_weights(own, values).T, (len(eta), len(own)))
+            for own in (self._weights, self._stiffness_weights)
+        ]
+        order = by_cell(cells_of(np.ascontiguousarray(eta[:, : self._n_theta]), self._forces.axes))
+        found = np.empty((self._answers.shape[1], len(eta)))
+        for first in range(0, len(eta), AT_ONCE):
+            some = order[first : first + AT_ONCE]
+            found[:, some] = self._of(eta[some], *(part[some] for part in weights)).T
+        return found
+
+    def _of(self, eta: np.ndarray, loads: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
         n, theta, delta = len(eta), eta[:, : self._n_theta], eta[:, self._n_theta :]
-        loads, stiffness = (
-            np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights)))
-            for weights in (self._weights, self._stiffness_weights)
-        )
         bent = (stiffness[:, :, None] * delta[:, None]).reshape(n, -1)
         balance = self._forces.product(theta, loads).reshape(n, self._n_loads, self._n_loads)
         elastic = np.pad(self._stiffness.product(theta, bent), ((0, 0), (self._n_loads - delta.shape[1], 0)))
         answered = (loads[:, :, None] * solutions(balance, elastic)[:, None]).reshape(n, -1)
-        return self._answers.product(theta, np.hstack([answered, -bent])).T
+        return self._answers.product(theta, np.hstack([answered, -bent]))
 
 
 def missed_answers_at(
