@@ -8,9 +8,11 @@ import h5py
 import numpy as np
 import pytest
 from frames import pair_products
+from offset_scenes import clamped_beam, offset
 from refusals import refusal
 from runs import rom_of
 from sealed import resealed
+from solid_scenes import solid_meshes, solid_slider_crank
 from synthetic import assert_same
 
 from pgmp_petsc.bodies.matrices import AffineMatrices
@@ -43,7 +45,7 @@ def rom() -> ReducedOrderModel:
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """Return the file of a model that has all tables."""
-    rom_of(KEPT["second order"]).write(tmp_path / "rom.h5")
+    rom_of(KEPT["second order"][0]).write(tmp_path / "rom.h5")
     return tmp_path / "rom.h5"
 
 
@@ -124,25 +126,43 @@ def test_where_a_revolution_begins_does_not_matter(scene: Callable[..., Scene], 
         np.testing.assert_allclose(getattr(tables, name), expected, rtol=0, atol=1e-8 * size, err_msg=name)
 
 
-#: Models whose files come back: with a reflection and thus two turns, of second order; without effects and with bodies
-#: in another order; at Chebyshev points, with static modes.
+UNCERTAIN = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}'
+CARRIED = (
+    'outputs.pin={type="joint_force", joint="elbow", component="x"}',
+    'outputs.worst={type="stress", body="rod", quantity="stress_max"}',
+)
+CELLS = 'outputs.worst={type="stress", body="rod", quantity="von_mises"}'
+#: Models whose files come back, with what they have: a reflection and thus two turns, of second order; no effects, and
+#: bodies in another order; Chebyshev points and static modes; joints that are off; bodies of cells, with their meshes.
 KEPT = {
-    "plain": SCENE,
-    "second order": four_bar(GRAVITY, "reduction.second_order=true"),
-    "no effects": trammel("reduction.angles=4", "reduction.modes=2"),
-    "part of a turn": slider_crank(*PART, GRAVITY, "reduction.static_modes=true", 'reduction.interpolation="spectral"'),
+    "plain": (SCENE, None),
+    "second order": (four_bar(GRAVITY, "reduction.second_order=true"), None),
+    "no effects": (trammel("reduction.angles=4", "reduction.modes=2"), None),
+    "part of a turn": (
+        slider_crank(*PART, GRAVITY, "reduction.static_modes=true", 'reduction.interpolation="spectral"'),
+        None,
+    ),
+    "forces and stresses": (slider_crank("reduction.modes=3", "reduction.angles=8", UNCERTAIN, *CARRIED), None),
+    "offsets": (clamped_beam(offset("right", place=[1e-5, "d"], turn=[1e-4]), "parameters.d={nominal=1e-5}"), None),
+    "cells": (
+        solid_slider_crank("reduction={modes=3, angles=6, parameter_modes=0, second_order=true}", CELLS),
+        solid_meshes(n_per_metre=10),
+    ),
 }
 
 
 @pytest.mark.parametrize("name", KEPT)
 def test_a_file_comes_back(name: str, tmp_path: Path) -> None:
-    rom = rom_of(KEPT[name])
+    scene, meshes = KEPT[name]
+    rom = rom_of(scene, meshes=meshes)
     rom.write(tmp_path / "rom.h5")
     back = ReducedOrderModel.read(tmp_path / "rom.h5")
     assert_same(back, rom)
-    assert scene_from_toml(back.record.scene_toml, ".") == KEPT[name]
+    assert back.identity == rom.identity and scene_from_toml(back.record.scene_toml, scene.directory) == scene
     tables, axis = back.tables, back.tables.samples.axes[0]
-    assert (back.curvature is None) == (tables.second_order is None) == (name != "second order")
+    assert (back.curvature is None) == (tables.second_order is None) == (name not in ("second order", "cells"))
+    assert (back.missed is None, back.gaps is None) == (name != "forces and stresses",) * 2
+    assert tables.n_given == 2 * (name == "offsets")
     if name == "plain":
         with h5py.File(tmp_path / "rom.h5") as file:
             assert "curvature" not in file and set(file["tables"]) == {*TABLES, "rigid"}
@@ -153,7 +173,7 @@ def test_a_file_comes_back(name: str, tmp_path: Path) -> None:
         # what is redundant between rigid bodies is not between flexible ones: the crank holds the rod's middle
         assert back.n_redundant == 0 and list(back.meshes) == ["rod", "crank"]
         assert tables.load.shape == (tables.samples.n, 0, 3) and tables.load_effects == tables.load_weights == ()
-    else:
+    elif name == "part of a turn":
         # five load patterns: the motor, and the weight of each body along both axes of its frame
         assert (tables.n_modes, back.frequencies_hz.shape) == (5 + 5, (9, 5))
         assert axis.theta[[0, -1]].tolist() == [0.2, 1.4] and not axis.is_uniform
@@ -192,10 +212,20 @@ DAMAGE = {
 }
 
 
-@pytest.mark.parametrize("name", DAMAGE)
+#: Of other models, what is shortened and what is said.
+BESIDE = {
+    "forces and stresses": ("missed/answers", "'/missed': answers has shape .*; build it again"),
+    "cells": ("mesh/rod/recovery/shapes", "'/mesh/rod/recovery': recovery has shapes .*; build"),
+}
+
+
+@pytest.mark.parametrize("name", [*DAMAGE, *BESIDE])
 def test_a_damaged_file_is_refused(path: Path, name: str) -> None:
-    damage, said = DAMAGE[name]
+    if name in BESIDE:
+        place, said = BESIDE[name]
+        rom_of(KEPT[name][0], meshes=KEPT[name][1]).write(path)
     with resealed(path) as file:
+        damage, said = (shorten(place), said) if name in BESIDE else DAMAGE[name]
         damage(file)
     message = refusal(ReducedOrderModel.read, path)
     assert re.search(said, message) and str(path) in message
@@ -204,7 +234,7 @@ def test_a_damaged_file_is_refused(path: Path, name: str) -> None:
 @pytest.fixture(scope="module")
 def curved() -> ReducedOrderModel:
     """Return a model with tables of second order, a reflection and thus two turns."""
-    return rom_of(KEPT["second order"])
+    return rom_of(KEPT["second order"][0])
 
 
 def test_on_the_second_turn_the_curvature_is_that_of_the_flipped_modes(curved: ReducedOrderModel) -> None:
