@@ -16,7 +16,6 @@ from two_coordinates import THIRD, double_pendulum, five_bar, over
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
-from pgmp_petsc.mechanism.body_frames import linear_motion, rigid_velocities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import _beyond_tolerance, interpolation_errors
@@ -54,26 +53,6 @@ def exact_hz(scene: Scene, values: dict[str, float], n: int, theta: np.ndarray) 
 @pytest.fixture(scope="module")
 def pendulum_rom() -> ReducedOrderModel:
     return rom_of(over(double_pendulum(*STATIC, GRAVITY, SPLINE), (6, 10)))
-
-
-def test_tables_are_products_of_the_basis(pendulum_rom: ReducedOrderModel) -> None:
-    tables, kinematics = pendulum_rom.tables, kinematics_of(double_pendulum())
-    mechanism = kinematics.mechanism
-    terms = AffineMatrices(mechanism.bodies, range(mechanism.n_dofs))
-    mass, stiffness = weighted_sum(terms.mass, {}), weighted_sum(terms.stiffness, {})
-    for k in range(0, tables.samples.n, 7):
-        poses = kinematics.poses(tables.samples.theta[k])
-        rates = kinematics.rates(poses)
-        rigid = rigid_velocities(mechanism, poses[..., 0], rates[..., 0])
-        bent = linear_motion(mechanism, kinematics.motion(tables.samples.theta[k]).accelerations)
-        shape = pendulum_rom.projection[k]
-        basis = np.hstack([rigid, shape])
-        exact = basis.T @ (mass @ basis)
-        np.testing.assert_allclose(tables.mass[k, 0], exact, rtol=0, atol=1e-9 * np.abs(exact).max())
-        exact = shape.T @ (stiffness @ shape)
-        np.testing.assert_allclose(tables.stiffness[k, 0], exact, rtol=0, atol=1e-9 * np.abs(exact).max())
-        exact = np.einsum("dkl,de->kle", bent, mass @ shape)
-        np.testing.assert_allclose(tables.inertia[k, 0], exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
 def test_the_order_of_interpolation_over_both_coordinates() -> None:
