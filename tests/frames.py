@@ -33,3 +33,8 @@ def check_derivatives(kinematics: RigidKinematics, theta: np.ndarray) -> None:
         of = {i: kinematics.rates(poses) for i, poses in at.items()}
         bend = (8 * (of[1] - of[-1]) - (of[2] - of[-2])) / (12 * step)
         np.testing.assert_allclose(second[:, :, :, k], bend, rtol=0, atol=1e-8)
+    motion = np.random.default_rng(3).normal(size=(2, *theta.shape))
+    turned, turning = kinematics.jets(kinematics.poses(theta), motion)
+    np.testing.assert_allclose(turned, np.einsum("bpkn,nk->bpn", rates, motion[0]), rtol=0, atol=1e-12)
+    bend = np.einsum("bpkln,nk,nl->bpn", second, *motion[[0, 0]]) + np.einsum("bpkn,nk->bpn", rates, motion[1])
+    np.testing.assert_allclose(turning, bend, rtol=0, atol=1e-10)  # of sums that cancel, near dead centres

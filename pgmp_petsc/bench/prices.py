@@ -30,7 +30,7 @@ decide nothing: of motions and of forces in joints they are a small share.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -63,11 +63,15 @@ BESIDE, APART = OF_BESIDE / 1e6, 4.0
 # s, of a step of a sample whose outputs are forces in joints, by the dimension of space: of the mesh and of components,
 # and in the lanes of a reduced model
 FORCES, FORCES_IN_LANES = {2: 2e-6, 3: 2.5e-5}, {2: 1e-7, 3: 1.5e-6}
-# s, of a step of a sample whose outputs are found after it (ensemble.extremes), by the dimension of space: where they
-# take rates of frames, multipliers and stresses; 3 and 8, 2 and 1, 1.6 and 5 us were measured of reduced models
+# s, of a step of a sample of the mesh or of components whose outputs are found after it (ensemble.extremes), by the
+# dimension of space: where they take rates of frames, multipliers and stresses
 FOUND_EVERYWHERE = {
     "rates": {2: 3e-6, 3: 8e-6}, "multipliers": {2: 2.5e-6, 3: 1e-6}, "stresses": {2: 1.6e-6, 3: 5e-6},
 }  # fmt: skip
+# s, of one of a reduced model: each output, each body and derivative of its poses by the dimension of space, each entry
+# of tables that a row of a gap or what modes miss of answers is a product of, each local effect on joints that tell
+# their forces, each joint that gives way, and each point of a stress
+OUTPUT, POSE, ENTRY, EFFECT, PULLED, POINT = 2e-7, {2: 3e-7, 3: 1.2e-6}, 1.1e-10, 5e-7, 2.5e-6, 1.2e-7
 FORCES_APART = {2: 1.2e-4, 3: 1.2e-4}  # s, more, where samples are taken one by one: 70, 80 and 185 us were measured
 BY_ITSELF = {2: 1.5e-4, 3: 4.5e-4}  # s, more, of a run of one sample: 70 to 250 us were measured in the plane
 # s, of each edge of a law that a sample crosses: of the mesh or of components, 6 to 20 ms were measured; in the lanes
@@ -166,18 +170,45 @@ def _forces(scene: Scene, price: Mapping[int, float]) -> float:
     return price[scene.dimension] * any("multipliers" in output.reads for output in scene.outputs.values())
 
 
-def _found_everywhere(scene: Scene) -> float:
-    """Return what a step of a sample takes, s, where outputs are found after it, whatever the model: all of them, where
-    any is described by its extremes or counted."""
+def _read_everywhere(scene: Scene) -> set[str]:
+    """Return what outputs read that are found after every step: all of them, where any is described by its extremes or
+    counted; nothing otherwise."""
     outputs, read = scene.outputs.values(), set[str]()
     if not scene.ensemble.with_extremes(scene.outputs) and not any(one.is_counted for one in outputs):
-        return 0.0
+        return read
     for output in outputs:
         read |= {*output.reads} | ({"rates"} if output.derivative else set())
         joint = scene.joints.get(getattr(output, "joint", None))
         if "multipliers" in output.reads and joint is not None and joint.gives_way:
             read.add("rates")
-    return sum(price[scene.dimension] for kind, price in FOUND_EVERYWHERE.items() if kind in read)
+    return read
+
+
+def _found_in_lanes(scene: Scene, mechanism: Mechanism, m: int, read: set[str]) -> float:
+    """Return what a step of a sample of a reduced model takes, s, whose outputs are found after it and read this; m are
+    its flexible coordinates."""
+    if not read:
+        return 0.0
+    outputs, r, d = scene.outputs.values(), len(scene.coordinates), scene.dimension
+    n, masses, stiffnesses = r + m, len(mechanism.mass_weights), len(mechanism.stiffness_weights)
+    found, entries = OUTPUT * len(outputs), 0
+    if "rates" in read:
+        found += POSE[d] * len(mechanism.bodies) * max([1, *(output.derivative for output in outputs)])
+    if "multipliers" in read:
+        joints = {one.joint for one in outputs if isinstance(one, InJoint)}
+        pulled = sum(bool(scene.joints[joint].gives_way) for joint in joints)
+        inertia, bent = n + r * (r + 1) // 2, m * scene.second_order
+        entries += d * (len(joints) - pulled) * (
+            masses * (inertia * (1 + bent) + r * bent) + stiffnesses * (m + bent * (m + 1) // 2)
+        )  # fmt: skip
+        found += EFFECT * n_local(scene) + PULLED * pulled
+    if "stresses" in read:
+        stressed = {body.name: body for body in mechanism.bodies if body.name in stressed_bodies(scene)}
+        k = sum(body.dofs.size for body in stressed.values() if not body.to_condense)
+        entries += masses * n**2 + stiffnesses * m**2 + k * (masses * n + stiffnesses * m)
+        of_points = [(name, stressed[one.body]) for name, one in scene.outputs.items() if "stresses" in one.reads]
+        found += POINT * sum(points_of(scene, name, body.stresses(scene)).n_points for name, body in of_points)
+    return found + ENTRY * entries * N_POWERS**r
 
 
 def n_local(scene: Scene) -> int:
@@ -227,7 +258,8 @@ class Prospect:
 def prospects(scene: Scene, meshes: Shapes, mechanism: Mechanism, n_flexible: int, n_loads: int) -> list[Prospect]:
     """Return what is predicted of the mesh, of component modes and of a reduced model: of its flexible coordinates, and
     of the load patterns that static modes could answer."""
-    everywhere = _found_everywhere(scene)
+    read = _read_everywhere(scene)
+    everywhere = sum(price[scene.dimension] for kind, price in FOUND_EVERYWHERE.items() if kind in read)
     edges = has_edges(mechanism)
     n_rigid, fields = len(scene.coordinates), amplitudes(scene, mechanism, scene.reduction.modes)
     answered = scene.reduction.static_modes or not n_loads or scene.reduction.tolerance is not None
@@ -237,7 +269,7 @@ def prospects(scene: Scene, meshes: Shapes, mechanism: Mechanism, n_flexible: in
     beside = np.array((CARRIED_IN_LANES, CONTROLLED_IN_LANES) if of_lanes else READ_APART)
     beside *= 1 if of_lanes else count_builds(scene)
     in_lanes = float(beside @ (n_carried, len(scene.controllers))) + besides
-    in_lanes += _forces(scene, FORCES_IN_LANES)
+    in_lanes += _forces(scene, FORCES_IN_LANES) + _found_in_lanes(scene, mechanism, n_flexible, read)
     share = "0.1 to 1 % of deformations, with static answers to loads"
     if not answered:
         share = "1 to 6 % of deformations, without static answers to loads (reduction.static_modes)"
@@ -245,14 +277,15 @@ def prospects(scene: Scene, meshes: Shapes, mechanism: Mechanism, n_flexible: in
     found = [
         Prospect(
             "mesh", why_refused(scene, Purpose.FULL, meshes), mechanism.n_dofs, 0.0,
-            step_of_samples(scene, step_seconds(mechanism), mechanism.bodies), CROSSING * edges, 0.0, 0.0,
+            step_of_samples(scene, step_seconds(mechanism), mechanism.bodies) + everywhere, CROSSING * edges, 0.0, 0.0,
             "errors are those of the elements and of the step",
         ),
         Prospect(
             "components",
             why_refused(scene, Purpose.COMPONENTS, meshes) or why_of_one_mesh(scene, uncertain_names(scene)),
             sum(fields.values()) + sum(count_of(mechanism)), condensing(mechanism),
-            step_of_samples(scene, of_components), CROSSING * edges, 0.0, 0.002, "0.002 to 0.8 % of deformations",
+            step_of_samples(scene, of_components) + everywhere, CROSSING * edges, 0.0, 0.002,
+            "0.002 to 0.8 % of deformations",
         ),
         Prospect(
             "reduced", why_refused(scene, Purpose.BUILD, meshes) or why_no_family(scene, meshes),
@@ -262,9 +295,7 @@ def prospects(scene: Scene, meshes: Shapes, mechanism: Mechanism, n_flexible: in
             0.005 if answered or not deformed else 0.03, share,
         ),
     ]  # fmt: skip
-    return [
-        Prospect(one.model, one.refused) if one.refused else replace(one, step=one.step + everywhere) for one in found
-    ]
+    return [Prospect(one.model, one.refused) if one.refused else one for one in found]
 
 
 def choice(scene: Scene, meshes: Shapes, found: Sequence[Prospect], n_steps: int) -> str:

@@ -89,11 +89,6 @@ def solver(jacobian: np.ndarray, blocks: Blocks | None = None) -> Callable[[np.n
     return solve
 
 
-def solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return `solver` of J for its right-hand sides (n, n_rows, k)."""
-    return solver(jacobian)(right)
-
-
 def _least(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
     n, found = jacobian.shape[2], np.empty((len(jacobian), jacobian.shape[2], right.shape[2]))
     full = np.zeros(len(jacobian), dtype=bool)

@@ -31,7 +31,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.mechanism.block_solves import Blocks, solved, solver, triangular_blocks
+from pgmp_petsc.mechanism.block_solves import Blocks, solver, triangular_blocks
 from pgmp_petsc.mechanism.joints import Attached, Connection, Coupling
 from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -574,7 +574,7 @@ class ReleasedClosure:
         n_released = self._chosen.size - self._n_held
         unit = np.zeros((n, self._chosen.size, n_released))
         unit[:, self._n_held :] = np.eye(n_released)
-        motions = self._jacobian_at.by_body(solved(jacobian[:, self._chosen], unit))
+        motions = self._jacobian_at.by_body(solver(jacobian[:, self._chosen])(unit))
         return self._closure.mechanism.space.changes(poses, motions)
 
     @property

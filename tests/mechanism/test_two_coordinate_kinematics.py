@@ -8,7 +8,7 @@ from refusals import refusal
 from two_coordinates import BASE, COUPLER, LEFT, RIGHT, THIRD, UPPER, double_pendulum, five_bar
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.mechanism.block_solves import solved, triangular_blocks
+from pgmp_petsc.mechanism.block_solves import solver, triangular_blocks
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.scene import load_scene
@@ -90,7 +90,7 @@ def test_a_step_near_a_singular_configuration_is_the_least() -> None:
         jacobian[1, 5] = pivot * jacobian[1, 5] + jacobian[1, 4]
         expected = np.array([np.linalg.lstsq(j, r, rcond=1e-10)[0] for j, r in zip(jacobian, right)])
         # digits that a condition of 1e8 takes off 1e-16
-        np.testing.assert_allclose(solved(jacobian, right), expected, rtol=1e-7)
+        np.testing.assert_allclose(solver(jacobian)(right), expected, rtol=1e-7)
 
 
 @pytest.mark.filterwarnings("error")
@@ -107,7 +107,7 @@ def test_blocks_that_are_singular_are_solved_as_a_whole() -> None:
     jacobian[1][np.ix_(*own[0])] = 0.0
     right = np.random.default_rng(4).normal(size=(3, n, 1))
     expected = [np.linalg.lstsq(one, other, rcond=1e-10)[0] for one, other in zip(jacobian, right)]
-    np.testing.assert_allclose(solved(jacobian, right, blocks), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(solver(jacobian, blocks)(right), expected, rtol=1e-9, atol=1e-9)
 
 
 def test_blocks_follow_from_those_before_them() -> None:
