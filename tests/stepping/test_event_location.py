@@ -2,11 +2,9 @@
 
 import numpy as np
 from effect_scenes import BAR, BAR_INERTIA, scene_of
-from runs import full_model
+from runs import full_model, watched
 
-from benchmarks.called import Called
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.stepping.generalised_alpha import integrate
 from scenes import tables
 
 STIFFNESS, SPEED, GAP = 200.0, 1.0, 0.1
@@ -43,9 +41,8 @@ def exact(time: float) -> float:
 
 def angles(scene: Scene, n: int = 1, **values: np.ndarray) -> np.ndarray:
     """Return the angle of every sample at every step, shape (n_t, n)."""
-    system, found = full_model(scene).batch(values, n), []
-    integrate(system, scene.simulation, observer=Called(lambda k, t, state: found.append(system.unpack(state.q)[2])))
-    return np.array(found)
+    system = full_model(scene).batch(values, n)
+    return np.array(watched(system, scene.simulation, lambda _, state: system.unpack(state.q)[2])[1])
 
 
 def test_the_time_of_contact_is_half_a_period_of_the_spring() -> None:

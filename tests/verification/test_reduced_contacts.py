@@ -4,15 +4,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from runs import reduced_model, samples
+from runs import reduced_model, samples, watched
 
-from benchmarks.called import Called
 from pgmp_petsc.effects.joint_effects import STOP as STOPS
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.stepping import generalised_alpha
-from pgmp_petsc.stepping.generalised_alpha import Run, integrate
+from pgmp_petsc.stepping.generalised_alpha import Run
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem
 from pgmp_petsc.stepping.status import Outcome, Status
 from scenes import slider_crank
@@ -74,12 +73,8 @@ def motion_of(
 ) -> tuple[np.ndarray, np.ndarray, Run]:
     """Return coordinates (n_t, n, n_eta) and depths (n_t, n_events, n) after all steps, and the run."""
     system = model.batch(values, next(iter(values.values())).size)
-    states: list = []
-    run = integrate(
-        OneByOne(system) if one_by_one else system,
-        model.scene.simulation,
-        observer=Called(lambda number, time, state: states.append((time, state.copy()))),
-    )
+    steps = OneByOne(system) if one_by_one else system
+    run, states = watched(steps, model.scene.simulation, lambda time, state: (time, state.copy()))
     everyone = np.ones(system.n_samples, dtype=bool)
     depths = np.concatenate([system.depths(np.array([time]), state.alone, everyone) for time, state in states])
     return np.array([state.q for _, state in states]), depths, run
@@ -110,8 +105,7 @@ def test_a_search_is_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delitem(vars(STOPS), name)
     system = model.batch(values, 3)
     assert not system.n_events
-    states = []
-    integrate(system, model.scene.simulation, observer=Called(lambda *seen: states.append(seen[2].q.copy())))
+    _, states = watched(system, model.scene.simulation, lambda time, state: state.q.copy())
     assert np.abs(np.array(states) - found).max(axis=(0, 2)).min() > 1e-5
 
 
