@@ -43,6 +43,8 @@ from scenes import HEADER, meshes_of, of_text, tables
 
 MODULES = os.environ.get("PYTHONPATH")  # as this process found them
 MOST_ROMS = 40  # that are kept, of some megabytes each
+#: This process by itself.
+ONE_RANK = RankGroup.split(MPI.COMM_SELF, 1)
 _ROMS: dict[tuple[object, ...], ReducedOrderModel] = {}
 Meshes = Mapping[str, BodyShape]
 PAPER_SCENE = ROOT / "scenes" / "slider_crank_paper.toml"
@@ -127,8 +129,7 @@ def rom_of(
 
 def built_rom(scene: Scene, *scramble: Callable[[ModeSet], ModeSet], meshes: Meshes | None = None) -> ReducedOrderModel:
     """Build the reduced-order model on this process, also where there is one; for tests that patch what builds it."""
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        return build_rom(scene, meshes_of(scene) if meshes is None else meshes, group, *scramble)
+    return build_rom(scene, meshes_of(scene) if meshes is None else meshes, ONE_RANK, *scramble)
 
 
 def reduced_model(scene: Scene, meshes: Meshes | None = None) -> ReducedModel:

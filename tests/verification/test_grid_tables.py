@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 from alike import assert_alike
 from length_scenes import HIGH, LOW, SMALL, long_crank, numbered
-from mpi4py import MPI
 from pencils import modal_problem
 from refusals import refusal
-from runs import history, reduced_model, rom_of, samples
+from runs import ONE_RANK, history, reduced_model, rom_of, samples
 from two_coordinates import THIRD, double_pendulum, five_bar, over
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import _beyond_tolerance, interpolation_errors
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
 from pgmp_petsc.reduction.interpolation import interpolant
@@ -134,8 +132,7 @@ def test_a_prescribed_coordinate_stays_in_the_tables() -> None:
 @pytest.mark.parametrize("drive", [(), (DRIVE,)])
 def test_full_order_and_reduced_frequencies_side_by_side(drive: tuple[str, ...]) -> None:
     scene = double_pendulum(SPLINE, "reduction.angles=12", *drive)
-    group = RankGroup.split(MPI.COMM_SELF, 1)
-    table = tabulate_modes(scene, meshes_of(scene), rom_of(scene), 6, group)
+    table = tabulate_modes(scene, meshes_of(scene), rom_of(scene), 6, ONE_RANK)
     assert table.theta.shape == (2, 36) and list(table.coordinate_units) == ["theta1", "theta2"]
     assert table.full_hz.shape == table.reduced_hz.shape == (36, 3)
     # every second sample: nothing is interpolated there

@@ -7,7 +7,7 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 from pencils import dense_of, matrices_of
-from runs import full_model, history, rom_of
+from runs import ONE_RANK, full_model, history, rom_of
 from scipy.optimize import brentq
 from slopes import slopes
 from spatial import slider_crank_in_space
@@ -22,7 +22,6 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.modes_table import springs_of, tabulate_modes
 from scenes import CRANK, RADIUS, ROD, SLIDER_CRANK, kinematics_of, meshes_of, pendulum, slider_crank
@@ -71,9 +70,6 @@ def spring_stiffness(scene: Scene, kinematics: RigidKinematics, poses: np.ndarra
         slope = slopes(measure, np.zeros(dofs.size), 1e-5)
         stiffness[np.ix_(dofs, dofs)] += action.parameters[0].at(scene.values) * np.outer(slope, slope)
     return stiffness
-
-
-ALONE = RankGroup.split(MPI.COMM_SELF, 1)
 
 
 def rigid_slider_crank(theta: float) -> tuple[float, float, float]:
@@ -147,7 +143,7 @@ def test_a_pendulum_under_its_weight() -> None:
     found = vibrations(scene, kinematics_of(scene), [-0.5 * np.pi, 0.5 * np.pi, 0.3])[:, 0]
     np.testing.assert_allclose(found[:2], [exact, -exact], rtol=1e-5)
     assert found[2] == pytest.approx(-exact * np.sqrt(np.sin(0.3)), rel=1e-5)
-    table = tabulate_modes(scene, meshes_of(scene), None, 4, ALONE)
+    table = tabulate_modes(scene, meshes_of(scene), None, 4, ONE_RANK)
     assert any("unstable on its springs" in str(remark) for remark in table.record.remarks)
     assert any("loaded by weight" in str(remark) for remark in table.record.remarks)
 
@@ -207,7 +203,7 @@ SPATIAL = (
 
 
 def solids(scene: Scene) -> RigidKinematics:
-    return RigidKinematics(Mechanism.from_scene(scene, condensed(scene, meshes_of(scene), ALONE)))
+    return RigidKinematics(Mechanism.from_scene(scene, condensed(scene, meshes_of(scene), ONE_RANK)))
 
 
 DRIVE = 'effects.d={type="prescribed_motion",coordinate="theta",constant_speed={speed=1.0}}'
@@ -259,7 +255,7 @@ def test_reduced_frequencies_for_any_value_of_the_stiffness(preload: bool) -> No
     # with more than some 400 N of preload the bodies would have buckled
     for stiffness in (1e1, 1e3) if preload else (1e2, 1e4, 1e6):
         scene = scene_from_toml(SLIDER_CRANK, ".", given, (f"k={stiffness}",))
-        table = tabulate_modes(scene, meshes_of(scene), rom, 24, ALONE)
+        table = tabulate_modes(scene, meshes_of(scene), rom, 24, ONE_RANK)
         full, reduced = table.full_hz, table.reduced_hz[:, :5]
         assert full.shape == (24, 5)
         some = np.abs(full[:, 0]) > 1e-3 * np.abs(full[:, 0]).max()  # but for dead centres
@@ -275,7 +271,7 @@ def test_without_its_answer_the_basis_says_so() -> None:
     assert with_answer.tables.n_modes == 6
     errors = []
     for model in (rom, with_answer):
-        table = tabulate_modes(scene, meshes_of(scene), model, 24, ALONE)
+        table = tabulate_modes(scene, meshes_of(scene), model, 24, ONE_RANK)
         errors.append(np.max(np.abs(table.reduced_hz[1:12, 1] / table.full_hz[1:12, 1] - 1)))
     assert errors[0] > 1e-4 > 1e-7 > errors[1]
 
@@ -286,7 +282,7 @@ def test_what_is_left_out_is_said() -> None:
         'effects.rub={type="joint_friction",joint="elbow",limit=0.1,speed=0.1}',
         'effects.oil={type="joint_damping",joint="elbow",coefficient=0.1}',
     )  # fmt: skip
-    table = tabulate_modes(scene, meshes_of(scene), None, 4, ALONE)
+    table = tabulate_modes(scene, meshes_of(scene), None, 4, ONE_RANK)
     said = " ".join(map(str, table.record.remarks))
     assert "linear springs in the stiffness: s" in said
     for name, why in (("stop", "one-sided"), ("rub", "friction"), ("oil", "damper")):

@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 from length_scenes import PART, long_crank, numbered
 from mpi4py import MPI
-from runs import MODELS, accurate_scene, full_model, motion, reduced_model, rom_of, samples, trajectory
+from runs import MODELS, ONE_RANK, accurate_scene, full_model, motion, reduced_model, rom_of, samples, trajectory
 from solid_scenes import solid_meshes, solid_slider_crank
 from solids import box_mesh, grid, grouped, rectangle_mesh, straightened
 
@@ -25,7 +25,6 @@ from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.models import ReducedModel, of_samples
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.angles import TARGET
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.checkpoint import BuildCheckpoint
@@ -363,10 +362,9 @@ def test_section_forces_of_reduced_beams_have_an_estimate_of_their_error() -> No
 def test_a_resumed_build_takes_up_the_mesh_of_a_condensed_body(tmp_path) -> None:
     scene = solid_slider_crank(*OVER_A_RUN, "reduction.angles=8", asked("high", "von_mises", body="rod"))
     meshes = solid_meshes(n_per_metre=10)
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        checkpoint = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, group, False)
-        rom = build_rom(scene, meshes, group, checkpoint=checkpoint)
-        kept = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, group, True).components
+    checkpoint = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, ONE_RANK, False)
+    rom = build_rom(scene, meshes, ONE_RANK, checkpoint=checkpoint)
+    kept = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, ONE_RANK, True).components
     assert (kept["crank"].recovery.answered, kept["rod"].recovery.answered) == (False, True)
     for name in ("crank", "rod"):
         assert identity(kept[name].recovery) == identity(rom.meshes[name].recovery)
@@ -570,10 +568,9 @@ def test_derivatives_are_those_of_full_order_runs_and_say_where_they_are_not() -
 
 
 def test_statistics_say_where_they_are_the_models_error(tmp_path: Path) -> None:
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        model = reduced_model(load_scene(SCENE, (*FORCES, "ensemble.checked_share=0.02"), ()))  # 20 of these
-        plans = (Plan(60, 1, tmp_path / name) for name in ("found.h5", "worse.h5"))
-        found, worse = map(run_ensemble, (model, without_answers(model)), plans, (group, group))
+    model = reduced_model(load_scene(SCENE, (*FORCES, "ensemble.checked_share=0.02"), ()))  # 20 of these
+    plans = (Plan(60, 1, tmp_path / name) for name in ("found.h5", "worse.h5"))
+    found, worse = map(run_ensemble, (model, without_answers(model)), plans, (ONE_RANK, ONE_RANK))
     said = [[r.text for r in one.record.remarks if "own error is a good part" in r.text] for one in (found, worse)]
     assert "deviation, quantiles of rod_force: " in said[1][0] and "checked samples have a deviation of" in said[1][0]
     assert not any("rod_force" in text for text in said[0])
