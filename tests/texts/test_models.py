@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import synthetic
 
-from pgmp_petsc.texts.models import report_of_run
+from pgmp_petsc.texts.models import of_ensemble, report_of_run
 
 
 def test_what_is_round_off_beside_the_mechanism_is_zero() -> None:
@@ -29,3 +29,13 @@ def test_the_largest_value_is_beside_that_at_the_end() -> None:
     run = replace(run, outputs={"bearing": force}, units={"bearing": "N"})
     head, line = report_of_run(run, Path("run.h5")).splitlines()[1:3]
     assert head.split("  ")[-1].strip() == "largest by size" and line.endswith(" -30 at 0.4 s") and " kN " in line
+
+
+def test_errors_beyond_what_samples_end_with_have_a_unit_of_their_own_size() -> None:
+    """A force whose samples all end near zero: its errors over the run are no 400000 uN."""
+    many, name = synthetic.ensemble("reduced"), "slider_deformation"
+    statistics = {name: replace(many.statistics[name], quantiles=many.statistics[name].quantiles * 0 + 1e-6)}
+    errors = {name: np.full(len(many.status), 0.4)}
+    many = replace(many, units=many.units | {name: "N"}, statistics=statistics, errors=errors, validity={})
+    (line,) = of_ensemble(many)[1:]
+    assert line.split() == [name, "400", "400", "mN"]
