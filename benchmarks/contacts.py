@@ -66,7 +66,7 @@ def instants_of(model: ReducedModel, n: int) -> int:
     system, seen = model.batch(draw(model.scene, 0, 0, n), n), []
 
     def look(number: int, time: float, state: State) -> None:
-        seen.append(system.depths(time, state) > 0.0)
+        seen.append(system.depths(np.array([time]), state.alone, np.ones(n, dtype=bool))[0] > 0.0)
 
     integrate(system, model.scene.simulation, observer=Called(look))
     return int(np.count_nonzero(np.diff(np.array(seen), axis=0)))

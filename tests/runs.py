@@ -20,6 +20,7 @@ import warm_start
 from conftest import ALONE, MPI_ENVIRONMENT, PGMP, ROOT, TIMEOUT_SECONDS, run_mpi
 from mpi4py import MPI
 
+from benchmarks.called import Called
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.cli.main import main
@@ -33,6 +34,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene, scene_to_toml
+from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.generalised_alpha import Run, integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
@@ -41,6 +43,8 @@ from scenes import HEADER, meshes_of, of_text, tables
 
 MODULES = os.environ.get("PYTHONPATH")  # as this process found them
 MOST_ROMS = 40  # that are kept, of some megabytes each
+#: This process by itself.
+ONE_RANK = RankGroup.split(MPI.COMM_SELF, 1)
 _ROMS: dict[tuple[object, ...], ReducedOrderModel] = {}
 Meshes = Mapping[str, BodyShape]
 PAPER_SCENE = ROOT / "scenes" / "slider_crank_paper.toml"
@@ -125,8 +129,7 @@ def rom_of(
 
 def built_rom(scene: Scene, *scramble: Callable[[ModeSet], ModeSet], meshes: Meshes | None = None) -> ReducedOrderModel:
     """Build the reduced-order model on this process, also where there is one; for tests that patch what builds it."""
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        return build_rom(scene, meshes_of(scene) if meshes is None else meshes, group, *scramble)
+    return build_rom(scene, meshes_of(scene) if meshes is None else meshes, ONE_RANK, *scramble)
 
 
 def reduced_model(scene: Scene, meshes: Meshes | None = None) -> ReducedModel:
@@ -204,6 +207,19 @@ def assert_forces_do_the_work(model: ReducedModel, state: State, values: Mapping
     expected = system.energies(time, state).powers["extra"] - (stored(h) - stored(-h)) / (2 * h)
     np.testing.assert_allclose(power, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
     assert np.abs(power).max() > 1e-3
+
+
+def watched(
+    system: SecondOrderSystem, simulation: Simulation, see: Callable[[float, State], object], every: int = 1
+) -> tuple[Run, list]:
+    """Integrate a system; return what is left, and what is seen of time and state after every so many steps."""
+    seen = []
+
+    def look(number: int, time: float, state: State) -> None:
+        if number % every == 0:
+            seen.append(see(time, state))
+
+    return integrate(system, simulation, observer=Called(look)), seen
 
 
 def history(

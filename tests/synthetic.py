@@ -304,7 +304,7 @@ def tradeoff(
 
 
 def assert_same(one, other, where: str = "result") -> None:
-    """Compare two results down to every number, and the order of names."""
+    """Compare two results down to every number, and the order of names, but for what they leave out of comparisons."""
     if isinstance(one, Mapping):
         assert set(one) == set(other), where
         for name in one:
@@ -312,7 +312,7 @@ def assert_same(one, other, where: str = "result") -> None:
         return
     assert type(one) is type(other), where
     if is_dataclass(one):
-        for item in fields(one):
+        for item in (item for item in fields(one) if item.compare):
             assert_same(getattr(one, item.name), getattr(other, item.name), f"{where}.{item.name}")
     elif isinstance(one, tuple):
         assert len(one) == len(other), where

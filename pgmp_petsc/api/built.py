@@ -32,11 +32,7 @@ def read_built(
 
 
 def scene_of_built(
-    made: Built,
-    directory: Path,
-    overrides: Sequence[str],
-    settings: Sequence[str],
-    name: object,
+    made: Built, directory: Path, overrides: Sequence[str], settings: Sequence[str], name: object
 ) -> Scene:
     """Return the scene of a built model, changed where a change leaves it valid, with its remarks; by one process.
 

@@ -311,8 +311,12 @@ class Bench:
         start, given = perf_counter(), "parameter_modes" in self.scene.reduction.model_fields_set
         try:
             rom = self._shelf.take(reduction)
-            few = rom.points.n_vectors < reduction.parameter_modes and not given
-            reason = rom.indefinite or (FEW_VECTORS if few else "")
+            if rom.points.n_vectors < reduction.parameter_modes and not given:
+                # beside many modes fewer of other parameter values are independent: it is the model that asks for these
+                reduction = reduction.model_copy(update={"parameter_modes": rom.points.n_vectors})
+                remarks = tuple(one for one in rom.record.remarks if not one.text.startswith(FEW_VECTORS))
+                self._shelf.take(reduction, replace(rom, record=replace(rom.record, remarks=remarks)))
+            reason = rom.indefinite
         except PgmpError as error:
             # what the scene gives itself is wrong whatever is chosen beside it; a candidate of ours is just no use
             if isinstance(error, InputError) and given:
@@ -574,10 +578,11 @@ class Shelf:
         self._build, self._most = build, most_bytes
         self._models: dict[Reduction, tuple[ReducedOrderModel, int]] = {}
 
-    def take(self, reduction: Reduction) -> ReducedOrderModel:
-        """Return a model, which is built where it is not at hand, and let the oldest ones go. Collective."""
+    def take(self, reduction: Reduction, made: ReducedOrderModel | None = None) -> ReducedOrderModel:
+        """Return a model, which is built where it is neither at hand nor `made`, and let the oldest ones go.
+        Collective."""
         kept = self._models.pop(reduction, None)
-        rom = self._build(reduction) if kept is None else kept[0]
+        rom = kept[0] if kept is not None else self._build(reduction) if made is None else made
         self._models[reduction] = rom, bytes_of(rom)
         while len(self._models) > 1 and sum(size for _, size in self._models.values()) > self._most:
             del self._models[next(iter(self._models))]

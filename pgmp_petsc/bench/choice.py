@@ -28,7 +28,7 @@ from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, refuse, refu
 from pgmp_petsc.bench.reference import MORE_MODES, Demand, Said, Subject, choose_reference, distance_from_mesh
 from pgmp_petsc.bodies.shape import Shapes, at_lengths
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.build import FEW_VECTORS, build_rom
+from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.checkpoint import Finished
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
@@ -142,11 +142,6 @@ class ReductionChoice:
             reduction = self._reduction.model_copy(update=entries)
             loads = (self._worst_load,) if self._worst_load else None
             trial = self._bench.try_out(reduction, self._n_steps, loads)
-            if trial.reason == FEW_VECTORS:
-                # beside many modes there may be no independent ones from other parameter values: they have them all
-                self._bench.spent += self._prices.seconds(rung, grid["angles"])
-                reduction = reduction.model_copy(update={"parameter_modes": 0})
-                trial = self._bench.try_out(reduction, self._n_steps, loads)
             if not self._worst_load:
                 # of what cannot be built nothing is known
                 self._worst_load = trial.errors.loads[trial.errors.place[0]] if trial.built else ""

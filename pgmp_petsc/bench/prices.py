@@ -70,8 +70,8 @@ FOUND_EVERYWHERE = {
 }  # fmt: skip
 FORCES_APART = {2: 1.2e-4, 3: 1.2e-4}  # s, more, where samples are taken one by one: 70, 80 and 185 us were measured
 BY_ITSELF = {2: 1.5e-4, 3: 4.5e-4}  # s, more, of a run of one sample: 70 to 250 us were measured in the plane
-# s, of each edge of a law that a sample crosses: of the mesh or of components, 6 to 20 ms were measured; in the lanes
-CROSSING, CROSSING_IN_LANES = 8e-3, 1.5e-4
+# s, of each edge of a law that a sample crosses: of the mesh or of components, 3 to 5 ms were measured; in the lanes
+CROSSING, CROSSING_IN_LANES = 4e-3, 1.5e-4
 SETTING_UP = {2: 0.04, 3: 0.4}  # s, of a sample of lengths of its own, by the dimension of space
 # s, of a step of a sample of a reduced model: by itself, a local effect, and a coefficient of its tables, which come
 # from the processor's cache, or where those of LANES samples are more than it holds, from memory

@@ -118,7 +118,7 @@ class Component:
     recovery: Recovery | None = None
     #: what is of second order in y; None where it is not known: of rigid bodies, of scaled cross-sections, and of
     #: bodies read back from a reduced model, whose tables hold it
-    large: LargeDeformation | None = None
+    large: LargeDeformation | None = field(default=None, compare=False)
     #: second derivatives of the amplitudes of the elastic free modes, shape (n_modes, n_modes, n_modes), 1/m; None
     #: where the body does not follow it, and of bodies read back, whose floating frames hold it
     foreshortening: np.ndarray | None = field(default=None, compare=False)

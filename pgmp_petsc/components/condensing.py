@@ -39,13 +39,7 @@ from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
 from pgmp_petsc.bodies.matrices import AffineMatrices, ThirdDerivative, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape, is_condensed, to_condense
 from pgmp_petsc.components.body_problem import BodyProblem, petsc_terms
-from pgmp_petsc.components.component_modes import (
-    condense,
-    foreshortened,
-    free_modes,
-    in_floating_frame,
-    own_nodes,
-)
+from pgmp_petsc.components.component_modes import condense, foreshortened, free_modes, in_floating_frame, own_nodes
 from pgmp_petsc.components.large_deformation import LongAxis, foreshortening, with_second_order
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import RankGroup

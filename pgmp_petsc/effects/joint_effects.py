@@ -132,8 +132,7 @@ class JointFriction(OnJoint):
         None, description="friction torque (Nm) or force (N) while it slides"
     )
     coefficient: Annotated[NotNegativeOrParameter | None, Unit("1")] = Field(
-        None,
-        description="in place of a limit: of friction under the force that the joint carries",
+        None, description="in place of a limit: of friction under the force that the joint carries"
     )
     radius: Annotated[PositiveOrParameter | None, Unit("m")] = Field(
         None, description="at which it rubs (m), of what turns, with a coefficient"

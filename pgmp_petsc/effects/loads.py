@@ -144,8 +144,7 @@ class Gravity(EffectEntry):
         (0.0, -1.0), description="direction (x, y), in space (x, y, z); its length does not matter"
     )
     acceleration: Annotated[NumberOrParameter, Unit("m/s2")] = Field(
-        STANDARD_GRAVITY,
-        description="acceleration (m/s2); that of the Earth where it is not given",
+        STANDARD_GRAVITY, description="acceleration (m/s2); that of the Earth where it is not given"
     )
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:

@@ -146,8 +146,7 @@ class SpringDamper(OnJoint):
         0.0, description="(Nm s/rad or N s/m)"
     )
     rest: Annotated[NumberOrParameter | None, Unit("rad", "m")] = Field(
-        None,
-        description="angle (rad), displacement or distance (m) without force; 0 for a joint if not given",
+        None, description="angle (rad), displacement or distance (m) without force; 0 for a joint if not given"
     )
 
     def check_entries(self) -> None:

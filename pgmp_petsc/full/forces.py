@@ -182,6 +182,26 @@ def act(actions, width, block, amplitudes, q, v, turns, gain_v, with_tangents, i
     return Acted(forces, slopes, stiffness, tangents, powers, stored, depths)
 
 
+@njit(cache=True, entry=True, error_model="numpy")
+def act_over(actions, width, amplitudes, q, v, turns, samples, depths):
+    """Evaluate the actions at instants with amplitudes (n_t, n_actions), as they are, and fill how far edges are
+    crossed, (n_t, n_blocks, n_events, n_lanes).
+
+    Unknowns, velocities and turns have the shape (n_t, n_blocks, n_dofs or n_turns, n_lanes), the turns of terms
+    behind others; only blocks with any of some samples, (n_blocks, n_lanes), are evaluated.
+    """
+    behind = max(turns.shape[2] - actions.dofs.shape[0], 0)
+    for k in range(q.shape[0]):
+        for block in range(q.shape[1]):
+            if samples[block].any():
+                now = act(
+                    actions, width, block, amplitudes[k], q[k, block], v[k, block], turns[k, block, behind:], 0.0, False
+                )
+                for event in range(depths.shape[2]):
+                    for lane in range(depths.shape[3]):
+                        depths[k, block, event, lane] = now.depths[lane, event]
+
+
 @njit(cache=True, apart=True, error_model="numpy")
 def add_actions(actions, width, block, amplitudes, share, q, v, turns, gains, fresh, x, place, diagonal, lower):
     """Take a share of the forces of all actions from x, and add their tangents to the matrix; `turns` as for `act`."""

@@ -24,7 +24,7 @@ from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.time_function import driven
 from pgmp_petsc.full.carried import Carried, find_all_carried
 from pgmp_petsc.full.energy import EnergyNames, energies_of
-from pgmp_petsc.full.forces import act
+from pgmp_petsc.full.forces import act_over
 from pgmp_petsc.full.kernel import Factors, count_turns
 from pgmp_petsc.full.part_reference import Reference
 from pgmp_petsc.full.parts import mass_on_diagonal
@@ -278,7 +278,7 @@ class FullBatch(FullSystem):
             aligned_zeros((blocks.n_blocks, n + equations.layout.n_lower, blocks.n_lanes)),
             aligned_zeros((n, blocks.n_lanes)),
         )
-        self._itself = np.empty((blocks.n_blocks, 0, blocks.n_lanes))  # no residual but c
+        self._itself = np.empty((blocks.n_blocks, 0, blocks.n_lanes))  # no residual but c, and nothing beside
         self._typical_mass = mass_on_diagonal(equations.problem, equations.size) / self.n_dofs
 
     def _bound_calls(self) -> None:
@@ -389,14 +389,13 @@ class FullBatch(FullSystem):
         the steps, shape (3, n_steps, n_dofs, n_samples).
         """
         scheme, n, (state, auxiliary, behind, contraction) = asked.scheme, asked.ends.size, asked.moment
-        if reference is None:
-            reference = np.empty((3, 0, self.n_dofs, self.n_samples))
-        about = self._blocks.pack(reference, 2)
-        numbers, beside = state.beside.T if self.carries else np.empty((0, self.n_samples)), None
-        before = (*state.parts(), auxiliary, self._blocks.pack(contraction), self._blocks.pack(numbers))
+        about = np.empty((3, 0, *state.q.shape)) if reference is None else self._blocks.pack(reference, 2)
+        numbers, beside = self._itself, None
         if self.carries:
+            numbers = self._blocks.pack(state.beside.T)
             self.beside.iterates = True
             beside = Reference(Beside(self._carried.parts, self._states, self.beside.over(asked.ends)))
+        before = (*state.parts(), auxiliary, self._blocks.pack(contraction), numbers)
         after = tuple(aligned((n, *part.shape)) for part in before)
         lost, n_corrections = np.empty(self._typical_mass.shape, dtype=bool), np.empty(n, dtype=np.int64)
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
@@ -419,26 +418,28 @@ class FullBatch(FullSystem):
 
     restore_all = restore
 
-    def depths(self, time: float, state: State) -> np.ndarray:
-        return self._blocks.unpack(np.array(self._depths(self._sources.amplitudes(np.array([time]))[0], state)))
+    def depths(self, times: np.ndarray, states: State, samples: np.ndarray) -> np.ndarray:
+        found, blocks = self._acted(self._sources.amplitudes(times), states, samples), self._blocks
+        return blocks.unpack(np.moveaxis(found, 1, 0))
 
     def measured(self, state: State) -> np.ndarray:
         """Return the motions that forces of controllers are of, or are led by, and their rates, a row for each part of
         what is given, (n_rows, n_samples, 2)."""
         columns, numbers = self._sources.controlled
-        self._depths(np.zeros(len(self._sources.actions)), state)
+        everyone = np.ones(self.n_samples, dtype=bool)
+        self._acted(np.zeros((1, len(self._sources.actions))), state.alone, everyone)
         noted = self._equations.problem.actions.parameters[0, columns]
         return noted[np.argsort(numbers), : self.n_samples, NOTED]
 
-    def _depths(self, amplitudes: np.ndarray, state: State) -> list[np.ndarray]:
-        """Evaluate the actions of all blocks; return how far edges are crossed, (n_events, n_lanes) each."""
-        problem, found, state = self._equations.problem, [], self._in_unknowns(state.alone).at(0)
-        for block in range(self._blocks.n_blocks):
-            turns = state.turns[block, len(state.turns[block]) - len(problem.actions.dofs) :]
-            now = act(
-                self._actions, problem.width, block, amplitudes, state.q[block], state.v[block], turns, 0.0, False
-            )
-            found.append(now.depths.T)
+    def _acted(self, amplitudes: np.ndarray, states: State, samples: np.ndarray) -> np.ndarray:
+        """Evaluate the actions of some samples in states with a leading axis of instants, with amplitudes (n_t,
+        n_actions); return how far edges are crossed, (n_t, n_blocks, n_events, n_lanes)."""
+        every, blocks = self._in_unknowns(states), self._blocks
+        found = np.empty((len(amplitudes), blocks.n_blocks, self.n_events, blocks.n_lanes))
+        act_over(
+            self._actions, self._equations.problem.width, amplitudes, every.q, every.v, every.turns,
+            blocks.mask(samples), found,
+        )  # fmt: skip
         return found
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:

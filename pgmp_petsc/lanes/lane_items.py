@@ -43,7 +43,7 @@ def aligned(shape: tuple[int, ...]) -> np.ndarray:
     """
     size = math.prod(shape)
     buffer = np.empty(size + CACHE_LINE // 8)
-    first = (-buffer.ctypes.data % CACHE_LINE) // 8
+    first = (-buffer.__array_interface__["data"][0] % CACHE_LINE) // 8  # as `ctypes.data`, in a third of the time
     return buffer[first : first + size].reshape(shape)
 
 

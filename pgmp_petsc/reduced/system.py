@@ -285,10 +285,13 @@ class ReducedSystem(SecondOrderSystem):
         by_samples = self._lanes.unpacked(np.swapaxes(loads, 0, 1))
         return np.moveaxis(by_samples.reshape(len(times), -1, self.n_samples), 1, 2)
 
-    def depths(self, time: float, state: State) -> np.ndarray:
-        """Return how far each edge is crossed, shape (n_events, n_samples)."""
-        self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), False)
-        return self._memory.depths.T.copy()
+    def depths(self, times: np.ndarray, states: State, samples: np.ndarray) -> np.ndarray:
+        """Return how far each edge is crossed; see `SecondOrderSystem.depths`."""
+        found = np.empty((times.size, self.n_events, self.n_samples))
+        for k, time in enumerate(times):
+            self._act(time, states.at(k), 0.0, samples, False)
+            found[k] = self._memory.depths.T
+        return found
 
     @property
     def instants_at_once(self) -> int:

@@ -134,12 +134,7 @@ class JointGaps(Record):
 
 
 def gap_answers_at(
-    problem: ModalProblem,
-    loads: TurnedLoads,
-    closing: Closing,
-    rows: np.ndarray,
-    modes: ModeSet,
-    shape: np.ndarray,
+    problem: ModalProblem, loads: TurnedLoads, closing: Closing, rows: np.ndarray, modes: ModeSet, shape: np.ndarray
 ) -> tuple[np.ndarray, ...]:
     """Return Y, local rows (n_local, g), and behind it the arrays of `JointGaps` of first order, in its order, at the
     configuration that the problem is at, of the basis there, local rows (n_local, m). Collective on the problem's

@@ -25,6 +25,7 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape, at_lengths
+from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.continuity import POOR_COSINE
@@ -45,6 +46,7 @@ HIGH = 0.5  # |T_n| where the family is checked; at points of the grid, where it
 LARGE = 1e-4  # share by which frequencies between the points may be off without a warning
 FOLLOWED = 0.9  # between spaces of modes of neighbouring angles; below, more angles are the likelier cure
 MORE = "take more reduction.length_points, or a narrower range"
+_ANSWERS: dict[str, str] = {}  # of `why_no_family`, which commands ask at several places
 
 
 @contextmanager
@@ -64,6 +66,13 @@ def why_no_family(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     can at all of them, and without lengths."""
     if not length_names(scene):
         return ""
+    asked = identity(scene_to_toml(scene), dict(scene.nominal), dict(meshes))
+    if asked not in _ANSWERS:
+        _ANSWERS[asked] = _why_no_family(scene, meshes)
+    return _ANSWERS[asked]
+
+
+def _why_no_family(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     grid = LengthGrid.of(scene)
     try:
         for values in ({name: scene.nominal[name] for name in grid.names}, *grid.points):

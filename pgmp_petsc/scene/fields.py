@@ -508,11 +508,7 @@ _AT_A_POINT = needed(
     lambda value: isinstance(value, str) and all(split_point(value)),
 )
 #: "body:point" or "ground:point".
-Point = Annotated[
-    str,
-    _AT_A_POINT,
-    WithJsonSchema({"type": "string", "pattern": "^[^:]+:.+$"}),
-]
+Point = Annotated[str, _AT_A_POINT, WithJsonSchema({"type": "string", "pattern": "^[^:]+:.+$"})]
 #: The two points that a joint connects.
 Connection = Annotated[
     tuple[Point, Point],

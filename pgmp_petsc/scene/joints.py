@@ -206,8 +206,7 @@ class Backlash(Clearance):
         description="K of K depth^exponent (N m/rad^exponent or N/m^exponent)"
     )
     restitution_speed: Annotated[PositiveOrParameter | None, Unit("rad/s", "m/s")] = Field(
-        None,
-        description="speed of the impact that restitution is of, 1 rad/s or 1 m/s if not given",
+        None, description="speed of the impact that restitution is of, 1 rad/s or 1 m/s if not given"
     )
 
 

@@ -179,18 +179,16 @@ class AlphaStep:
         taken = self.take(stretch.moment, stretch.ends, stretch.step, stretch.samples)
         n_steps, outcome = np.where(stretch.samples, len(taken), 0), np.full(stretch.samples.size, Outcome.DONE)
         n_steps[taken.lost], outcome[taken.lost] = len(taken) - 1, Outcome.LOST
-        for k in range(len(taken) if stretch.beyond.size or self._system.has_range else 0):
-            state, here = taken.states.at(k), n_steps > k
-            crossed = np.zeros_like(here)
-            if stretch.beyond.size:
-                crossed = here & np.any(
-                    (self._system.depths(float(stretch.ends[k]), state) > 0.0) != stretch.beyond, axis=0
-                )
-            outside = here & ~crossed & self._system.outside(state)
+        n_seen = n_steps.max() if stretch.beyond.size or self._system.has_range else 0
+        states = taken.states.at(slice(n_seen))
+        depths = self._system.depths(stretch.ends[:n_seen], states, stretch.samples) if n_seen else ()
+        for k, found in enumerate(depths):
+            here = n_steps > k
+            crossed = here & np.any((found > 0.0) != stretch.beyond, axis=0)
+            stretch.depths[:, crossed] = found[:, crossed]
+            outside = here & ~crossed & self._system.outside(states.at(k))
             outcome[crossed], outcome[outside] = Outcome.CROSSED, Outcome.OUTSIDE
             n_steps[crossed | outside] = k
-            if not here.any():
-                break
         for n in set(n_steps.tolist()) - {0}:
             there = n_steps == n
             put(self._system, stretch.moment, taken.after(n, begun), there)

@@ -139,33 +139,32 @@ def look(search, lane, step, depths, beyond):
         return BEGUN if stage == WHOLE else TRIED
     if search.n_trials[lane] > MAX_TRIALS:
         return HOPELESS
-    if stage == REACHING:
-        search.left[lane] -= search.first[lane]
-        if search.left[lane] <= SHORTEST * step:
-            begin_step(search, lane, step)
-            return DONE
-        search.stage[lane], search.duration[lane] = REST, search.left[lane]
-        return REACHED
-    edge = search.edge[lane]
-    sign = -1.0 if beyond[edge] else 1.0
-    depth = sign * depths[edge]
-    if stage == EARLIEST:
-        if not depth < 0.0:
-            _note(search, lane, 0.0)
-            _next_edge(search, lane, step, edge, beyond)
+    tried, edge, bracket = search.duration[lane], search.edge[lane], search.bracket
+    if stage == EARLIEST or stage == NARROWING:
+        sign = -1.0 if beyond[edge] else 1.0
+        depth = sign * depths[edge]
+        is_there = stage == EARLIEST and not depth < 0.0
+        if is_there:
+            bracket[NOW, lane] = 0.0
+        elif stage == NARROWING:
+            bracket[DEPTH_NOW, lane] = depth
+        else:
+            bracket[BEFORE, lane], bracket[DEPTH_BEFORE, lane] = tried, depth
+            bracket[NOW, lane], bracket[DEPTH_NOW, lane] = search.left[lane], sign * search.depths[edge, lane]
+            search.stage[lane] = NARROWING
+        if not (is_there or _narrow(bracket, lane, TIME_TOLERANCE * search.left[lane], stage == NARROWING)):
+            search.duration[lane] = bracket[NOW, lane]
             return TRIED
-        bracket = search.bracket
-        bracket[BEFORE, lane], bracket[DEPTH_BEFORE, lane] = search.duration[lane], depth
-        bracket[NOW, lane], bracket[DEPTH_NOW, lane] = search.left[lane], sign * search.depths[edge, lane]
-        search.stage[lane] = NARROWING
-    else:
-        search.bracket[DEPTH_NOW, lane] = depth
-    if _narrow(search.bracket, lane, TIME_TOLERANCE * search.left[lane]):
-        _note(search, lane, search.bracket[NOW, lane])
+        _note(search, lane, bracket[NOW, lane])
         _next_edge(search, lane, step, edge, beyond)
-    else:
-        search.duration[lane] = search.bracket[NOW, lane]
-    return TRIED
+        if search.stage[lane] != REACHING or search.first[lane] != tried:
+            return TRIED
+    search.left[lane] -= search.first[lane]
+    if search.left[lane] <= SHORTEST * step:
+        begin_step(search, lane, step)
+        return DONE
+    search.stage[lane], search.duration[lane] = REST, search.left[lane]
+    return REACHED
 
 
 @njit(error_model="numpy", counted=False)
@@ -193,10 +192,12 @@ def _next_edge(search, lane, step, edge, beyond):
 
 
 @njit(error_model="numpy", counted=False)
-def _narrow(bracket, lane, tolerance):
+def _narrow(bracket, lane, tolerance, inside):
     """Do one step of Brent's method (1973, chapter 4) with a new depth; return whether the root is found.
 
-    The root, or the next instant to be tried, is that in the row `NOW`.
+    The root, or the next instant to be tried, is that in the row `NOW`. Once an instant `inside` the first two was
+    tried, one is the root too that interpolation would move by less than the tolerance: the method itself would try
+    another on the other side.
     """
     b = bracket[:, lane]
     if (b[DEPTH_BEFORE] < 0.0) != (b[DEPTH_NOW] < 0.0):
@@ -221,6 +222,8 @@ def _narrow(bracket, lane, tolerance):
             trial = -b[DEPTH_NOW] * weighted / (across * behind * (b[DEPTH_ACROSS] - b[DEPTH_BEFORE]))
         if 2.0 * abs(trial) < min(abs(b[CHANGE_BEFORE]), 3.0 * abs(half) - least):
             before, change = b[CHANGE], trial
+            if inside and abs(trial) <= least:
+                return True
     b[CHANGE_BEFORE], b[CHANGE] = before, change
     b[BEFORE], b[DEPTH_BEFORE] = b[NOW], b[DEPTH_NOW]
     if abs(change) > least:
@@ -249,13 +252,17 @@ class Part:
 
 class EventLocation:
     """Location of the edges that the samples of a system cross, from a state at time 0 on: `beyond` says whether each
-    is crossed, (n_events, n_samples), and `shortest` is the time between two crossings of one, (n_samples,), s;
-    infinite where none was crossed twice."""
+    is crossed, (n_events, n_samples), `depths` how far at the end of a step that is to be repeated, NaN where that is
+    not known, and `shortest` is the time between two crossings of one, (n_samples,), s; infinite where none was
+    crossed twice."""
 
     def __init__(self, system: SecondOrderSystem, stepper: AlphaStep, start: State) -> None:
         self._system, self._stepper = system, stepper
-        known = system.depths(0.0, start) if system.n_events else np.zeros((0, system.n_samples))
-        self.beyond = known > 0.0
+        self.beyond = np.zeros((system.n_events, system.n_samples), dtype=bool)
+        if system.n_events:
+            everyone = np.ones(system.n_samples, dtype=bool)
+            self.beyond = system.depths(np.zeros(1), start.alone, everyone)[0] > 0.0
+        self.depths = np.full(self.beyond.shape, np.nan)
         self.shortest = np.full(system.n_samples, np.inf)
         self._last = np.full(self.beyond.shape, -np.inf)
 
@@ -269,30 +276,29 @@ class EventLocation:
         """Return which of some samples, a mask, are beyond other edges at the end of a step than at its beginning."""
         if not len(self.beyond):
             return np.zeros_like(samples)
-        return samples & np.any((self._system.depths(end, state) > 0.0) != self.beyond, axis=0)
+        depths = self._system.depths(np.array([end]), state.alone, samples)[0]
+        found = samples & np.any((depths > 0.0) != self.beyond, axis=0)
+        self.depths[:, found] = depths[:, found]
+        return found
 
     def repeat_steps(self, before: Moment, after: Moment, end: float, step: float, samples: np.ndarray) -> np.ndarray:
         """Repeat steps that cross edges, to their `end` and of a length, s, into `after`; return the samples whose
         iteration failed. Samples are a mask, shape (n_samples,)."""
         lost = np.zeros_like(samples)
         for sample in np.flatnonzero(samples):
+            alone = np.arange(samples.size) == sample
             with log_event("contacts"):
-                lost |= self._repeat(before, after, end, step, np.arange(samples.size) == sample)
+                parts = self.parts((before.state, before.auxiliary), end, step, alone)
+            for part in parts or ():
+                if part.edge >= 0:
+                    self.shortest[sample] = min(self.shortest[sample], part.end - self._last[part.edge, sample])
+                    self._last[part.edge, sample] = part.end
+            if parts is None:
+                lost[sample] = True
+            else:
+                reached = standing(parts[-1].state, parts[-1].auxiliary, samples.size)
+                put(self._system, after, reached._replace(before=before.state.a), alone)
         return lost
-
-    def _repeat(self, before: Moment, after: Moment, end: float, step: float, alone: np.ndarray) -> np.ndarray:
-        """Repeat the step of one sample; return it as a mask if its iteration failed."""
-        parts = self.parts((before.state, before.auxiliary), end, step, alone)
-        if parts is None:
-            return alone
-        for part in parts:
-            if part.edge >= 0:
-                last = self._last[part.edge, alone]
-                self.shortest[alone] = np.minimum(self.shortest[alone], part.end - last)
-                self._last[part.edge, alone] = part.end
-        reached = standing(parts[-1].state, parts[-1].auxiliary, alone.size)
-        put(self._system, after, reached._replace(before=before.state.a), alone)
-        return np.zeros_like(alone)
 
     def parts(self, moment: Place, end: float, step: float, alone: np.ndarray) -> list[Part] | None:
         """Take one sample, a mask of shape (n_samples,), to the end of a step, edge by edge; None where its iteration
@@ -303,15 +309,16 @@ class EventLocation:
         search, taken, (sample,) = EdgeSearch.of(len(self.beyond)), [], np.flatnonzero(alone)
         beyond = self.beyond[:, sample].copy()
         search.stage[0], search.duration[0] = WHOLE, step
-        left, found = step, TRIED
+        known, self.depths[:, sample] = self.depths[:, sample].copy(), np.nan
+        left, found = step, TRIED if np.isnan(known).any() else look(search, 0, step, known, beyond)
         while found != DONE:
             duration = float(search.duration[0])
-            reaching = search.stage[0] == REACHING
+            within = search.stage[0] not in (WHOLE, REST)
             until = end if duration == left else end - left + duration
             after, lost = self._stepper.take_one(standing(*moment, alone.size), until, duration, alone)
             there = after.state, after.auxiliary
             if not lost.any():
-                depths = np.ascontiguousarray(self._system.depths(until, there[0])[:, sample])
+                depths = self._system.depths(np.array([until]), there[0].alone, alone)[0, :, sample].copy()
             elif search.stage[0] == EARLIEST:
                 depths = np.full(len(beyond), np.nan)  # as if the edge were there
             else:
@@ -322,6 +329,6 @@ class EventLocation:
             if found in (REACHED, DONE):
                 left -= duration
                 moment = there
-                taken.append(Part(until, duration, int(search.nearest[0]) if reaching else -1, *there))
+                taken.append(Part(until, duration, int(search.nearest[0]) if within else -1, *there))
         self.beyond[:, sample] = beyond
         return taken

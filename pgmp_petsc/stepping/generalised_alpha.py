@@ -167,10 +167,11 @@ class GeneralisedAlpha:
         self._stand(trail, ~todo)
         while todo.any():
             first = int(at[todo].min())
-            together, ends = todo & (at == first), self.instants[first + 1 : last + 1]
+            together = todo & (at == first)
+            ends = self.instants[first + 1 : at[todo & ~together].min(initial=last) + 1]  # up to the next one, if any
             stretch = Stretch(
-                self._moment, first, ends, self._step, scheme, together, self._events.beyond, shown, trail,
-                self.counted,
+                self._moment, first, ends, self._step, scheme, together, self._events.beyond, self._events.depths,
+                shown, trail, self.counted,
             )  # fmt: skip
             outcome, n_steps = self._stepper.advance(stretch)
             at[together] += n_steps[together]

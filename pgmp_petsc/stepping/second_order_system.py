@@ -160,6 +160,9 @@ class Stretch:
     #: whether the edges of laws are crossed, shape (n_events, n_samples); brought up to date where the system passes
     #: them by itself
     beyond: np.ndarray
+    #: how far edges are crossed at the end of the step in which a sample is found to cross one, of the same shape;
+    #: filled, unless the system passes them by itself
+    depths: np.ndarray
     shown: np.ndarray  # numbers of the steps that somebody wants to see, increasing, shape (n_t,)
     trail: State  # the states after these, of the samples that are advanced; filled
     counted: np.ndarray  # see `AlphaStep`; brought up to date
@@ -319,9 +322,10 @@ class SecondOrderSystem:
         """Return a mask of the samples that left the model's range of validity."""
         return np.zeros(self.n_samples, dtype=bool)
 
-    def depths(self, time: float, state: State) -> np.ndarray:
-        """Return how far each edge is crossed (negative: not), shape (n_events, n_samples)."""
-        return np.zeros((0, self.n_samples))
+    def depths(self, times: np.ndarray, states: State, samples: np.ndarray) -> np.ndarray:
+        """Return how far each edge is crossed (negative: not) at times (n_t,), s, in states with a leading axis of
+        instants, shape (n_t, n_events, n_samples); of others than the given samples (a mask) they are any numbers."""
+        return np.zeros((times.size, 0, self.n_samples))
 
     def begin_iteration(self) -> None:
         """Take note that an iteration begins: laws with limits are evaluated as if for the first time."""

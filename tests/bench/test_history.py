@@ -1,15 +1,15 @@
 """The bench: models that stay or are built again, histories of runs, and errors between two."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import full_model, reduced_model, samples
+from runs import full_model, reduced_model, rom_of, samples
 from tradeoffs import OUTPUTS, small_scene
 
-from pgmp_petsc.base.errors import RunError
+from pgmp_petsc.base.errors import RunError, note, warning
 from pgmp_petsc.bench import bench
 from pgmp_petsc.bench.bench import FEWEST_STEPS, Bench, Shelf, bytes_of
 from pgmp_petsc.bench.cases import Training, held_out
@@ -24,6 +24,7 @@ from pgmp_petsc.bench.history import (
 )
 from pgmp_petsc.bench.prices import Price
 from pgmp_petsc.bench.reference import Reference
+from pgmp_petsc.reduction.build import FEW_VECTORS
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.stepping.alpha_step import LENGTHS
@@ -195,6 +196,26 @@ def test_the_oldest_goes_and_is_built_again() -> None:
 def test_the_latest_stays_however_large(most: int) -> None:
     builder, shelf = filled(400, most, 2)
     assert shelf.take(reduction(2)).modes == 2 and builder.built == [1, 2]
+
+
+def test_a_model_with_fewer_vectors_than_asked_for_is_that_which_asks_for_these(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It is built once, and does not say that vectors are missing."""
+    scene, built = slider_crank("reduction.modes=2", "reduction.angles=12"), []
+    found = rom_of(scene)
+    found = replace(
+        found, record=replace(found.record, remarks=(warning(f"{FEW_VECTORS}: 0 in place of 2"), note("n")))
+    )
+    own = object.__new__(Bench)
+    own.scene, own._bar, own.comm = slider_crank(), SimpleNamespace(update=lambda: None), MPI.COMM_SELF
+    own._shelf = Shelf(lambda asked: built.append(asked) or found)
+    monkeypatch.setattr(Bench, "_endless", lambda *_: None)
+    monkeypatch.setattr(Bench, "go_on", lambda _, trial, loads: trial)
+    trial = own.try_out(scene.reduction.model_copy(update={"parameter_modes": 2}), 100)
+    assert trial.built and trial.reduction.parameter_modes == 0 and not trial.reason
+    (remark,) = own.rom_of(trial).record.remarks
+    assert remark.text == "n" and len(built) == 1
 
 
 def test_bytes_of_all_arrays_within() -> None:

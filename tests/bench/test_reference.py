@@ -176,7 +176,7 @@ def test_contacts_and_searches_are_said_beside_a_price() -> None:
     plain = scene_of("beams", "torque")
     stopped = changed(plain, 'effects.stop={type="end_stop", joint="crank_hinge", upper=0.5, stiffness=1e3}')
     texts = [str(Price.of(Mechanism.from_scene(scene, meshes_for(scene)), 1e6)) for scene in (plain, stopped)]
-    assert "contact" not in texts[0] and texts[1].endswith("(and 8 ms for each contact that begins or ends; only runs "
+    assert "contact" not in texts[0] and texts[1].endswith("(and 4 ms for each contact that begins or ends; only runs "
                                                            "tell how many these are)")  # fmt: skip
     open_one = changed(plain, "reduction.tolerance=0.01", "reference.budget=90")
     for scene, searched in ((plain, False), (open_one, True)):

@@ -10,7 +10,7 @@ import pytest
 from combinations import meshes_for, scene_of
 from length_scenes import BRIEF, long_crank, numbered
 from mpi4py import MPI
-from runs import full_model, reduced_model
+from runs import ONE_RANK, full_model, reduced_model
 from tradeoffs import LEAST, small_scene, study
 
 from pgmp_petsc.base.errors import InputError, RunError
@@ -20,7 +20,6 @@ from pgmp_petsc.bench.choice import choose
 from pgmp_petsc.bench.history import floors_of, largest_errors, run_history
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.checkpoint import Finished
 from pgmp_petsc.results import Tradeoff
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
@@ -192,7 +191,7 @@ def test_a_build_by_tolerance_does_not_run_its_reference_again(tmp_path: Path, m
 
     def choice(resume: bool):
         kept = finished(tmp_path, scene, resume)
-        return choose(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1), finished=kept)
+        return choose(scene, meshes_of(scene), ONE_RANK, finished=kept)
 
     def killed(*_: object) -> None:
         raise KeyboardInterrupt
@@ -206,7 +205,7 @@ def test_a_build_by_tolerance_does_not_run_its_reference_again(tmp_path: Path, m
         patch.setattr(Bench, "finer_meshes", lambda *_: None)
         patch.setattr(FullModel, "batch", killed)
         resumed = choice(True)
-    whole = choose(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
+    whole = choose(scene, meshes_of(scene), ONE_RANK)
     assert resumed.selection.chosen == whole.selection.chosen
     for one, other in zip(resumed.selection.attempts, whole.selection.attempts, strict=True):
         # the eigensolver's random start changes the last digits

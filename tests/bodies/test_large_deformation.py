@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from green_lagrange import energy_of
 from mpi4py import MPI
+from runs import ONE_RANK
 from scipy.linalg import eigh
 from solid_scenes import solid_meshes, solid_slider_crank
 from solids import body_of, fields_on, matrices_of, mesh_of, rod, third_of
@@ -20,7 +21,6 @@ from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.components.large_deformation import FieldsOnRanks, LongAxis, contraction_of, with_second_order
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.checkpoint import BuildCheckpoint
 
 KINDS = ("triangle6", "quad8", "tetra10", "hexahedron20")
@@ -163,10 +163,9 @@ def test_condensed_bodies_answer_the_inertia_forces_of_rigid_motion(kind: str) -
 
 def test_a_checkpoint_keeps_it(tmp_path: Path) -> None:
     scene, meshes = solid_slider_crank("reduction.second_order=true", "reduction.modes=3"), solid_meshes(n_per_metre=10)
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        first = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, group, resume=False)
-        made = condensed(scene, meshes, group, first)
-        kept = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, group, resume=True).components
+    first = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, ONE_RANK, resume=False)
+    made = condensed(scene, meshes, ONE_RANK, first)
+    kept = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, ONE_RANK, resume=True).components
     for name, component in made.items():
         other = kept[name].large
         assert other.slenderness == component.large.slenderness

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from effect_scenes import BAR, scene_of
-from mpi4py import MPI
+from runs import ONE_RANK
 from scipy.sparse.linalg import ArpackNoConvergence
 from solids import body_of, box_mesh, matrices_of, mesh_of, rectangle_mesh
 from static_equilibrium import StaticEquilibrium
@@ -30,7 +30,6 @@ from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import reference_element
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Stated
 from scenes import RADIUS, four_bar, kinematics_of, mechanism_of, slider_crank, tables
@@ -125,8 +124,7 @@ def test_the_third_derivative_at_parameter_values_is_the_weighted_sum(scene: Sce
 def test_rows_of_all_ranks_make_the_whole_third_derivative_of_condensed_bodies(kind: str, size: int) -> None:
     """Ranks may share the rows of a condensed body."""
     scene = combinations.scene_of(kind, "nothing")
-    with RankGroup.split(MPI.COMM_SELF, 1) as alone:
-        shapes = condensed(scene, combinations.meshes_for(scene), alone, large=True)
+    shapes = condensed(scene, combinations.meshes_for(scene), ONE_RANK, large=True)
     mechanism = Mechanism.from_scene(scene, shapes)
     vectors, values = vectors_of(mechanism.n_dofs), scene.nominal
     whole = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).weighted(vectors, PAIRS, values)
@@ -145,8 +143,7 @@ def test_rows_of_all_ranks_make_the_whole_third_derivative_of_condensed_bodies(k
 
 def test_bodies_without_terms_of_second_order_are_named() -> None:
     scene = combinations.scene_of("mixture", "nothing")
-    with RankGroup.split(MPI.COMM_SELF, 1) as alone:
-        shapes = condensed(scene, combinations.meshes_for(scene), alone)
+    shapes = condensed(scene, combinations.meshes_for(scene), ONE_RANK)
     mechanism = Mechanism.from_scene(scene, shapes)
     assert [body.third_derivative_known for body in mechanism.bodies] == [True, False]
     with pytest.raises(ValueError, match="the third derivative of the strain energy of rod is not known"):

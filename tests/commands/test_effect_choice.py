@@ -9,14 +9,13 @@ import pytest
 from cantilevers import BAR, BEAM_IN_SPACE, IN_SPACE, PLATE, bar_mesh, cantilever, ends, plate_mesh
 from conftest import ROOT, run_mpi
 from mpi4py import MPI
-from runs import PGMP, overridden, pgmp
+from runs import ONE_RANK, PGMP, overridden, pgmp
 from solids import rectangle_mesh
 
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mesh.line_mesh import straight_beam
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.results import EffectSizes
 from pgmp_petsc.scene import Scene, load_scene, scene_to_toml
 from pgmp_petsc.studies.effect_sizes import choose_effects, estimate_effects, remarks_on_sizes
@@ -90,8 +89,7 @@ def test_the_choice_follows_stretching_as_the_bodies_can(counts: tuple[int, int]
     scene = cantilever(PLATE, "", *driven, "reduction.modes=3")
     height = 0.02 if stretching == "static" else 0.5
     meshes = {"beam": ends(rectangle_mesh("quad8", counts, (1.0, height)))}
-    with RankGroup.split(MPI.COMM_SELF, 1) as alone:
-        shapes = condensed(scene, meshes, alone, large=True)
+    shapes = condensed(scene, meshes, ONE_RANK, large=True)
     chosen, _ = choose_effects(scene, meshes, shapes)
     assert chosen.effects["geometric_stiffening"].stretching == stretching
     assert chosen.second_order and chosen.static_stretching == (stretching == "static")

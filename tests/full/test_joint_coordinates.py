@@ -3,16 +3,14 @@
 import numpy as np
 import pytest
 from conftest import ROOT
-from runs import components_model, run_model, samples
+from runs import components_model, run_model, samples, watched
 from spatial_beams import slider_crank_of_beams
 
-from benchmarks.called import Called
 from pgmp_petsc.full.joint_systems import JointBatch
 from pgmp_petsc.full.joint_tree import BY_AXES
 from pgmp_petsc.full.kernel import count_turns
 from pgmp_petsc.models import ComponentModel
 from pgmp_petsc.scene import load_scene
-from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.status import Status
 from scenes import four_bar, meshes_of, slider_crank, trammel
@@ -133,13 +131,8 @@ def test_the_limit_is_that_of_all_unknowns_with_multipliers(make, monkeypatch: p
             model = components_model(scene, meshes(scene))
             system = model.batch(samples(scene, 1), 1)
             assert isinstance(system, JointBatch) == joints
-            frames = []
-
-            def observe(step: int, time: float, state: State, system=system, frames=frames) -> None:
-                frames.append(system.frames(state)[..., 0])
-
-            integrate(system, scene.simulation, observer=Called(observe))
-            found.append(np.array(frames)[:: 1 if step > 1.5e-4 else 2])
+            _, states = watched(system, scene.simulation, lambda _, state: state.copy(), 1 if step > 1.5e-4 else 2)
+            found.append(np.array([system.frames(state)[..., 0] for state in states]))
         apart.append(np.abs(found[0] - found[1]).max())
     assert np.log2(apart[0] / apart[1]) == pytest.approx(2.0, abs=0.35)
 

@@ -8,9 +8,8 @@ import mechanisms
 import numpy as np
 import pytest
 import scipy.linalg
-from mpi4py import MPI
 from pencils import modal_problem
-from runs import assert_close, history, rom_of, samples
+from runs import ONE_RANK, assert_close, history, rom_of, samples
 from scrambling import clusters, turned
 
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
@@ -18,7 +17,6 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
@@ -34,9 +32,7 @@ APART = 1e-4  # eigenvalues of one cluster agree to this share
 def build(
     scene: Scene, length: float = 0.25, differ: float = 0.0, scramble: Callable[[ModeSet], ModeSet] = lambda m: m
 ) -> ReducedOrderModel:
-    return build_rom(
-        scene, mechanisms.flywheel_meshes(scene, length, differ), RankGroup.split(MPI.COMM_SELF, 1), scramble
-    )
+    return build_rom(scene, mechanisms.flywheel_meshes(scene, length, differ), ONE_RANK, scramble)
 
 
 @lru_cache(maxsize=3)

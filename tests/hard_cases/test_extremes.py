@@ -16,15 +16,14 @@ from mechanisms import (
     start,
 )
 from pencils import modal_problem
-from runs import assert_close, full_model, quick_return, rom_of, samples
+from runs import assert_close, full_model, quick_return, rom_of, samples, watched
 
-from benchmarks.called import Called
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.stepping.generalised_alpha import Run, integrate
+from pgmp_petsc.stepping.generalised_alpha import Run
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.status import Status
 from scenes import CRANK, RADIUS, ROD, kinematics_of, slider_crank
@@ -151,14 +150,12 @@ def gaps_and_end(name: str, *overrides: str) -> tuple[np.ndarray, dict[str, floa
     model = model_of(name, accurate(*overrides))
     constraints, system = ConstraintSet(Unknowns(model.kinematics.mechanism)), model.batch(samples(model.scene, 1), 1)
     every = max(1, round(model.scene.simulation.duration / model.scene.simulation.step) // 100)
-    gaps = []
 
-    def record(step: int, time: float, state: State) -> None:
-        if step % every == 0:
-            frames = system.frames(state) if isinstance(model, FullModel) else model.frames_of(state.q)
-            gaps.append(np.abs(constraints.residual(frames.reshape(-1, 1))).max())
+    def gap(time: float, state: State) -> float:
+        frames = system.frames(state) if isinstance(model, FullModel) else model.frames_of(state.q)
+        return np.abs(constraints.residual(frames.reshape(-1, 1))).max()
 
-    run = integrate(system, model.scene.simulation, observer=Called(record))
+    run, gaps = watched(system, model.scene.simulation, gap, every)
     end = model.outputs.evaluate(model.observed(system, run.state))
     return np.array(gaps), {output: float(value[0]) for output, value in end.items()}, run
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from elimination import Beams, chain, circle
 from mechanisms import accurate, both, nominal_rom, run_for, start
-from runs import assert_close, full_model, history, reduced_model, samples
+from runs import assert_close, full_model, history, reduced_model, samples, watched
 
-from benchmarks.called import Called
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.models import FullModel
@@ -49,16 +48,16 @@ class Balance:
 
 def balance_of(model: FullModel, beams: Beams) -> Balance:
     """Integrate a full-order model; energy and momentum by formulas of the tests' own."""
-    mass, rows = beams.mass(), []
-    system = model.batch(samples(model.scene, 1), 1)
+    mass, system = beams.mass(), model.batch(samples(model.scene, 1), 1)
 
-    def record(step: int, time: float, state: State) -> None:
+    def row(time: float, state: State) -> tuple[float, ...]:
         q, v = system.unpack(state.q)[:, 0], system.unpack(state.v)[:, 0]
         rotation = np.ones_like(q)  # velocity of every node when all turns about the origin at 1 rad/s
         rotation[0::3], rotation[1::3] = -q[1::3], q[0::3]
-        rows.append((time, q[2], 0.5 * v @ mass @ v + beams.energy(q), rotation @ mass @ v))
+        return time, q[2], 0.5 * v @ mass @ v + beams.energy(q), rotation @ mass @ v
 
-    assert integrate(system, model.scene.simulation, observer=Called(record)).status[0] == 0
+    run, rows = watched(system, model.scene.simulation, row)
+    assert run.status[0] == 0
     return Balance(*np.array(rows).T)
 
 

@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import overridden, pgmp, rom_of, trajectory
+from runs import ONE_RANK, overridden, pgmp, rom_of, trajectory
 
 from pgmp_petsc.api.sources import Origin
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Ensemble, Trajectory
 from pgmp_petsc.scene import Scene, load_scene
@@ -138,7 +137,7 @@ N, SEED = 64, 0
 def rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("press") / "rom.h5"
     scene, meshes = read_scene(ENSEMBLE, (), (), MPI.COMM_SELF, Purpose.BUILD)
-    build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)).write(path)
+    build_rom(scene, meshes, ONE_RANK).write(path)
     return path
 
 

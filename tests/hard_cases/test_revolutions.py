@@ -9,9 +9,8 @@ import pytest
 import scipy.integrate
 from conftest import ROOT
 from mechanisms import GRAVITY, OUTPUTS, QUIET, run_for, start
-from runs import history, rom_of, samples
+from runs import history, rom_of, samples, watched
 
-from benchmarks.called import Called
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.terms import coupling_of
@@ -20,7 +19,6 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.tables import fine_grid
 from pgmp_petsc.scene import Scene, scene_from_tables
 from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
-from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.studies.single_run import balance_of
 from scenes import slider_crank
 
@@ -82,13 +80,11 @@ def long_run(radius: float, torque: float) -> tuple[np.ndarray, np.ndarray, np.n
     )
     model = ReducedModel(scene, rom())
     energy, rigid = energy_of(model)
-    system, rows = model.batch(samples(scene, 1), 1), []
-
-    def record(step: int, time: float, state: State) -> None:
-        if step % 21 == 0:
-            rows.append((time, state.q[0, 0], energy(state.q[0], state.v[0])))
-
-    assert integrate(system, scene.simulation, observer=Called(record)).status[0] == 0
+    system = model.batch(samples(scene, 1), 1)
+    run, rows = watched(
+        system, scene.simulation, lambda time, state: (time, state.q[0, 0], energy(state.q[0], state.v[0])), 21
+    )
+    assert run.status[0] == 0
     return *np.array(rows).T, rigid
 
 

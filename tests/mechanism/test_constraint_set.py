@@ -18,72 +18,103 @@ from scenes import four_bar, kinematics_of, mechanism_of, pendulum, slider_crank
 
 SCENES = {
     "slider_crank": slider_crank, "pendulum": pendulum, "four_bar": four_bar, "trammel": trammel,
-    "quick_return": quick_return,
+    "quick_return": quick_return, "in space": spatial_slider_crank,
+    "driven in space": lambda: spatial_slider_crank(
+        'effects={motor={type="prescribed_motion", coordinate="theta", spin_up={speed=25.0, time=0.2}}}'
+    ),
 }  # fmt: skip
 
 
 @pytest.fixture(params=SCENES)
 def mechanism(request: pytest.FixtureRequest) -> Mechanism:
-    return mechanism_of(SCENES[request.param]())
+    return kinematics_of(SCENES[request.param]()).mechanism
 
 
-def anywhere(mechanism: Mechanism, n: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return states off the constraints: q, v of shape (n_dofs, n) and multipliers (n_constraints, n)."""
+def anywhere(constraints: ConstraintSet) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return states off the constraints: q, v of shape (n_dofs, 1) and multipliers (n_constraints, 1), zero of driven
+    angles, whose second derivatives hold on rigid directors alone."""
     random = np.random.default_rng(3)
-    shapes = ((mechanism.n_dofs, n), (mechanism.n_dofs, n), (mechanism.n_constraints, n))
-    return tuple(random.normal(size=shape) for shape in shapes)
+    q, v, multipliers = (random.normal(size=(n, 1)) for n in (*[constraints.n_dofs] * 2, constraints.n_constraints))
+    multipliers[constraints.n_constraints - constraints.n_driven :] = 0.0
+    return q, v, multipliers
+
+
+def held(constraints: ConstraintSet, angle: float = 0.7) -> np.ndarray:
+    """Return what driven joints are to have."""
+    return np.full(constraints.n_driven, angle)
 
 
 # Central differences with a step of 1e-6 on numbers of order one: round-off 1e-10, truncation 1e-12.
-DIFFERENCE = {"rtol": 0.0, "atol": 2e-9}
+DIFFERENCE = 2e-9
 
 
 def test_the_jacobian_is_the_derivative_of_the_residual(mechanism: Mechanism) -> None:
-    constraints, (q, _, _) = ConstraintSet(Unknowns(mechanism)), anywhere(mechanism)
+    constraints = ConstraintSet(Unknowns(mechanism))
+    q, _, _ = anywhere(constraints)
     rows, columns = constraints.jacobian_pattern
     assert len(set(zip(rows, columns))) == rows.size
-    expected = slopes(lambda x: constraints.residual(x[:, None])[:, 0], q[:, 0], 1e-6)
-    np.testing.assert_allclose(dense_jacobian(constraints, q[:, 0]), expected, **DIFFERENCE)
+    expected = slopes(lambda x: constraints.residual(x[:, None], held(constraints))[:, 0], q[:, 0], 1e-6)
+    size = max(1.0, np.abs(constraints.residual(q, held(constraints))).max())  # of squares of directors in space
+    np.testing.assert_allclose(dense_jacobian(constraints, q[:, 0]), expected, rtol=0, atol=DIFFERENCE * size)
 
 
 def test_reactions_change_with_pairs_of_unknowns_that_are_known(mechanism: Mechanism) -> None:
-    constraints, (q, _, multipliers) = ConstraintSet(Unknowns(mechanism)), anywhere(mechanism)
+    constraints = ConstraintSet(Unknowns(mechanism))
+    q, _, multipliers = anywhere(constraints)
     changes = slopes(lambda x: dense_jacobian(constraints, x).T @ multipliers[:, 0], q[:, 0], 1e-6)
     # every pair of unknowns once: one triangle of each joint, not always that of the whole matrix
     i, j = constraints.curvature_pattern
     pairs = {(min(a, b), max(a, b)) for a, b in zip(i, j)}
-    assert len(pairs) == i.size
+    assert len(pairs) == i.size or constraints.n_driven, "a drive has pairs of its joint once more"
     changes[i, j] = changes[j, i] = 0.0
-    np.testing.assert_allclose(changes, 0.0, **DIFFERENCE)
+    np.testing.assert_allclose(changes, 0.0, rtol=0, atol=DIFFERENCE)
 
 
 def test_the_drift_is_what_velocities_leave_of_the_second_derivative(mechanism: Mechanism) -> None:
-    constraints, (q, v, _) = ConstraintSet(Unknowns(mechanism)), anywhere(mechanism)
-    step = 1e-4
+    constraints = ConstraintSet(Unknowns(mechanism))
+    (q, v, _), step, own = anywhere(constraints), 1e-4, slice(constraints.n_constraints - constraints.n_driven)
 
     def residual(time: float) -> np.ndarray:
-        return constraints.residual(q + time * v)
+        return constraints.residual(q + time * v, held(constraints))
 
     expected = (residual(step) - 2 * residual(0.0) + residual(-step)) / step**2
     # second difference: round-off 1e-16 / 1e-8, truncation of the order of the step's square times |v|^4
-    np.testing.assert_allclose(constraints.drift(q, v), expected, rtol=1e-5, atol=1e-5)
+    found = constraints.drift(q, v, held(constraints, 0.0))
+    np.testing.assert_allclose(found[own], expected[own], rtol=1e-5, atol=1e-5)
 
 
 def test_the_rigid_motion_satisfies_them(mechanism: Mechanism) -> None:
-    kinematics, constraints = RigidKinematics(mechanism), ConstraintSet(Unknowns(mechanism))
-    poses = kinematics.poses(np.array([0.4, 2.0, 5.0]))
-    # the closure's own tolerance is 1e-12 of the mechanism's size
-    np.testing.assert_allclose(constraints.residual(Unknowns(mechanism).place(poses)), 0.0, rtol=0, atol=2e-12)
-    rates = kinematics.rates(poses)
-    for k in range(3):
-        q = Unknowns(mechanism).place(poses[..., k])
-        velocity = Unknowns(mechanism).place(poses[..., k], rates[..., k])
-        np.testing.assert_allclose(dense_jacobian(constraints, q) @ velocity, 0.0, rtol=0, atol=1e-11)
+    """With its velocities ``C v`` is that of the driven angles, and with its accelerations ``C a + drift = 0``."""
+    kinematics, unknowns, h = RigidKinematics(mechanism), Unknowns(mechanism), 1e-5
+    constraints = ConstraintSet(unknowns)
+
+    def state(angle: float) -> tuple[np.ndarray, np.ndarray]:
+        poses = kinematics.poses(np.array([angle]))
+        return unknowns.place(poses[..., 0]), unknowns.place(poses[..., 0], kinematics.rates(poses)[..., 0, 0])
+
+    for theta in (0.4, 2.0, 5.0):
+        q, v = state(theta)
+        # the closure's own tolerance is 1e-12 of the mechanism's size
+        found = constraints.residual(q[:, None], held(constraints, theta))
+        np.testing.assert_allclose(found, 0.0, rtol=0, atol=2e-12)
+        jacobian, acceleration = dense_jacobian(constraints, q), (state(theta + h)[1] - state(theta - h)[1]) / (2 * h)
+        speeds = np.arange(constraints.n_constraints) >= constraints.n_constraints - constraints.n_driven
+        np.testing.assert_allclose(jacobian @ v, speeds, rtol=0, atol=1e-11)
+        drift = constraints.drift(q[:, None], v[:, None], held(constraints, 0.0))[:, 0]
+        np.testing.assert_allclose(jacobian @ acceleration + drift, 0.0, rtol=0, atol=1e-7)
 
 
-def test_only_a_line_on_a_moving_body_makes_them_nonlinear() -> None:
+def test_constraints_that_follow_from_others_are_left_out(mechanism: Mechanism) -> None:
+    constraints = ConstraintSet(Unknowns(mechanism))
+    q = Unknowns(mechanism).place(RigidKinematics(mechanism).poses(np.array([0.7]))[..., 0])
+    kept = constraints.independent(q)
+    for of in (constraints, kept):
+        assert np.linalg.matrix_rank(dense_jacobian(of, q), tol=1e-9) == kept.n_constraints <= of.n_constraints
+
+
+def test_only_a_line_on_a_moving_body_and_space_make_them_nonlinear() -> None:
     found = {name: ConstraintSet(Unknowns(mechanism_of(scene()))).linear for name, scene in SCENES.items()}
-    assert found == {"slider_crank": True, "pendulum": True, "four_bar": True, "trammel": True, "quick_return": False}
+    assert {name for name, linear in found.items() if not linear} == {"quick_return", "in space", "driven in space"}
     linear = ConstraintSet(Unknowns(mechanism_of(slider_crank())))
     assert linear.curvature_pattern[0].size == 0
     assert np.all(linear.drift(*(np.ones((36, 2)),) * 2) == 0.0)
@@ -132,16 +163,20 @@ def test_the_hessians_of_joints_in_space_are_second_differences(kinematics, curv
 
 
 def test_some_of_them_are_the_same_statements(mechanism: Mechanism) -> None:
-    q = anywhere(mechanism)[0]
     constraints = ConstraintSet(Unknowns(mechanism))
+    q = anywhere(constraints)[0]
     every = np.arange(constraints.n_constraints)
     for chosen in (every, every[1::2]):
         own = constraints.rows_among(chosen)
-        held = own.motions < 0
-        found = own.rows.values(q)[held, 0] - own.wanted[held]
-        np.testing.assert_array_equal(found, constraints.residual(q)[chosen[own.places[held]], 0])
+        joints = own.motions < 0
+        found = own.rows.values(q)[joints, 0] - own.wanted[joints]
+        expected = constraints.residual(q, held(constraints))[chosen[own.places[joints]], 0]
+        np.testing.assert_array_equal(found, expected)
     whole = constraints.rows_among(every).rows
-    for found, expected in zip(whole.jacobian_pattern, constraints.jacobian_pattern):
+    rows, columns = constraints.jacobian_pattern
+    own = ~constraints.of_ties  # which are no statements
+    wanted = (np.cumsum(own) - 1)[rows[own[rows]]], columns[own[rows]]
+    for found, expected in zip(whole.jacobian_pattern, wanted):
         np.testing.assert_array_equal(found, expected)
 
 

@@ -5,13 +5,11 @@ from pathlib import Path
 import numpy as np
 from conftest import run_mpi
 from length_scenes import BRIEF, PART, SLIDER_CRANK, long_crank
-from mpi4py import MPI
-from runs import PGMP, full_model, in_turn, overridden, rom_of
+from runs import ONE_RANK, PGMP, full_model, in_turn, overridden, rom_of
 
 from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble
 
@@ -44,8 +42,7 @@ def test_two_ranks_build_and_draw_lengths_as_one_does(tmp_path: Path) -> None:
         np.testing.assert_allclose(one.tables.stiffness, other.tables.stiffness, atol=1e-6 * scale)
     scene = long_crank(*BRIEF, BATCH)
     for name, model, n in (("reduced", ReducedModel(scene, found), N), ("full", full_model(scene), 3)):
-        with RankGroup.split(MPI.COMM_SELF, 1) as group:
-            expected = run_ensemble(model, Plan(n, SEED, tmp_path / f"one_{name}.h5"), group)
+        expected = run_ensemble(model, Plan(n, SEED, tmp_path / f"one_{name}.h5"), ONE_RANK)
         several = Ensemble.read(tmp_path / f"{name}.h5")
         np.testing.assert_array_equal(several.parameters["rod_length"], expected.parameters["rod_length"])
         for output, values in expected.outputs.items():

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from frames import to_inertial
-from runs import place_in, quick_return, reduced_model, rom_of
+from runs import place_in, quick_return, reduced_model, rom_of, watched
 from scipy.spatial.transform import Rotation
 
-from benchmarks.called import Called
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
@@ -37,7 +36,7 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 from pgmp_petsc.reduction.tables import ReducedTables, fine_grid
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.stepping.generalised_alpha import Run, integrate
+from pgmp_petsc.stepping.generalised_alpha import Run
 from pgmp_petsc.stepping.second_order_system import Scheme, State
 from pgmp_petsc.studies.reduced_run import lost_definiteness
 from scenes import four_bar, kinematics_of, mechanism_of, slider_crank, trammel
@@ -265,14 +264,9 @@ def test_newton_converges_at_once(settings: dict) -> None:
 def simulate(
     system: ReducedSystem, duration: float, step: float, radius: float = 1.0
 ) -> tuple[Run, list[State], list[float]]:
-    states, times = [], []
-
-    def record(number: int, time: float, state: State) -> None:
-        states.append(state.copy())
-        times.append(time)
-
     simulation = Simulation(duration=duration, step=step, spectral_radius=radius)
-    return integrate(system, simulation, observer=Called(record)), states, times
+    run, seen = watched(system, simulation, lambda time, state: (state.copy(), time))
+    return run, *map(list, zip(*seen))
 
 
 def energies(terms: ReducedTerms, states: list[State]) -> np.ndarray:

@@ -269,6 +269,16 @@ def test_a_mechanism_that_does_not_close_at_a_length_is_refused_with_it() -> Non
     assert "whole range" not in str(refused.value)
 
 
+def test_whether_a_mechanism_closes_at_all_lengths_is_found_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However often a command asks, of scenes that it reads again too; a scene with other entries is another."""
+    closed, close = [], length_family.RigidKinematics
+    monkeypatch.setattr(length_family, "RigidKinematics", lambda *own, **how: closed.append(own) or close(*own, **how))
+    for length, n in ((0.71, 1), (0.71, 1), (0.72, 2)):
+        scene = long_crank(*SMALL, f"parameters.rod_length={{nominal={length}, bounds=[0.6, 0.8]}}")
+        assert not length_family.why_no_family(scene, meshes_of(scene))
+        assert len(closed) == n * (1 + len(LengthGrid.of(scene).points))
+
+
 def test_a_sample_that_does_not_close_is_a_record_and_not_the_end_of_the_others() -> None:
     """Of full-order samples, each of its own lengths; what an ensemble says of them names the length."""
     model = of_samples(full_model(long_crank("simulation={duration=2e-3,step=1e-3}")), ["rod_length"])

@@ -64,7 +64,7 @@ DEPTHS: dict[str, Depth] = {
 @pytest.mark.parametrize("name", DEPTHS)
 @pytest.mark.parametrize("leaves", [False, True])
 def test_an_edge_is_found_where_scipy_finds_it(name: str, leaves: bool) -> None:
-    """The same method, to the last bit but for the order of operations, and with as many trials."""
+    """The same method, which ends as soon as it would move the root by less than the tolerance, in fewer trials."""
     asked = []
 
     def depth(time: float) -> float:
@@ -73,10 +73,11 @@ def test_an_edge_is_found_where_scipy_finds_it(name: str, leaves: bool) -> None:
 
     root = brentq(depth, SHORTEST * STEP, STEP, xtol=TIME_TOLERANCE * STEP)
     reached, tried, beyond = through([lambda t: -DEPTHS[name](t) if leaves else DEPTHS[name](t)], [leaves])
-    assert reached == pytest.approx([root], rel=1e-14) and beyond[0] != leaves
+    # two roots that are within the tolerance each; what is flat moves by less than it is off
+    assert reached == pytest.approx([root], rel=0, abs=3.0 * TIME_TOLERANCE * STEP) and beyond[0] != leaves
     assert tried[0] == (BEGUN, STEP) and tried[-1] == (DONE, pytest.approx(STEP))
-    # of the ends of the bracket the later one is known; beyond scipy's trials: up to the edge, and the rest
-    assert len(tried) == len(asked) + 2
+    # beyond scipy's trials: the rest
+    assert len(tried) <= len(asked) + 1
 
 
 def test_a_step_without_an_edge_is_one_trial() -> None:

@@ -2,11 +2,10 @@
 
 import numpy as np
 from effect_scenes import BAR, BAR_INERTIA, scene_of
-from runs import full_model
+from runs import full_model, watched
 
-from benchmarks.called import Called
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.stepping.generalised_alpha import integrate
+from pgmp_petsc.stepping.second_order_system import State
 from scenes import tables
 
 STIFFNESS, SPEED, GAP = 200.0, 1.0, 0.1
@@ -43,9 +42,8 @@ def exact(time: float) -> float:
 
 def angles(scene: Scene, n: int = 1, **values: np.ndarray) -> np.ndarray:
     """Return the angle of every sample at every step, shape (n_t, n)."""
-    system, found = full_model(scene).batch(values, n), []
-    integrate(system, scene.simulation, observer=Called(lambda k, t, state: found.append(system.unpack(state.q)[2])))
-    return np.array(found)
+    system = full_model(scene).batch(values, n)
+    return np.array(watched(system, scene.simulation, lambda _, state: system.unpack(state.q)[2])[1])
 
 
 def test_the_time_of_contact_is_half_a_period_of_the_spring() -> None:
@@ -94,7 +92,8 @@ def test_a_start_within_a_stop_is_no_event_until_it_is_left() -> None:
     system = model.batch({}, 1)
     state = system.start()
     assert system.n_events == 2 and full_model(scene_of(BAR)).batch({}, 1).n_events == 0
-    np.testing.assert_array_equal(system.depths(0.0, state)[:, 0] > 0.0, [False, True])
+    depths = system.depths(np.zeros(1), state.alone, np.ones(1, dtype=bool))
+    np.testing.assert_array_equal(depths[0, :, 0] > 0.0, [False, True])
     found = angles(scene)[:, 0]
     rate = np.sqrt(STIFFNESS / BAR_INERTIA)
     times = np.linspace(0.0, 0.2, 201)
@@ -102,3 +101,15 @@ def test_a_start_within_a_stop_is_no_event_until_it_is_left() -> None:
     expected = -0.05 + 0.05 * np.cos(rate * times) + SPEED / rate * np.sin(rate * times)
     # (omega h)^2 / 12 of omega t
     np.testing.assert_allclose(found[within], expected[within], rtol=0, atol=5e-6)
+
+
+def test_edges_are_looked_for_at_many_instants_at_once() -> None:
+    """Of some samples, in one block of two, at each instant what the bar's angle says."""
+    system, some = full_model(bouncing(1e-3, 0.2)).batch({}, 10), np.arange(10) > 7
+    turned = 0.02 * np.arange(1.0, 5.0)[:, None] * (np.arange(10.0) - 4.0)
+    states = State.along([system.start()] * 4)
+    states.q[:, :, 2] = system.pack(turned[:, None], 1)[:, :, 0]
+    found = system.depths(np.zeros(4), states, some)
+    assert found.shape == (4, 2, 10)
+    beyond = np.stack([-GAP - turned, turned - GAP], axis=1)  # the lower stop is the first
+    np.testing.assert_allclose(found[:, :, some], beyond[:, :, some], rtol=0, atol=1e-12)

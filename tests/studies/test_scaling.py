@@ -8,6 +8,7 @@ import pytest
 from conftest import ROOT
 from mpi4py import MPI
 from pictures import assert_inside, legend_texts, visible
+from runs import ONE_RANK
 
 from benchmarks.scaling import build, figures, fine_beams, report
 from benchmarks.scaling import case as phases
@@ -15,7 +16,6 @@ from benchmarks.scaling.case import ScalingCase
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.studies.inputs import read_scene
 
@@ -45,10 +45,9 @@ def case(unknowns: int = 1000, ranks: int = 1, together: int = 1, **changes: obj
 def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[ScalingCase, Path]:
     """Return the record of the plane slider-crank on the meshes of the repository, and its reduced model's file."""
     path = tmp_path_factory.mktemp("scaling") / "case_small.h5"
-    group = RankGroup.split(MPI.COMM_SELF, 1)
     # the first condensing of a process imports and compiles, which is of no phase
-    build.measure(SOLIDS, SMALL, group, path.with_name("first.h5"), fresh_up_to=10**4)
-    return build.measure(SOLIDS, SMALL, group, path, fresh_up_to=10**4), path
+    build.measure(SOLIDS, SMALL, ONE_RANK, path.with_name("first.h5"), fresh_up_to=10**4)
+    return build.measure(SOLIDS, SMALL, ONE_RANK, path, fresh_up_to=10**4), path
 
 
 def test_a_build_is_measured_phase_by_phase(measured: tuple[ScalingCase, Path]) -> None:
@@ -71,7 +70,7 @@ def test_a_build_is_measured_phase_by_phase(measured: tuple[ScalingCase, Path]) 
 
 def test_a_fresh_solve_has_the_condensed_frequencies() -> None:
     scene, meshes = read_scene(SOLIDS, SMALL, (), MPI.COMM_SELF, Purpose.BUILD)
-    components = condensed(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1))
+    components = condensed(scene, meshes, ONE_RANK)
     fresh = build.fresh_solve(scene, meshes, MPI.COMM_SELF)
     # condensing leaves 1e-10 of the compliances; round-off of the mesh's stiffness stands above
     np.testing.assert_allclose(fresh, build.fresh_solve(scene, components, MPI.COMM_SELF), rtol=1e-7)
@@ -83,7 +82,7 @@ def test_a_full_solve_that_fails_is_a_record(tmp_path: Path, monkeypatch: pytest
             raise RunError("too fine")
 
     monkeypatch.setattr(build, "ModalProblem", Failing)
-    found = build.measure(SOLIDS, SMALL, RankGroup.split(MPI.COMM_SELF, 1), tmp_path / "rom.h5", fresh_up_to=10**4)
+    found = build.measure(SOLIDS, SMALL, ONE_RANK, tmp_path / "rom.h5", fresh_up_to=10**4)
     assert found.refusal == "too fine" and phases.FRESH not in {**found.wall, **found.processor}
     assert "| refused: too fine |" in report.angle_table([found]).markdown()
 
@@ -163,6 +162,6 @@ def test_programs_say_how_they_are_called_and_what_they_need(capsys, monkeypatch
         with pytest.raises(InputError, match="scripts/bench_scaling"):
             work(tmp_path)
     with pytest.raises(InputError, match="no body of continuum elements"):
-        build.measure(BEAMS, (), RankGroup.split(MPI.COMM_SELF, 1), tmp_path / "rom.h5")
+        build.measure(BEAMS, (), ONE_RANK, tmp_path / "rom.h5")
     with pytest.raises(InputError, match="bodies.crank: a beam along the x axis is needed"):
         fine_beams.frequencies(SOLIDS, 10, MPI.COMM_SELF)

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fielded import last_grid
-from mpi4py import MPI
-from runs import MODELS, built_rom, full_model, reduced_model, trajectory
+from runs import MODELS, ONE_RANK, built_rom, full_model, reduced_model, trajectory
 from solids import rectangle_mesh
 from spatial import slider_crank_in_space
 from two_coordinates import double_pendulum
@@ -18,7 +17,6 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.mesh.line_mesh import straight_beam
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
@@ -264,6 +262,5 @@ def test_modes_where_the_interpolated_mass_is_none_are_refused(springs: tuple[st
     broken.rom = replace(model.rom, tables=replace(model.rom.tables, mass=mass))
     with pytest.raises(InputError, match=f"--at theta = 0.7 rad{said}"):
         mode_shape(broken, 1, {"theta": 0.7})
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        with pytest.raises(InputError, match=f"--rom, at some of 5 configurations{said}"):
-            tabulate_modes(model.scene, meshes_of(model.scene), broken.rom, 5, group)
+    with pytest.raises(InputError, match=f"--rom, at some of 5 configurations{said}"):
+        tabulate_modes(model.scene, meshes_of(model.scene), broken.rom, 5, ONE_RANK)

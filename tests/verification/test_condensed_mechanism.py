@@ -7,9 +7,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from alike import assert_alike, assert_order, shares_left
-from mpi4py import MPI
 from pencils import modal_problem
-from runs import assert_close, full_model, motion, rom_of
+from runs import ONE_RANK, assert_close, full_model, motion, rom_of
 from solid_scenes import GRAVITY, HEIGHT, THICKNESS, solid_meshes, solid_slider_crank
 from solids import rectangle_mesh
 
@@ -20,7 +19,6 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.sampler import Sampler, TurnedLoads
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.results import Trajectory
@@ -28,7 +26,6 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, kinematics_of, slider_crank, straight, tables
 
 N_MODES = 6
-ALONE = RankGroup.split(MPI.COMM_SELF, 1)
 DAMPING = 'effects.friction={type="structural_damping", stiffness=2e-5, mass=0.5}'
 MOVING = ("simulation.initial.theta.position=0.3", "simulation.initial.theta.velocity=4.0")
 
@@ -37,7 +34,7 @@ MOVING = ("simulation.initial.theta.position=0.3", "simulation.initial.theta.vel
 def scene_and_shapes(small: bool) -> tuple[Scene, Mapping[str, BodyShape]]:
     """Return the scene with gravity and its bodies, condensed or on their meshes."""
     scene, meshes = solid_slider_crank(GRAVITY, f"reduction.modes={N_MODES}"), solid_meshes("quad8", 40)
-    return scene, condensed(scene, meshes, ALONE) if small else meshes
+    return scene, condensed(scene, meshes, ONE_RANK) if small else meshes
 
 
 def problem_of(scene: Scene, shapes: Mapping[str, BodyShape], n_modes: int = N_MODES) -> ModalProblem:
@@ -96,7 +93,7 @@ def test_frequencies_of_two_materials_at_other_values_of_a_parameter(known: str)
     half = np.flatnonzero(crank.nodes[crank.cells].mean(axis=1)[:, 0] > 0.15)
     meshes["crank"] = replace(crank, regions={"half": half})
     found = []
-    for shapes in (condensed(scene, meshes, ALONE), meshes):
+    for shapes in (condensed(scene, meshes, ONE_RANK), meshes):
         kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes))
         # the subspace was made at 5.5, 6.25, 7, 7.75 and 8.5e10 Pa
         for modulus in (5.9e10, 7e10, 8.2e10):
@@ -121,7 +118,7 @@ def test_a_bar_that_a_single_frame_holds() -> None:
     scene, mesh = scene_from_toml(HINGED, "."), rectangle_mesh("quad8", (20, 1), (1.0, 0.02))
     meshes = {"arm": replace(mesh, nodes=mesh.nodes - np.array([0.0, 0.01]))}
     found = []
-    for shapes in (condensed(scene, meshes, ALONE), meshes):
+    for shapes in (condensed(scene, meshes, ONE_RANK), meshes):
         with problem_of(scene, shapes, 2) as problem:
             found.append(problem.solve(0.3).frequencies_hz)
     np.testing.assert_allclose(found[0], found[1], rtol=1e-8)
@@ -184,7 +181,7 @@ def test_frequencies_with_a_scaled_cross_section() -> None:
     """Of the condensed mechanism at any scale, of the meshes that have it, and of beams with the same section."""
     scene = solid_slider_crank(*SCALED, f"reduction.modes={N_MODES}")
     meshes = solid_meshes("quad8", 40)
-    small = RigidKinematics(Mechanism.from_scene(scene, condensed(scene, meshes, ALONE)))
+    small = RigidKinematics(Mechanism.from_scene(scene, condensed(scene, meshes, ONE_RANK)))
     for scale in (0.75, 1.0, 1.22):
         with modal_problem(small, {"s": scale}, N_MODES) as problem:
             found = problem.solve(0.7).frequencies_hz
@@ -231,8 +228,7 @@ def frequencies(scene: Scene, shapes: Mapping[str, BodyShape], n: int) -> np.nda
 
 def test_a_rod_of_cells_on_a_crank_of_beams_has_the_frequencies_of_beams() -> None:
     scene, meshes = mixed_slider_crank()
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        small = frequencies(scene, condensed(scene, meshes, group), 4)
+    small = frequencies(scene, condensed(scene, meshes, ONE_RANK), 4)
     np.testing.assert_allclose(small, frequencies(scene, meshes, 4), rtol=1e-8)
     beams = frequencies(slider_crank(), {"crank": straight(0.0, 0.3, 20), "rod": straight(0.3, 1.0, 40)}, 4)
     np.testing.assert_allclose(small, beams, rtol=1e-2)

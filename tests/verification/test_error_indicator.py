@@ -10,7 +10,7 @@ import pytest
 import runs
 from conftest import ROOT
 from mpi4py import MPI
-from runs import components_model, full_model, history, reduced_model, samples, trajectory
+from runs import ONE_RANK, components_model, full_model, history, reduced_model, samples, trajectory
 from solid_scenes import solid_meshes, solid_slider_crank
 from spatial import slider_crank_in_space
 from spatial_beams import slider_crank_of_beams
@@ -33,7 +33,6 @@ from pgmp_petsc.estimates.reference_motion import ReferenceMotion, Schedule
 from pgmp_petsc.full import systems as full_systems
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene, load_scene
@@ -419,8 +418,7 @@ def every_effect(*overrides: str) -> Made:
 
 
 def kept_rom(made: Made, directory: Path) -> ReducedOrderModel:
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        build_rom(*made, group).write(directory / "rom.h5")
+    build_rom(*made, ONE_RANK).write(directory / "rom.h5")
     return ReducedOrderModel.read(directory / "rom.h5")
 
 

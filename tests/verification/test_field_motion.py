@@ -5,16 +5,14 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from runs import components_model, full_model, history, reduced_model, rom_of, samples
+from runs import components_model, full_model, history, reduced_model, rom_of, samples, watched
 from spatial_beams import SLIDER_CRANK as IN_SPACE
 
-from benchmarks.called import Called
 from pgmp_petsc.bodies.random_fields import checked_expansion, correlation
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene, scene_from_toml
-from pgmp_petsc.stepping.generalised_alpha import integrate
 from scenes import PENDULUM, meshes_of, slider_crank
 
 N = 20  # elements
@@ -140,13 +138,8 @@ def test_beams_in_space_move_as_those_in_the_plane(full: dict[str, np.ndarray]) 
 def test_the_energy_of_a_damped_motion_is_balanced() -> None:
     scene, values = moving()
     model = full_model(scene)
-    times, energies = [], []
     with closing(model.batch(values, 2)) as system:
-        run = integrate(
-            system,
-            scene.simulation,
-            observer=Called(lambda _, time, state: (times.append(time), energies.append(system.energies(time, state)))),
-        )
+        run, energies = watched(system, scene.simulation, system.energies)
     assert not run.status.any()
     total = np.array([one.kinetic + one.strain + sum(one.potential.values()) for one in energies])
     power = np.array([sum(one.powers.values()) for one in energies])

@@ -7,9 +7,8 @@ import pytest
 from effect_scenes import CANTILEVER, scene_of
 from elimination import Beams, Eliminated, chain, circle
 from mpi4py import MPI
-from runs import full_model, history, paper_scene, quick_return, run_model, samples
+from runs import full_model, history, paper_scene, quick_return, run_model, samples, watched
 
-from benchmarks.called import Called
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.effects.time_function import driven
 from pgmp_petsc.full.systems import FullBatch
@@ -95,12 +94,9 @@ def test_constraints_that_turn_with_a_body_hold_at_every_step() -> None:
     model = full_model(scene)
     system = model.batch(samples(scene, 1), 1)
     constraints = ConstraintSet(Unknowns(model.kinematics.mechanism))
-    gaps: list[float] = []
-
-    def record(step: int, time: float, state: State) -> None:
-        gaps.append(float(np.abs(constraints.residual(system.unpack(state.q))).max()))
-
-    integrate(system, scene.simulation, observer=Called(record))
+    _, gaps = watched(
+        system, scene.simulation, lambda _, state: np.abs(constraints.residual(system.unpack(state.q))).max()
+    )
     assert len(gaps) == 101
     # the closure of the start and Newton's tolerance are both 1e-12 of the mechanism's size, which is below 1 m
     assert max(gaps) < 1e-12
@@ -119,15 +115,13 @@ def energies(scene: Scene) -> np.ndarray:
     model: FullModel = full_model(scene)
     section = circle(RADIUS, 210e9, 7800.0)
     beams: Beams = chain((5, 5), (CRANK, ROD), [section, section])
-    mass, found = beams.mass(), []
-    system = model.batch(samples(scene, 1), 1)
+    mass, system = beams.mass(), model.batch(samples(scene, 1), 1)
 
-    def record(step: int, time: float, state: State) -> None:
+    def energy(time: float, state: State) -> float:
         q, v = system.unpack(state.q)[:, 0], system.unpack(state.v)[:, 0]
-        found.append(0.5 * v @ mass @ v + beams.energy(q))
+        return 0.5 * v @ mass @ v + beams.energy(q)
 
-    integrate(system, scene.simulation, observer=Called(record))
-    return np.array(found)
+    return np.array(watched(system, scene.simulation, energy)[1])
 
 
 def test_energy_is_kept_without_loads_and_numerical_damping() -> None:
@@ -299,14 +293,9 @@ def test_the_scheme_by_itself_leaves_them_where_it_damps_them(make) -> None:
 def test_a_sample_that_ranks_could_share_does_the_same(make) -> None:
     model, found = make(1.0), []
     for system in (model.batch(samples(model.scene, 1), 1), model.distributed(model.scene.values, MPI.COMM_SELF)):
-        places = []
-
-        def observe(number: int, time: float, state: State, system=system, places=places) -> None:
-            places.append(system.unpack(state.q)[:, 0].copy())
-
-        integrate(system, model.scene.simulation, observer=Called(observe))
+        _, states = watched(system, model.scene.simulation, lambda _, state: state.q.copy())
+        found.append(np.array([system.unpack(q)[:, 0] for q in states]))
         system.close()
-        found.append(np.array(places))
     assert np.ptp(found[0], axis=0).max() > 1e-2
     # Newton's iteration stops at 1e-12, and other factors round otherwise
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-8 * np.abs(found[0]).max())

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,19 +9,16 @@ from alike import assert_groups_alike, assert_samples_are_those_alone
 from conftest import ROOT
 from differences import SHARES, ToRoundOff, compare
 from offset_scenes import clamped_beam, clamped_stiffness, offset
-from runs import full_model, motion, reduced_model, rom_of, trajectory
+from runs import full_model, motion, reduced_model, rom_of, trajectory, watched
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from spatial_beams import slider_crank_of_beams
 
-from benchmarks.called import Called
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import solids
 from pgmp_petsc.figures.loads import Load, arrows_of, joint_forces, loads
 from pgmp_petsc.figures.motion import motion_of
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
-from pgmp_petsc.stepping.generalised_alpha import integrate
 from scenes import HEADER, four_bar, of_text, pendulum, slider_crank, tables, trammel
 
 GRAVITY = 9.80665
@@ -385,9 +381,9 @@ def test_the_multipliers_of_simeons_flexible_slider_crank() -> None:
     place = rod.mesh.nodes[:, 0] / 0.3
     local = model.local_displacements(np.eye(3)[1:], {})[:, before : before + rod.n_nodes, 1]
     rates = 0.444896105 * np.sin(np.pi * place) + 0.463434311e-2 * np.sin(2.0 * np.pi * place)
-    system, kept = model.batch({}, 1), []
+    system = model.batch({}, 1)
     system.begun = np.zeros((1, 3)), np.array([[150.0, *np.linalg.lstsq(local.T, rates, rcond=None)[0]]])
-    integrate(system, model.scene.simulation, observer=Called(lambda _, time, state: kept.append((time, state))))
+    _, kept = watched(system, model.scene.simulation, lambda *seen: seen)
     found = model.outputs.evaluate(model.observed_of(*kept[-1], {}))
     for name, value in printed.items():
         assert abs(found[name][0] - value) < 6e-3 * largest[name], (name, found[name])
@@ -546,16 +542,12 @@ def test_estimated_errors_and_lanes_of_forces() -> None:
     assert_samples_are_those_alone(reduced_model(scene), [7], 1e-10, r1=np.linspace(5.2e-3, 6.0e-3, 11))
 
 
-def test_files_keep_forces_and_models_without_them_refuse(tmp_path: Path) -> None:
+def test_models_without_forces_refuse_them() -> None:
     """Without such outputs nothing of them is in a model, and its tables are the same numbers."""
     with_forces, without = rom_of(slider_crank(*BASIS, *ALL)), rom_of(slider_crank(*BASIS))
     assert without.gaps is None
     for name in ("mass", "inertia", "stiffness", "load"):
         np.testing.assert_array_equal(getattr(with_forces.tables, name), getattr(without.tables, name))
-    with_forces.write(tmp_path / "rom.h5")
-    read = ReducedOrderModel.read(tmp_path / "rom.h5")
     scene = slider_crank(*BASIS, *ALL, "simulation.duration=0.01")
-    for name, values in motion(ReducedModel(scene, with_forces)).outputs.items():
-        np.testing.assert_array_equal(motion(ReducedModel(scene, read)).outputs[name], values)
     with pytest.raises(InputError, match=r"outputs.pin_x: .*built without.*pgmp build again"):
         ReducedModel(scene, without)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
-from pencils import constraints_at, dense_of, dense_pencil, matrices_of, modal_problem
+from pencils import constraints_at, dense_of, dense_pencil, modal_problem
 from petsc4py import PETSc
 from refusals import refusal
 from two_coordinates import double_pendulum, five_bar
@@ -88,26 +88,6 @@ def test_the_bands_of_the_paper_over_a_revolution() -> None:
         assert frequencies[:, mode].max() == pytest.approx(high, abs=0.6)
 
 
-@pytest.mark.parametrize(("scene", "n_modes"), [(slider_crank(), 15), (four_bar(), 8), (trammel(), 6), (pendulum(), 5)])
-def test_modes_are_those_of_the_dense_pencil(scene: object, n_modes: int) -> None:
-    kinematics = kinematics_of(scene)
-    stiffness, mass = matrices_of(kinematics.mechanism, VALUES)
-    with modal_problem(kinematics, VALUES, n_modes) as problem:
-        for theta in (0.0, 0.7, np.pi / 2, np.pi, 4.0):
-            modes = problem.solve(theta)
-            exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta, VALUES))
-            # the dense solver errs by round-off of the largest eigenvalue
-            np.testing.assert_allclose(modes.eigenvalues, exact[1 : n_modes + 1], rtol=1e-9, atol=1e-14 * exact[-1])
-            flexible, rigid = modes.flexible, modes.rigid
-            np.testing.assert_allclose(flexible.T @ mass @ flexible, np.eye(n_modes), rtol=0, atol=1e-9)
-            size = np.sqrt((rigid.T @ mass @ rigid).item())
-            np.testing.assert_allclose(rigid.T @ mass @ flexible, 0.0, rtol=0, atol=1e-12 * size)
-            np.testing.assert_allclose(constraints_at(kinematics, theta) @ flexible, 0.0, rtol=0, atol=1e-11)
-            projected = flexible.T @ stiffness @ flexible
-            allowed = 1e-8 * modes.eigenvalues[-1]
-            np.testing.assert_allclose(projected, np.diag(modes.eigenvalues), rtol=1e-8, atol=allowed)
-
-
 @pytest.fixture(params=["LAPACK", "SLEPc"])
 def solved_by(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Solve small problems with either; the name of which."""
@@ -157,14 +137,14 @@ def test_the_equal_frequencies_of_equal_blades_are_all_found(n_blades: int, n_ce
             np.testing.assert_allclose(problem.solve(0.3).eigenvalues, exact[:n_modes], rtol=1e-7)
 
 
-def test_more_modes_than_the_mesh_has_are_refused() -> None:
-    kinematics = kinematics_of(slider_crank())
-    with modal_problem(kinematics, VALUES, 31) as problem:
+@pytest.mark.parametrize(("scene", "prescribed"), [(slider_crank, ()), (pendulum, ("phi",))])
+def test_more_modes_than_the_mesh_has_are_refused(scene: Callable[..., Scene], prescribed: tuple[str, ...]) -> None:
+    with driven(scene(), 31, *prescribed) as problem:
         assert problem.n_modes == 30  # 12 nodes of 3 unknowns, less 5 constraints and the rigid motion
-        assert refusal(problem.keep, slider_crank("reduction.modes=31").reduction) == (
+        assert refusal(problem.keep, scene("reduction.modes=31").reduction) == (
             "reduction.modes = 31: the mesh has only 30 flexible modes; take fewer modes or a finer mesh"
         )
-    with modal_problem(kinematics, VALUES, 30) as problem:
+    with driven(slider_crank(), 30) as problem:
         assert problem.solve(1.0).frequencies_hz.shape == (30,)
 
 
@@ -344,24 +324,38 @@ def dense(problem: ModalProblem, theta: np.ndarray) -> np.ndarray:
     return scipy.linalg.eigvalsh(*(n.T @ part @ n for part in dense_of(problem.mechanism, problem.values)))
 
 
-@pytest.mark.parametrize("prescribed", [(), ("theta1",), ("theta2",), ("theta1", "theta2")])
-@pytest.mark.parametrize("name", ["double_pendulum", "five_bar"])
-def test_modes_are_those_of_a_dense_eigenproblem(name: str, prescribed: tuple[str, ...]) -> None:
-    scene = {"double_pendulum": double_pendulum, "five_bar": five_bar}[name]()
-    with driven(scene, 4, *prescribed) as problem:
-        n_free = 2 - len(prescribed)
-        assert problem.free.tolist() == [k for k, c in enumerate(("theta1", "theta2")) if c not in prescribed]
-        for theta in CONFIGURATIONS:
-            modes = problem.solve(theta)
-            exact = dense(problem, theta)
-            assert np.all(np.abs(exact[:n_free]) < 1e-7 * exact[n_free])
+ANGLES = np.array([[0.0], [0.7], [np.pi / 2], [np.pi], [4.0]])
+TWO = [(), ("theta1",), ("theta2",), ("theta1", "theta2")]
+#: A scene, how many modes, and which coordinates are driven.
+WHOLE = [
+    (slider_crank, 15, ()), (four_bar, 8, ()), (trammel, 6, ()), (pendulum, 5, ()),
+    *((scene, 4, prescribed) for scene in (double_pendulum, five_bar) for prescribed in TWO),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("scene", "n_modes", "prescribed"), WHOLE)
+def test_modes_are_those_of_a_dense_eigenproblem(
+    scene: Callable[[], Scene], n_modes: int, prescribed: tuple[str, ...]
+) -> None:
+    with driven(scene(), n_modes, *prescribed) as problem:
+        names = [coordinate.name for coordinate in problem.mechanism.coordinates]
+        assert problem.free.tolist() == [k for k, name in enumerate(names) if name not in prescribed]
+        n_free, stiffness = problem.free.size, problem._sum(problem.matrices.stiffness)
+        for theta in ANGLES if len(names) == 1 else CONFIGURATIONS:
+            modes, exact = problem.solve(theta), dense(problem, theta)
             # the dense solver's round-off is that of its largest eigenvalue
-            np.testing.assert_allclose(modes.eigenvalues, exact[n_free : n_free + 4], rtol=1e-9, atol=1e-14 * exact[-1])
-            assert modes.rigid.shape[1] == 2 and modes.rigid_curvature.shape[1:] == (2, 2)
-            free = modes.rigid[:, problem.free]
-            m_flexible = problem.times_mass(modes.flexible)
-            np.testing.assert_allclose(modes.flexible.T @ m_flexible, np.eye(4), rtol=0, atol=1e-10)
-            np.testing.assert_allclose(free.T @ m_flexible, 0.0, rtol=0, atol=1e-10)
+            assert np.all(np.abs(exact[:n_free]) < 1e-7 * exact[n_free] + 1e-14 * exact[-1])
+            found = exact[n_free : n_free + n_modes]
+            np.testing.assert_allclose(modes.eigenvalues, found, rtol=1e-9, atol=1e-14 * exact[-1])
+            assert modes.rigid.shape[1] == len(names) and modes.rigid_curvature.shape[1:] == 2 * (len(names),)
+            free, flexible = modes.rigid[:, problem.free], modes.flexible
+            m_flexible = problem.times_mass(flexible)
+            np.testing.assert_allclose(flexible.T @ m_flexible, np.eye(n_modes), rtol=0, atol=1e-9)
+            size = np.sqrt(np.einsum("ij,ij->j", free, problem.times_mass(free)))
+            np.testing.assert_allclose((free / size).T @ m_flexible, 0.0, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(constraints_at(problem.kinematics, theta) @ flexible, 0.0, rtol=0, atol=1e-11)
+            projected, largest = flexible.T @ stiffness @ flexible, modes.eigenvalues[-1]
+            np.testing.assert_allclose(projected, np.diag(modes.eigenvalues), rtol=1e-8, atol=1e-8 * largest)
 
 
 @pytest.mark.parametrize("prescribed", [("theta1",), ("theta2",), ("theta1", "theta2")])
@@ -403,12 +397,3 @@ def test_a_torque_on_a_driven_joint_has_no_static_answer() -> None:
         loads = np.zeros((problem.mechanism.n_dofs, 2))
         loads[3 * node + 2, 0] = loads[3 * node + 5, 1] = 2.0
         assert problem.independent(loads).shape[1] == 1
-
-
-def test_more_modes_than_a_driven_mesh_has() -> None:
-    scene = pendulum("reduction.modes=31")
-    with (
-        driven(scene, 31, "phi") as problem,
-        pytest.raises(InputError, match="the mesh has only 30 flexible modes"),
-    ):
-        problem.keep(scene.reduction)

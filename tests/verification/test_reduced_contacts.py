@@ -4,15 +4,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from runs import reduced_model, samples
+from runs import reduced_model, samples, watched
 
-from benchmarks.called import Called
 from pgmp_petsc.effects.joint_effects import STOP as STOPS
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.stepping import generalised_alpha
-from pgmp_petsc.stepping.generalised_alpha import Run, integrate
+from pgmp_petsc.stepping.generalised_alpha import Run
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem
 from pgmp_petsc.stepping.status import Outcome, Status
 from scenes import slider_crank
@@ -74,13 +73,10 @@ def motion_of(
 ) -> tuple[np.ndarray, np.ndarray, Run]:
     """Return coordinates (n_t, n, n_eta) and depths (n_t, n_events, n) after all steps, and the run."""
     system = model.batch(values, next(iter(values.values())).size)
-    states: list = []
-    run = integrate(
-        OneByOne(system) if one_by_one else system,
-        model.scene.simulation,
-        observer=Called(lambda number, time, state: states.append((time, state.copy()))),
-    )
-    depths = np.array([system.depths(time, state) for time, state in states])
+    steps = OneByOne(system) if one_by_one else system
+    run, states = watched(steps, model.scene.simulation, lambda time, state: (time, state.copy()))
+    everyone = np.ones(system.n_samples, dtype=bool)
+    depths = np.concatenate([system.depths(np.array([time]), state.alone, everyone) for time, state in states])
     return np.array([state.q for _, state in states]), depths, run
 
 
@@ -109,8 +105,7 @@ def test_a_search_is_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delitem(vars(STOPS), name)
     system = model.batch(values, 3)
     assert not system.n_events
-    states = []
-    integrate(system, model.scene.simulation, observer=Called(lambda *seen: states.append(seen[2].q.copy())))
+    _, states = watched(system, model.scene.simulation, lambda time, state: state.q.copy())
     assert np.abs(np.array(states) - found).max(axis=(0, 2)).min() > 1e-5
 
 
@@ -131,9 +126,11 @@ def test_no_number_depends_on_neighbours_or_on_the_steps_of_a_call(name: str, mo
         np.testing.assert_array_equal(alone[:, 0], together[:, sample])
 
 
-# nominal or nearly, stiffer than steps resolve, and so stiff that Newton's iteration fails for good: round-off decides
-# on which side of the edge, and of several it is behind it for one at least
-STIFFER = {"loads": (2e4, 3e6, 1.7e4, *np.geomspace(1.2e15, 2.2e15, 5)), "drive": (3e3, 10**10.5, 2.5e3, 1e16, 2e16)}
+# nominal or nearly, stiffer than steps resolve, and so stiff that Newton's iteration fails for good where round-off
+# leaves it behind the edge: of several for one at least
+STIFFER = {
+    "loads": (2e4, 3e6, 1.7e4, *np.geomspace(1e13, 1e15, 21)), "drive": (3e3, 10**10.5, 2.5e3, 1e16, 2e16),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -151,8 +148,9 @@ def test_what_a_lane_cannot_do_by_itself_is_done_with_care(name: str, monkeypatc
     with monkeypatch.context() as patched:
         patched.setattr(ReducedSystem, "advance", recorded)
         together, _, run = motion_of(model, samples(model.scene, n, k=stiffness))
-    np.testing.assert_array_equal(run.status == Status.FINE, fine)
-    assert {(sample, Outcome.CROSSED) for sample in np.flatnonzero(~fine)} & outcomes
+    assert (run.status[fine] == Status.FINE).all() and (run.status[~fine] != Status.FINE).any()
+    given_up = Outcome.CROSSED if name == "drive" else Outcome.LOST  # within a search, or in a step as a whole
+    assert {(sample, given_up) for sample in np.flatnonzero(~fine)} & outcomes
     for sample in np.flatnonzero(fine):
         alone, _, _ = motion_of(model, samples(model.scene, 1, k=stiffness[[sample]]))
         np.testing.assert_array_equal(alone[:, 0], together[:, sample])

@@ -8,12 +8,9 @@ from runs import full_model, history, reduced_model, samples, with_step
 from scrambling import scrambled
 from two_coordinates import double_pendulum
 
-from benchmarks.called import Called
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.lagrangian import reduced_energy
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.stepping.generalised_alpha import integrate
-from pgmp_petsc.stepping.second_order_system import State
 from scenes import RADIUS, slider_crank
 
 SHARES = (0.9, 1.0, 1.1)
@@ -97,12 +94,7 @@ def energies(model: ReducedModel) -> tuple[tuple[np.ndarray, np.ndarray], float]
     """Return the reduced model's kinetic and strain energy over a free motion, and the number of revolutions."""
     scene = model.scene
     system = model.batch(runs.samples(scene, 1), 1)
-    states = []
-
-    def record(number: int, time: float, state: State) -> None:
-        states.append((state.q[0].copy(), state.v[0].copy()))
-
-    integrate(system, scene.simulation, observer=Called(record))
+    _, states = runs.watched(system, scene.simulation, lambda _, state: (state.q[0].copy(), state.v[0].copy()))
     q, v = np.moveaxis(np.array(states), 1, 0)
     return reduced_energy(model.terms, scene.nominal, q, v), (q[-1, 0] - q[0, 0]) / (2 * np.pi)
 

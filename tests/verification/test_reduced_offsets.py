@@ -38,7 +38,6 @@ from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduced.lagrangian import least_stiffness
-from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
@@ -188,18 +187,6 @@ def test_bodies_of_cells_follow_an_offset_in_their_plane() -> None:
     # the slider is 0.1 mm further on, and nothing is built in
     assert expected.outputs["slider_position"][0] == pytest.approx(1.0001, abs=1e-8)
     assert_alike(expected.outputs, found.outputs, 1e-4)
-
-
-def test_files_keep_what_is_built_in(tmp_path: Path) -> None:
-    scene = spatial_four_bar(*DRAWN)
-    rom = built_rom(scene)
-    assert rom.tables.n_given == 2
-    rom.write(tmp_path / "rom.h5")
-    again = ReducedModel(scene, ReducedOrderModel.read(tmp_path / "rom.h5"))
-    values = {"tilt": np.array([1e-3]), "bore": np.array([2e-5])}
-    systems = [model.batch(values, 1) for model in (ReducedModel(scene, rom), again)]
-    first, second = (system.energies(0.0, system.start()).strain[0] for system in systems)
-    assert first == second > 0.0
 
 
 UNCERTAIN = CLAMPED + "[parameters.d]\nnominal=1e-5\nunit='m'\ndistribution={name='norm',loc=1e-5,scale=1e-6}\n"

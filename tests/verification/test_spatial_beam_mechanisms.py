@@ -7,11 +7,10 @@ import pytest
 from alike import balances, orders, shares_left
 from equations import evaluated
 from mpi4py import MPI
-from runs import full_model, motion
+from runs import full_model, motion, watched
 from spatial import ARM, DENSITY
 from spatial_beams import HEIGHT, RECTANGLE, SLIDER_CRANK, WIDTH, pendulum_in_space, slider_crank_of_beams
 
-from benchmarks.called import Called
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.beam3d import at_rest, natural_mass
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
@@ -20,7 +19,6 @@ from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.scene import scene_from_toml
-from pgmp_petsc.stepping.generalised_alpha import integrate
 from scenes import kinematics_of, mechanism_of, meshes_of, of_text
 
 N_STEPS = int(os.environ.get("PGMP_STEPS", "1000"))  # of 1e-4 s without forces; 10,000 take a minute
@@ -37,24 +35,21 @@ def test_energy_and_momentum_of_free_motion() -> None:
         f"simulation.duration={N_STEPS * step}", f"simulation.step={step}", "simulation.spectral_radius=1.0",
         "simulation.initial={theta1={velocity=6.0}, theta2={velocity=-9.0}}",
     )  # fmt: skip
-    model, energies, momenta = full_model(scene), [], []
+    model = full_model(scene)
     with model.distributed({}, MPI.COMM_SELF) as system:
         equations = system._equations  # noqa: SLF001
         mass = evaluated(equations, *equations.start, (0.0, 1.0, 0.0))[1]
     with model.batch({}, 1) as system:
 
-        def observe(number: int, time: float, state) -> None:
-            if number % 20 == 0:
-                now = system.energies(time, state)
-                energies.append(float(np.sum(now.kinetic + now.strain)))
-                vectors, v = system.unpack(state.q)[:, 0].reshape(-1, 3), system.unpack(state.v)[:, 0]
-                turned = np.cross([0.0, 0.0, 1.0], vectors).ravel()  # positions and directors alike
-                momenta.append(float(turned @ (mass @ v)))
+        def energy_and_momentum(time: float, state) -> tuple[float, float]:
+            now = system.energies(time, state)
+            vectors, v = system.unpack(state.q)[:, 0].reshape(-1, 3), system.unpack(state.v)[:, 0]
+            turned = np.cross([0.0, 0.0, 1.0], vectors).ravel()  # positions and directors alike
+            return float(np.sum(now.kinetic + now.strain)), float(turned @ (mass @ v))
 
-        run = integrate(system, scene.simulation, observer=Called(observe))
+        run, kept = watched(system, scene.simulation, energy_and_momentum, 20)
     assert run.status[0] == 0
-    for values, limit in ((energies, 1e-6), (momenta, 3e-7)):
-        assert np.abs(np.array(values) / values[0] - 1.0).max() < limit
+    assert np.all(np.abs(np.array(kept) / kept[0] - 1.0).max(axis=0) < [1e-6, 3e-7])
 
 
 DAMPED = (

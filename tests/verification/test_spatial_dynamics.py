@@ -1,4 +1,4 @@
-"""Full-order models in space: constraints, bars by Lagrange's equations, against reduced models, balances of energy."""
+"""Full-order models in space: bars by Lagrange's equations, against reduced models, balances of energy."""
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
@@ -10,7 +10,6 @@ from alike import assert_order, balances, orders, shares_left
 from equations import load_vectors
 from mpi4py import MPI
 from numpy.polynomial import Chebyshev
-from pencils import dense_jacobian
 from runs import assert_close, full_model, motion, rom_of
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.spatial.transform import Rotation
@@ -18,14 +17,13 @@ from slopes import slopes
 from spatial import WIDTH, arm, part_of_arm, slider_crank_in_space, spatial_slider_crank
 
 from pgmp_petsc.effects import effects_of, motions_of
-from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene
-from scenes import kinematics_of, slider_crank
+from scenes import slider_crank
 
 GRAVITY = 9.81
 
@@ -429,65 +427,6 @@ SLIDER = outputs("crank_hinge", "rod:tip", "x")
 
 def over(duration: float, step: float = 1e-3) -> tuple[str, str]:
     return f"simulation.duration={duration}", f"simulation.step={step}"
-
-
-@lru_cache
-def constraints(driven: bool) -> tuple[ConstraintSet, Unknowns, RigidKinematics]:
-    scene = spatial_slider_crank(*([f"effects={{{DRIVEN[8:]}}}"] if driven else []))
-    kinematics = kinematics_of(scene)
-    unknowns = Unknowns(kinematics.mechanism)
-    return ConstraintSet(unknowns), unknowns, kinematics
-
-
-@pytest.mark.parametrize("driven", [False, True])
-def test_constraints_hold_and_have_these_derivatives(driven: bool) -> None:
-    """At a configuration of the undeformed mechanism, and beside it by central differences."""
-    found, unknowns, kinematics = constraints(driven)
-    theta = np.array([0.7])
-    poses = kinematics.poses(theta)
-    q = unknowns.place(poses[..., 0])
-    moving = unknowns.place(kinematics.rates(poses)[..., 0, 0])
-    angle = theta if driven else None
-    assert np.abs(found.residual(q[:, None], angle)).max() < 1e-12
-    speeds = dense_jacobian(found, q) @ moving
-    assert np.abs(speeds[: found.n_constraints - found.n_driven]).max() < 1e-12
-    if driven:
-        assert speeds[-1] == pytest.approx(1.0, abs=1e-12)
-    rng = np.random.default_rng(3)
-    away, step, h = q + 1e-2 * rng.standard_normal(q.size), rng.standard_normal(q.size), 1e-5
-    sides = [away + h * step, away - h * step]
-    residuals = [found.residual(side[:, None], angle)[:, 0] for side in sides]
-    slope = (residuals[0] - residuals[1]) / (2 * h)
-    np.testing.assert_allclose(dense_jacobian(found, away) @ step, slope, atol=1e-8 * np.abs(slope).max())
-    multipliers = rng.standard_normal((found.n_constraints, 1))
-    if driven:
-        multipliers[-1] = 0.0  # its second derivatives hold on rigid directors alone
-    forces = [dense_jacobian(found, side).T @ multipliers[:, 0] for side in sides]
-    bent = np.abs(forces[0] - forces[1]) > 1e-8 * h
-    assert set(np.flatnonzero(bent)) <= set(np.concatenate(found.curvature_pattern))
-
-
-@pytest.mark.parametrize("driven", [False, True])
-def test_the_drift_is_what_the_motion_of_rigid_bodies_needs(driven: bool) -> None:
-    """``C a + drift = 0`` for the accelerations of the undeformed mechanism that turns at a steady speed."""
-    found, unknowns, kinematics = constraints(driven)
-
-    def state(angle: float) -> tuple[np.ndarray, np.ndarray]:
-        poses = kinematics.poses(np.array([angle]))
-        return unknowns.place(poses[..., 0]), unknowns.place(kinematics.rates(poses)[..., 0, 0])
-
-    (q, v), h = state(0.7), 1e-5
-    a = (state(0.7 + h)[1] - state(0.7 - h)[1]) / (2 * h)
-    drift = found.drift(q[:, None], v[:, None], np.zeros(found.n_driven))[:, 0]
-    np.testing.assert_allclose(dense_jacobian(found, q) @ a + drift, 0.0, atol=1e-7)
-
-
-def test_constraints_that_follow_from_others_are_left_out() -> None:
-    found, unknowns, kinematics = constraints(False)
-    q = unknowns.place(kinematics.poses(np.array([0.7]))[..., 0])
-    kept = found.independent(q)
-    assert np.linalg.matrix_rank(dense_jacobian(found, q), tol=1e-9) == kept.n_constraints <= found.n_constraints
-    assert np.linalg.matrix_rank(dense_jacobian(kept, q), tol=1e-9) == kept.n_constraints
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import spatial
 from conftest import ROOT
 from mpi4py import MPI
 from pencils import dense_pencil
-from runs import built_rom, history, samples
+from runs import ONE_RANK, built_rom, history, samples
 from scipy.spatial.transform import Rotation
 from scrambling import clusters, turned
 
@@ -23,19 +23,13 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_scene
 from scenes import kinematics_of, meshes_of
 
 
-def group() -> RankGroup:
-    """Return this process alone."""
-    return RankGroup.split(MPI.COMM_SELF, 1)
-
-
 def condensed_kinematics(scene: Scene, meshes: dict[str, BodyShape] | None = None) -> RigidKinematics:
-    shapes = condensed(scene, meshes_of(scene) if meshes is None else meshes, group())
+    shapes = condensed(scene, meshes_of(scene) if meshes is None else meshes, ONE_RANK)
     return RigidKinematics(Mechanism.from_scene(scene, shapes))
 
 
@@ -58,7 +52,7 @@ ANGLES = (0.0, 0.7, np.pi / 2, 2.4, np.pi, 4.0)
 def round_rods() -> tuple[Scene, dict[str, BodyShape]]:
     """Return the repository's slider-crank of solid rods, condensed."""
     scene, meshes = read_scene(ROOT / "scenes" / "slider_crank_solid3d.toml", (), (), MPI.COMM_SELF, Purpose.CHECK)
-    return scene, condensed(scene, meshes, group())
+    return scene, condensed(scene, meshes, ONE_RANK)
 
 
 def test_the_modes_in_the_plane_are_those_of_beams() -> None:

@@ -4,15 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
-from runs import MODELS, full_model, motion, reduced_model, samples, trajectory
+from runs import MODELS, ONE_RANK, full_model, motion, reduced_model, samples, trajectory
 
 from pgmp_petsc.base.errors import Remark
 from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.estimates.starts import jump_remarks
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.check import describe_scene
@@ -224,7 +222,7 @@ def test_where_nothing_works_or_deforms_energy_is_that_of_the_motion(tmp_path: P
     kinetic = run.balance.kinetic.max()
     assert 0.0 < np.abs(run.balance.residual).max() < 1e-3 * kinetic and run.balance.exchanged == kinetic
     assert not [remark for remark in run.record.remarks if "out of balance" in remark.text]
-    found = run_ensemble(model, Plan(1, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1)).balance
+    found = run_ensemble(model, Plan(1, 2, tmp_path / "e.h5", False), ONE_RANK).balance
     np.testing.assert_allclose(found["exchanged"], kinetic, rtol=1e-8)
     np.testing.assert_allclose(found["residual"], np.abs(run.balance.residual).max(), atol=1e-8 * kinetic)
     # steps that do not resolve the motion lose much of its energy

@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 import spatial
 from combinations import without_effects
-from mpi4py import MPI
-from runs import full_model, motion, reduced_model, rom_of, samples, trajectory
+from runs import ONE_RANK, full_model, motion, reduced_model, rom_of, samples, trajectory
 from two_coordinates import DOUBLE_PENDULUM
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.models import FullModel, ReducedModel, reduced_statics
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.static_equilibrium import Search, settle
@@ -290,7 +288,7 @@ def driven() -> Scene:
 def test_samples_without_equilibrium_are_records_and_are_not_tried_again(name: str, tmp_path: Path) -> None:
     scene = driven()
     model = full_model(scene) if name == "full" else reduced_of(scene)
-    ensemble = run_ensemble(model, Plan(4, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1))
+    ensemble = run_ensemble(model, Plan(4, 2, tmp_path / "e.h5", False), ONE_RANK)
     # 3 N m times T against the weight's m g L / 2, the arm a little shorter as it bends
     largest = 0.5 * STEEL["rho"] * np.pi * 5e-3**2 * 9.80665 / 3.0
     held = ensemble.parameters["T"] < largest
@@ -306,7 +304,7 @@ def test_an_ensemble_says_how_many_starts_are_unstable(tmp_path: Path) -> None:
     motor = scene.effects["winch"].model_copy(update={"scale": 0.0})
     short = scene.simulation.model_copy(update={"duration": 2e-3})
     scene = scene.model_copy(update={"effects": scene.effects | {"winch": motor}, "simulation": short})
-    ensemble = run_ensemble(full_model(scene), Plan(2, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1))
+    ensemble = run_ensemble(full_model(scene), Plan(2, 2, tmp_path / "e.h5", False), ONE_RANK)
     texts = [remark.text for remark in ensemble.record.remarks if remark.kind == "warning"]
     assert any("the static equilibrium of 2 of 2 samples is unstable" in text for text in texts)
 

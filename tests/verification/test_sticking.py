@@ -7,10 +7,9 @@ import pytest
 from alike import assert_samples_are_those_alone
 from effect_scenes import BLOCK, run_distributed, scene_of
 from exported import assert_same_in_c, needs_compiler
-from runs import full_model, motion, reduced_model, rom_of, samples
+from runs import full_model, motion, reduced_model, rom_of, samples, watched
 from scipy.integrate import solve_ivp
 
-from benchmarks.called import Called
 from pgmp_petsc.declare.formulas import declared
 from pgmp_petsc.effects.action import FRICTION, SPRING_DAMPER
 from pgmp_petsc.effects.formula import WORDS, known, law_of
@@ -87,14 +86,10 @@ outputs.q: type = "angle"; joint = "pivot"
 def places_of_slider(n_steps: int) -> np.ndarray:
     """Return where the slider, the last node, is at 51 instants."""
     text = SLIDER.replace("duration = 0.5", f"duration = 0.5\nstep = {0.5 / n_steps}") + "velocity = 0.0\n"
-    scene, places = scene_of(text), []
+    scene = scene_of(text)
     system = full_model(scene).batch({}, 1)
-
-    def record(step: int, time: float, state: State) -> None:
-        if step % (n_steps // 50) == 0:
-            places.append(system.unpack(state.q)[-3, 0])
-
-    assert not integrate(system, scene.simulation, observer=Called(record)).status.any()
+    run, places = watched(system, scene.simulation, lambda _, state: system.unpack(state.q)[-3, 0], n_steps // 50)
+    assert not run.status.any()
     return np.array(places)
 
 

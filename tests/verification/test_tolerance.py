@@ -8,7 +8,7 @@ import pytest
 from combinations import meshes_for, scene_of
 from length_scenes import HIGH, LOW, long_crank
 from mpi4py import MPI
-from runs import full_model, paper_scene
+from runs import ONE_RANK, full_model, paper_scene
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bench import choice as length_choice
@@ -17,7 +17,6 @@ from pgmp_petsc.bench.history import History, errors_between, floors_of, run_his
 from pgmp_petsc.bench.step_choice import settle_step
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.fields import LoadTable
 from pgmp_petsc.scene.numerics import Simulation
@@ -67,7 +66,7 @@ class Chosen:
 
 def chosen(*overrides: str) -> Chosen:
     scene = paper_scene(*overrides)
-    return Chosen(scene, choose(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)))
+    return Chosen(scene, choose(scene, meshes_of(scene), ONE_RANK))
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +159,7 @@ def choice(kind: str) -> tuple[Choice, str]:
     """Return what was chosen, and what was said before."""
     said: list[str] = []
     asked = scene(kind)
-    found = choose(asked, meshes_for(asked), RankGroup.split(MPI.COMM_SELF, 1), said.append)
+    found = choose(asked, meshes_for(asked), ONE_RANK, said.append)
     return found, "\n".join(said)
 
 
@@ -212,8 +211,7 @@ OPEN = (
 
 def chosen_over_lengths(scene: Scene, said: list[str]) -> Choice:
     """Choose on this process."""
-    with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        return length_choice.choose_over_lengths(scene, meshes_of(scene), group, said.append)
+    return length_choice.choose_over_lengths(scene, meshes_of(scene), ONE_RANK, said.append)
 
 
 def test_what_is_chosen_at_the_nominal_length_is_checked_at_both_ends() -> None:

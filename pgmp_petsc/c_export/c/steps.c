@@ -334,10 +334,11 @@ static int first_crossed(const struct pgmp_model *m, const double depths[], int 
     return edge;
 }
 
-/* A step of Brent's method: the best instant b, the one before, a, and one across the root, c, with their depths. */
+/* A step of Brent's method: the best instant b, the one before, a, and one across the root, c, with their depths; once
+   an instant `inside` the first two was tried, what would be moved by less than the tolerance is the root. */
 struct bracket { double a, b, c, fa, fb, fc, change, last; };
 
-static int narrow(struct bracket *s, double tolerance) {
+static int narrow(struct bracket *s, double tolerance, int inside) {
     if ((s->fa < 0.0) != (s->fb < 0.0)) s->c = s->a, s->fc = s->fa, s->change = s->last = s->b - s->a;
     if (fabs(s->fc) < fabs(s->fb)) {
         s->a = s->b, s->b = s->c, s->c = s->a;
@@ -355,7 +356,10 @@ static int narrow(struct bracket *s, double tolerance) {
             trial = -s->fb * (s->fc * across - s->fa * behind) / (across * behind * (s->fc - s->fa));
         }
         double bound = 3.0 * fabs(half) - least;
-        if (2.0 * fabs(trial) < (fabs(s->last) < bound ? fabs(s->last) : bound)) last = s->change, change = trial;
+        if (2.0 * fabs(trial) < (fabs(s->last) < bound ? fabs(s->last) : bound)) {
+            if (inside && fabs(trial) <= least) return 1;
+            last = s->change, change = trial;
+        }
     }
     s->last = last, s->change = change;
     s->a = s->b, s->fa = s->fb;
@@ -373,7 +377,7 @@ static int find_edge(struct pgmp_model *m, int edge, double rest, double end, do
     s.fa = sign * t.depths[edge];
     *root = 0.0;
     if (!(s.fa < 0.0)) return 1; /* it is there already */
-    while (!narrow(&s, TIME_TOLERANCE * rest)) {
+    for (int inside = 0; !narrow(&s, TIME_TOLERANCE * rest, inside); inside = 1) {
         if (++*n_trials > MAX_TRIALS || !try_step(m, s.b, end - rest + s.b, 1, &t)) return 0;
         s.fb = sign * t.depths[edge];
     }
