@@ -107,7 +107,8 @@ class Law(Printed):
     force: str  # expression of s, rate, amplitude, elastic and the parameters
     potential: str = "0"  # of the elastic part, expression of s and the parameters
     edges: tuple[str, ...] = ()  # expressions of s and the parameters that are positive beyond an edge
-    left_out: str = ""  # why a force of this law is not in the stiffness of vibrations; empty where none is looked for
+    #: why a force of this law is not in the stiffness of vibrations; empty where it does not hang on the motion
+    left_out: str = ""
     #: whether its first parameter is the force that the effect's joint carries, found between corrections of a step
     loaded: bool = False
     place: str = field(init=False)  # file and line of the declaration
@@ -126,6 +127,8 @@ class Law(Printed):
             left_out = f"leaves it out, and the potential is '{self.potential}'"
             has = left_out if self.potential != "0" else "names it, and there is no potential"
             raise InputError(f"{place}: {entry}: elastic is -dV/ds of the potential V, and force '{self.force}' {has}")
+        if not self.left_out and {"s", "rate", "elastic"} & set(re.findall(r"\w+", self.force)):
+            object.__setattr__(self, "left_out", "it is no linear spring")
         if self.loaded and not self.parameters:
             raise InputError(f"{place}: {entry}: it is loaded; its first parameter is the force that the joint carries")
         self.enter()

@@ -198,10 +198,10 @@ class RareSamples:
         if self.is_plain:
             return of_probability(int(np.count_nonzero(self.contributions)), self.weights.size, confidence)
         if self.levels and (self.is_weak or not self.contributions.any()):
-            return np.array([0.0, self._of_first(confidence)])
+            return np.array([0.0, self.of_first(confidence)])
         ends = of_weighted(self._of_rounds, confidence)
         if self.weighed > 0.0:
-            return np.array([0.0, min(ends[1], self._of_first(confidence))])
+            return np.array([0.0, min(ends[1], self.of_first(confidence))])
         return np.array([ends[0], max(ends[1], self._of_levels(confidence))]) if self.may_have_lost_parts else ends
 
     def _of_levels(self, confidence: float) -> float:
@@ -209,11 +209,11 @@ class RareSamples:
         all alike at most (Au and Beck 2001)."""
         variation = float(np.sum([level.variation for level in self.levels]))
         if not np.isfinite(variation):
-            return self._of_first(confidence)
+            return self.of_first(confidence)
         reach = np.sqrt(np.log1p(variation**2)) * float(ndtri(0.5 + 0.5 * confidence))
         return min(self.by_levels * float(np.exp(reach)), 1.0)
 
-    def _of_first(self, confidence: float) -> float:
+    def of_first(self, confidence: float) -> float:
         """Return what the first samples, which are independent, bound the probability by."""
         first = self.levels[0].before
         return float(of_probability(int(np.sum(first <= 0.0)), first.size, confidence)[1])

@@ -337,7 +337,7 @@ def _not_reached(found: RareSamples, confidence: float) -> str:
             f"equally weighted ones, of which no probability follows; by {found.levels[0].before.size} plain random "
             f"samples it is at most {bound:.3g} ({100 * confidence:g} %); take a larger -n"
         )
-    return (
-        f"{said}; {found.weights.size} samples about the last of them bound its probability: at most {bound:.3g} "
-        f"({100 * confidence:g} %); {cure}"
-    )
+    by = f"{found.weights.size} samples about the last of them"
+    if bound >= found.of_first(confidence):
+        by = f"{found.levels[0].before.size} plain random samples, before the first of them,"
+    return f"{said}; {by} bound its probability: at most {bound:.3g} ({100 * confidence:g} %); {cure}"

@@ -175,7 +175,7 @@ def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pict
         if len(having) > 1:
             first_of.setdefault(id(having[0]), []).append(f"{name}.png")
     for run, names in first_of.items():
-        notes.append(f"{' and '.join(names)}: of {files[run]} alone, the first run that has what they show")
+        notes.append(f"{', '.join(names)}: of {files[run]} alone, the first run that has what they show")
     if at is not None and "solids" not in pictures:
         notes.append(f"--at {at:g}: without effect, as no trajectory has bodies of solids in its frames")
     if "energies" not in pictures and any(run.rests for run in found):

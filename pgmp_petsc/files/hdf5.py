@@ -395,8 +395,9 @@ def _check_attributes(file: h5py.File, path: Path, kinds: tuple[str, ...]) -> No
 
 
 def _names(kinds: tuple[str, ...]) -> str:
-    """Return the kinds as words: 'a trajectory or a table of modes'."""
-    return " or ".join(named(kind) for kind in kinds)
+    """Return the kinds as words: 'a trajectory, an ensemble or a table of modes'."""
+    *others, last = map(named, kinds)
+    return f"{', '.join(others)} or {last}" if others else last
 
 
 WITH_UNIT = re.compile(r"(.*?)\s*\((.*)\)")

@@ -454,8 +454,8 @@ def _coordinates(scene: AnyScene) -> Iterator[str]:
         turns, why = f"{(high - low) / (2 * math.pi):.4g} turns", ""
         if high - low >= FEW_TURNS and low % DEGREES == 0.0 == high % DEGREES:
             inside = ", ".join(f"{math.radians(end):.5g}" for end in (low, high))
-            least = high - low - 0.2  # rad, of a range that ends a tenth beside both
-            meant = f"if these are meant, end it beside a multiple of {DEGREES:g}: [{low + 0.1:g}, {high - 0.1:g}]"
+            least = high - low - 0.1  # rad, of a range that ends a tenth beside; it may start at its lower end
+            meant = f"if these are meant, end it beside a multiple of {DEGREES:g}: [{low:g}, {high - 0.1:g}]"
             other = meant if least <= MOST_RADIANS_OF_RANGE else f"take {MOST_RADIANS_OF_RANGE:g} rad at most"
             why = f"looks like degrees: it is in rad, and {turns} long; write [{inside}], or {other}"
         elif high - low > MOST_RADIANS_OF_RANGE:

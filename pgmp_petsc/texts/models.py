@@ -160,7 +160,7 @@ def of_ensemble(ensemble: Ensemble) -> list[str]:
         lines.append(f"  estimated errors over the run, of {what}; {counted(n_checked, 'sample')}: median, largest")
         for name, known in found.items():
             s = ensemble.statistics.get(name)
-            factor, unit = axis_unit(ensemble.units[name], known if s is None or not s.count else s.quantiles)
+            factor, unit = axis_unit(ensemble.units[name], known if s is None else np.append(s.quantiles, known))
             median, most = (f"{plain(factor * value):>14s}" for value in (np.median(known), np.max(known)))
             lines.append(f"  {name:24s}{median}{most}{behind(unit)}")
     worst = {name: float(known[np.argmax(np.abs(known))]) for name, known in _known(ensemble.validity)}

@@ -14,6 +14,7 @@ from spring_measures import measure_of
 from pgmp_petsc.effects import Action, actions_of, effects_of
 from pgmp_petsc.effects.action import joint_measure
 from pgmp_petsc.effects.effect import UnitForces
+from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.springs import left_out, linear_springs, moving_dofs, spring_block, spring_force, spring_remarks
 from pgmp_petsc.mechanism.body_frames import BodyStatements
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -85,6 +86,20 @@ def test_dampers_are_named_and_springs_are_not() -> None:
     assert "effects.oil is not in the stiffness: it is a damper" in said[1]
     of_basis = [str(remark) for remark in spring_remarks(effects, scene.reduction)]
     assert "static answers are in the basis, for any stiffness: s, b, t" in of_basis[0]
+
+
+@pytest.mark.parametrize(
+    ("force", "potential", "reason"),
+    [("elastic", "k * s**4", "it is no linear spring"), ("-k * rate * abs(rate)", "0", "it is no linear spring")]
+    + [("k * amplitude", "0", "")],
+)
+def test_laws_that_do_not_say_why_they_are_left_out_are_named_where_they_hang_on_the_motion(
+    force: str, potential: str, reason: str
+) -> None:
+    law = Law(f"of_test_{len(force)}", ("k",), force=force, potential=potential)
+    assert law.left_out == reason
+    action = SimpleNamespace(law=law, stiffness="", effect="pole")
+    assert left_out([action]) == ({"pole": reason} if reason else {})
 
 
 AXIS, TURNED, MOVED = np.array([0.48, -0.6, 0.64]), 0.7, 0.2

@@ -123,6 +123,8 @@ def test_an_impossible_event_is_bounded_with_all_runs() -> None:
         assert low == 0.0 < high < 0.04  # of 125 samples at least, none of which is in it
         said = rare_remarks(found, np.zeros(1000), True)
         assert f"at most {high:.3g} (95 %)" in said[0].text and said[0].kind == "warning"
+        by_first = not found.is_plain and high >= found.of_first(0.95)
+        assert by_first == ("120 plain random samples, before the first of them, bound its" in said[0].text)
     beyond = rare_events.find(lambda u: np.where(u[:, 0] < 6.0, 9.0 - np.ceil(2.0 * u[:, 0]) / 2.0, 1.0), 2, 1000, 1)
     assert not beyond.reached and beyond.levels and beyond.design is None  # those of a level are not the event's
     assert not rare_events.find(lambda u: np.full(len(u), np.nan), 2, 1000, 1).limit_state.size > 700

@@ -604,10 +604,10 @@ def test_first_passages_that_are_not_described_are_not_none(
 @pytest.mark.parametrize(
     ("files", "output", "message"),
     [
-        (["none.h5"], "x.html", "none.h5' does not exist; needed: a trajectory or an ensemble or a trade-off study"),
+        (["none.h5"], "x.html", "none.h5' does not exist; needed: a trajectory, an ensemble, a trade-off study"),
         (["damaged.h5"], "x.html", "is damaged"),
         (["foreign.h5"], "x.html", "is not an HDF5 file"),
-        (["modes.h5"], "x.html", "holds a table of modes; needed: a trajectory or an ensemble"),
+        (["modes.h5"], "x.html", "holds a table of modes; needed: a trajectory, an ensemble"),
         (["run.h5"], "run.h5", "is what the command reads"),
         (["run.h5"], "x.pdf", "a report is written as HTML: name it"),
         (["run.h5"], "mine.html", "exists and is not a report of this program"),

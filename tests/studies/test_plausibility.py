@@ -41,7 +41,7 @@ bodies.rod.section.radius=1e-200 -> bodies.rod.section.radius | 1e-30
 coordinates.theta={joint="crank_hinge", range=[0, 90]} ->
     coordinates.theta.range | looks like degrees: it is in rad, and 14.32 turns long; write [0, 1.5708]
 coordinates.theta={joint="crank_hinge", range=[0, 180]} -> coordinates.theta.range | write [0, 3.1416], or take 100 rad
-coordinates.theta={joint="crank_hinge", range=[-50, 50]} -> coordinates.theta.range | of 5: [-49.9, 49.9]
+coordinates.theta={joint="crank_hinge", range=[-50, 50]} -> coordinates.theta.range | of 5: [-50, 49.9]
 coordinates.theta={joint="crank_hinge", range=[0, 360], periodic=true} -> coordinates.theta.range | not in degrees
 simulation.step=1.0 -> simulation.step | one step for the whole run
 simulation.step=1e-9 -> simulation.step | 1e+09 steps

@@ -9,7 +9,7 @@ import synthetic
 from pgmp_petsc.bench.advice import Sizes, advise, cheapest, envelope
 from pgmp_petsc.bench.prices import cheapest_from
 from pgmp_petsc.results.tradeoff import MeshErrors, Tradeoff, pareto_front
-from pgmp_petsc.texts.models import report_of_run
+from pgmp_petsc.texts.models import of_ensemble, report_of_run
 from pgmp_petsc.texts.studies import WIDTH, shown_rows, summary
 
 NAN = float("nan")
@@ -262,3 +262,13 @@ def test_the_largest_value_is_beside_that_at_the_end() -> None:
     run = replace(run, outputs={"bearing": force}, units={"bearing": "N"})
     head, line = report_of_run(run, Path("run.h5")).splitlines()[1:3]
     assert head.split("  ")[-1].strip() == "largest by size" and line.endswith(" -30 at 0.4 s") and " kN " in line
+
+
+def test_errors_beyond_what_samples_end_with_have_a_unit_of_their_own_size() -> None:
+    """A force whose samples all end near zero: its errors over the run are no 400000 uN."""
+    many, name = synthetic.ensemble("reduced"), "slider_deformation"
+    statistics = {name: replace(many.statistics[name], quantiles=many.statistics[name].quantiles * 0 + 1e-6)}
+    errors = {name: np.full(len(many.status), 0.4)}
+    many = replace(many, units=many.units | {name: "N"}, statistics=statistics, errors=errors, validity={})
+    (line,) = of_ensemble(many)[1:]
+    assert line.split() == [name, "400", "400", "mN"]
