@@ -19,7 +19,7 @@ acceleration. What hardly stresses a body beside the other does not count.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,7 +48,7 @@ GAIN = 8.0
 # From one angle to the next; with 2.3 the slider-crank's deformation errs by 4 %, with 1.8 and 1.6 by 2.1 and 1.7 %, as
 # with vectors as they are
 UNEVEN = 2.0
-STALLED = 0.5  # of what turns quickly, or of errors: what two rounds must leave less than
+STALLED = 0.5  # of the error of stress outputs: what two rounds must leave less than
 SMALL = 1e-3  # of the largest value in the body that has the same unit: of what is less, no share is asked for
 NOTHING = 1e-9  # of a load, beside the rigid motion's: round-off
 # of values at displacements as large without any order: what a body has that moves without bending, or not at all where
@@ -76,14 +76,15 @@ class AngleRounds:
         self._refinable = refinable and len(scene.coordinates) == 1 and scene.reduction.sampling_tolerance is None
         self.static = range(0)  # numbers of the static modes that answer forces of actions
         self._errors: dict[str, float] = {}  # of stress outputs by interpolation over the last angles
-        self._left: dict[str, list[float]] = {}  # by what asks for angles, how much of it there was in each round
+        self._before: list[float] = []  # the largest of these in each round
         #: why there are angles besides those asked for: by what turns quickly, the names of outputs where it is these
         self._reasons: dict[str, dict[str, None]] = {}
         tolerance = scene.reduction.sampling_tolerance
         if tolerance is not None:  # before anything is computed
             _beyond_tolerance(scene, samples, None, None)
-        cure = "take more reduction.angles" if tolerance is None else "take a smaller reduction.sampling_tolerance"
-        self._cures = {UNEVEN_VECTORS: "take more reduction.angles", QUICK_STRESSES: cure}
+        self._cure = (
+            "take more reduction.angles" if tolerance is None else "take a smaller reduction.sampling_tolerance"
+        )
 
     def wanted(self, samples: SampleGrid, previous: ContinuousBasis | None, current: ContinuousBasis) -> np.ndarray:
         """Return the configurations of the next round, shape (n, n_theta); none where these are enough."""
@@ -91,8 +92,9 @@ class AngleRounds:
         found, others = np.zeros(0), ()
         if scene.reduction.sampling_tolerance is not None:
             found, *others = _beyond_tolerance(scene, samples, previous, current)
-        elif self._refinable and _uneven(scene, current):
-            found = self._halved(axis, UNEVEN_VECTORS, current.uneven - 1.0, ())
+        elif self._refinable and 2 * axis.n <= scene.reduction.max_angles and _uneven(scene, current):
+            self._reasons.setdefault(UNEVEN_VECTORS, {})
+            found = _between(axis, scene.interpolation)
         if not any(part.size for part in (found, *others)) and stressed_bodies(scene):
             found = self._for_stresses(axis, current)
         return samples.further((found, *others))
@@ -100,23 +102,17 @@ class AngleRounds:
     def _for_stresses(self, axis: Samples, basis: ContinuousBasis) -> np.ndarray:
         """Return the angles, shape (n,), that stress outputs need."""
         self._errors = stress_errors(self._scene, self._mechanism, basis.tables.moving(), basis.projection, self.static)
-        poor = [name for name, error in self._errors.items() if error > TARGET]
+        self._before.append(max(self._errors.values()))
+        poor, most = [name for name, error in self._errors.items() if error > TARGET], self._scene.reduction.max_angles
         if not (poor and self._refinable):
             return np.zeros(0)
-        return self._halved(axis, QUICK_STRESSES, max(self._errors.values()), poor)
-
-    def _halved(self, axis: Samples, reason: str, left: float, outputs: Sequence[str]) -> np.ndarray:
-        """Return the angles, shape (n,), that halve the distances for a reason, of which so much is left, of some
-        outputs; none where there may be no more, or more do not help."""
-        before, most = self._left.setdefault(reason, []), self._scene.reduction.max_angles
-        before.append(left)
         if 2 * axis.n > most:
-            self._cures[reason] = f"raise reduction.max_angles ({most})"
-        elif len(before) > 2 and not left < STALLED * before[-3]:
-            share = _share(left / before[-3])
-            self._cures[reason] = f"four times the angles left {share} of that, so that no more were tried"
+            self._cure = f"raise reduction.max_angles ({most})"
+        elif len(self._before) > 2 and not self._before[-1] < STALLED * self._before[-3]:
+            left = _share(self._before[-1] / self._before[-3])
+            self._cure = f"four times the angles left {left} of that, so that no more were tried"
         else:
-            self._reasons.setdefault(reason, {}).update(dict.fromkeys(outputs))
+            self._reasons.setdefault(QUICK_STRESSES, {}).update(dict.fromkeys(poor))
             return _between(axis, self._scene.interpolation)
         return np.zeros(0)
 
@@ -125,8 +121,8 @@ class AngleRounds:
         """Return what is said of the angles."""
         (asked, *_) = np.broadcast_to(self._scene.reduction.angles, samples.n_coordinates)
         if basis.uneven > UNEVEN:
-            more = f"their size changes by {basis.uneven:.2g} times between angles"
-            yield warning(f"{UNEVEN_VECTORS}: {more}; {self._cures[UNEVEN_VECTORS]}")
+            more = f"their size changes by {basis.uneven:.2g} times between angles; take more reduction.angles"
+            yield warning(f"{UNEVEN_VECTORS}: {more}")
         if self._reasons:
             why = ", and as ".join(reason + ", ".join(names) for reason, names in self._reasons.items())
             yield note(f"reduction.angles: {samples.n} in place of {asked}, as {why}")
@@ -135,7 +131,7 @@ class AngleRounds:
             which = ", ".join(f"{name} {_share(error)}" for name, error in poor.items())
             yield warning(
                 f"stress outputs are off by interpolation between {samples.n} configurations, as shares of their "
-                f"largest values under a load: {which}; {self._cures[QUICK_STRESSES]}"
+                f"largest values under a load: {which}; {self._cure}"
             )
 
 

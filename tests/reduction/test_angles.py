@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from two_coordinates import double_pendulum
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction import angles
-from pgmp_petsc.reduction.angles import AngleRounds, _between, _Halves
+from pgmp_petsc.reduction.angles import _between, _Halves
 from pgmp_petsc.reduction.interpolation import interpolant, samples_for
 from pgmp_petsc.reduction.rom import ReducedOrderModel, Served, check_samples, check_served, outside_of
 from pgmp_petsc.reduction.sample_grid import SampleGrid
@@ -97,23 +96,6 @@ def test_angles_that_do_not_help_are_not_added_for_ever(monkeypatch) -> None:
     (said,) = (remark for remark in rom.record.remarks if remark.kind == "warning")
     assert rom.tables.samples.n == 48
     assert "rod_force 30 %; four times the angles left 60 % of that, so that no more were tried" in said.text
-
-
-def test_vectors_that_more_angles_do_not_even_out_ask_for_no_more(monkeypatch) -> None:
-    """The same rule as of stress outputs; angles that there may not be are said as there."""
-    scene, left = numbered(0.7, "reduction.parameter_modes=1", "reduction.max_angles=100"), [4.0, 3.6, 3.1]
-    for asked, said in ((12, "four times the angles left 70 % of that"), (60, "raise reduction.max_angles (100)")):
-        samples = SampleGrid((samples_for("spline", 0.0, 1.0, asked, True),))
-        rounds = AngleRounds(scene, None, samples, True)
-        for uneven in left:
-            basis = SimpleNamespace(uneven=uneven)
-            wanted = rounds.wanted(samples, None, basis)
-            if not wanted.size:
-                break
-            samples = SampleGrid((samples_for("spline", 0.0, 1.0, 2 * samples.n, True),))
-        assert samples.n == (48 if asked == 12 else 60)
-        warned = next(one.text for one in rounds.remarks(samples, basis) if one.kind == "warning")
-        assert f"their size changes by {uneven:g} times between angles; {said}" in warned
 
 
 def test_an_inertia_force_that_hardly_stresses_a_body_asks_for_no_angles(monkeypatch) -> None:
