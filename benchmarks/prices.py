@@ -1,6 +1,6 @@
 """What steps of the models take: measured, beside what `bench.prices` predicts from sizes.
 
-python -m benchmarks.prices SCENE ... [-n 512]
+python -m benchmarks.prices SCENE ... [-n 512] [--set ENTRY=VALUE] [--outputs]
 """
 
 from __future__ import annotations
@@ -14,10 +14,13 @@ from time import process_time
 from mpi4py import MPI
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench.prices import reduced_step, step_seconds
+from pgmp_petsc.bench.prices import prospects, reduced_step, step_seconds
 from pgmp_petsc.bench.reference import component_model
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.ensemble.integration import run_batch
+from pgmp_petsc.ensemble.plan import Piece
 from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.ensemble.watchers import Watching
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
@@ -29,6 +32,7 @@ from pgmp_petsc.studies.inputs import read_scene
 
 N_SAMPLES = 8  # as many as fill the lanes
 SECONDS = 3.0  # of a measurement
+WITH_OUTPUTS = "ensemble.extremes=true", "ensemble.checked_share=0.0", "ensemble.bands=0"
 
 
 def reduced(scene: Scene, meshes: Mapping[str, BodyShape]) -> ReducedModel:
@@ -61,15 +65,34 @@ def measured(model: FullModel | ReducedModel, n_samples: int) -> float:
     return seconds
 
 
+def with_outputs(scene: Scene, meshes: Mapping[str, BodyShape], n: int) -> tuple[float, float]:
+    """Return what a step of a sample of the reduced model, whose outputs are found after every step, is predicted to
+    take and takes, s: whole runs, the quicker of two, as the first may compile."""
+    model, seconds = reduced(scene, meshes), []
+    for _ in range(2):
+        begin = process_time()
+        run_batch(model, draw(scene, 0, 0, n), watchers=Watching(model).of(Piece(0, n)))
+        seconds.append((process_time() - begin) / (n * scene.simulation.n_steps))
+    found = prospects(scene, meshes, model.kinematics.mechanism, model.rom.tables.n_modes, 0)
+    return next(one.step for one in found if one.model == model.name), min(seconds)
+
+
 def main() -> None:
     """Print a line for every model of every scene."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.prices", description=__doc__.splitlines()[0])
     parser.add_argument("scenes", type=Path, nargs="+")
     parser.add_argument("-n", type=int, default=N_SAMPLES, help="number of samples in the batch")
+    parser.add_argument("--set", action="append", default=[], help="ENTRY=VALUE of the scenes")
+    parser.add_argument("--outputs", action="store_true", help="of reduced models alone, with outputs at every step")
     given = parser.parse_args()
+    settings = (*given.set, *(WITH_OUTPUTS if given.outputs else ()))
     print(f"{'scene':24s}{'model':12s}{'unknowns':>9s}{'predicted us':>14s}{'measured us':>14s}")
     for path in given.scenes:
-        scene, meshes = read_scene(path, (), (), MPI.COMM_SELF, Purpose.FULL)
+        scene, meshes = read_scene(path, settings, (), MPI.COMM_SELF, Purpose.FULL)
+        if given.outputs:
+            expected, taken = with_outputs(scene, meshes, given.n)
+            print(f"{scene.name:24s}{'reduced':21s}{1e6 * expected:14.3g}{1e6 * taken:14.3g}", flush=True)
+            continue
         for make in (FullModel, lambda scene, meshes: component_model(scene, meshes, MPI.COMM_SELF), reduced):
             try:
                 model = make(scene, meshes)

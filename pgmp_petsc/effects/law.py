@@ -123,11 +123,12 @@ class Law(Printed):
         check(f"{entry}: potential", self.potential, of_s, place)
         for number, edge in enumerate(self.edges):
             check(f"{entry}: edges[{number}]", edge, of_s, place)
-        if ("elastic" in re.findall(r"\w+", self.force)) != (self.potential != "0"):
+        names = set(re.findall(r"\w+", self.force))
+        if ("elastic" in names) != (self.potential != "0"):
             left_out = f"leaves it out, and the potential is '{self.potential}'"
             has = left_out if self.potential != "0" else "names it, and there is no potential"
             raise InputError(f"{place}: {entry}: elastic is -dV/ds of the potential V, and force '{self.force}' {has}")
-        if not self.left_out and {"s", "rate", "elastic"} & set(re.findall(r"\w+", self.force)):
+        if not self.left_out and {"s", "rate", "elastic"} & names:
             object.__setattr__(self, "left_out", "it is no linear spring")
         if self.loaded and not self.parameters:
             raise InputError(f"{place}: {entry}: it is loaded; its first parameter is the force that the joint carries")
