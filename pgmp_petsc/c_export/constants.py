@@ -9,26 +9,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import accumulate
+from typing import Any
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import UnitSystem, dimension_of
-from pgmp_petsc.bodies.affine import AffineSum, Monomial, Quantity
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.c_export import statements
+from pgmp_petsc.c_export.statements import braced, function, monomial_in_c
 from pgmp_petsc.controllers import running
 from pgmp_petsc.controllers.acting import ACTING_LAW, measured_by
 from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.effects import motions_of
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import Effect
-from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.models import ComponentModel, ReducedModel
-from pgmp_petsc.outputs.multipliers import OfConnection, OfPrescribed
+from pgmp_petsc.outputs.multipliers import ForceOutput, OfConnection
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.reduced import action_kernel
 from pgmp_petsc.reduced import steps as reduced_steps
@@ -54,7 +55,6 @@ CORRECTIONS = 2 * alpha_step.REFRESH_EVERY
 MOST_CORRECTIONS = 2 * alpha_step.MAX_ITERATIONS + alpha_step.CAREFUL_ITERATIONS
 CLOSURES = 3  # of Newton: from 1e-4 of a grid's middle to 1e-8, 1e-16 and round-off
 LACKING = "but for those beside controllers and of couplings by a table"
-MOST_WAITING = 4096  # turning points of a count that wait for their cycle to close
 #: Constants of steps and iterations that are the program's own, by their modules.
 SHARED = {
     alpha_step: "MAX_ITERATIONS CAREFUL_ITERATIONS REFRESH_EVERY PROBED_EVERY LONGEST ROUND_OFF CAUTION "
@@ -70,72 +70,24 @@ MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compile
 Tables = Mapping[str, tuple[str, np.ndarray]]
 
 
-@dataclass(frozen=True)
-class Along:
-    """The cells and rows of a table along a coordinate."""
-
-    lower: float
-    step: float
-    n_cells: int
-    n_rows: int
-    periodic: bool
-    b_spline: bool = False
-
-    @classmethod
-    def of(cls, axis: Axis) -> Along:
-        return cls(axis.lower, axis.step, axis.n_cells, count_rows(axis), axis.periodic, axis.basis == B_SPLINE)
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Constants:
     """All that a model in C is made of."""
 
-    kind: str = ""  # of model: "reduced" or "tree"
+    kind: str  # of model: "reduced" or "tree"
     name: str  # of the scene
     system: UnitSystem  # its units
-    settings: Mapping[str, int | float] = field(default_factory=dict)  # numbers of ``sizes.h`` by name
-    tables: Tables = field(default_factory=dict)  # of ``tables.c``
-    #: structures of the kind in C, and whole numbers, by declaration
-    lists: Mapping[str, Sequence[str | int]] = field(default_factory=dict)
-    axes: Mapping[str, Sequence[Along]] = field(default_factory=dict)  # of the tables' coordinates, by name
-    #: weights, load_weights: monomials of the terms and of the load terms
-    weights: tuple[Monomial, ...] = ()
-    load_weights: tuple[Monomial, ...] = ()
-    gap_weights: Sequence[Monomial] | None = None  # of the terms of what opens joints; None of a kind that has none
-    given: Sequence[Monomial] = ()  # amplitudes of the coordinates that say how far joints are off, the last ones
-    prescribed: Sequence[bool] = ()  # of all coordinates, whether they are given
-    laws: Sequence[Sequence[Quantity | AffineSum]]  # parameters of the laws of the local effects
+    settings: Mapping[str, int | float]  # numbers of ``sizes.h`` by name
+    tables: Tables  # of ``tables.c``
+    lists: Mapping[str, Iterable[str | float]]  # entries of its lists by their declarations
+    code: Sequence[str]  # its functions
+    prescribed: Sequence[bool]  # of all coordinates, whether they are given
     parameters: Mapping[str, float]  # nominal values, or those that were set, by name
-    parameters_in_c: Mapping[str, str]  # in SI units, by name
     served: Mapping[str, Served]  # by name, ranges that the model was built for, else bounds
-    #: strengths, motions: pieces over time of what loads and drives, by the effect's name, and of the coordinates, none
-    #: of a free one
-    strengths: Mapping[str, Sequence[Piece]]
-    motions: Sequence[Sequence[Piece]]
-    #: load_of_term, strength_of_load: number of the load of each load term, and of the strength of each load
-    load_of_term: Sequence[int]
-    strength_of_load: Sequence[int]
     coordinate_units: Mapping[str, str]  # of the rigid coordinates, by their names
-    #: coordinates, closure, closure_wanted: what measures the coordinates, what holds the bodies together, and the
-    #: values that this has
-    coordinates: Sequence[statements.StatementInC]
-    closure: Sequence[statements.TermInC]
-    closure_wanted: Sequence[float]
-    constraints: Sequence[statements.TermInC] | None = None  # of what a tree leaves; None of a kind that has none
-    #: actions, action_slots: local effects, and the slots of their nodes
-    actions: Sequence[statements.ActionInC]
-    action_slots: Sequence[int]
-    carried_actions: Sequence[int]  # numbers of those that hang on forces in joints, the first of the outputs' forces
-    #: controls, control_actions, control_origins: controllers, the numbers of the actions by which they act, and what
-    #: counts as zero of the motions that these measure
-    controls: Sequence[statements.ControlInC]
-    control_actions: Sequence[int]
-    control_origins: Sequence[float]
-    outputs: statements.OutputsInC
     #: output_units, strength_units, parameter_units: by name; empty where nothing says which
     output_units: Mapping[str, str]
     strength_units: Mapping[str, str]
-    strength_sizes: Sequence[float]  # how many SI units one of each strength is
     parameter_units: Mapping[str, str]
 
     @property
@@ -160,8 +112,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     terms, kinematics = model.terms, model.kinematics
     actions, mechanism = model.actions.actions, kinematics.mechanism
     held, driven = nodes_of(actions), {node for c in mechanism.coordinates for node in _nodes(c.sides)}
-    forces = (*(() if model.measures is None else model.measures.carried), *model.outputs.forces)
-    joints = [one.connection for one in forces if isinstance(one, OfConnection)]
+    joints = [one.connection for one in (*carried_by(model), *model.outputs.forces) if isinstance(one, OfConnection)]
     ends = {node for joint in joints for node in _nodes([*joint.sides, *(s for _, own in joint.held for s in own)])}
     nodes = sorted({*model.outputs.nodes, *held, *driven, *ends})
     bodies = np.repeat(np.arange(len(mechanism.bodies)), [body.n_nodes for body in mechanism.bodies])
@@ -170,125 +121,109 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     gaps = model.multipliers and model.multipliers.gaps
     tables = _tables(model, nodes, places) | _tables_of_gaps(gaps, len(_flat(terms.terms.rows)))
     check_size(tables, what)
-    shared = shared_of(
-        model, nodes, actions, [effects[name] for name in terms.tables.load_effects],
-        model.actions.places.winding, [] if gaps is None else model.multipliers.rows,
-    )  # fmt: skip
     shapes = {name: table.shape for name, (_, table) in tables.items()}
-    sizes = {**_sizes(model, shapes), **_sizes_of_gaps(gaps, shapes)}
     exchange = int(not (scene.controllers or model.outputs.counts))
-    sizes |= {"CORRECTIONS": CORRECTIONS, "EXCHANGE": exchange, "ALWAYS_PROBED": 0, "PROJECTS": 0}
-    return replace(
-        shared,
-        kind="reduced",
-        settings=shared.settings | sizes,
-        tables=tables,
-        lists={"const int node_bodies[]": bodies[nodes].tolist()},
-        axes=_axes(model, places),
-        weights=terms.weights,
-        gap_weights=() if gaps is None else [weight for own in gaps.weights for weight in own],
-        load_weights=terms.tables.load_weights,
-        given=[Monomial(() if name is None else ((name, 1),)) for name in offset_directions(scene)],
-        prescribed=terms.tables.prescribed(model.motions),
-    )
+    sizes = {
+        **_sizes(model, shapes), **_sizes_of_gaps(gaps, shapes), "CORRECTIONS": CORRECTIONS, "EXCHANGE": exchange,
+        "ALWAYS_PROBED": 0, "PROJECTS": 0,
+    }  # fmt: skip
+    gap_weights = [] if gaps is None else [weight for own in gaps.weights for weight in own]
+    in_c, arrays = parameters_in_c(scene), ("weigh_gaps(const double *p, double *weights)", "p weights")
+    lines = (f"weights[{k}] = {monomial_in_c(one, in_c)};" for k, one in enumerate(gap_weights))
+    given = [Monomial(() if name is None else ((name, 1),)) for name in offset_directions(scene)]
+    lists = {"const int node_bodies[]": bodies[nodes].tolist(), **_axes(model, places)}
+    found = shared_of(
+        model, nodes, actions, [effects[name] for name in terms.tables.load_effects], model.actions.places.winding,
+        [] if gaps is None else model.multipliers.rows, statements.Terms(),
+        {"terms": terms.weights, "loads": terms.tables.load_weights, "given": given},
+        kind="reduced", tables=tables, prescribed=terms.tables.prescribed(model.motions),
+    )  # fmt: skip
+    code = [*found.code, function(*arrays, lines)]
+    return replace(found, settings=found.settings | sizes, lists=found.lists | lists, code=code)
+
+
+def carried_by(model: ReducedModel | ComponentModel) -> Sequence[ForceOutput]:
+    """Return the forces in joints that friction of a model hangs on."""
+    return () if model.measures is None else model.measures.carried
 
 
 def shared_of(
-    model: ReducedModel | ComponentModel, nodes: Sequence[int], actions: Sequence[Action],
-    loads: Sequence[Effect], windings: Iterable[np.ndarray], gaps: Sequence[int],
+    model: ReducedModel | ComponentModel, nodes: Sequence[int], actions: Sequence[Action], loads: Sequence[Effect],
+    windings: Iterable[np.ndarray], gaps: Sequence[int], terms: statements.Terms,
+    weights: Mapping[str, Sequence[Monomial]], **fields: Any,
 ) -> Constants:  # fmt: skip
-    """Collect what models in C of all kinds have.
+    """Collect what models in C of all kinds have; `fields` are those of the kind.
 
     Nodes are those whose frames are known, in the order of their slots; actions are local effects, loads the effects of
     all load terms, and windings what the angle of each part of an effect grows by with the coordinates; gaps are as of
-    `ForceInC.of`.
+    `statements.force_in_c`, terms those that there are so far, and weights those of ``weigh`` in C.
     """
-    scene, kinematics, held = model.scene, model.kinematics, nodes_of(actions)
-    slots, parameters = {node: slot for slot, node in enumerate(nodes)}, tunable(scene)
+    scene, kinematics, parameters = model.scene, model.kinematics, tunable(model.scene)
+    slots, in_c = {node: slot for slot, node in enumerate(nodes)}, parameters_in_c(scene)
+    values, carried, settings = scene.values | in_c, carried_by(model), _steps(scene)
     load_names = list(dict.fromkeys(effect.name for effect in loads))
     over_time = {effect.name: effect.strength for effect in loads}
     over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
-    windings, motions = iter(windings), motions_of(scene, kinematics.mechanism)
-    closure, wanted = statements.closure_of(kinematics)
-    measures = [Reading.of_coordinate(c, kinematics) for c in kinematics.coordinates]
-    first_edges = [0, *accumulate(len(action.law.edges) for action in actions)]
-    in_c = parameters_in_c(scene)
-    carried = () if model.measures is None else model.measures.carried
-    outputs = statements.outputs_in_c(model.outputs, carried, slots, scene.values | in_c, gaps, actions, scene.system)
-    settings = _steps(model.scene)
-    controls = statements.controls_in_c(scene, parameters, settings["STEP"])
-    control_actions = [k for k, action in enumerate(actions) if action.law is ACTING_LAW]
     strengths = {name: _unit_of_strength(name, scene) for name in over_time}
-    found = Constants(
-        name=scene.name,
-        system=scene.system,
-        laws=[action.parameters for action in actions],
-        parameters=own_values(scene, parameters),
-        parameters_in_c=in_c,
-        served={name: _bounds(scene, name) for name in parameters} | model.served,
-        strengths={name: function.pieces for name, function in over_time.items()},
-        motions=[motions[k].angle.pieces if k in motions else () for k in range(kinematics.n_coordinates)],
-        load_of_term=[load_names.index(effect.name) for effect in loads],
-        strength_of_load=[list(over_time).index(name) for name in load_names],
-        coordinate_units={c.name: c.unit for c in kinematics.coordinates},
-        coordinates=[statements.StatementInC.of_reading(one, slots) for one in measures],
-        closure=closure,
-        closure_wanted=wanted,
-        actions=[
-            statements.action_in_c(number, action, edge, held, slots, list(over_time), windings)
-            for number, (action, edge) in enumerate(zip(actions, first_edges))
-        ],
-        controls=controls,
-        control_actions=control_actions,
-        control_origins=[] if model.measures is None else model.measures.origins.tolist(),
-        action_slots=[slots[node] for node in held],
-        carried_actions=[k for k, action in enumerate(actions) if action.law.loaded],
-        outputs=outputs,
-        output_units={name: scene.system.unit(unit) for name, unit in model.outputs.units.items()},
-        strength_units={name: scene.system.unit(unit) for name, unit in strengths.items()},
-        strength_sizes=list(map(scene.system.size_of, strengths.values())),
-        parameter_units={name: _unit_of(name, scene) for name in parameters},
+    motions = motions_of(scene, kinematics.mechanism)
+    functions = [one.pieces for one in over_time.values()]
+    functions += [motions[k].angle.pieces if k in motions else () for k in range(kinematics.n_coordinates)]
+    functions += [base.course.pieces for base in model.outputs.bases]
+    measured = [Reading.of_coordinate(c, kinematics) for c in kinematics.coordinates]
+    control_actions = [k for k, action in enumerate(actions) if action.law is ACTING_LAW]
+    carried_actions = [k for k, action in enumerate(actions) if action.law.loaded]
+    parts = (
+        statements.closure_in_c(kinematics, terms),
+        statements.actions_in_c(actions, nodes_of(actions), slots, list(over_time), iter(windings), values, terms),
+        statements.outputs_in_c(
+            model.outputs, carried, slots, values, gaps, actions, scene.system, settings["N_STEPS"], terms
+        ),
+        statements.controls_in_c(scene, values, settings["STEP"], functions),
     )
-    return replace(found, settings=_counts(found, model, len(nodes), settings["N_STEPS"]) | settings)
-
-
-def _counts(found: Constants, model: ReducedModel | ComponentModel, n_nodes: int, n_steps: int) -> dict[str, float]:
-    kinematics, outputs, laws = model.kinematics, found.outputs, [one.law for one in found.controls]
-    edges = [len(action.law.edges) for action in found.actions]
-    return {
+    sizes = {
         "D": kinematics.mechanism.space.dimension,
         "R": kinematics.n_coordinates,
         "SIZE": float(kinematics.size),
         "N_BODIES": len(kinematics.mechanism.bodies),
-        "N_PARAMETERS": len(found.parameters),
-        "N_OUTPUTS": len(model.scene.outputs),
-        "N_CONTROLS": len(found.controls),
-        "N_CONTROL_ROWS": len(found.control_actions),
-        "N_CONTROL": max((len(one.parameters) for one in found.controls), default=0),
-        "N_BESIDE": sum(3 * len(law.states) + 1 for law in laws),
-        "MOST_MOTIONS": max((law.n_motions for law in laws), default=0),
-        "MOST_STATES": max((len(law.states) for law in laws), default=0),
-        "N_READINGS": len(outputs.readings),
-        "N_BASES": len(outputs.courses),
-        "N_FORCES": len(outputs.forces),
-        "N_CARRIED": len(found.carried_actions),
-        "DRIVES": int(any(isinstance(one, OfPrescribed) for one in model.outputs.forces)),
-        "DEPTH": outputs.depth,
-        "N_COUNTS": len(outputs.counts),
-        "MOST_PARTS": max((len(one.curve) for one in outputs.counts), default=1),
-        "N_WAITING": min(n_steps + 2, MOST_WAITING) if outputs.counts else 1,
-        "N_LOADS": len(found.strength_of_load),
-        "N_STRENGTHS": len(found.strengths),
-        "N_NODES": n_nodes,
-        "N_ACTIONS": len(found.actions),
-        "N_ACTION_NODES": len(found.action_slots),
-        "N_PARTS": sum(len(action.parts) for action in found.actions),
-        "N_CLOSURE": len(found.closure_wanted),
-        "N_CLOSURE_TERMS": len(found.closure),
-        "N_LAW": max([1, *map(len, found.laws)]),
-        "N_EDGES": sum(edges),
-        "MOST_EDGES": max([1, *edges]),  # an array in C has at least one
+        "N_PARAMETERS": len(parameters),
+        "N_CONTROL_ROWS": len(control_actions),
+        "N_CARRIED": len(carried_actions),
+        "N_LOADS": len(load_names),
+        "N_STRENGTHS": len(strengths),
+        "N_NODES": len(nodes),
     }
+    lists = {
+        "const int load_of_term[]": [load_names.index(effect.name) for effect in loads],
+        "const int strength_of_load[]": [list(over_time).index(name) for name in load_names],
+        "const double strength_sizes[]": list(map(scene.system.size_of, strengths.values())),
+        "const int carried_actions[]": carried_actions,
+        "const int control_actions[]": control_actions,
+        "const double control_origins[]": [] if model.measures is None else model.measures.origins.tolist(),
+        "const struct statement coordinates[R]": [statements.read_in_c(one, slots) for one in measured],
+        "const int function_pieces[]": [0, *accumulate(map(len, functions))],
+        "const struct piece pieces[]": [statements.piece_in_c(piece) for pieces in functions for piece in pieces],
+        "const struct spline_piece spline_pieces[]": terms.pieces,
+    }
+    weighed = [line for part in parts for line in part.weighed]
+    for into, monomials in weights.items():
+        weighed += (f"{into}[{k}] = {monomial_in_c(weight, in_c)};" for k, weight in enumerate(monomials))
+    arrays = "double *terms, double *loads, double (*laws)[N_LAW], double *given"
+    head = f"weigh(const double *p, {arrays},\n           double (*controls)[AT_LEAST_ONE(N_CONTROL)])"
+    code = [text for part in parts for text in part.code]
+    return Constants(
+        name=scene.name,
+        system=scene.system,
+        settings=settings | sizes | {name: size for part in parts for name, size in part.sizes.items()},
+        lists=lists | {name: entries for part in parts for name, entries in part.lists.items()},
+        code=[*dict.fromkeys(code), function(head, "p terms loads laws given controls", weighed)],
+        parameters=own_values(scene, parameters),
+        served={name: _bounds(scene, name) for name in parameters} | model.served,
+        coordinate_units={c.name: c.unit for c in kinematics.coordinates},
+        output_units={name: scene.system.unit(unit) for name, unit in model.outputs.units.items()},
+        strength_units={name: scene.system.unit(unit) for name, unit in strengths.items()},
+        parameter_units={name: _unit_of(name, scene) for name in parameters},
+        **fields,
+    )
 
 
 def _tables_of_gaps(gaps: GapForces | None, n_rows: int) -> Tables:
@@ -431,22 +366,28 @@ def _branch(branch: PoseBranch, n_bodies: int) -> np.ndarray:
     return np.array([branch.poses, *(rates[..., k] for k in range(r)), *second])
 
 
-def _axes(model: ReducedModel, places: Interpolant | None) -> dict[str, list[Along]]:
-    terms, periodic = model.terms, [c.periodic for c in model.kinematics.coordinates]
-    branch = model.rom.branch
-    fine = [Along(0.0, 1.0, 1, 1, False)] * len(periodic) if places is None else [Along.of(a) for a in places.axes]
-    return {
-        "axes": [Along.of(axis) for axis in terms.terms.axes],
-        "rigid_axes": [
-            Along(cells.lower, cells.step, cells.n_cells, count_rows(rows), cells.periodic)
+def _axes(model: ReducedModel, places: Interpolant | None) -> dict[str, list[str]]:
+    """Return the cells and rows of tables along the coordinates."""
+
+    def of_tables(axes: Iterable[Axis]) -> Iterator[str]:
+        for one in axes:
+            yield braced(one.lower, one.step, one.n_cells, count_rows(one), one.periodic, one.basis == B_SPLINE)
+
+    terms, branch = model.terms, model.rom.branch
+    periodic = [c.periodic for c in model.kinematics.coordinates]
+    found = {
+        "axes": of_tables(terms.terms.axes),
+        "rigid_axes": (
+            braced(cells.lower, cells.step, cells.n_cells, count_rows(rows), cells.periodic, 0)
             for cells, rows in zip(terms.grid, terms.rigid.axes)
-        ],
-        "fine_axes": fine,
-        "branch_axes": [
-            Along(float(lower), float(step), n - 1, n, turns)
+        ),
+        "fine_axes": [braced(0.0, 1.0, 1, 1, 0, 0)] * len(periodic) if places is None else of_tables(places.axes),
+        "branch_axes": (
+            braced(float(lower), float(step), n - 1, n, turns, 0)
             for lower, step, n, turns in zip(branch.lower, branch.steps, branch.shape.tolist(), periodic)
-        ],
+        ),
     }
+    return {f"const struct axis {name}[R]": list(axes) for name, axes in found.items()}
 
 
 def check_size(tables: Tables, what: str) -> None:

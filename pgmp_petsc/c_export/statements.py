@@ -1,21 +1,19 @@
-"""Points, statements, local effects and outputs as a model in C takes them."""
+"""Points, statements, local effects, controllers and outputs as a model in C takes them: structures of ``tables.h``."""
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from pgmp_petsc.base.units import UnitSystem
-from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.affine import AffineSum, Monomial, Quantity
 from pgmp_petsc.controllers.acting import ACTING_LAW, control_of, rounded
-from pgmp_petsc.controllers.law import ControlLaw
 from pgmp_petsc.declare.expressions import printed, symbolic
 from pgmp_petsc.declare.forms import in_c
 from pgmp_petsc.declare.ideas import refuse
 from pgmp_petsc.effects.action import Action
-from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.mechanism.joints import Attached, Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -31,187 +29,184 @@ from pgmp_petsc.scene import Scene
 
 NO_CODE = "a model in C has no code for it"
 COMPONENTS = ("x", "y", "z", "axial", "radial", "magnitude", "along", "size")
+MOST_WAITING = 4096  # turning points of a count that wait for their cycle to close
+
+Slots = Mapping[int, int]  # of nodes in the tables
+Values = Mapping[str, str | float]  # of parameters: numbers, or what they are in C
 
 
-@dataclass(frozen=True)
-class Side:
-    """A point of a body or of the ground: slot of its node, number of its body, and its place, `Attachment`."""
+class InC(NamedTuple):
+    """What a part of a model is in C: numbers of ``sizes.h`` by name, entries of lists by declaration, functions, and
+    lines of that which follows from the parameters."""
 
-    slot: int
-    body: int
-    point: tuple[float, ...]
-    arm: tuple[float, ...]
-
-    @classmethod
-    def of(cls, side: Attachment, slots: Mapping[int, int]) -> Side:
-        """Return an attachment; `slots` are those of the nodes in the tables."""
-        return cls(slots.get(side.node, -1), side.body, *(tuple(map(float, part)) for part in (side.point, side.arm)))
+    sizes: Mapping[str, int | float]
+    lists: Mapping[str, Sequence[str | float]]
+    code: Sequence[str] = ()
+    weighed: Sequence[str] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class StatementInC:
-    """A statement about two points; `turns` is what an angle is near to: offset and slopes over the coordinates."""
-
-    statement: Statement
-    a: Side
-    b: Side
-    turns: tuple[float, ...] = (0.0,)
-
-    @classmethod
-    def of_reading(cls, reading: Reading, slots: Mapping[int, int]) -> StatementInC:
-        """Return what is read of two points, or of one alone: then of both sides."""
-        a, b = (Side.of(reading.sides[k], slots) for k in (0, -1))
-        turns = (0.0,) if reading.turns is None else (reading.turns.offset, *map(float, reading.turns.slopes))
-        return cls(reading.statement or distance(reading.space.dimension), a, b, turns)
+def number(value: float | str, values: Values | None = None) -> str:
+    """Return a number that C reads back to the last bit, infinite ones as the largest there are; of a parameter what
+    its values have."""
+    if isinstance(value, str) and values is not None:
+        value = values[value]
+    if isinstance(value, str):
+        return value
+    return str(int(value)) if isinstance(value, (int, np.integer)) else repr(float(np.clip(value, -1.7e308, 1.7e308)))
 
 
-@dataclass(frozen=True, eq=False)
-class TermInC:
-    """A function of a statement, and the row of the closure that it adds to, or the number of a multiplier."""
-
-    row: int
-    statement: StatementInC
-    function: Function
-    left: bool = False  # whether an angle is near to what the others leave of the row's value
+def braced(*entries: str | float | Iterable) -> str:
+    """Return numbers, what is in C already, and sequences of these, in braces."""
+    parts = (number(one) if np.isscalar(one) else braced(*one) for one in entries)
+    return f"{{{', '.join(parts)}}}"
 
 
-@dataclass(frozen=True, eq=False)
-class PartInC:
-    """A term of what a local effect measures, and the numbers of its nodes among those of all effects."""
-
-    term: TermInC
-    nodes: tuple[int, int]
-    winding: tuple[float, ...]
+def function(head: str, arguments: str, lines: Iterable[str]) -> str:
+    """Return a function with such arguments, of which it need not use any."""
+    unused = ", ".join(f"(void){name}" for name in arguments.split())
+    return "\n    ".join([f"void {head} {{", f"{unused};", *lines]) + "\n}\n"
 
 
-@dataclass(frozen=True, eq=False)
-class ActionInC:
-    """A local effect: its parts, numbers of its strength, -1 where it has none, and of the first edge of its law among
-    those of all, and whose measure the law is of."""
-
-    parts: tuple[PartInC, ...]
-    law: Law
-    strength: int
-    edge: int
-    role: int  # `effects.action.Action.role`
-    controlled: bool  # whether a controller gives its force
+def monomial_in_c(monomial: Monomial, values: Values) -> str:
+    """Return a product of powers of parameters."""
+    factors = [f"{values[name]}" if e == 1 else f"pow({values[name]}, {e})" for name, e in monomial.powers]
+    return " * ".join(factors) or "1.0"
 
 
-@dataclass(frozen=True, eq=False)
-class ControlInC:
-    """A controller."""
-
-    law: ControlLaw
-    parameters: Sequence[float | str]  # of its law, limits and the reference: numbers, or names of parameters
-    reference: Sequence[Piece]  # pieces over time; none where it is a parameter
-    column: int  # first of its numbers beside
-    row: int  # first of its actions among those of all controllers
-    every: int  # steps between two samples, 0 of a continuous one
+def quantity_in_c(quantity: AffineSum | Quantity, values: Values) -> str:
+    """Return a quantity, or a sum of them."""
+    parts = quantity if isinstance(quantity, AffineSum) else (quantity,)
+    return " + ".join(f"{number(float(one.coefficient))} * {monomial_in_c(one.monomial, values)}" for one in parts)
 
 
-@dataclass(frozen=True, eq=False)
-class ReadingInC:
-    """A reading: kind, statement or point (side b), axis, whether that is one of the body, and what counts as zero."""
-
-    kind: str
-    statement: StatementInC
-    axis: int = 0
-    in_body: bool = False
-    origin: float = 0.0
+NOWHERE = braced(-1, -1, [0.0], [0.0])  # a side that is not looked at
 
 
-@dataclass(frozen=True, eq=False)
-class ForceInC:
-    """A component of what a joint does: functions of statements and multipliers; which component, whether of a moment
-    and in the axes of a body; on which body, 1 on b's; the joint's first axis; and its points."""
-
-    terms: Sequence[TermInC]
-    component: int
-    turning: bool
-    in_body: bool
-    sign: float
-    axis: tuple[float, ...]
-    a: Side
-    b: Side
-
-    @classmethod
-    def of(
-        cls, force: OfConnection | OfCoupling, gaps: Sequence[int], slots: Mapping[int, int], actions: Sequence[Action]
-    ) -> ForceInC:  # fmt: skip
-        """Return an output; `gaps` are the numbers of the constraints that have one, behind which the forces of actions
-        stand, of those that a joint gives way by."""
-        gaps, nowhere = list(gaps), Side(-1, -1, (0.0,), (0.0,))
-
-        def behind(*pulls: Pull) -> list[int]:
-            own = {pull.action.effect for pull in pulls}
-            return [len(gaps) + k for k, one in enumerate(actions) if one.effect in own]
-
-        if isinstance(force, OfCoupling):
-            (number,) = map(gaps.index, force.rows) if force.pull is None else behind(force.pull)
-            read, along = StatementInC.of_reading(force.reading, slots), "size" if force.is_size else "along"
-            terms = [TermInC(number, read, force.function)]
-            return cls(terms, COMPONENTS.index(along), False, False, 1.0, (0.0,), nowhere, nowhere)
-        if not isinstance(force, OfConnection):
-            raise refuse(type(force), f"{NO_CODE}; make it of classes in outputs.multipliers, or build without it")
-        entry, joint, terms = force.entry, force.connection, []
-        a, b = Side.of(joint.a, slots), Side.of(joint.b, slots)
-        for row, (part, own) in zip(force.rows, force.held):
-            for (statement, function), first in zip(part.terms, own[::2]):
-                terms.append(TermInC(gaps.index(row), StatementInC(statement, Side.of(first, slots), b), function))
-        for number, pull in zip(behind(*force.pulls), force.pulls):
-            for statement, function in pull.action.statement.terms:
-                terms.append(TermInC(number, StatementInC(statement, a, b), function))
-        axis = tuple(map(float, joint.axes[0][:, 0])) if entry.component in ("axial", "radial") else (0.0,)
-        sign = -1.0 if entry.of == "first" else 1.0
-        return cls(
-            terms, COMPONENTS.index(entry.component), entry.turning, entry.frame == "body", sign, axis, a, b
-        )  # fmt: skip
+def side_in_c(side: Attachment, slots: Slots) -> str:
+    """Return a point of a body or of the ground."""
+    return braced(slots.get(side.node, -1), side.body, map(float, side.point), map(float, side.arm))
 
 
-@dataclass(frozen=True, eq=False)
-class CountInC:
-    """An output that is counted over a run: its number; amplitude, cycles and exponent of each part of its curve, and
-    the ultimate strength, in C; and the longest life (s), 0 of a damage."""
-
-    output: int
-    curve: Sequence[Sequence[str]]
-    ultimate: str
-    run_out: float
-
-    @classmethod
-    def of(cls, output: int, counted: Counted, values: Mapping[str, str | float]) -> CountInC:
-        """Return a count under a curve whose numbers are those of `values`, or what these are in C."""
-
-        def number(value: float | str) -> str:
-            found = values[value] if isinstance(value, str) else value
-            return found if isinstance(found, str) else repr(float(found))
-
-        entry, curve = counted.entry, counted.entry.curve
-        if curve.table is None:
-            parts = [[number(one) for one in (curve.reference, curve.cycles, curve.exponent)]]
-        else:
-            parts = [list(map(number, part)) for part in counted.curve({}, 1)[0].tolist()]
-        ultimate = "HUGE_VAL" if entry.ultimate is None else number(entry.ultimate)
-        return cls(output, parts, ultimate, entry.run_out or 0.0)
+def statement_in_c(statement: Statement, a: str, b: str, turns: Iterable[float] = (0.0,)) -> str:
+    """Return a statement about two points; `turns` is what an angle is near to: offset and slopes over the
+    coordinates."""
+    return braced(statement.kind, map(float, turns), (map(float, axis) for axis in statement.axes), a, b)
 
 
-@dataclass(frozen=True, eq=False)
-class OutputsInC:
-    """What outputs are made of."""
+def read_in_c(reading: Reading, slots: Slots) -> str:
+    """Return what is read of two points, or of one alone: then of both sides."""
+    turns = (0.0,) if reading.turns is None else (reading.turns.offset, *reading.turns.slopes)
+    sides = (side_in_c(reading.sides[k], slots) for k in (0, -1))
+    return statement_in_c(reading.statement or distance(reading.space.dimension), *sides, turns)
 
-    readings: Sequence[ReadingInC]
-    forces: Sequence[ForceInC]
-    courses: Sequence[Sequence[Piece]]  # pieces over time of how far each base has gone
-    combined: str  # body of the function that makes outputs of readings
-    depth: int  # derivatives of readings that are read
-    counts: Sequence[CountInC]
+
+class Terms:
+    """Functions of statements in C, and the pieces of all their splines so far."""
+
+    def __init__(self) -> None:
+        self.pieces: list[str] = []
+
+    def term(self, row: int, statement: str, function: Function, left: bool = False) -> str:
+        """Return a function of a statement, which adds to a row of the closure, or belongs to a multiplier; `left` says
+        whether an angle is near to what the others leave of the row's value."""
+        first, cubics = len(self.pieces), function.coefficients
+        self.pieces += map(braced, map(float, function.breaks[:-1]), map(float, function.breaks[1:]), cubics)
+        return braced(row, first, len(cubics), left, float(function.factor), statement)
+
+    def of(self, parts: Sequence[Attached], coordinates: Sequence[Coordinate], slots: Slots) -> list[str]:
+        """Return the terms of statements and combinations of them, with what angles are near to."""
+        near, found = near_to(parts, {coordinate.statement: k for k, coordinate in enumerate(coordinates)}), []
+        for row, (part, sides) in enumerate(parts):
+            points = [side_in_c(side, slots) for side in sides]
+            for (statement, function), *pair in zip(part.terms, points[::2], points[1::2]):
+                k = len(found)
+                own, slopes = slice(near.starts[k], near.starts[k + 1]), np.zeros(len(coordinates))
+                slopes[near.numbers[own]] = near.slopes[own]
+                stated = statement_in_c(statement, *pair, (near.offsets[k], *slopes))
+                found.append(self.term(row, stated, function, bool(near.left[k])))
+        return found
+
+
+def piece_in_c(piece: Piece) -> str:
+    """Return a piece of a function of time."""
+    return braced(float(piece.begin), float(piece.origin), [*piece.cubic, *(0.0,) * 5][:5], piece.wave)
+
+
+def closure_in_c(kinematics: RigidKinematics, terms: Terms) -> InC:
+    """Return what holds the rigid bodies together, and the values that its rows have."""
+    mechanism = kinematics.mechanism
+    origin = np.zeros(mechanism.space.dimension)
+    parts, wanted = mechanism.holding([Attachment(k, -1, origin, origin) for k in range(len(mechanism.bodies))])
+    found, wanted = terms.of(parts, kinematics.coordinates, {}), list(map(float, wanted))
+    return InC(
+        {"N_CLOSURE": len(wanted), "N_CLOSURE_TERMS": len(found)},
+        {"const struct term closure[]": found, "const double closure_wanted[]": wanted},
+    )
+
+
+def actions_in_c(
+    actions: Sequence[Action], nodes: Sequence[int], slots: Slots, strengths: Sequence[str],
+    windings: Iterator[np.ndarray], values: Values, terms: Terms,
+) -> InC:  # fmt: skip
+    """Return local effects; `nodes` are those of all of them, `strengths` the names of what acts over time, and
+    `windings` what the angle of each part grows by with the coordinates."""
+    listed, parts, weighed, n_edges = [], [], [], 0
+    for k, action in enumerate(actions):
+        first, law = len(parts), action.law
+        for (statement, function), sides in zip(action.statement.terms, action.pairs):
+            stated = statement_in_c(statement, *(side_in_c(side, slots) for side in sides))
+            held = (-1 if side.on_ground else nodes.index(side.node) for side in sides)
+            parts.append(braced(*held, map(float, next(windings)), terms.term(k, stated, function)))
+        strength = -1 if action.amplitude is None else strengths.index(action.effect)
+        numbers = (first, len(parts), strength, n_edges, len(law.edges), action.role, law is ACTING_LAW, law.bends)
+        listed.append(braced(*map(int, numbers), f"law_{law.name}"))
+        weighed += (f"laws[{k}][{i}] = {quantity_in_c(one, values)};" for i, one in enumerate(action.parameters))
+        n_edges += len(law.edges)
+    sizes = {
+        "N_ACTIONS": len(listed),
+        "N_ACTION_NODES": len(nodes),
+        "N_PARTS": len(parts),
+        "N_LAW": max([1, *(len(action.parameters) for action in actions)]),
+        "N_EDGES": n_edges,
+        "MOST_EDGES": max([1, *(len(action.law.edges) for action in actions)]),  # an array in C has at least one
+    }
+    lists = {
+        "const struct action actions[]": listed,
+        "const struct part action_parts[]": parts,
+        "const int action_nodes[]": [slots[node] for node in nodes],
+    }
+    return InC(sizes, lists, [action.law.code.C for action in actions], weighed)
+
+
+def controls_in_c(scene: Scene, values: Values, step: float, functions: list[Sequence[Piece]]) -> InC:
+    """Return the controllers; their references are added to the functions of time."""
+    listed, laws, weighed, column, row, most = [], [], [], 0, 0, 0
+    for k, entry in enumerate(scene.controllers.values()):
+        law, own, reference, takes_rate = control_of(scene, entry)
+        changes = entry.reference.constant is None
+        functions.append((rounded(reference, step) if takes_rate else reference).pieces if changes else ())
+        given = [*own.values(), 0.0 if changes else reference]
+        weighed += (f"controls[{k}][{i}] = {number(value, values)};" for i, value in enumerate(given))
+        every, over_time = round(entry.sample_time / step), len(functions) - 1 if changes else -1
+        numbers = (len(law.states), law.n_motions, column, row, every, over_time, len(given) - 1)
+        listed.append(braced(*numbers, f"control_{law.name}", f"start_{law.name}"))
+        column, row, most = column + 3 * len(law.states) + 1, row + max(1, law.n_motions), max(most, len(given))
+        laws.append(law)
+    sizes = {
+        "N_CONTROLS": len(laws),
+        "N_CONTROL": most,
+        "N_BESIDE": column,
+        "MOST_MOTIONS": max((law.n_motions for law in laws), default=0),
+        "MOST_STATES": max((len(law.states) for law in laws), default=0),
+    }
+    return InC(sizes, {"const struct control controls[]": listed}, [law.code.C for law in laws], weighed)
 
 
 class Combiner:
     """Writes what makes outputs of readings: arrays of a value, its rate and its acceleration; for motions of the base,
     and values of the parameters that are numbers, or what they are in C."""
 
-    def __init__(self, outputs: OutputSet, values: Mapping[str, str | float], n_carried: int) -> None:
+    def __init__(self, outputs: OutputSet, values: Values, n_carried: int) -> None:
         self._bases, self._values = outputs.bases, values
         self._forces = {force.name: force for force in outputs.forces}
         self._in_joints = [force.name for force in outputs.forces if not isinstance(force, OfPrescribed)]
@@ -284,90 +279,97 @@ class Combiner:
         self.lines += [f"double {name}[3] = {{0.0}};", "{", *lines, "}"]
 
 
-def closure_of(kinematics: RigidKinematics) -> tuple[list[TermInC], list[float]]:
-    """Return the terms of what holds the rigid bodies together, and the values that its rows have."""
-    mechanism = kinematics.mechanism
-    origin = np.zeros(mechanism.space.dimension)
-    parts, wanted = mechanism.holding([Attachment(k, -1, origin, origin) for k in range(len(mechanism.bodies))])
-    return terms_of(parts, kinematics.coordinates, {}), [float(value) for value in wanted]
+def force_in_c(
+    force: ForceOutput, gaps: Sequence[int], slots: Slots, actions: Sequence[Action], terms: Terms, first: int
+) -> tuple[str, list[str]]:
+    """Return a component of what a joint does, and its terms, which stand from `first` on; `gaps` are the numbers of
+    the constraints that have one, behind which the forces of actions stand, of those that a joint gives way by."""
+    gaps, sides, axis, whole = list(gaps), (NOWHERE, NOWHERE), [0.0], (0, 0, 1.0)
+
+    def behind(*pulls: Pull) -> list[int]:
+        own = {pull.action.effect for pull in pulls}
+        return [len(gaps) + k for k, one in enumerate(actions) if one.effect in own]
+
+    if isinstance(force, OfCoupling):
+        (row,) = map(gaps.index, force.rows) if force.pull is None else behind(force.pull)
+        component, found = "size" if force.is_size else "along", []
+        found.append(terms.term(row, read_in_c(force.reading, slots), force.function))
+    elif isinstance(force, OfConnection):
+        entry, joint, component, found = force.entry, force.connection, force.entry.component, []
+        a, b = sides = [side_in_c(side, slots) for side in (joint.a, joint.b)]
+        for row, (part, own) in zip(force.rows, force.held):
+            for (statement, function), side in zip(part.terms, own[::2]):
+                stated = statement_in_c(statement, side_in_c(side, slots), b)
+                found.append(terms.term(gaps.index(row), stated, function))
+        for row, pull in zip(behind(*force.pulls), force.pulls):
+            for statement, function in pull.action.statement.terms:
+                found.append(terms.term(row, statement_in_c(statement, a, b), function))
+        if component in ("axial", "radial"):
+            axis = joint.axes[0][:, 0].tolist()
+        whole = entry.turning, entry.frame == "body", -1.0 if entry.of == "first" else 1.0
+    else:
+        raise refuse(type(force), f"{NO_CODE}; make it of classes in outputs.multipliers, or build without it")
+    which = first, first + len(found), COMPONENTS.index(component)
+    return braced(*which, *whole, axis, *sides), found
 
 
-def terms_of(parts: Sequence[Attached], coordinates: Sequence[Coordinate], slots: Mapping[int, int]) -> list[TermInC]:
-    """Return the terms of statements and combinations of them, with what angles are near to."""
-    near, found = near_to(parts, {coordinate.statement: k for k, coordinate in enumerate(coordinates)}), []
-    for row, (part, sides) in enumerate(parts):
-        points = [Side.of(side, slots) for side in sides]
-        for (statement, function), *pair in zip(part.terms, points[::2], points[1::2]):
-            k = len(found)
-            own, slopes = slice(near.starts[k], near.starts[k + 1]), np.zeros(len(coordinates))
-            slopes[near.numbers[own]] = near.slopes[own]
-            line = (float(near.offsets[k]), *map(float, slopes))
-            found.append(TermInC(row, StatementInC(statement, *pair, line), function, bool(near.left[k])))
-    return found
-
-
-def action_in_c(
-    number: int, action: Action, edge: int, nodes: Sequence[int], slots: Mapping[int, int], strengths: Sequence[str],
-    windings: Iterator[np.ndarray],
-) -> ActionInC:  # fmt: skip
-    """Return a local effect by its number; `nodes` are those of all of them, `strengths` the names of what acts over
-    time, and `windings`, of which it takes its own, go over the parts of all."""
-    parts = []
-    for (statement, function), (a, b) in zip(action.statement.terms, action.pairs):
-        term = TermInC(number, StatementInC(statement, Side.of(a, slots), Side.of(b, slots)), function)
-        held = tuple(-1 if side.on_ground else nodes.index(side.node) for side in (a, b))
-        parts.append(PartInC(term, held, tuple(map(float, next(windings)))))
-    strength = -1 if action.amplitude is None else strengths.index(action.effect)
-    return ActionInC(tuple(parts), action.law, strength, edge, action.role, action.law is ACTING_LAW)
-
-
-def controls_in_c(scene: Scene, tunable: Container[str], step: float) -> list[ControlInC]:
-    """Return the controllers, whose parameters are numbers but for those that a model in C takes, `tunable`."""
-    found, column, row = [], 0, 0
-    for entry in scene.controllers.values():
-        law, own, reference, takes_rate = control_of(scene, entry)
-        changes = entry.reference.constant is None
-        pieces = (rounded(reference, step) if takes_rate else reference).pieces if changes else ()
-        given = [*own.values(), 0.0 if changes else reference]
-        parameters = [v if not isinstance(v, str) or v in tunable else scene.values[v] for v in given]
-        found.append(ControlInC(law, parameters, pieces, column, row, round(entry.sample_time / step)))
-        column, row = column + 3 * len(law.states) + 1, row + max(1, law.n_motions)
-    return found
+def curve_of(counted: Counted) -> list[list[float | str]]:
+    """Return amplitude, cycles and exponent of the parts of a count's curve, numbers or names of parameters."""
+    curve = counted.entry.curve
+    if curve.table is None:
+        return [[curve.reference, curve.cycles, curve.exponent]]
+    return counted.curve({}, 1)[0].tolist()
 
 
 def outputs_in_c(
-    outputs: OutputSet, carried: Sequence[ForceOutput], slots: Mapping[int, int], values: Mapping[str, str | float],
-    gaps: Sequence[int], actions: Sequence[Action], system: UnitSystem,
-) -> OutputsInC:  # fmt: skip
+    outputs: OutputSet, carried: Sequence[ForceOutput], slots: Slots, values: Values, gaps: Sequence[int],
+    actions: Sequence[Action], system: UnitSystem, n_steps: int, terms: Terms,
+) -> InC:  # fmt: skip
     """Return outputs in units of a system, and before their forces those that friction hangs on, `carried`; see
-    `outputs.readings`, and for `gaps` and `actions` `ForceInC.of`."""
-    combiner = Combiner(outputs, values, len(carried))
-    of_units = (
-        f"{1.0 / size!r} * " if (size := system.size_of(unit)) != 1.0 else "" for unit in outputs.units.values()
-    )
-    made, counts = [], []
-    for k, (reading, factor) in enumerate(zip(outputs.functions.values(), of_units)):
-        if isinstance(reading, Counted):
-            made.append(f"counted[{len(counts)}] = {combiner.of(reading.of)}[0];")
-            counts.append(CountInC.of(k, reading, values))
-        else:
-            made.append(f"outputs[{k}] = {factor}{combiner.of(reading)}[0];")
+    `outputs.readings`, and for `gaps` and `actions` `force_in_c`."""
+    combiner, made, counts, weighed = Combiner(outputs, values, len(carried)), [], [], []
+    curves = {name: curve_of(counted) for name, counted in outputs.counts.items()}
+    sizes = map(system.size_of, outputs.units.values())
+    for k, ((name, reading), size) in enumerate(zip(outputs.functions.items(), sizes)):
+        if not isinstance(reading, Counted):
+            made.append(f"outputs[{k}] = {'' if size == 1.0 else f'{1.0 / size!r} * '}{combiner.of(reading)}[0];")
+            continue
+        n, entry = len(counts), reading.entry
+        made.append(f"counted[{n}] = {combiner.of(reading.of)}[0];")
+        for part, numbers in enumerate(curves[name]):
+            weighed += (f"curves[{n}][{part}][{i}] = {number(value, values)};" for i, value in enumerate(numbers))
+        ultimate = "HUGE_VAL" if entry.ultimate is None else number(entry.ultimate, values)
+        weighed.append(f"ultimates[{n}] = {ultimate};")
+        counts.append(braced(k, len(curves[name]), float(entry.run_out or 0.0)))
     readings = [
-        ReadingInC(one.kind, StatementInC.of_reading(one, slots), one.axis, one.in_body, one.origin)
-        for one in combiner.readings
+        braced(one.kind, one.axis, one.in_body, float(one.origin), read_in_c(one, slots)) for one in combiner.readings
     ]
-    in_joints = (one for one in (*carried, *outputs.forces) if not isinstance(one, OfPrescribed))
-    forces = [ForceInC.of(one, gaps, slots, actions) for one in in_joints]
-    courses, combined = [base.course.pieces for base in outputs.bases], "\n    ".join([*combiner.lines, *made])
-    return OutputsInC(readings, forces, courses, combined, outputs.order, counts)
-
-
-def monomial_in_c(monomial: Monomial, values: Mapping[str, str | float]) -> str:
-    """Return a product of powers of parameters in C, whose values are numbers or what they are in C."""
-    factors = [f"{values[name]}" if e == 1 else f"pow({values[name]}, {e})" for name, e in monomial.powers]
-    return " * ".join(factors) or "1.0"
-
-
-def braced(values: np.ndarray | float) -> str:
-    """Return nested braces around the numbers of an array in C."""
-    return f"{{{', '.join(map(braced, values))}}}" if np.ndim(values) else repr(float(values))
+    forces, of_forces = [], []
+    for one in (*carried, *outputs.forces):
+        if not isinstance(one, OfPrescribed):
+            force, own = force_in_c(one, gaps, slots, actions, terms, len(of_forces))
+            forces.append(force)
+            of_forces += own
+    arrays = "double (*bases)[3], double (*readings)[3], double (*acting)[3], double outputs[], double counted[]"
+    combine = f"combine(double time, const double *p, {arrays})", "time p bases readings acting outputs counted"
+    weigh = "weigh_counts(const double *p, double (*curves)[MOST_PARTS][3], double ultimates[])", "p curves ultimates"
+    return InC(
+        {
+            "N_OUTPUTS": len(outputs.functions),
+            "N_READINGS": len(readings),
+            "N_BASES": len(outputs.bases),
+            "N_FORCES": len(forces),
+            "DRIVES": int(any(isinstance(one, OfPrescribed) for one in outputs.forces)),
+            "DEPTH": outputs.order,
+            "N_COUNTS": len(counts),
+            "MOST_PARTS": max(map(len, curves.values()), default=1),
+            "N_WAITING": min(n_steps + 2, MOST_WAITING) if counts else 1,
+        },
+        {
+            "const struct reading readings[]": readings,
+            "const struct force forces[]": forces,
+            "const struct term force_terms[]": of_forces,
+            "const struct count counts[]": counts,
+        },
+        [function(*combine, [*combiner.lines, *made]), function(*weigh, weighed)],
+    )

@@ -14,8 +14,8 @@ import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.c_export.constants import Along, Constants, Tables, check_size, checked_scene, shared_of
-from pgmp_petsc.c_export.statements import Side, StatementInC, TermInC, braced, terms_of
+from pgmp_petsc.c_export.constants import Constants, Tables, carried_by, check_size, checked_scene, shared_of
+from pgmp_petsc.c_export.statements import Terms, braced, side_in_c, statement_in_c
 from pgmp_petsc.full.joint_systems import JointBatch, JointEquations
 from pgmp_petsc.full.parts import Share, floating_bodies, planar_masses, spatial_masses
 from pgmp_petsc.full.problem import FullEquations
@@ -59,54 +59,48 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     mechanism = model.kinematics.mechanism
     n_parts = sum(len(action.statement.terms) for action in equations.actions)
     windings = np.zeros((n_parts, len(mechanism.coordinates)))
-    carried = () if model.measures is None else model.measures.carried
-    of_joints = [one for one in (*carried, *model.outputs.forces) if not isinstance(one, OfPrescribed)]
+    of_joints = [one for one in (*carried_by(model), *model.outputs.forces) if not isinstance(one, OfPrescribed)]
     gaps = sorted({int(row) for one in of_joints for row in one.rows})
-    shared = shared_of(model, range(mechanism.n_nodes), equations.actions, equations.loads, windings, gaps)
     system.require_settled()
     turned = equations.turns(equations.initial[0][:, None])[:, 0]  # in the plane nodes count turns
     turned = turned if turned.size else np.zeros(len(mechanism.coordinates) + n_parts)
-    parts = _parts_of(own, equations)
-    strengths = list(shared.strengths)
-    prescribed = [k for k, one in enumerate(mechanism.coordinates) if one.prescribed]
-    drives = [f"{{{one}, {prescribed[motion]}, {sign}.0}}" for one, motion, sign in own.driven.tolist()]
-    owners, behind = _carried(own, mechanism.n_nodes)
-    pushes, (constraints, bonds) = _pushes(own, equations), _constraints(own, prescribed)
-    held, holds, left = _holds(own, gaps, mechanism.n_nodes, len(constraints)) if gaps else ([], [], [])
+    parts, terms = _parts_of(own, equations), Terms()
     tables = _tables(model, system, parts) | {"start_turned": ("[]", turned)}
+    check_size(tables, what)
+    given = set(own.driven[:, 0].tolist())
+    found = shared_of(
+        model, range(mechanism.n_nodes), equations.actions, equations.loads, windings, gaps, terms,
+        {"terms": parts.weights, "loads": equations.load_weights},
+        kind="tree", tables=tables, prescribed=[k in given for k in range(own.n)],
+    )  # fmt: skip
+    prescribed = [k for k, one in enumerate(mechanism.coordinates) if one.prescribed]
+    constraints, bonds = _constraints(own, prescribed, terms)
+    held, holds, left = _holds(own, gaps, mechanism.n_nodes, len(constraints), terms) if gaps else ([], [], [])
+    drives = [braced(one, prescribed[motion], float(sign)) for one, motion, sign in own.driven.tolist()]
+    pushes, (owners, behind) = _pushes(own, equations), _carried(own, mechanism.n_nodes)
+    strengths, gravity = list(found.strength_units), own.problem.floating.gravity_loads
+    ranges = [braced(c.lower, c.upper - c.lower, 1, 2, c.periodic, 0) for c in mechanism.coordinates]
     sizes = _sizes(system, parts) | {
         "N_CONSTRAINT_TERMS": len(constraints), "N_PUSHES": len(pushes), "N_DRIVES": len(drives),
         "PROJECTS": int(_projects(scene, system)), "N_GAPS": len(gaps), "N_HOLDS": len(holds),
     }  # fmt: skip
-    check_size(tables, what)
-    given = set(own.driven[:, 0].tolist())
-    return replace(
-        shared,
-        kind="tree",
-        settings=shared.settings | STEPS | sizes,
-        tables=tables,
-        lists={
-            "const struct body tree[N_TREE]": _bodies(own),
-            "const struct face faces[]": _faces(own),
-            "const struct mass masses[]": parts.masses,
-            "const struct push pushes[]": pushes,
-            "const struct drive drives[]": drives,
-            "const struct bond bonds[]": bonds,
-            "const struct hold holds[]": holds,
-            "const int left_of_gap[]": left,
-            "const int owners[]": owners,
-            "const int behind[]": behind,
-            "const int gravity_strengths[]": [
-                strengths.index(equations.loads[load].name) for load in own.problem.floating.gravity_loads
-            ],
-            "const int body_nodes[]": _base_nodes(equations),
-        },
-        axes={"branch_axes": [Along(c.lower, c.upper - c.lower, 1, 2, c.periodic) for c in mechanism.coordinates]},
-        weights=parts.weights,
-        load_weights=equations.load_weights,
-        prescribed=[k in given for k in range(own.n)],
-        constraints=[*constraints, *held],
-    )  # fmt: skip
+    lists = {
+        "const struct body tree[N_TREE]": list(_bodies(own)),
+        "const struct face faces[]": list(_faces(own)),
+        "const struct mass masses[]": parts.masses,
+        "const struct push pushes[]": pushes,
+        "const struct drive drives[]": drives,
+        "const struct bond bonds[]": bonds,
+        "const struct hold holds[]": holds,
+        "const struct term constraints[]": [*constraints, *held],
+        "const struct axis branch_axes[R]": ranges,
+        "const int left_of_gap[]": left,
+        "const int owners[]": owners,
+        "const int behind[]": behind,
+        "const int gravity_strengths[]": [strengths.index(equations.loads[load].name) for load in gravity],
+        "const int body_nodes[]": _base_nodes(equations),
+    }
+    return replace(found, settings=found.settings | STEPS | sizes, lists=found.lists | lists)
 
 
 def _tables(model: ComponentModel, system: JointBatch, parts: Parts) -> Tables:
@@ -212,7 +206,7 @@ def _parts_of(own: JointEquations, equations: FullEquations) -> Parts:
         for k in (1, 2):  # of directors, which turn together
             densities[:, rows[parts == 2], k, k] = 0.5 * values[:, parts == 2]
     rayleigh = own.problem.rayleigh
-    texts = [f"{{{node}, {float(rayleigh[body, 1])!r}}}" for node, body in zip(nodes.tolist(), owners.tolist())]
+    texts = [braced(node, float(rayleigh[body, 1])) for node, body in zip(nodes.tolist(), owners.tolist())]
     return Parts(list(weights), apart(floating.table), densities, apart(floating.gravity), texts)
 
 
@@ -227,18 +221,17 @@ def _bodies(own: JointEquations) -> Iterator[str]:
             damped = own.problem.rayleigh[floating.body[number]]
             n, d = tree.n_amplitudes[k], own.problem.dimension
             curved = int(floating.firsts[number + 1, 3] - rows > d * d * n + n + 1)
-        whole = (
+        yield braced(
             kind, on, held, base, turning, sliding, natural, first, tree.n_amplitudes[k], tree.faces[k],
-            tree.faces[k + 1], table, rows, columns, curved,
+            tree.faces[k + 1], table, rows, columns, curved, *map(float, (*damped, tree.rest[k])), tree.before[k],
+            tree.after[k],
         )  # fmt: skip
-        numbers = (*map(repr, map(float, (*damped, tree.rest[k]))), *map(braced, (tree.before[k], tree.after[k])))
-        yield f"{{{', '.join([*map(str, whole), *numbers])}}}"
 
 
 def _faces(own: JointEquations) -> Iterator[str]:
     tree = own.joints.tree
     for node, (shapes, bends), centre in zip(tree.face_nodes, tree.at, tree.centres):
-        yield f"{{{node}, {shapes}, {bends}, {braced(centre)}}}"
+        yield braced(node, shapes, bends, centre)
 
 
 def _pushes(own: JointEquations, equations: FullEquations) -> list[str]:
@@ -250,7 +243,7 @@ def _pushes(own: JointEquations, equations: FullEquations) -> list[str]:
         if dof >= of_frames:
             k = int(np.flatnonzero((tree.internal <= dof) & (dof < tree.internal + tree.n_amplitudes))[0])
             node, component = -1, tree.firsts[k, 3] + dof - tree.internal[k]
-        found.append(f"{{{term}, {node}, {component}, {value!r}}}")
+        found.append(braced(term, node, component, value))
     return found
 
 
@@ -269,31 +262,29 @@ def _carried(own: JointEquations, n_nodes: int) -> tuple[list[int], list[int]]:
 
 
 def _holds(
-    own: JointEquations, gaps: Sequence[int], n_nodes: int, first: int
-) -> tuple[list[TermInC], list[str], list[int]]:
+    own: JointEquations, gaps: Sequence[int], n_nodes: int, first: int, terms: Terms
+) -> tuple[list[str], list[str], list[int]]:
     """Return the terms of what the tree's joints hold, which stand from `first` on, that in C, and of each gap the
     constraint that is left whose multiplier it has, -1 of those of the tree and of what follows from others."""
     slots, numbers, held = {k: k for k in range(n_nodes)}, {row: k for k, row in enumerate(gaps)}, own.held
-    terms = [
-        TermInC(-1, StatementInC(statement, *(Side.of(side, slots) for side in sides)), statement.terms[0][1])
-        for statement, sides in held.rows.parts
+    found = [
+        terms.term(-1, statement_in_c(one, *(side_in_c(side, slots) for side in sides)), one.terms[0][1])
+        for one, sides in held.rows.parts
     ]
-    holds = [
-        f"{{{body}, {numbers.get(place, -1)}, {first + k}}}"
-        for k, (place, body) in enumerate(zip(held.places.tolist(), held.bodies.tolist()))
-    ]
+    places = enumerate(zip(held.places.tolist(), held.bodies.tolist()))
+    holds = [braced(body, numbers.get(place, -1), first + k) for k, (place, body) in places]
     left = {row: k for k, row in enumerate(own.chosen.tolist())}
-    return terms, holds, [left.get(row, -1) for row in gaps]
+    return found, holds, [left.get(row, -1) for row in gaps]
 
 
 def _base_nodes(equations: FullEquations) -> list[int]:
     return [body.first_node + body.n_nodes - 1 for body in equations.unknowns.bodies]
 
 
-def _constraints(own: JointEquations, prescribed: Sequence[int]) -> tuple[list[TermInC], list[str]]:
+def _constraints(own: JointEquations, prescribed: Sequence[int], terms: Terms) -> tuple[list[str], list[str]]:
     """Return the terms of the constraints that the tree leaves, and the constraints in C."""
     _, parts, wanted, motions = own.set.statements_among(own.chosen)
     mechanism = own.equations.unknowns.mechanism
-    terms = terms_of(parts, mechanism.coordinates, {k: k for k in range(mechanism.n_nodes)})
-    bonds = [f"{{{float(w)!r}, {-1 if k < 0 else prescribed[k]}}}" for w, k in zip(wanted, motions.tolist())]
-    return terms, bonds
+    found = terms.of(parts, mechanism.coordinates, {k: k for k in range(mechanism.n_nodes)})
+    bonds = [braced(float(w), -1 if k < 0 else prescribed[k]) for w, k in zip(wanted, motions.tolist())]
+    return found, bonds

@@ -16,7 +16,6 @@ from exported import COMPILER, FMPY, Unit, assert_equal, needs_compiler, scene_o
 from runs import components_model, motion, reduced_model
 from scipy.integrate import solve_ivp
 
-from pgmp_petsc.c_export import source
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.fmu import (
     CORRECTION,
@@ -30,7 +29,6 @@ from pgmp_petsc.c_export.fmu import (
     _define_units,
     write_fmu,
 )
-from pgmp_petsc.c_export.source import _weigh, _weigh_gaps
 from pgmp_petsc.c_export.tree import tree_constants_of
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import load_scene
@@ -68,13 +66,10 @@ def fmus(slider_crank, tmp_path_factory) -> dict[int, Path]:
     folder, found = tmp_path_factory.mktemp("fmus"), constants_of(slider_crank, "it")
     renamed = {
         key: {f"{name}-1": value for name, value in getattr(found, key).items()}
-        for key in ("parameters", "served", "strengths", "output_units", "strength_units", "parameter_units")
+        for key in ("parameters", "served", "output_units", "strength_units", "parameter_units")
     }
     hyphened = replace(found, name="slider-crank", coordinate_units={"theta-1": "rad"}, **renamed)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(source, "_weigh", lambda constants: _weigh(found))
-        patch.setattr(source, "_weigh_gaps", lambda *_: _weigh_gaps(found.gap_weights, found.parameters_in_c))
-        named = {version: write_fmu(hyphened, folder / f"{version}.fmu", version) for version in VERSIONS}
+    named = {version: write_fmu(hyphened, folder / f"{version}.fmu", version) for version in VERSIONS}
     assert named == {2: "linux64", 3: "x86_64-linux"}
     return {version: folder / f"{version}.fmu" for version in VERSIONS}
 
