@@ -2,7 +2,7 @@
 libraries read when they are imported, of which a wrong one ends in a traceback or in minutes of compiling.
 
 Reduced models run without MPI, PETSc and SLEPc: this process alone is then the communicator (`OneRank`), and a plain
-loop drives the integration (`stepping.drivers`). docs/without_petsc.md says what works so.
+loop drives the integration (`stepping.generalised_alpha`). docs/without_petsc.md says what works so.
 """
 
 from __future__ import annotations

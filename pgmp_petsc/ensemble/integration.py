@@ -38,12 +38,12 @@ from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.scene.numerics import Ensemble as Settings
-from pgmp_petsc.stepping.drivers import check_ts_options
 from pgmp_petsc.stepping.generalised_alpha import (
     DIVISORS,
     Attempt,
     Run,
     Together,
+    check_ts_options,
     integrate,
     integrate_with_smaller_steps,
 )

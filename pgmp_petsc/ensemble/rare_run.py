@@ -40,7 +40,7 @@ from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.numerics import Ensemble, Event
 from pgmp_petsc.scene.uses import offset_directions
-from pgmp_petsc.stepping.drivers import check_ts_options
+from pgmp_petsc.stepping.generalised_alpha import check_ts_options
 
 FEWEST = 500  # samples: three levels of the least size, and as many to be weighted
 LEAST, MOST, PIECES = 16, 128, 16  # samples of a piece, and pieces that samples are cut into

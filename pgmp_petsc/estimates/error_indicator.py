@@ -39,8 +39,7 @@ from pgmp_petsc.results.numbers import Arrays, with_unit
 from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.uses import offset_names
-from pgmp_petsc.stepping.drivers import ERROR_PREFIX
-from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, integrate, integrate_with_smaller_steps
+from pgmp_petsc.stepping.generalised_alpha import ERROR_PREFIX, Attempt, Run, integrate, integrate_with_smaller_steps
 from pgmp_petsc.stepping.second_order_system import Observer, PooledObserver, State
 from pgmp_petsc.stepping.status import Status
 

@@ -49,9 +49,16 @@ from pgmp_petsc.reduction.length_family import build_over_lengths
 from pgmp_petsc.reduction.missed_answers import MissedAnswers, missed_answers_at
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import EACH, ParameterPoints, SampleGrid
-from pgmp_petsc.reduction.sampler import Sample, Sampler, TurnedLoads
-from pgmp_petsc.reduction.snapshots import Compression, ParameterSnapshots, choose_points
-from pgmp_petsc.reduction.static_loads import InfluenceProbe, StaticLoads
+from pgmp_petsc.reduction.sampler import (
+    Compression,
+    InfluenceProbe,
+    ParameterSnapshots,
+    Sample,
+    Sampler,
+    StaticLoads,
+    TurnedLoads,
+    choose_points,
+)
 from pgmp_petsc.reduction.tables import (
     SecondOrderTables,
     StiffnessChanges,

@@ -24,8 +24,7 @@ from pgmp_petsc.modes.continuity import GridBasis, GridNeighbours
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.cell_products import pair_rotations
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.sampler import TABLES, Sample
-from pgmp_petsc.reduction.snapshots import Compression
+from pgmp_petsc.reduction.sampler import TABLES, Compression, Sample
 from pgmp_petsc.reduction.tables import ReducedTables, SecondOrderTables, weighted
 
 Item = TypeVar("Item")

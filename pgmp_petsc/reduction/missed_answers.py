@@ -30,8 +30,7 @@ from pgmp_petsc.reduction.tables import WEIGHT_FREE, ReducedTables, Weights, bes
 
 if TYPE_CHECKING:
     from pgmp_petsc.modes.problem import ModalProblem, ModeSet
-    from pgmp_petsc.reduction.sampler import Sample
-    from pgmp_petsc.reduction.static_loads import StaticLoads
+    from pgmp_petsc.reduction.sampler import Sample, StaticLoads
 
 AT_ONCE = 2**12  # states that are evaluated together: what is between the tables stays in the cache
 DEPENDENT = 1e-11  # of loads of unit size: what round-off leaves of a combination of them that is no load

@@ -53,8 +53,7 @@ from pgmp_petsc.modes.static_modes import SpringStiffness
 from pgmp_petsc.outputs.outputs import measured_in, with_outputs
 from pgmp_petsc.outputs.readings import Reading, Seen
 from pgmp_petsc.ranks.groups import RankGroup
-from pgmp_petsc.reduction.sampler import TurnedLoads
-from pgmp_petsc.reduction.static_loads import BuiltInStress, InfluenceProbe
+from pgmp_petsc.reduction.sampler import BuiltInStress, InfluenceProbe, TurnedLoads
 from pgmp_petsc.results.estimates import Balance
 from pgmp_petsc.results.selection import EffectSize, EffectSizes
 from pgmp_petsc.scene import Scene

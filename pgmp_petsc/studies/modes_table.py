@@ -36,7 +36,7 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
-from pgmp_petsc.reduction.static_loads import BuiltInStress
+from pgmp_petsc.reduction.sampler import BuiltInStress
 from pgmp_petsc.reduction.tables import definite_mass
 from pgmp_petsc.results.trajectory import ModesTable
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml

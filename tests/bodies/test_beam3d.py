@@ -19,7 +19,7 @@ from pgmp_petsc.bodies.beam3d import (
     strain_gradients,
 )
 from pgmp_petsc.bodies.sections.section import BeamSection, Coefficients3d
-from pgmp_petsc.bodies.sections.solid_shapes import Circle, Rectangle
+from pgmp_petsc.bodies.sections.shapes import Circle, Rectangle
 from pgmp_petsc.scene.bodies import Material, SectionEntry
 
 N = 6

@@ -12,7 +12,7 @@ from pgmp_petsc.bodies.beam3d import beam_work, section_axes, stretch
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.elasticity import Lame
 from pgmp_petsc.bodies.kinds.beam import Beam
-from pgmp_petsc.bodies.sections.solid_shapes import Circle, Rectangle
+from pgmp_petsc.bodies.sections.shapes import Circle, Rectangle
 from pgmp_petsc.bodies.solid_strains import COMPONENTS, SolidStrains
 from pgmp_petsc.bodies.stresses import FURTHEST, LARGEST, SMALLEST, BeamLaw, SolidLaw, principal, von_mises
 from pgmp_petsc.mesh.line_mesh import straight_beam

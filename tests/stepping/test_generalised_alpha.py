@@ -18,8 +18,7 @@ from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.scene.numerics import Simulation, count_steps
 from pgmp_petsc.stepping import generalised_alpha
 from pgmp_petsc.stepping.alpha_step import CAREFUL_ITERATIONS, MAX_ITERATIONS, first_accelerations
-from pgmp_petsc.stepping.drivers import drive_by_petsc, drive_in_a_loop
-from pgmp_petsc.stepping.generalised_alpha import Run, integrate
+from pgmp_petsc.stepping.generalised_alpha import Run, drive_by_petsc, drive_in_a_loop, integrate
 from pgmp_petsc.stepping.second_order_system import AT_ONCE, Scheme, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status
 

@@ -19,8 +19,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.sampler import Sampler, TurnedLoads
-from pgmp_petsc.reduction.static_loads import StaticLoads
+from pgmp_petsc.reduction.sampler import Sampler, StaticLoads, TurnedLoads
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml
 from scenes import HEADER, kinematics_of, slider_crank, straight, tables

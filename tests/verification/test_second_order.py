@@ -37,8 +37,7 @@ from pgmp_petsc.reduction.build import Manifold
 from pgmp_petsc.reduction.cell_products import unpacked
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.sampler import Sample, Sampler
-from pgmp_petsc.reduction.static_loads import StaticLoads
+from pgmp_petsc.reduction.sampler import Sample, Sampler, StaticLoads
 from pgmp_petsc.reduction.tables import SecondOrderTables
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.references import points_used

@@ -28,9 +28,7 @@ from pgmp_petsc.reduction import build
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.sampler import Sampler
-from pgmp_petsc.reduction.snapshots import Compression, ParameterSnapshots
-from pgmp_petsc.reduction.static_loads import StaticLoads
+from pgmp_petsc.reduction.sampler import Compression, ParameterSnapshots, Sampler, StaticLoads
 from pgmp_petsc.scene import Scene
 from scenes import RADIUS, four_bar, kinematics_of, slider_crank
 
