@@ -238,11 +238,11 @@ def rigid_of_properties(shape: LineMesh, given: Rigid, nominal: Mapping[str, flo
 
 def rigid_about(
     frames: dict[str, int], centres: np.ndarray, mass: dict[Monomial, np.ndarray], fields: np.ndarray,
-    centre: np.ndarray, **more: Any,
+    centre_of_mass: np.ndarray, **more: Any,
 ) -> Component:  # fmt: skip
     """Return a rigid component, which has a mass alone, about its centre."""
-    more = {"n_mesh_dofs": 6, "error": 0.0, "probes": np.zeros((len(fields), 1)), "centre_of_mass": centre} | more
-    return Component(frames, centres, mass, stiffness={}, moments={}, fields=fields, **more)
+    more = {"n_mesh_dofs": 6, "error": 0.0, "probes": np.zeros((len(fields), 1))} | more
+    return Component(frames, centres, mass, {}, {}, fields, centre_of_mass=centre_of_mass, **more)
 
 
 def _component(

@@ -29,7 +29,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.models.full import ComponentModel
 from pgmp_petsc.reduction.rom import Served, check_served, ranges_of
-from pgmp_petsc.reduction.rom_file import AMPLITUDES, BodyFile, CellsFile, FloatingFile, LineFile, MeshFile
+from pgmp_petsc.reduction.rom_file import AMPLITUDES, BodyFile, CellsFile, FloatingFile, LineFile, MeshFile, OfPart
 from pgmp_petsc.reduction.tables import WEIGHT_FREE, Weights, weights_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.loading import scene_from_tables
@@ -37,7 +37,7 @@ from pgmp_petsc.scene.references import points_used, stressed_bodies
 
 
 @dataclass(frozen=True)
-class RigidFile(Record):
+class RigidFile(OfPart):
     """A rigid body of cells or matrices."""
 
     centres: np.ndarray = array("frame", "dimension", unit="m", about="of the frames, in the body's frame")
@@ -56,17 +56,14 @@ class RigidFile(Record):
     @classmethod
     def of(cls, component: Component) -> Self:
         """Return it as a file has it."""
-        kept, weights = component.recovery, tuple(component.mass)
-        return cls(
-            component.centres, np.array(list(component.mass.values())), weights, component.fields,
-            component.centre_of_mass, component.n_mesh_dofs, None if kept is None else MeshFile.of_mesh(kept.carrier),
-        )  # fmt: skip
+        kept = component.recovery
+        return super().of(component, mesh=None if kept is None else MeshFile.of_mesh(kept.carrier))
 
     def component(self, frames: dict[str, int]) -> Component:
         """Return the component with some frames."""
-        mass = dict(zip(self.mass_weights, self.mass))
-        found = rigid_about(frames, self.centres, mass, self.fields, self.centre_of_mass, n_mesh_dofs=self.n_mesh_dofs)
-        return found if self.mesh is None else on_cells(found, self.mesh.mesh)
+        given = self.given
+        mesh, found = given.pop("mesh"), rigid_about(frames, **given)
+        return found if mesh is None else on_cells(found, mesh.mesh)
 
 
 @dataclass(frozen=True)

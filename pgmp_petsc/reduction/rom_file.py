@@ -7,16 +7,14 @@ such a model for each point of a grid of lengths.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component, LargeDeformation
 from pgmp_petsc.bodies.floating import FloatingBody, Recovery
-from pgmp_petsc.declare.records import Record, Result, array, attribute, run_record
+from pgmp_petsc.declare.records import Record, Result, array, attribute, declared, run_record
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -38,7 +36,6 @@ from pgmp_petsc.reduction.tables import (
 
 AMPLITUDES = "amplitudes in the floating frame"
 UNKNOWNS = "frames' displacements and rotations, then internal coordinates"
-Terms = dict[Monomial, np.ndarray]
 
 
 def _own(*sizes: str, about: str, **how: Any) -> Any:
@@ -46,12 +43,30 @@ def _own(*sizes: str, about: str, **how: Any) -> Any:
     return array(*sizes, unit=WEIGHT_FREE, about=about, **how)
 
 
-def _stacked(terms: Mapping[Monomial, np.ndarray], *shape: int) -> tuple[np.ndarray, Weights]:
-    return np.array(list(terms.values())).reshape(len(terms), *shape), tuple(terms)
+class OfPart(Record):
+    """A record whose fields have the names of a part's; a dict by weight is a table, with its weights beside it."""
 
+    @classmethod
+    def of(cls, part: Any, **given: Any) -> Self:
+        """Return a part as a file has it, with what is given in place of its own."""
+        found = {one.name: getattr(part, one.name, None) for one in declared(cls)} | given
+        known: dict[str | int, int] = {}
+        for one in declared(cls):
+            if isinstance(value := found[one.name], np.ndarray):
+                found[one.name] = np.ascontiguousarray(value)
+                known |= zip(one.entry.sizes, value.shape)
+        for name, sizes in ((one.name, one.entry.sizes) for one in declared(cls) if isinstance(found[one.name], dict)):
+            empty = np.zeros((0, *(known.get(size, 0) for size in sizes[1:])))
+            found[f"{name}_weights"], terms = tuple(found[name]), [*found[name].values()]
+            found[name] = np.array(terms) if terms else empty
+        return cls(**found)
 
-def _terms(table: np.ndarray, weights: Weights) -> Terms:
-    return dict(zip(weights, table))
+    @property
+    def given(self) -> dict[str, Any]:
+        """The part's own, by name; nothing of absent terms."""
+        found = {one.name: getattr(self, one.name) for one in declared(type(self))}
+        weights = {name.removesuffix("_weights"): found.pop(name) for name in [*found] if name.endswith("_weights")}
+        return found | {name: {} if one is None else dict(zip(one, found[name])) for name, one in weights.items()}
 
 
 @dataclass(frozen=True)
@@ -142,7 +157,7 @@ class RecoveryFile(CellsFile):
 
 
 @dataclass(frozen=True)
-class FloatingFile(Record):
+class FloatingFile(OfPart):
     """A body in a floating frame, besides its frames."""
 
     shapes: np.ndarray = array(
@@ -164,32 +179,9 @@ class FloatingFile(Record):
     )  # fmt: skip
     curved_weights: Weights = weights_of("curved", "term of curved")
 
-    @classmethod
-    def of(cls, floating: FloatingBody, **more: np.ndarray) -> Self:
-        """Return it as a file has it."""
-        d, n = floating.centres.shape[1], floating.n
-        m = 1 + d + d * n
-        return cls(
-            np.ascontiguousarray(floating.shapes), np.ascontiguousarray(floating.bent),
-            *_stacked(floating.stiffness, n, n), *_stacked(floating.moments, m, m),
-            *_stacked(floating.curved, d, d, n, n), **more,
-        )  # fmt: skip
-
-    def body(
-        self, frames: dict[str, int], centres: np.ndarray, recovery: Recovery | None, parts: np.ndarray | None = None
-    ) -> FloatingBody:
+    def body(self, frames: dict[str, int], centres: np.ndarray, recovery: Recovery | None) -> FloatingBody:
         """Return the body with its frames and what brings it back to its mesh."""
-        return FloatingBody(
-            frames=frames,
-            centres=centres,
-            shapes=self.shapes,
-            moments=_terms(self.moments, self.moments_weights),
-            stiffness=_terms(self.stiffness, self.stiffness_weights),
-            bent=self.bent,
-            curved=_terms(self.curved, self.curved_weights),
-            recovery=recovery,
-            parts=parts,
-        )
+        return FloatingBody(frames, centres, recovery=recovery, **self.given)
 
 
 @dataclass(frozen=True)
@@ -206,11 +198,11 @@ class FloatingComponentFile(FloatingFile):
         kept = component.recovery
         if kept is not None:
             kept = replace(kept, shapes=kept.shapes @ np.linalg.inv(self.parts)[:, -self.shapes.shape[2] :])
-        return self.body(component.frames, component.centres, kept, self.parts)
+        return self.body(component.frames, component.centres, kept)
 
 
 @dataclass(frozen=True)
-class LargeFile(Record):
+class LargeFile(OfPart):
     """Terms of a condensed body of second order in its unknowns; in checkpoints of builds alone."""
 
     slenderness: float = attribute("@slenderness")
@@ -221,7 +213,7 @@ class LargeFile(Record):
 
 
 @dataclass(frozen=True)
-class ComponentFile(Record):
+class ComponentFile(OfPart):
     """A condensed body; what has no meaning here is in checkpoints of builds alone."""
 
     centres: np.ndarray = array("frame", "dimension", unit="m", about="of the frames, in the body's frame")
@@ -247,49 +239,25 @@ class ComponentFile(Record):
 
     @classmethod
     def of(cls, component: Component) -> Self:
-        """Return a component as files of models have it."""
-        n, floating, recovery = component.n, component.floating, component.recovery
-        return cls(
-            component.centres, *_stacked(component.mass, n, n), *_stacked(component.stiffness, n, n), component.fields,
-            component.probes, component.n_mesh_dofs, component.error, component.centre_of_mass,
-            None if recovery is None else RecoveryFile.of(recovery),
-            None if floating is None else FloatingComponentFile.of(floating, parts=floating.parts),
-        )  # fmt: skip
-
-    @classmethod
-    def unfinished(cls, component: Component) -> Self:
-        """Return a component as checkpoints have it: with what is of second order, not yet in a floating frame."""
-        d, n, large = component.centres.shape[1], component.n, component.large
-        moments, weights = _stacked(component.moments, d, d, n, n)
-        if large is not None:
-            third, stretching = _stacked(large.third, n, n, n), _stacked(large.stretching, n, n)
-            large = LargeFile(large.slenderness, *third, *stretching)
-        return replace(
-            cls.of(replace(component, floating=None)), moments=moments, moments_weights=weights,
-            foreshortening=component.foreshortening, large=large,
-        )  # fmt: skip
+        """Return a component as files have it."""
+        floating, recovery, large = component.floating, component.recovery, component.large
+        given = {
+            "recovery": None if recovery is None else RecoveryFile.of(recovery),
+            "floating": None if floating is None else FloatingComponentFile.of(floating),
+            "large": None if large is None else LargeFile.of(large),
+        }
+        if not component.moments:
+            given |= {"moments": None}
+        return super().of(component, **given)
 
     def component(self, frames: dict[str, int]) -> Component:
         """Return the component with some frames."""
-        large = self.large
-        if large is not None:
-            third = _terms(large.third, large.third_weights)
-            large = LargeDeformation(third, _terms(large.stretching, large.stretching_weights), large.slenderness)
-        found = Component(
-            frames=frames,
-            centres=self.centres,
-            mass=_terms(self.mass, self.mass_weights),
-            stiffness=_terms(self.stiffness, self.stiffness_weights),
-            moments={} if self.moments is None else _terms(self.moments, self.moments_weights),
-            fields=self.fields,
-            probes=self.probes,
-            n_mesh_dofs=self.n_mesh_dofs,
-            error=self.error,
-            centre_of_mass=self.centre_of_mass,
-            recovery=None if self.recovery is None else self.recovery.recovery,
-            large=large,
-            foreshortening=self.foreshortening,
-        )
+        given = self.given | {
+            "recovery": None if self.recovery is None else self.recovery.recovery,
+            "large": None if self.large is None else LargeDeformation(**self.large.given),
+            "floating": None,
+        }
+        found = Component(frames, **given)
         if self.moments is None and not found.rigid and self.floating is None:
             raise ValueError("'floating' of a flexible body is missing")
         return found if self.floating is None else replace(found, floating=self.floating.floating(found))
@@ -331,13 +299,14 @@ class BodyFile(Record):
     def of(cls, shape: LineMesh | Component) -> Self:
         """Return a body's mesh, or what it is condensed to, as files of models have it."""
         if isinstance(shape, Component):
-            return cls._named(shape.frames, component=ComponentFile.of(shape))
+            known = replace(shape, moments={}, large=None, foreshortening=None)
+            return cls._named(shape.frames, component=ComponentFile.of(known))
         return cls._named(shape.points, line=LineFile(shape.nodes, shape.cells))
 
     @classmethod
     def unfinished(cls, component: Component) -> Self:
-        """Return a component as checkpoints have it."""
-        return cls._named(component.frames, component=ComponentFile.unfinished(component))
+        """Return a component as checkpoints have it: with what is of second order, not yet in a floating frame."""
+        return cls._named(component.frames, component=ComponentFile.of(replace(component, floating=None)))
 
     @classmethod
     def _named(cls, points: dict[str, int], **what: Any) -> Self:
