@@ -162,7 +162,7 @@ def description(constants: Constants, version: int, identifier: str, token: str,
     for name in CATEGORIES:
         SubElement(categories, "Category", name=name)
     SubElement(root, "DefaultExperiment", startTime="0", stopTime=repr(step * n_steps), stepSize=repr(step))
-    (_describe_2 if version == 2 else _describe_3)(root, variables)
+    _describe(root, variables, version)
     return _text(root)
 
 
@@ -210,39 +210,28 @@ def _attributes(variable: Variable) -> dict[str, str]:
     }
 
 
-def _describe_2(root: Element, variables: Sequence[Variable]) -> None:
-    entries = SubElement(root, "ModelVariables")
-    numbers = {variable.reference: k + 1 for k, variable in enumerate(variables)}
+def _describe(root: Element, variables: Sequence[Variable], version: int) -> None:
+    first, entries = version == 2, SubElement(root, "ModelVariables")
+    if not first:
+        variables = (Variable("time", TIME, REAL, "independent", "continuous", "time", unit="s"), *variables)
+    # what others call a variable: FMI 2.0 by its place, later ones by its reference
+    called = {variable.reference: str(k if first else variable.reference) for k, variable in enumerate(variables, 1)}
     for variable in variables:
-        entry = SubElement(entries, "ScalarVariable", _attributes(variable))
-        if variable.is_state:
-            entry.set("initial", "calculated")
-        value = SubElement(entry, KINDS[2][variable.kind], _numbers(variable))
-        if variable.derivative_of is not None:
-            value.set("derivative", str(numbers[variable.derivative_of]))
-    structure = SubElement(root, "ModelStructure")
-    for section, listed in _structure(variables).items():
-        if not listed:  # of co-simulation alone
-            continue
-        part = SubElement(structure, section)
-        for variable in listed:
-            SubElement(part, "Unknown", index=str(numbers[variable.reference]))
-
-
-def _describe_3(root: Element, variables: Sequence[Variable]) -> None:
-    entries = SubElement(root, "ModelVariables")
-    time = Variable("time", TIME, REAL, "independent", "continuous", "time", unit="s")
-    for variable in (time, *variables):
-        entry = SubElement(entries, KINDS[3][variable.kind], _attributes(variable) | _numbers(variable))
+        kind = KINDS[version][variable.kind]
+        entry = SubElement(entries, "ScalarVariable" if first else kind, _attributes(variable))
+        value = SubElement(entry, kind) if first else entry
+        value.attrib |= _numbers(variable)
         if variable.is_state:
             entry.set("initial", "calculated")
         if variable.derivative_of is not None:
-            entry.set("derivative", str(variable.derivative_of))
+            value.set("derivative", called[variable.derivative_of])
     structure = SubElement(root, "ModelStructure")
     names = {"Outputs": "Output", "Derivatives": "ContinuousStateDerivative", "InitialUnknowns": "InitialUnknown"}
     for section, listed in _structure(variables).items():
+        part = SubElement(structure, section) if first and listed else structure
         for variable in listed:
-            SubElement(structure, names[section], valueReference=str(variable.reference))
+            name, key = ("Unknown", "index") if first else (names[section], "valueReference")
+            SubElement(part, name, {key: called[variable.reference]})
 
 
 def _structure(variables: Sequence[Variable]) -> dict[str, list[Variable]]:

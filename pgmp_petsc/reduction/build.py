@@ -106,7 +106,7 @@ def build_rom(
             shapes = condensed(own, shapes, group, part)
         with angle_group(shapes, group) as angles:
             with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
-                build = _Build(own, shapes, angles, _Way(scramble, part, *of_lengths))
+                build = _Build(own, shapes, angles, scramble, part, *of_lengths)
             found = build.found(timings)
             timings = timings.maximum(group.world)
             return None if found.joined is None else build.model(found, timings)
@@ -130,17 +130,6 @@ def build_rom(
     return replace(found, record=replace(found.record, scene_toml=scene_to_toml(scene)))
 
 
-@dataclass(frozen=True)
-class _Way:
-    """How the build of one mechanism goes."""
-
-    #: scramble, checkpoint: as of `build_rom`
-    scramble: Callable[[ModeSet], ModeSet]
-    checkpoint: BuildCheckpoint | None
-    samples: SampleGrid | None = None  # its configurations, or the first of them; None leaves them to the scene
-    points: ParameterPoints | None = None  # parameter values whose vectors extend the basis; None searches them
-
-
 @dataclass(frozen=True, eq=False)
 class _Found:
     """Result of the build of one mechanism; joined samples and basis on the first rank, None elsewhere."""
@@ -156,10 +145,18 @@ class _Found:
 
 
 class _Build:
-    """The build of one mechanism, with condensed bodies."""
+    """The build of one mechanism, with condensed bodies.
 
-    def __init__(self, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, way: _Way) -> None:
-        self._scene, self._meshes, self._group, self._way = scene, meshes, group, way
+    `scramble` and `checkpoint` are as of `build_rom`; its configurations, or the first of them, are left to the scene,
+    and parameter values whose vectors extend the basis searched, where none are given.
+    """
+
+    def __init__(
+        self, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, scramble: Callable[[ModeSet], ModeSet],
+        checkpoint: BuildCheckpoint | None, samples: SampleGrid | None = None, points: ParameterPoints | None = None,
+    ) -> None:  # fmt: skip
+        self._scene, self._meshes, self._group, self._scramble = scene, meshes, group, scramble
+        self._checkpoint, self._samples, self._points = checkpoint, samples, points
         mechanism = self._mechanism = Mechanism.from_scene(scene, meshes).straight
         self._kinematics = RigidKinematics(mechanism, over_range=True)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
@@ -172,8 +169,8 @@ class _Build:
 
     def found(self, timings: Timings) -> _Found:
         """Solve the eigenproblems and join them; what hangs on the basis follows. Collective on ``group.world``."""
-        scene, group, loads, way = self._scene, self._group, self._loads, self._way
-        store = SampleStore(group, way.samples or _samples(scene, self._kinematics))
+        scene, group, loads = self._scene, self._group, self._loads
+        store = SampleStore(group, self._samples or _samples(scene, self._kinematics))
         with ExitStack() as opened:
             with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
                 n_modes, matrices = scene.reduction.modes, self._matrices
@@ -181,7 +178,7 @@ class _Build:
                 opened.enter_context(problem)
                 static_loads = StaticLoads.of(problem, patterns_of(self._effects, matrices), scene.reduction)
             with timings.phase("points"):
-                points = way.points or choose_points(scene, problem, static_loads, group)
+                points = self._points or choose_points(scene, problem, static_loads, group)
             with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
                 snapshots = opened.enter_context(ParameterSnapshots(problem, static_loads, points.points))
                 built_in = BuiltIn(problem, scene, self._meshes)
@@ -208,7 +205,7 @@ class _Build:
     ) -> tuple[JoinedSamples | None, ContinuousBasis | None, AngleRounds]:
         """Compute samples, round by round, and join them; on the first rank, None elsewhere. Collective."""
         scene, world, mechanism = self._scene, self._group.world, self._mechanism
-        joined, basis, rounds = None, None, AngleRounds(scene, mechanism, store.samples, self._way.samples is None)
+        joined, basis, rounds = None, None, AngleRounds(scene, mechanism, store.samples, self._samples is None)
         first_static = sampler.problem.n_modes + sampler.problem.n_released
         compression: Compression | None = None
         while True:
@@ -238,7 +235,7 @@ class _Build:
 
     def _compute(self, store: SampleStore, sampler: Sampler) -> None:
         """Compute this group's missing samples, but for those of the checkpoint."""
-        missing, checkpoint = store.missing(), self._way.checkpoint
+        missing, checkpoint = store.missing(), self._checkpoint
         if not missing:
             return
         sampler.problem.kinematics.follow(np.array(list(missing.values())))
@@ -247,7 +244,7 @@ class _Build:
                 for number, theta in missing.items():
                     sample = None if checkpoint is None else checkpoint.sample(theta, sampler.problem)
                     if sample is None:
-                        sample = sampler.sample(theta, self._way.scramble)
+                        sample = sampler.sample(theta, self._scramble)
                         if checkpoint is not None:
                             checkpoint.add_sample(theta, sample, sampler.problem)
                     store.put(number, sample)
@@ -346,7 +343,7 @@ class _Build:
         indefinite = indefinite_between(tables, scene, *spanning_values(scene))
         remarks = (
             *scene.remarks,
-            *(() if self._way.checkpoint is None else self._way.checkpoint.remarks),
+            *(() if self._checkpoint is None else self._checkpoint.remarks),
             *kinematics.remarks,
             *spring_remarks(self._effects, scene.reduction),
             *_doubts(float(joined.cosines.min()), basis.tables.unstrained.size > 0, found.n_redundant, indefinite),
