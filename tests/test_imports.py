@@ -222,7 +222,7 @@ def test_runs_of_a_reduced_model_import_nothing_that_builds_one(module: str) -> 
     ]
     assert "pgmp_petsc.reduction.rom" in loaded and not loaded & {*offline, "slepc4py", "meshio"}
     if module == "ensembles":  # what single runs and few scenes have
-        others = ["models.body_fields", "models.reduced_fields", "reduction.length_family"]
+        others = ["models.body_fields", "reduction.length_family"]
         others += ["results.tradeoff", "results.trajectory", "ensemble.joined"]
         others += ["ensemble.rare_run", "ensemble.importance"]
         assert not loaded & {f"pgmp_petsc.{name}" for name in others}

@@ -39,9 +39,9 @@ from pgmp_petsc.reduction.rom import check_samples
 from pgmp_petsc.results.ensemble import Ensemble, ShardSamples
 from pgmp_petsc.results.estimates import VALIDITY
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_units, own_values, si_values
 from pgmp_petsc.scene.numerics import MOST_STEPS
 from pgmp_petsc.scene.parameters import uncertain_names
+from pgmp_petsc.scene.units import own_units, own_values, si_values
 from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:

@@ -33,11 +33,11 @@ from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_powers
 from pgmp_petsc.scene.effects import OnJoint, OverMotion, OverTime
 from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Rows, Unit, refusal
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.references import load_problems, over_problems
+from pgmp_petsc.scene.units import own_powers
 from pgmp_petsc.scene.uses import motion_over, slides, slides_over
 
 TURN = 2.0 * math.pi

@@ -34,7 +34,7 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.figures import style
 from pgmp_petsc.figures.motion import Motion, Skin, drawn_faces, motion_of, normals
 from pgmp_petsc.files.claims import replacing
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import SolidMesh
 from pgmp_petsc.ranks.ending import child
 from pgmp_petsc.results import Trajectory
 
