@@ -213,7 +213,7 @@ def test_the_command_line_calls_the_interface_and_nothing_else(path: Path) -> No
 @pytest.mark.parametrize("module", ["runs", "ensembles"])
 def test_runs_of_a_reduced_model_import_nothing_that_builds_one(module: str) -> None:
     """A reduced model stands alone: no eigensolver, no reader of meshes."""
-    script = f"import sys, pgmp_petsc.api.{module}, pgmp_petsc.api.built\nprint(*sys.modules)"
+    script = f"import sys, pgmp_petsc.api.{module}, pgmp_petsc.api.sources\nprint(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=True)
     loaded = {name if name.startswith("pgmp_petsc") else name.split(".")[0] for name in done.stdout.split()}
     offline = [

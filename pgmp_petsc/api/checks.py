@@ -153,4 +153,4 @@ def _sizes(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) -> EffectS
 
     with RankGroup.split(comm, 1) as group:
         shapes = condensed(scene, meshes, group, large=True)
-    return on_root(comm, lambda: estimate_effects(scene, meshes, shapes=shapes))
+    return on_root(comm, lambda: estimate_effects(scene, meshes, shapes=shapes), doing="estimating effects")

@@ -109,11 +109,7 @@ def run(
     loaded, meshes = read_scene(path, overrides, parameters, comm, Purpose.CHECK)
     steps = Steps(place)
     with ExitStack() as held:
-
-        def holding_the_folder() -> None:
-            held.enter_context(steps.held())
-
-        on_root(comm, holding_the_folder)
+        on_root(comm, lambda: held.enter_context(steps.held()), doing="holding the folder")
         keep(place)
         held.callback(keep_no_longer, place)
         on_root(comm, check_output, target, "report", (path,))

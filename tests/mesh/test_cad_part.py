@@ -183,7 +183,9 @@ def test_what_is_no_part_is_refused_in_one_message_on_any_number_of_ranks(parts:
 
 def test_a_face_may_have_the_name_of_its_own_cylinder_and_of_no_other(parts: Path, monkeypatch) -> None:
     bore = read(parts, "rod").cylinders[0]
-    found = dict(solid_mesh_reading._by_gmsh(sha256((parts / "rod.step").read_bytes()).hexdigest(), parts / "rod.step", 0.0, 1.0))
+    found = dict(
+        solid_mesh_reading._by_gmsh(sha256((parts / "rod.step").read_bytes()).hexdigest(), parts / "rod.step", 0.0, 1.0)
+    )
     monkeypatch.setattr(solid_mesh_reading, "_by_gmsh", lambda *_: found)
     found[f"named{bore.faces[0][4:]}"] = np.array(bore.name)
     assert read(parts, "rod").cylinders[0].name == bore.name
