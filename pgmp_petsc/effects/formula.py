@@ -25,8 +25,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.declare.formulas import ALLOWED, FormulaError, declared, jumps_with, turns_at_once, why_no_name
-from pgmp_petsc.declare.own_units import in_si
+from pgmp_petsc.declare.formulas import ALLOWED, FormulaError, declared, in_si, jumps_with, turns_at_once, why_no_name
 from pgmp_petsc.effects.action import NOTHING, Action, place_of
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.law import Law

@@ -32,8 +32,8 @@ from pgmp_petsc.declare.formulas import (
     SeriesAlgebra,
     declared,
     evaluated,
+    in_si,
 )
-from pgmp_petsc.declare.own_units import in_si
 from pgmp_petsc.outputs.readings import TIME, AnyReading, Expression, FormulaOf, Jet, Needs, Rate, RateOf, Seen, jet_of
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.messages import problem
