@@ -32,7 +32,7 @@ from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model, why_no_grid, why_refused
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh, refined
+from pgmp_petsc.mesh.meshes import LineMesh, refined
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.models.lengths import why_of_one_mesh
 from pgmp_petsc.ranks.agreement import agreed, on_root
@@ -109,11 +109,7 @@ def run(
     loaded, meshes = read_scene(path, overrides, parameters, comm, Purpose.CHECK)
     steps = Steps(place)
     with ExitStack() as held:
-
-        def holding_the_folder() -> None:
-            held.enter_context(steps.held())
-
-        on_root(comm, holding_the_folder)
+        on_root(comm, lambda: held.enter_context(steps.held()), doing="holding the folder")
         keep(place)
         held.callback(keep_no_longer, place)
         on_root(comm, check_output, target, "report", (path,))

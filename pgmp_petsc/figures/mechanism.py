@@ -20,7 +20,7 @@ from matplotlib.patheffects import Stroke
 from matplotlib.text import Annotation
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.figures import captions, style
+from pgmp_petsc.figures import style
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results import Frames, Trajectory
 from pgmp_petsc.results.selection import Assembly, spans_in
@@ -320,7 +320,7 @@ def mechanism(
     shapes.draw(axes, chosen[-1], colours.at(frames.time[chosen[-1]]), width=3.0, pin=5.5, zorder=4)
     shapes.scale(axes, low, high, unit)
     colours.add_bar(axes)
-    notes = [*captions.of_runs([trajectory]), *without_span(frames, trajectory.record)]
+    notes = [*style.notes_of_runs([trajectory]), *without_span(frames, trajectory.record)]
     plain, enlarged = shapes.not_enlarged, ""
     if exaggeration != 1.0:
         deformable = len(frames.nodes) - len(frames.rigid)

@@ -25,8 +25,7 @@ from pgmp_petsc.bodies.shape import BodyShape, at_lengths, to_condense
 from pgmp_petsc.declare.records import Record, Result, array, attribute, check_finite, run_record
 from pgmp_petsc.files.hdf5 import BUILD_AGAIN, RunRecord, open_file, shapes_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh
 from pgmp_petsc.models.full import ComponentModel
 from pgmp_petsc.reduction.rom import Served, check_served, ranges_of
 from pgmp_petsc.reduction.rom_file import AMPLITUDES, BodyFile, CellsFile, FloatingFile, LineFile, MeshFile, OfPart

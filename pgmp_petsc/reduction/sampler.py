@@ -27,8 +27,8 @@ from pgmp_petsc.bodies.component import incommensurate
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.effects import Action, Load, Patterns
 from pgmp_petsc.effects.effect import UnitForces
-from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.mechanism.continuation import tensor_grid
+from pgmp_petsc.mechanism.mechanism import to_body
 from pgmp_petsc.modes.built_in import BuiltIn
 from pgmp_petsc.modes.continuity import canonical_rotation
 from pgmp_petsc.modes.curvature import CurvatureProblem

@@ -40,7 +40,7 @@ from pgmp_petsc.declare.records import (
     units_of,
 )
 from pgmp_petsc.files.hdf5 import RunRecord, take
-from pgmp_petsc.results.statistics import UNKNOWN
+from pgmp_petsc.results.ensemble import UNKNOWN
 
 STRAIGHT = 0.3  # of the bend at an extreme: vibrations of 8 steps have 0.41 of it a step beside, or more
 DEVIATION, PERCENT = "one standard deviation", "1 % of its value"

@@ -18,7 +18,7 @@ from pgmp_petsc.bodies.kinds.beam import Beam
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.sections.shapes import Circle, HollowCircle, HollowRectangle, Rectangle
 from pgmp_petsc.bodies.stresses import BeamLaw
-from pgmp_petsc.mesh.line_mesh import straight_beam
+from pgmp_petsc.mesh.meshes import straight_beam
 from pgmp_petsc.scene.bodies import Material, SectionEntry
 from scenes import SHEAR_FACTOR, STEEL, slider_crank
 
