@@ -19,13 +19,12 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity, Values, total_at
-from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.elasticity import Lame
 from pgmp_petsc.bodies.floating import Beams, Recovery
 from pgmp_petsc.bodies.framed_solid import cells_of_materials
 from pgmp_petsc.bodies.profile import Profile
 from pgmp_petsc.bodies.random_fields import profiles_of
-from pgmp_petsc.bodies.solid_strains import SolidStrains
+from pgmp_petsc.bodies.strains import BeamStrains, SolidStrains
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh
 from pgmp_petsc.scene import Scene
@@ -275,7 +274,7 @@ Points = np.ndarray  # what is known at points, shape (n_points, n_components, n
 @njit(cache=True, error_model="numpy")
 def _fill_stresses(strains, material, lame, moduli, stresses):
     """Fill stresses (Pa) by Hooke's law from strains, shape (n_points, n_strains, n) both, components as of
-    `solid_strains`; of each point the number of its material, and of materials Lame's constants (first, shear) over
+    `strains`; of each point the number of its material, and of materials Lame's constants (first, shear) over
     Young's modulus, and this modulus, shape (n_materials, n), Pa."""
     n_points, m, n = strains.shape
     d = 2 if m == 3 else 3

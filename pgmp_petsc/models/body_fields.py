@@ -30,10 +30,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Values
-from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.floating import products
 from pgmp_petsc.bodies.sections.section import BeamSection
+from pgmp_petsc.bodies.strains import BeamStrains
 from pgmp_petsc.bodies.stresses import EXTREMES, FURTHEST, BeamLaw, SolidLaw, Strains
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Unknowns

@@ -13,10 +13,10 @@ from scipy.sparse.linalg import splu
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.beam3d import section_axes
-from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.kinds.beam import Beam
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.sections.shapes import Circle, HollowCircle, HollowRectangle, Rectangle
+from pgmp_petsc.bodies.strains import BeamStrains
 from pgmp_petsc.bodies.stresses import BeamLaw
 from pgmp_petsc.mesh.meshes import straight_beam
 from pgmp_petsc.scene.bodies import Material, SectionEntry

@@ -9,11 +9,10 @@ from solids import mesh_of
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.beam3d import beam_work, section_axes, stretch
-from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.elasticity import Lame
 from pgmp_petsc.bodies.kinds.beam import Beam
 from pgmp_petsc.bodies.sections.shapes import Circle, Rectangle
-from pgmp_petsc.bodies.solid_strains import COMPONENTS, SolidStrains
+from pgmp_petsc.bodies.strains import COMPONENTS, BeamStrains, SolidStrains
 from pgmp_petsc.bodies.stresses import FURTHEST, LARGEST, SMALLEST, BeamLaw, SolidLaw, principal, von_mises
 from pgmp_petsc.mesh.meshes import PLANE_KINDS, SOLID_KINDS, straight_beam
 from pgmp_petsc.scene.bodies import Material
