@@ -78,13 +78,17 @@ def volume(solid: int) -> float:
     return gmsh.model.occ.getMass(3, solid)
 
 
-def triangles(surface: int) -> np.ndarray:
-    """Return the corners of a surface's triangles, shape (n, 3, 3)."""
-    _, nodes = gmsh.model.mesh.getElementsByType(2, surface)
-    tags, places, _ = gmsh.model.mesh.getNodes()
+def places() -> np.ndarray:
+    """Return the places of all nodes by their tags, mm, shape (n, 3)."""
+    tags, found, _ = gmsh.model.mesh.getNodes()
     at = np.zeros((int(tags.max()) + 1, 3))
-    at[tags.astype(int)] = places.reshape(-1, 3)
-    return at[nodes.astype(int)].reshape(-1, 3, 3)
+    at[tags.astype(int)] = found.reshape(-1, 3)
+    return at
+
+
+def nodes_of(kind: int, n_nodes: int, tag: int = -1) -> np.ndarray:
+    """Return the tags of the nodes of cells of one of gmsh's kinds, of a face or of all, shape (n, n_nodes)."""
+    return gmsh.model.mesh.getElementsByType(kind, tag)[1].astype(int).reshape(-1, n_nodes)
 
 
 def hits(starts: np.ndarray, ways: np.ndarray, corners: np.ndarray) -> np.ndarray:
@@ -108,7 +112,8 @@ def thickness(extent: float) -> dict[int, float]:
     gmsh.option.setNumber("Mesh.MeshSizeMax", extent / 15.0)
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", PER_TURN)
     gmsh.model.mesh.generate(2)
-    own = {tag: triangles(tag) for _, tag in gmsh.model.getEntities(2)}
+    at = places()
+    own = {tag: at[nodes_of(2, 3, tag)] for _, tag in gmsh.model.getEntities(2)}
     corners, found = np.concatenate(list(own.values())), {}
     for tag, faces in own.items():
         chosen = faces[np.linspace(0, len(faces) - 1, min(RAYS, len(faces))).astype(int)]
@@ -251,18 +256,11 @@ def main(path: str, size: float, coarser: float, output: str) -> None:
     box = np.reshape(gmsh.model.getBoundingBox(3, solid), (2, 3))
     extent = float(np.max(box[1] - box[0]))
     made(size, coarser, extent, solid)
-    tags, places, _ = gmsh.model.mesh.getNodes()
-    number = np.zeros(int(tags.max()) + 1, dtype=int)
-    cells = gmsh.model.mesh.getElementsByType(11)[1].astype(int).reshape(-1, 10)[:, [*range(8), 9, 8]]
-    used = np.unique(cells)
+    at, cells = places(), nodes_of(11, 10)[:, [*range(8), 9, 8]]
+    number, used = np.zeros(len(at), dtype=int), np.unique(cells)
     number[used] = np.arange(len(used))
-    at = np.zeros((int(tags.max()) + 1, 3))
-    at[tags.astype(int)] = places.reshape(-1, 3)
     nodes, cells = at[used], number[cells]
-    faces = {
-        tag: number[gmsh.model.mesh.getElementsByType(9, tag)[1].astype(int).reshape(-1, 6)]
-        for _, tag in gmsh.model.getEntities(2)
-    }
+    faces = {tag: number[nodes_of(9, 6, tag)] for _, tag in gmsh.model.getEntities(2)}
     whole = cylinders(faces, nodes, outward_normals(nodes, cells, faces), extent)
     centre = np.array(gmsh.model.occ.getCenterOfMass(3, solid))
     arrays = {f"face{tag}": own for tag, own in faces.items()}
