@@ -50,7 +50,9 @@ def opened(path: str) -> int:
     solids = [tag for _, tag in gmsh.model.getEntities(3)]
     faces = gmsh.model.getEntities(2)
     if len(solids) > 1:
-        names = ", ".join(f"{name_of(3, tag) or f'solid {tag}'} ({volume(tag):.4g} mm3)" for tag in solids)
+        names = ", ".join(
+            f"{name_of(3, tag) or f'solid {tag}'} ({gmsh.model.occ.getMass(3, tag):.4g} mm3)" for tag in solids
+        )
         raise Refused(
             f"it has {len(solids)} solids: {names}; a body is one: export each to a file of its own, or fuse them"
         )
@@ -71,11 +73,6 @@ def opened(path: str) -> int:
 def name_of(dimension: int, tag: int) -> str:
     """Return the last part of the name that CAD gives to something; empty where it has none of its own."""
     return gmsh.model.getEntityName(dimension, tag).rpartition("/")[2].strip()
-
-
-def volume(solid: int) -> float:
-    """Return the volume of a solid, mm3."""
-    return gmsh.model.occ.getMass(3, solid)
 
 
 def places() -> np.ndarray:
@@ -150,7 +147,7 @@ def made(size: float, coarser: float, extent: float, solid: int) -> None:
 def set_sizes(walls: dict[int, float], size: float, extent: float, solid: int, share: float) -> float:
     """Say how large cells may be: a share of the walls, or more where there would be too many; or as asked for. Return
     the share."""
-    widest, total = extent / WIDEST, volume(solid)
+    widest, total = extent / WIDEST, gmsh.model.occ.getMass(3, solid)  # mm3
     areas = {tag: gmsh.model.occ.getMass(2, tag) for tag in walls}
     sizes = {tag: min(max(wall, extent / 200.0), widest) if not size else size for tag, wall in walls.items()}
     # shares of the volume behind the faces
@@ -262,14 +259,14 @@ def main(path: str, size: float, coarser: float, output: str) -> None:
     nodes, cells = at[used], number[cells]
     faces = {tag: number[nodes_of(9, 6, tag)] for _, tag in gmsh.model.getEntities(2)}
     whole = cylinders(faces, nodes, outward_normals(nodes, cells, faces), extent)
-    centre = np.array(gmsh.model.occ.getCenterOfMass(3, solid))
     arrays = {f"face{tag}": own for tag, own in faces.items()}
     arrays |= {f"named{tag}": np.array(name_of(2, tag)) for tag in faces}
     for k, (inner, radius, axis, middle, length, own) in enumerate(whole):
         arrays[f"cylinder{k}"] = np.array([inner, radius, *axis, *middle, length])
         arrays[f"faces{k}"] = np.array(own)
-    inertia = np.reshape(gmsh.model.occ.getMatrixOfInertia(3, solid), (3, 3))
-    np.savez(output, nodes=nodes, cells=cells, volume=volume(solid), centre=centre, inertia=inertia, **arrays)
+    arrays |= {"volume": gmsh.model.occ.getMass(3, solid), "centre": gmsh.model.occ.getCenterOfMass(3, solid)}
+    arrays |= {"inertia": np.reshape(gmsh.model.occ.getMatrixOfInertia(3, solid), (3, 3))}
+    np.savez(output, nodes=nodes, cells=cells, **arrays)
 
 
 def outward_normals(nodes: np.ndarray, cells: np.ndarray, faces: dict[int, np.ndarray]) -> dict[int, np.ndarray]:
