@@ -228,7 +228,6 @@ class Request:
 
     @property
     def kind(self) -> str:
-        """Of the result."""
         return "ensemble" if self.shard is None else "shard"
 
     def checked(self) -> Request:

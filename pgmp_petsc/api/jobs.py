@@ -161,7 +161,6 @@ class _Job:
 
     @property
     def flexible(self) -> bool:
-        """Whether any body deforms."""
         return any(body.flexible for body in self.scene.bodies.values())
 
     @property
@@ -183,11 +182,9 @@ class _Job:
 
     @property
     def n_steps(self) -> float:
-        """Time steps of one run."""
         return self.scene.simulation.duration / self.scene.simulation.step
 
     def build(self) -> None:
-        """Build the reduced model."""
         if self.model != "reduced":
             instead = "full-order" if self.model == "full" else "component"
             self._say("build", f"left out: no reduced model ({self.why_not_reduced}); runs are of the {instead} model")
@@ -202,8 +199,6 @@ class _Job:
         self._step("build", ROM, (), make, budget.headline_of_build)
 
     def simulate(self) -> None:
-        """Run the model once."""
-
         def make(target: Path, resume: bool) -> None:
             simulate(**self._source(self.model, with_settings=True), output=target, on_all_ranks=False, comm=self.comm)
 
@@ -302,7 +297,6 @@ class _Job:
         return Reference(mesh, price, f"{text}, within reference.budget = {limit:g} s", {})
 
     def sample(self, n_samples: int, seed: int) -> None:
-        """Draw samples."""
         if not any(parameter.distribution is not None for parameter in self.scene.parameters.values()):
             self._say("ensemble", "left out: no parameter has a distribution")
             return

@@ -348,8 +348,7 @@ def stopping(ensemble: Ensemble, label: str = "") -> Figure:
         colour = style.PALETTE[number % len(style.PALETTE)]
         keys += axes.loglog(found.samples[known], reached[known] / wanted, "o-", color=colour, label=text, markersize=4)
     axes.axhline(1.0, color="#333333", linewidth=1.0)
-    axes.set_xlabel("samples")
-    axes.set_ylabel("half the interval / what was wanted")
+    axes.set(xlabel="samples", ylabel="half the interval / what was wanted")
     return style.headed(figure, keys, "precision at every look", ensemble.record, label)
 
 
@@ -401,14 +400,9 @@ def rare_event(found: RareEvent, label: str = "") -> Figure:
         level = found.threshold[-1] * factor
         errors = np.abs(found.interval[:, None] - found.estimate)
         words = f"importance sampling, {100 * found.confidence:g} % interval"
-        keys.append(
-            axes.errorbar(
-                [level], [found.estimate], yerr=errors, fmt="D", color=style.PALETTE[1], capsize=4.0, label=words
-            )
-        )
+        look = {"fmt": "D", "color": style.PALETTE[1], "capsize": 4.0, "label": words}
+        keys.append(axes.errorbar([level], [found.estimate], yerr=errors, **look))
     if len(found.threshold):
         axes.axvline(found.threshold[-1] * factor, color=style.QUIET, linewidth=0.8, linestyle=":")
-    axes.set_yscale("log")
-    axes.set_xlabel(style.axis_label(found.output, unit))
-    axes.set_ylabel("probability of beyond")
+    axes.set(yscale="log", xlabel=style.axis_label(found.output, unit), ylabel="probability of beyond")
     return style.headed(figure, keys, found.event, found.record, label)

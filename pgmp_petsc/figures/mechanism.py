@@ -124,9 +124,8 @@ class Shapes:
 
     def scale(self, axes: Axes, low: np.ndarray, high: np.ndarray, unit: str) -> None:
         """Let axes go from one corner (2,) to the other, in a unit."""
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-        axes.set_xlabel(style.axis_label(self.axis_names[0], unit))
-        axes.set_ylabel(style.axis_label(self.axis_names[1], unit))
+        x, y = (style.axis_label(name, unit) for name in self.axis_names)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=x, ylabel=y)
 
     def draw_ground(self, axes: Axes, size: float = 24.0) -> None:
         """Draw a triangle below every pin or end of a body, and what acts between points, that stays where it is; where

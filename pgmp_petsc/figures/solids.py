@@ -383,7 +383,6 @@ class Pace:
 
     @property
     def seconds(self) -> float:
-        """How long the film takes."""
         return len(self.numbers) / self.rate
 
     @classmethod

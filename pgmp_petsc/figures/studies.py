@@ -149,8 +149,7 @@ def coordinate_path(trajectory: Trajectory, label: str = "") -> Figure:
     for number in (0, -1):
         axes.plot(*points[number], "o", color=colours.at(time[number]), markersize=7.0)
     (x_name, x_unit), (y_name, y_unit) = trajectory.coordinate_units.items()
-    axes.set_xlabel(style.axis_label(x_name, x_unit))
-    axes.set_ylabel(style.axis_label(y_name, y_unit))
+    axes.set(xlabel=style.axis_label(x_name, x_unit), ylabel=style.axis_label(y_name, y_unit))
     axes.margins(0.12)
     axes.autoscale_view()
     colours.add_bar(axes)
@@ -244,9 +243,8 @@ def mesh_costs(study: Tradeoff) -> Figure:
             axes.legend(handles=keys, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=3 if len(keys) > 4 else 2)
         else:
             axes.text(0.5, 0.5, "nothing known", transform=axes.transAxes, ha="center", color=style.QUIET)
-    return style.top_legend(
-        figure, [], style.heading("What meshes cost in error and time", study.record), _notes(study)
-    )
+    what = style.heading("What meshes cost in error and time", study.record)
+    return style.top_legend(figure, [], what, _notes(study))
 
 
 def _keys_of_errors(study: Tradeoff) -> list[Line2D]:
@@ -306,8 +304,7 @@ def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -
 def _draw_output(axes: Axes, study: Tradeoff, cost: np.ndarray, column: int) -> None:
     error = np.maximum(100 * study.errors[:, column], FLOOR)
     known = _known(study, cost, column)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(style.PlainNumbers())
     for colour, family in FRONTS.items():
@@ -388,7 +385,6 @@ def _write(axes: Axes, text: str, x: float, y: float) -> None:
 
 
 def _marker(study: Tradeoff, row: int) -> dict[str, Any]:
-    """Return the look of a setting."""
     look = {"linestyle": "none", "markersize": 5.5, "markeredgewidth": 1.1, "zorder": 3} | LOOKS[_kind(study, row)]
     return look | _STAR if row == 0 and study.families[row] == "reduced" else look
 

@@ -309,8 +309,7 @@ def _draw_residual(axes: Axes, time: np.ndarray, residual: np.ndarray, exchanged
     largest = share.max(initial=0.0)
     axes.plot(time[1:], share, color=style.QUIET, linewidth=1.0)
     if largest > 0.0:
-        axes.set_yscale("log")
-        axes.set_ylim(10.0**-DECADES * largest, 3.0 * largest)
+        axes.set(yscale="log", ylim=(10.0**-DECADES * largest, 3.0 * largest))
     factor, unit = style.axis_unit(joule, np.array([exchanged]))
     axes.set_title(f"residual, as a share of the {exchanged * factor:.3g} {unit} exchanged: at most {largest:.1e}")
 
@@ -322,8 +321,7 @@ def design(found: Design, label: str = "") -> Figure:
     figure = style.new_figure(7.2, 1.0 + 1.8 * (1 + n))
     panels = figure.subplots(1 + n, 1, squeeze=False)[:, 0]
     panels[0].plot(np.arange(1, 1 + len(found.goals)), found.goals, color=style.PALETTE[0], marker=".")
-    panels[0].set_xlabel("design that was tried")
-    panels[0].set_ylabel(style.axis_label("goal", found.goal_unit))
+    panels[0].set(xlabel="design that was tried", ylabel=style.axis_label("goal", found.goal_unit))
     for axes, (name, values) in zip(panels[1:], found.designed.items()):
         factor, unit = style.axis_unit(found.units.get(name, "1"), values, found.begun[name])
         axes.plot(found.time, factor * found.begun[name], color=style.QUIET, linestyle=":")
@@ -559,8 +557,7 @@ def draw_torque(axes: Axes, run: Trajectory, load: Load) -> str:
     most = int(np.argmax(np.abs(run.outputs[name])))
     axes.plot(rate * speed[most], factor * run.outputs[name][most], "o", color=style.QUIET, markersize=4.0)
     axes.axhline(0.0, color=style.QUIET, linewidth=0.6)
-    axes.set_xlabel(style.axis_label("speed", per_second))
-    axes.set_ylabel(style.axis_label(name, unit))
+    axes.set(xlabel=style.axis_label("speed", per_second), ylabel=style.axis_label(name, unit))
     return style.axis_label(name, "1")
 
 
@@ -577,8 +574,7 @@ def draw_rainflow(axes: Axes, run: Trajectory, load: Load) -> str:
     ranges, means = factor * np.abs(second - first), 0.5 * factor * (first + second)
     matrix, *edges = np.histogram2d(ranges, means, N_BINS, weights=count)
     drawn = axes.pcolormesh(*edges, np.where(matrix > 0.0, matrix, np.nan).T, cmap="viridis")
-    axes.set_xlabel(style.axis_label("range", unit))
-    axes.set_ylabel(style.axis_label("mean", unit))
+    axes.set(xlabel=style.axis_label("range", unit), ylabel=style.axis_label("mean", unit))
     axes.figure.colorbar(drawn, ax=axes, label="cycles")
     return style.axis_label(load.title, "1")
 

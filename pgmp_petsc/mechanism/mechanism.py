@@ -86,7 +86,6 @@ class Coordinate:
         return self.system.text(value, self.unit, form)
 
     def shown(self, value: float) -> float:
-        """Return a value as it is shown."""
         return self.system.shown(value, self.unit)
 
     def scale(self, size: float) -> float:
@@ -123,17 +122,14 @@ class Mechanism:
 
     @cached_property
     def space(self) -> Space:
-        """Space that the mechanism moves in."""
         return space_of(self.scene.dimension)
 
     @cached_property
     def n_nodes(self) -> int:
-        """Number of nodes of all bodies."""
         return sum(body.n_nodes for body in self.bodies)
 
     @cached_property
     def n_dofs(self) -> int:
-        """Number of unknowns."""
         return self.space.n_dofs * self.n_nodes + sum(body.n_internal for body in self.bodies)
 
     @property

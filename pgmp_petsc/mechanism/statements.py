@@ -557,7 +557,6 @@ def angle(in_a: np.ndarray, in_b: np.ndarray) -> Statement:
 
 
 def distance(dimension: int) -> Statement:
-    """Return the distance of two points."""
     return _statement(DISTANCE, u=np.zeros(dimension))
 
 

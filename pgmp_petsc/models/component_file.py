@@ -54,7 +54,6 @@ class RigidFile(OfPart):
 
     @classmethod
     def of(cls, component: Component) -> Self:
-        """Return it as a file has it."""
         kept = component.recovery
         return super().of(component, mesh=None if kept is None else MeshFile.of_mesh(kept.carrier))
 
@@ -97,7 +96,6 @@ class CondensedFile(Record):
 
     @classmethod
     def of(cls, body: FloatingBody) -> Self:
-        """Return it as a file has it."""
         kept, cells, beams = body.recovery, None, None
         if kept is not None and isinstance(kept.carrier, SolidMesh):
             cells = CellsFile.of(kept)
@@ -108,7 +106,6 @@ class CondensedFile(Record):
         return cls(np.ascontiguousarray(body.centres), FloatingFile.of(body), cells, beams)
 
     def body(self, scene: Scene, name: str, frames: dict[str, int]) -> FloatingBody:
-        """Return the body of a scene."""
         kept = None if self.cells is None else self.cells.recovery
         if self.beams is not None:
             points = {point: int(node) for point, node in zip(self.beams.points, self.beams.numbers)}
@@ -176,8 +173,6 @@ def served_by(bodies: Mapping[str, ModelBodyFile], built: Scene) -> dict[str, Se
 
 @dataclass(frozen=True, kw_only=True)
 class ComponentsFile(Result):
-    """A component model's file."""
-
     kind, internal = "components", True
     bodies: dict[str, ModelBodyFile] = array(ordered=True)
     record: RunRecord = run_record()

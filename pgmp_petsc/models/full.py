@@ -117,7 +117,6 @@ class FullModel(Model):
 
     @property
     def identity(self) -> str:
-        """Checksum of the meshes."""
         return identity(self.meshes)
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> FullBatch | FullDistributed:

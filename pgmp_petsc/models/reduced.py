@@ -395,7 +395,6 @@ class ReducedMultipliers:
         return self._kept[n][0]
 
     def _system(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
-        """Return n samples of the model."""
         given = np.zeros((self._terms.tables.n_given, n))
         return ReducedSystem(self._terms, self._effects, values, (0.0, 0.0), n, self._motions, self._actions, given)
 

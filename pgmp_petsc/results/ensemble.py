@@ -333,7 +333,6 @@ class Stopping(Record):
 
     @property
     def is_met(self) -> bool:
-        """Whether all rules are."""
         return bool(np.all(self.met))
 
     @property

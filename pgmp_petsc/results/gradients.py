@@ -299,8 +299,6 @@ class Fit(Result):
 
 @dataclass(frozen=True)
 class DesignParameter(Record):
-    """A parameter."""
-
     name: str = attribute("@parameters_designed", about="names of the parameters (JSON)")
     unit: str = attribute("@units", about="their units (JSON)")
     start: float = array(at="starts", unit="{own.unit}", about="values at the start of the search")

@@ -393,7 +393,6 @@ _FOLDER = resources.files("pgmp_petsc.scene") / "templates"
 
 
 def template_names() -> list[str]:
-    """Return the names of all templates."""
     return sorted(Path(item.name).stem for item in _FOLDER.iterdir() if item.name.endswith(ENDING))
 
 
