@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, counted, gathered, note, warning
-from pgmp_petsc.base.units import SI, Units, UnitSystem
+from pgmp_petsc.base.units import SI, Units, UnitSystem, behind
 from pgmp_petsc.bodies.shape import lacks_foreshortening
 from pgmp_petsc.estimates.coarser_run import MOST, CoarserRun, StepErrors, fewest_steps, relied_on, times_of
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
@@ -23,17 +23,7 @@ from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, SeparateLengths
 from pgmp_petsc.outputs.multipliers import after_start, joints_of, judged
 from pgmp_petsc.results.estimates import ANSWERS, LARGE, EstimatedErrors
-from pgmp_petsc.results.numbers import (
-    Arrays,
-    behind,
-    felt,
-    misaligned,
-    nothing,
-    number_text,
-    share_text,
-    sizes_of,
-    with_unit,
-)
+from pgmp_petsc.results.numbers import Arrays, felt, misaligned, nothing, number_text, share_text, sizes_of, with_unit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.units import values_text
 from pgmp_petsc.stepping.status import Status
@@ -145,7 +135,9 @@ def large_errors(
     if not found:
         return
     of = " of the samples that are checked" if any(values.size > 1 for values in errors.values()) else ""
-    off = [f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset]
+    known = {None: 1.0, **scene.values}  # of one run; offsets of 0 are none there, in samples they differ
+    offsets = {name: joint.offset for name, joint in scene.joints.items() if joint.offset}
+    off = [f"joints.{name}.offset" for name, one in offsets.items() if of or one.part(known).has(None)]
     beyond = f"; {', '.join(off)} {FIRST_ORDER}" if off and model == "reduced" else ""
     lost = NOT_CONVERGED + BY_IMPACTS * loose if any(" more than all of it" in one for one in found) else ""
     yield warning(
