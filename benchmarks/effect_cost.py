@@ -24,7 +24,7 @@ from mpi4py import MPI
 
 from benchmarks.programs import end, guarded
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.meshes import LineMesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.ranks.petsc import start_petsc

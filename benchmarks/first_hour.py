@@ -23,7 +23,7 @@ import meshio
 import numpy as np
 
 from benchmarks.tables import Table
-from pgmp_petsc.mesh.cad_part import read_part
+from pgmp_petsc.mesh.solid_mesh_reading import read_part
 
 MM = 1e-3
 #: A program of its own, since gmsh brings libraries along: eyes at both ends, a shank of an H between them, in mm.

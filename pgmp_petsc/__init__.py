@@ -23,12 +23,12 @@ if TYPE_CHECKING:  # the names that `__getattr__` gives, for editors and checker
     from pgmp_petsc.api.ensembles import retry_failed as retry_failed
     from pgmp_petsc.api.exports import export_model as export_model
     from pgmp_petsc.api.exports import export_result as export_result
+    from pgmp_petsc.api.files import animate as animate
     from pgmp_petsc.api.files import contents as contents
     from pgmp_petsc.api.files import diff as diff
+    from pgmp_petsc.api.files import plot as plot
     from pgmp_petsc.api.files import read as read
-    from pgmp_petsc.api.films import animate as animate
-    from pgmp_petsc.api.films import plot as plot
-    from pgmp_petsc.api.films import write_report as write_report
+    from pgmp_petsc.api.files import write_report as write_report
     from pgmp_petsc.api.jobs import run as run
     from pgmp_petsc.api.modes import build as build
     from pgmp_petsc.api.modes import frequencies as frequencies

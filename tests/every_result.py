@@ -16,11 +16,10 @@ import synthetic
 
 from pgmp_petsc.base.errors import Remark
 from pgmp_petsc.results import Attempt, Balance, EffectSizes, EstimatedErrors, Selection
-from pgmp_petsc.results.ensemble import Corrected, Figure, Joined, Stopping
+from pgmp_petsc.results.ensemble import Corrected, Figure, Joined, MostLikely, Stopping
 from pgmp_petsc.results.estimates import OF_STEP, VALIDITY
 from pgmp_petsc.results.gradients import DesignConstraint, Instants
 from pgmp_petsc.results.selection import EffectSize
-from pgmp_petsc.results.statistics import MostLikely
 
 LISTINGS = Path(__file__).parent / "listings"
 LEFT_OUT = ("program_version", "scene")  # of root attributes

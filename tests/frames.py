@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism, to_body
 
 
 def to_inertial(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.ndarray:

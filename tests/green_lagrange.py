@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from pgmp_petsc.bodies.solid import Solid
-from pgmp_petsc.mesh.solid_mesh import reference_element
+from pgmp_petsc.mesh.meshes import reference_element
 
 
 def energy_of(solid: Solid, values: Mapping[str, float]) -> Callable[[np.ndarray], float]:

@@ -9,10 +9,9 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import eigsh
 
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
-from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism, constraint_jacobian
 from pgmp_petsc.modes.problem import ModalProblem
 
 

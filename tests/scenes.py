@@ -14,7 +14,7 @@ from pgmp_petsc.bodies.shape import BodyShape, shape_in_scene
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import LineMesh, read_line_mesh
-from pgmp_petsc.mesh.line_mesh import straight_beam
+from pgmp_petsc.mesh.meshes import straight_beam
 from pgmp_petsc.scene import Scene, scene_from_toml
 
 CRANK, ROD, RADIUS = 0.3, 0.7, 5.6e-3

@@ -17,7 +17,7 @@ from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.solid import FaceFrame, Region, Solid
 from pgmp_petsc.components.large_deformation import FieldsOnRanks, cyclic
 from pgmp_petsc.mesh import SolidMesh
-from pgmp_petsc.mesh.solid_mesh import Quadrature, _element, _tabulated, cell_faces, reference_element
+from pgmp_petsc.mesh.meshes import Quadrature, _element, _tabulated, cell_faces, reference_element
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 
 SIDES = {2: (("left", "right"), ("bottom", "top")), 3: (("left", "right"), ("front", "back"), ("bottom", "top"))}

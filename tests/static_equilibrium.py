@@ -16,10 +16,9 @@ from frames import to_inertial
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.body import element_dofs
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
-from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Unknowns
+from pgmp_petsc.mechanism.mechanism import Unknowns, rigid_velocities
 
 
 class StaticEquilibrium:

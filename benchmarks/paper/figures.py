@@ -21,7 +21,7 @@ from scipy import stats
 
 from benchmarks.programs import guarded
 from pgmp_petsc.figures.ensembles import densities
-from pgmp_petsc.figures.frequencies import frequencies
+from pgmp_petsc.figures.studies import frequencies
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.style import REDUCED_COLOUR, axis_unit, save, styled
 from pgmp_petsc.figures.trajectories import paired, trajectories

@@ -35,7 +35,7 @@ from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import SolidMesh
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.ranks.groups import RankGroup

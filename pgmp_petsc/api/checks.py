@@ -17,7 +17,7 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import SolidMesh
 from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.check import describe_scene, describe_trial, summary_of_scene
@@ -153,4 +153,4 @@ def _sizes(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) -> EffectS
 
     with RankGroup.split(comm, 1) as group:
         shapes = condensed(scene, meshes, group, large=True)
-    return on_root(comm, lambda: estimate_effects(scene, meshes, shapes=shapes))
+    return on_root(comm, lambda: estimate_effects(scene, meshes, shapes=shapes), doing="estimating effects")

@@ -26,7 +26,7 @@ from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results.gradients import Design, Fit
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import parameter_units
+from pgmp_petsc.scene.units import parameter_units
 from pgmp_petsc.texts.studies import report_of_derivatives, report_of_design, report_of_fit
 
 

@@ -43,15 +43,14 @@ from pgmp_petsc.ensemble.sampling import refuse_drawn
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.mechanism.capabilities import check_capabilities
 from pgmp_petsc.mechanism.mechanism import TABLES
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.meshes import LineMesh
 from pgmp_petsc.models import FullModel, Model
 from pgmp_petsc.models.component_file import ComponentsFile
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, RankGroup
 from pgmp_petsc.reduction.rom import check_samples
-from pgmp_petsc.results.ensemble import Ensemble, ShardSamples, read_shard
+from pgmp_petsc.results.ensemble import Ensemble, RareEvent, ShardSamples, read_shard
 from pgmp_petsc.results.numbers import Arrays
-from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.inputs import read_scene, with_meshes
 from pgmp_petsc.texts.ensemble_table import report as report_of_ensemble
@@ -229,7 +228,6 @@ class Request:
 
     @property
     def kind(self) -> str:
-        """Of the result."""
         return "ensemble" if self.shard is None else "shard"
 
     def checked(self) -> Request:
@@ -406,7 +404,7 @@ def retry_failed(
 
 
 @interface(
-    "With the attributes of `results.statistics.RareEvent`.",
+    "With the attributes of `results.ensemble.RareEvent`.",
     source=SOURCE,
     event=Argument(
         'Find the probability of a rare event with at most N samples: "slider_deformation < -0.2 mm", "ever" before it '

@@ -28,7 +28,7 @@ from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results.summary import columns_of, write_result
 from pgmp_petsc.results.trajectory import GROUP, truncated, write_xdmf
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import values_text
+from pgmp_petsc.scene.units import values_text
 
 FMU, XDMF = ".fmu", (".xdmf", ".xmf")
 LEFT_OUT = "note: elastic strain, change of stiffness, error estimates and energies are not in it; see pgmp simulate"

@@ -32,7 +32,7 @@ from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model, why_no_grid, why_refused
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh, refined
+from pgmp_petsc.mesh.meshes import LineMesh, refined
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.models.lengths import why_of_one_mesh
 from pgmp_petsc.ranks.agreement import agreed, on_root
@@ -109,11 +109,7 @@ def run(
     loaded, meshes = read_scene(path, overrides, parameters, comm, Purpose.CHECK)
     steps = Steps(place)
     with ExitStack() as held:
-
-        def holding_the_folder() -> None:
-            held.enter_context(steps.held())
-
-        on_root(comm, holding_the_folder)
+        on_root(comm, lambda: held.enter_context(steps.held()), doing="holding the folder")
         keep(place)
         held.callback(keep_no_longer, place)
         on_root(comm, check_output, target, "report", (path,))
@@ -165,7 +161,6 @@ class _Job:
 
     @property
     def flexible(self) -> bool:
-        """Whether any body deforms."""
         return any(body.flexible for body in self.scene.bodies.values())
 
     @property
@@ -187,11 +182,9 @@ class _Job:
 
     @property
     def n_steps(self) -> float:
-        """Time steps of one run."""
         return self.scene.simulation.duration / self.scene.simulation.step
 
     def build(self) -> None:
-        """Build the reduced model."""
         if self.model != "reduced":
             instead = "full-order" if self.model == "full" else "component"
             self._say("build", f"left out: no reduced model ({self.why_not_reduced}); runs are of the {instead} model")
@@ -206,8 +199,6 @@ class _Job:
         self._step("build", ROM, (), make, budget.headline_of_build)
 
     def simulate(self) -> None:
-        """Run the model once."""
-
         def make(target: Path, resume: bool) -> None:
             simulate(**self._source(self.model, with_settings=True), output=target, on_all_ranks=False, comm=self.comm)
 
@@ -306,7 +297,6 @@ class _Job:
         return Reference(mesh, price, f"{text}, within reference.budget = {limit:g} s", {})
 
     def sample(self, n_samples: int, seed: int) -> None:
-        """Draw samples."""
         if not any(parameter.distribution is not None for parameter in self.scene.parameters.values()):
             self._say("ensemble", "left out: no parameter has a distribution")
             return

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
-from pgmp_petsc.api.arguments import checked
+from pgmp_petsc.api.arguments import checked, needs_xarray
 from pgmp_petsc.api.ranks import ranks_of
-from pgmp_petsc.api.tables import needs_xarray
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, Remark, RunError
 from pgmp_petsc.base.notebooks import Grid, card
@@ -235,12 +234,8 @@ class Result:
         Raises `InputError` if there is another file of this name, or it cannot be made there; `RunError` if the system
         fails to write.
         """
-
-        def writing_the_result() -> None:
-            write_result(self.data, target)
-
         with claimed(self.comm, path, form_of(path, self.kind)) as target:
-            on_root(self.comm, writing_the_result)
+            on_root(self.comm, write_result, self.data, target, doing="writing the result")
         if not is_table(target):  # of which nothing can be read again
             self.path = target
         return target

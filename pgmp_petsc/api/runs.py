@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from os import PathLike
 
 from pgmp_petsc import models
-from pgmp_petsc.api.arguments import settings_of, wrong
+from pgmp_petsc.api.arguments import Points, PointSet, ResultOrDataset, settings_of, wrong
 from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.result import Result, Rom, StoppedRun
 from pgmp_petsc.api.scenes import Overrides, Parameters
-from pgmp_petsc.api.sources import SOURCE, AnySource, Origin, keeping
-from pgmp_petsc.api.tables import Points, PointSet, ResultOrDataset
+from pgmp_petsc.api.sources import SOURCE, AnySource, Origin, keeping, scene_of_built
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.ranks.agreement import agreed, on_root
@@ -97,9 +96,7 @@ def fields(rom: Rom, run: Result, times: Sequence[float], *, comm: Comm | None =
             raise wrong("run", run, "a run, as from pgmp.simulate or pgmp.read")
 
     def finding_the_fields() -> dict[str, BodyField]:
-        # runs do not wait for these
-        from pgmp_petsc.api.built import scene_of_built
-        from pgmp_petsc.studies.field_frames import fields_at
+        from pgmp_petsc.studies.field_frames import fields_at  # runs do not wait for it
 
         scene = scene_of_built(rom.data.rom, rom.directory, (), settings_of(run.record.parameters), "the reduced model")
         found = fields_at(models.ReducedModel(scene, rom.data.rom), run.data.in_si_units(), times)

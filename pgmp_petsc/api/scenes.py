@@ -66,11 +66,7 @@ def load(
 def compose(tables: Mapping[str, Any], directory: str | PathLike[str] = ".", *, comm: Comm | None = None) -> Scene:
     """Return the scene of tables as a TOML file has them; those of the first rank count, and are left as they are."""
     comm = ranks_of(comm)
-
-    def composing_the_scene() -> Scene:
-        return scene_from_tables(plain(tables), Path(directory))
-
-    found = on_root(comm, composing_the_scene)
+    found = on_root(comm, lambda: scene_from_tables(plain(tables), Path(directory)), doing="composing the scene")
     tell_remarks(comm, found.remarks)
     return found
 

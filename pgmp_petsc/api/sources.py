@@ -1,5 +1,7 @@
-"""Sources of a call: a built model or a scene that a program holds, or the file of one, and models of these; and the
-file of a result, which is claimed before long work and written after it, with the ranks that get the result."""
+"""Sources of a call: a built model or a scene that a program holds, or the file of one, and models of these, whose
+scenes are changed where a change leaves a built model valid; and the file of a result, which is claimed before long
+work and written after it, with the ranks that get the result.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +9,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from copy import deepcopy
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -22,13 +25,19 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.declare.records import Result as RunResult
 from pgmp_petsc.files import seal
 from pgmp_petsc.files.claims import check_folder, claimed, form_of, is_table, named
-from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mechanism.mechanism import TABLES
 from pgmp_petsc.models import FullModel, Model
+from pgmp_petsc.models.component_file import ComponentsFile
 from pgmp_petsc.models.model import TITLES
 from pgmp_petsc.ranks.agreement import agreed, on_root
+from pgmp_petsc.reduction.rom import ReducedOrderModel, check_served, served_ranges
 from pgmp_petsc.results.summary import write_result
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.loading import scene_from_tables
+from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.plausibility import plausibility
 
 AnySource = Rom | Scene | str | PathLike[str]
 REDUCED = "reduced"
@@ -111,14 +120,11 @@ class Origin:
 
     def _read(self) -> tuple[Scene, Any]:
         """Return the scene of a built model with the changes, and what its file has; by one process."""
-        from pgmp_petsc.api.built import read_built  # full-order runs do not wait for what reads one
-
-        held = None
         if isinstance(self.source, Rom):
-            held = self.source.data.rom if self.model == REDUCED else self.source.data
-        return read_built(
-            held or Path(self.source), self.model, self.directory, self.overrides, self.settings, self.name
-        )
+            built = self.source.data.rom if self.model == REDUCED else self.source.data
+        else:
+            built = (ReducedOrderModel if self.model == REDUCED else ComponentsFile).read(Path(self.source))
+        return scene_of_built(built, self.directory, self.overrides, self.settings, self.name), built
 
     def settled(self, comm: Comm, check: Callable[[Scene], None] = lambda scene: None, many: bool = False) -> Model:
         """Return the model with the step that its tolerance asks for, of one run or of many. Collective on `comm`."""
@@ -194,14 +200,7 @@ class Keeper:
         Collective on `comm`. Its remarks are printed, except the scene's and those in `said`, which were printed
         before. Raises `RunError` if the system fails to write.
         """
-
         data = data.in_own_units() if isinstance(data, RunResult) else data
-
-        def writing_the_result() -> None:
-            write_result(data, self.output)
-
-        def handing_out_the_result() -> Any:
-            return in_memory(data)
 
         def drawing_the_result() -> str:
             from pgmp_petsc.figures.collection import draw_result  # matplotlib takes a noticeable time
@@ -209,11 +208,11 @@ class Keeper:
             return draw_result(data, self.plot)
 
         if self.output is not None:
-            on_root(self.comm, writing_the_result)
+            on_root(self.comm, write_result, data, self.output, doing="writing the result")
         if self.plot is not None:
             tell(self.comm, on_root(self.comm, drawing_the_result))
         if self.on_all_ranks:
-            data = on_root(self.comm, handing_out_the_result)
+            data = on_root(self.comm, in_memory, data, doing="handing out the result")
         elif self.comm.rank > 0:
             data = None
         # of a table nothing can be read again
@@ -263,3 +262,80 @@ def place_on_the_way(comm: Comm, output: Path | None = None) -> Iterator[Path]:
     finally:
         if comm.rank == 0:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+Built = ReducedOrderModel | ComponentsFile
+# what tables and condensed bodies depend on; all else may be changed when they are used
+BUILT = (*TABLES, "fields", "reduction")
+
+
+def scene_of_built(
+    made: Built, directory: Path, overrides: Sequence[str], settings: Sequence[str], name: object
+) -> Scene:
+    """Return the scene of a built model, changed where a change leaves it valid, with its remarks; by one process.
+
+    Paths are relative to `directory`; `name` is what messages call the model. Raises `InputError` if an entry is
+    overridden that it was built from.
+    """
+    of_components = isinstance(made, ComponentsFile)
+    tables = made.record.tables
+    built = made.scene(directory) if of_components else scene_from_tables(deepcopy(tables), directory)
+    scene = built
+    if overrides or settings:
+        scene = scene_from_tables(deepcopy(tables), directory, overrides, settings)
+    _check_tables_hold(built, scene, name)
+    if of_components:
+        check_capabilities(scene, Purpose.COMPONENTS)
+        said = made.check_bodies(built, scene, name)
+    else:
+        check_capabilities(scene, Purpose.REDUCED)
+        said = check_served(served_ranges(built, made), scene)
+    remarks, simulation = (*plausibility(scene), *said), scene.simulation
+    if simulation.tolerance is not None and simulation.step == built.simulation.step:
+        # no step but the file's is given beside the tolerance for one
+        scene = scene.with_entries(simulation=Simulation(**simulation.model_dump(exclude={"step"})))
+    return scene.with_remarks(remarks)
+
+
+def _check_tables_hold(built: Scene, scene: Scene, name: object) -> None:
+    for table in BUILT:
+        if getattr(built, table) != getattr(scene, table) and not (table == "joints" and _same_joints(built, scene)):
+            _refuse(table, name)
+    then, now = built.plain_effects, scene.plain_effects
+    if then.keys() != now.keys():
+        _refuse("effects", name)
+    for key, effect in now.items():
+        free = {entry: getattr(effect, entry) for entry in effect.changeable}
+        if type(then[key]) is not type(effect) or then[key].model_copy(update=free) != effect:
+            _refuse(f"effects.{key}", name)
+    acting = [{k: (c.joint, c.motion) for k, c in one.controllers.items()} for one in (built, scene)]
+    if acting[0] != acting[1]:
+        _refuse("controllers", name)
+    if built.parameters.keys() != scene.parameters.keys():
+        _refuse("parameters", name)
+    for key, parameter in scene.parameters.items():
+        if built.parameters[key].nominal != parameter.nominal:
+            _refuse(f"parameters.{key}.nominal", name)
+
+
+def _same_joints(built: Scene, scene: Scene) -> bool:
+    """Return whether joints differ in nothing but numbers of their springs and dampers."""
+
+    def structure(one: Scene) -> list[tuple]:
+        keys = {name: joint.gives_way for name, joint in one.joints.items()}
+        rigid = [
+            (name, joint.model_copy(update={keys[name]: None} if keys[name] else {}))
+            for name, joint in one.joints.items()
+        ]
+        return [*rigid, *(getattr(one.joints[name], key).structure for name, key in keys.items() if key)]
+
+    return structure(built) == structure(scene)
+
+
+def _refuse(entry: str, name: object) -> None:
+    raise InputError(
+        f"--override {entry}: '{name}' was built from this entry; override it in pgmp build instead. "
+        "With a built model, simulation, initial, ensemble, outputs, distributions and bounds of parameters, their "
+        "correlation, the numbers of loads, joints' forces, elastic joints and motions, and controllers but for their "
+        "joints may be changed"
+    )

@@ -17,13 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.api.arguments import wrong
-from pgmp_petsc.api.built import BUILT
+from pgmp_petsc.api.arguments import PointSet, needs_xarray, wrong
 from pgmp_petsc.api.declared import Argument, interface
 from pgmp_petsc.api.ranks import RESULT, solving_ranks_of, tell_remarks
 from pgmp_petsc.api.result import Result, in_memory
-from pgmp_petsc.api.sources import SOURCE, AnySource, Origin, place_on_the_way
-from pgmp_petsc.api.tables import PointSet, needs_xarray
+from pgmp_petsc.api.sources import BUILT, SOURCE, AnySource, Origin, place_on_the_way
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, Remark, nearest_name, note, warning
 from pgmp_petsc.base.resources import free_memory
@@ -39,9 +37,9 @@ from pgmp_petsc.reduction.rom import check_samples
 from pgmp_petsc.results.ensemble import Ensemble, ShardSamples
 from pgmp_petsc.results.estimates import VALIDITY
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_units, own_values, si_values
 from pgmp_petsc.scene.numerics import MOST_STEPS
 from pgmp_petsc.scene.parameters import uncertain_names
+from pgmp_petsc.scene.units import own_units, own_values, si_values
 from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:

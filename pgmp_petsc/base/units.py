@@ -1,7 +1,7 @@
 """Consistent units: those of SI, in which everything is computed, of mm, t and s, and others that programs are fed
 with.
 
-A scene that says its units is converted where it is read (`scene.border`), and what is shown and written is converted
+A scene that says its units is converted where it is read (`scene.units`), and what is shown and written is converted
 back (`UnitSystem.text`, `declare.records`); nothing between knows of them. A scene that says none is computed with its
 numbers as they are.
 

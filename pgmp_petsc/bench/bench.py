@@ -43,7 +43,7 @@ from pgmp_petsc.bench.history import (
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.lanes.vectors import LANES
-from pgmp_petsc.mesh.line_mesh import LineMesh, refined
+from pgmp_petsc.mesh.meshes import LineMesh, refined
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, RankGroup, first_ranks

@@ -28,10 +28,10 @@ from pgmp_petsc.bench.reference import takes_second_order
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.bodies.shape import has_long_axis
 from pgmp_petsc.effects import effects_of, patterns_of, start_of
-from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import why_no_grid
 from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import constraint_jacobian
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import uncertain_names
 

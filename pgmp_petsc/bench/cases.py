@@ -21,11 +21,11 @@ import scipy
 
 from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.scene.effects import OverTime
 from pgmp_petsc.scene.fields import with_values
 from pgmp_petsc.scene.numerics import Initial, Reduction, Simulation, count_steps
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
+from pgmp_petsc.scene.units import values_text
 
 OWN = "own"  # name of the scene's own loads
 PULSE = 1.6

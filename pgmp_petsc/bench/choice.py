@@ -33,8 +33,8 @@ from pgmp_petsc.reduction.checkpoint import Finished
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values, values_text
 from pgmp_petsc.scene.numerics import Reduction, Simulation
+from pgmp_petsc.scene.units import own_values, values_text
 from pgmp_petsc.scene.uses import extremes, length_names, with_numbers
 
 OF_BASIS = ("modes", "static_modes", "inertia_modes", "parameter_modes", "second_order", "stretching")

@@ -22,8 +22,8 @@ from pgmp_petsc.models.model import floors_of as floors_of
 from pgmp_petsc.outputs.multipliers import judged
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.scene.numerics import Reduction
+from pgmp_petsc.scene.units import values_text
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status

@@ -30,17 +30,16 @@ from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.components.condensing import angle_group, condensed, floating_shapes
 from pgmp_petsc.effects import start_of
-from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model, why_refused
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism, constraint_jacobian
 from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
 from pgmp_petsc.models.component_file import ModelBodyFile, bodies_of, model_of
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import values_text
+from pgmp_petsc.scene.units import values_text
 from pgmp_petsc.stepping.status import Status
 
 

@@ -42,15 +42,15 @@ from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import why_no_grid
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.meshes import LineMesh
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import Pulse, RankGroup, deal
 from pgmp_petsc.reduction.checkpoint import Arrays, Finished
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values, result_units, values_text
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.scene.parameters import uncertain_names
+from pgmp_petsc.scene.units import own_values, result_units, values_text
 from pgmp_petsc.scene.uses import count_builds, length_names, with_numbers
 
 COARSER = 2  # doublings of the scene's step, for the distance of the component model from the mesh

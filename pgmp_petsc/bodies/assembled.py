@@ -23,7 +23,7 @@ from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.profile import UNIFORM, Profiles, SectionScale
 from pgmp_petsc.bodies.solid import FaceFrame, tensor_of_inertia
-from pgmp_petsc.mesh.solid_mesh import SolidMesh, outer_faces, reference_element
+from pgmp_petsc.mesh.meshes import SolidMesh, outer_faces, reference_element
 
 ROUND_OFF = 1e-13  # of coordinates: a centre of mass nearer to 0 is there
 

@@ -18,7 +18,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.beam2d import strains
 from pgmp_petsc.bodies.floating import Beams, products
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.meshes import LineMesh
 
 STRAIGHT = 1e-9  # 1 - cosine of the angle between elements in one direction: half of 4e-5 rad squared
 ON_LINE = 1e-6  # of the body's extent: how far from an element a place may be that counts as on it

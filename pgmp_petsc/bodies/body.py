@@ -27,8 +27,7 @@ from pgmp_petsc.base.errors import counted
 from pgmp_petsc.base.units import UnitSystem
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import TURNS, linear_fields
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh
 
 if TYPE_CHECKING:
     from pgmp_petsc.bodies.framed_solid import FramedSolid

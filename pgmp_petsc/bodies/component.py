@@ -27,8 +27,7 @@ from pgmp_petsc.bodies.beam3d import N_FRAME, at_rest
 from pgmp_petsc.bodies.floating import Recovery, bar_length
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.solid import Solid
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh
 from pgmp_petsc.scene.bodies import MOMENTS, Rigid
 
 if TYPE_CHECKING:

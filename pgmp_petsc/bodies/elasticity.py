@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.mesh.solid_mesh import Quadrature
+from pgmp_petsc.mesh.meshes import Quadrature
 
 
 @dataclass(frozen=True)

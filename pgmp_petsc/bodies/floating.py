@@ -26,8 +26,7 @@ from pgmp_petsc.bodies.affine import ByWeight, Monomial, total_at
 from pgmp_petsc.bodies.profile import Profiles
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.vectors import LANES, aligned_zeros, load, spread, store
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh
 from pgmp_petsc.scene import Scene
 
 

@@ -13,7 +13,7 @@ from pgmp_petsc.bodies.assembled import Assembled, AssembledBody
 from pgmp_petsc.bodies.profile import UNIFORM, Profiles, SectionScale
 from pgmp_petsc.bodies.random_fields import profiles_of
 from pgmp_petsc.bodies.solid import SMALLEST_RADIUS, FaceFrame, Region, Solid
-from pgmp_petsc.mesh.solid_mesh import SolidMesh, reference_element
+from pgmp_petsc.mesh.meshes import SolidMesh, reference_element
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 from pgmp_petsc.scene.bodies import Material

@@ -33,8 +33,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, Remark, note, warning
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.profile import UNIFORM, Profile, Profiles
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh, reference_element
+from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh, reference_element
 from pgmp_petsc.scene import Scene
 
 ROLE = {"E": "modulus", "rho": "density"}  # of others it is a size

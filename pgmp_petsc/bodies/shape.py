@@ -15,8 +15,7 @@ from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
 from pgmp_petsc.bodies.component import SLENDER, Component
 from pgmp_petsc.bodies.floating import FloatingBody
-from pgmp_petsc.mesh.line_mesh import LineMesh, straight_beam
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh, straight_beam
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.messages import problem
 

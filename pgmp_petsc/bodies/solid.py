@@ -26,7 +26,7 @@ from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
 from pgmp_petsc.bodies.profile import UNIFORM, Profile, Profiles, SectionScale
-from pgmp_petsc.mesh.solid_mesh import SolidMesh, reference_element
+from pgmp_petsc.mesh.meshes import SolidMesh, reference_element
 
 Part = tuple[Quantity, Callable[[np.ndarray], np.ndarray]]  # a factor, and element matrices from the places of nodes
 

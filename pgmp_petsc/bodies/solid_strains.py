@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.floating import products
-from pgmp_petsc.mesh.solid_mesh import SolidMesh, reference_element, shape_gradients, shape_values
+from pgmp_petsc.mesh.meshes import SolidMesh, reference_element, shape_gradients, shape_values
 
 #: Components of a symmetric tensor by dimension.
 COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))}

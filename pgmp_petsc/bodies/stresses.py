@@ -27,8 +27,7 @@ from pgmp_petsc.bodies.profile import Profile
 from pgmp_petsc.bodies.random_fields import profiles_of
 from pgmp_petsc.bodies.solid_strains import SolidStrains
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES
 from pgmp_petsc.scene.references import points_used

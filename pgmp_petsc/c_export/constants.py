@@ -41,8 +41,8 @@ from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import Served
 from pgmp_petsc.results.estimates import limits_of
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_values, to_own
 from pgmp_petsc.scene.joints import CouplingEntry
+from pgmp_petsc.scene.units import own_values, to_own
 from pgmp_petsc.scene.uses import length_names, offset_directions, uses_of, velocity_names
 from pgmp_petsc.stepping import alpha_step, edge_search
 from pgmp_petsc.stepping.second_order_system import Scheme

@@ -44,7 +44,7 @@ from pgmp_petsc.bodies.elasticity import Geometry, Lame, volumes_of
 from pgmp_petsc.bodies.solid import Region, Solid
 from pgmp_petsc.components.component_modes import elastic_modes, own_nodes
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.mesh.solid_mesh import reference_element
+from pgmp_petsc.mesh.meshes import reference_element
 
 NUMBERS_AT_ONCE = 4_000_000  # of products of pairs of fields at quadrature points: 32 MB
 

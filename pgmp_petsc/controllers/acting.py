@@ -23,10 +23,10 @@ from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece, TimeFunction, amplitude_of
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_powers
 from pgmp_petsc.scene.controllers import ControllerEntry
 from pgmp_petsc.scene.fields import with_values
 from pgmp_petsc.scene.outputs import unit_of
+from pgmp_petsc.scene.units import own_powers
 from pgmp_petsc.scene.uses import slides
 
 #: Among the parameters, where the law notes the measure that it meets, and its rate.

@@ -39,7 +39,7 @@ from numba.extending import intrinsic
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare import expressions
 from pgmp_petsc.declare.expressions import Printed, Statements, called_at, check, check_names, kept, symbolic
-from pgmp_petsc.declare.own_units import InSi, in_si
+from pgmp_petsc.declare.formulas import InSi, in_si
 from pgmp_petsc.effects.law import calling
 from pgmp_petsc.lanes.compiled import native_address, njit, text_mark
 from pgmp_petsc.lanes.lane_items import eliminate

@@ -42,8 +42,8 @@ from pgmp_petsc.ranks.ending import search_at
 from pgmp_petsc.results.gradients import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.results.numbers import plain, with_unit
 from pgmp_petsc.scene import scene_to_toml
-from pgmp_petsc.scene.border import own_values, result_units, to_own, values_text
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
+from pgmp_petsc.scene.units import own_values, result_units, to_own, values_text
 from pgmp_petsc.scene.uses import length_names
 
 MOST_ROUNDS, SETTLED = 8, 1e-3  # of deviations that follow from what is left; their shares of one another that stay

@@ -11,7 +11,7 @@ too.
 A figure is that of an output over a run: its largest and smallest value, by parabolas through the ends of steps
 (`results/gradients.py`: no jump of the slope where another end of a step comes to be nearest), the mean and the root of
 the mean square over time (trapezoids), and its values at time zero and at the end. Numbers are in the scene's units;
-searches are in SI units (:mod:`~pgmp_petsc.declare.own_units`), so that the design is the same to the last digit in
+searches are in SI units (:mod:`~pgmp_petsc.declare.formulas`), so that the design is the same to the last digit in
 whichever units the scene is written.
 
 A search turns back from places on its way whose runs stop before their end, and says so.
@@ -35,7 +35,7 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, nearest_name, warning
 from pgmp_petsc.base.units import SI, Units, UnitSystem, dimension_of, si_name
 from pgmp_petsc.declare import formulas
-from pgmp_petsc.declare.own_units import in_si, shifted
+from pgmp_petsc.declare.formulas import in_si, shifted
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 from pgmp_petsc.results.gradients import Vertex, vertex
 

@@ -42,8 +42,8 @@ from pgmp_petsc.ranks.ending import search_at
 from pgmp_petsc.results.gradients import Design, DesignConstraint, DesignParameter
 from pgmp_petsc.results.numbers import interval_text, percent, with_unit
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values, result_units, to_own, values_text
 from pgmp_petsc.scene.parameters import uncertain_names
+from pgmp_petsc.scene.units import own_values, result_units, to_own, values_text
 
 MOST_ITERATIONS = 200
 PRECISE = 1e-7  # of goal and constraints, in units of their sizes: what iterations of runs leave stays below

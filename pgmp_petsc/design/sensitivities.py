@@ -21,8 +21,8 @@ from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.results.gradients import DEVIATION, PERCENT, Derivatives, Instants, is_sharp, vertex
 from pgmp_petsc.results.numbers import nothing, share_text
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values, result_units
 from pgmp_petsc.scene.parameters import correlation_matrix
+from pgmp_petsc.scene.units import own_values, result_units
 
 SHARE = 0.01  # of the value of a parameter without a distribution
 LEAST = 0.05  # of an output's largest effect: smaller ones are nothing beside it

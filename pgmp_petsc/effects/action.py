@@ -31,8 +31,7 @@ from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.node_statements import NodeStatements
-from pgmp_petsc.mechanism.statement_rows import StatementRows
+from pgmp_petsc.mechanism.statement_rows import NodeStatements, StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Combination, Statement, distance
 from pgmp_petsc.scene.effects import ActionMismatch
 from pgmp_petsc.scene.uses import MEASURED

@@ -25,9 +25,8 @@ from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import TimeFunction
-from pgmp_petsc.mechanism.body_frames import BodyStatements
 from pgmp_petsc.mechanism.joints import Connection
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import BodyStatements, Mechanism
 from pgmp_petsc.scene.numerics import Reduction
 
 

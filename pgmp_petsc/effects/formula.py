@@ -25,19 +25,18 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.declare.formulas import ALLOWED, FormulaError, declared, jumps_with, turns_at_once, why_no_name
-from pgmp_petsc.declare.own_units import in_si
+from pgmp_petsc.declare.formulas import ALLOWED, FormulaError, declared, in_si, jumps_with, turns_at_once, why_no_name
 from pgmp_petsc.effects.action import NOTHING, Action, place_of
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_powers
 from pgmp_petsc.scene.effects import OnJoint, OverMotion, OverTime
 from pgmp_petsc.scene.fields import Connection, NumberOrParameter, Rows, Unit, refusal
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.references import load_problems, over_problems
+from pgmp_petsc.scene.units import own_powers
 from pgmp_petsc.scene.uses import motion_over, slides, slides_over
 
 TURN = 2.0 * math.pi

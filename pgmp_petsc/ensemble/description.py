@@ -48,12 +48,22 @@ from pgmp_petsc.estimates.validity import remarks_of
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import LengthLanes, Model, Reduced
-from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble, Place, ShardSamples
+from pgmp_petsc.results.ensemble import (
+    DESCRIBED,
+    DOUBT,
+    UNSTABLE,
+    Band,
+    Chance,
+    Ensemble,
+    Place,
+    Sensitivity,
+    ShardSamples,
+    Statistics,
+)
 from pgmp_petsc.results.numbers import VANISHING, Arrays
-from pgmp_petsc.results.statistics import DOUBT, Band, Chance, Sensitivity, Statistics
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.scene.border import own_values, result_units
 from pgmp_petsc.scene.numerics import Event
+from pgmp_petsc.scene.units import own_values, result_units
 from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.generalised_alpha import DIVISORS, RETRIED, instants
 from pgmp_petsc.stepping.static_equilibrium import starts_remarks

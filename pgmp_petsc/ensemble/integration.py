@@ -36,8 +36,8 @@ from pgmp_petsc.ranks.groups import Pulse, RankGroup, deal_to_groups
 from pgmp_petsc.results.ensemble import UNSTABLE, Ensemble, ShardSamples
 from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.scene.numerics import Ensemble as Settings
+from pgmp_petsc.scene.units import to_own
 from pgmp_petsc.stepping.drivers import check_ts_options
 from pgmp_petsc.stepping.generalised_alpha import (
     DIVISORS,

@@ -34,11 +34,11 @@ from pgmp_petsc.models import ComponentModel, FullModel, Model, Reduced, Reduced
 from pgmp_petsc.outputs.outputs import measured_in, with_outputs
 from pgmp_petsc.ranks.agreement import agreed
 from pgmp_petsc.reduction.rom import outside_of
+from pgmp_petsc.results.ensemble import MostLikely, RareEvent
 from pgmp_petsc.results.numbers import Arrays
-from pgmp_petsc.results.statistics import MostLikely, RareEvent
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.numerics import Ensemble, Event
+from pgmp_petsc.scene.units import own_values
 from pgmp_petsc.scene.uses import offset_directions
 from pgmp_petsc.stepping.drivers import check_ts_options
 

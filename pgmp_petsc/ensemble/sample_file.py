@@ -21,9 +21,9 @@ from pgmp_petsc.base.units import Units, behind
 from pgmp_petsc.files.hdf5 import csv_table, without_unit
 from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import in_own_units, own_units, si_values
 from pgmp_petsc.scene.messages import MAX_LINES, input_error
 from pgmp_petsc.scene.parameters import uncertain_names
+from pgmp_petsc.scene.units import in_own_units, own_units, si_values
 from pgmp_petsc.scene.uses import ordered_ends
 
 OPTION = "--samples"

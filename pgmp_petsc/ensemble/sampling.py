@@ -45,8 +45,8 @@ from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_units, own_values, to_own
 from pgmp_petsc.scene.parameters import ARCHIMEDEAN, correlation_matrix, kendall, uncertain_names, variables_of
+from pgmp_petsc.scene.units import own_units, own_values, to_own
 from pgmp_petsc.scene.uses import ordered_ends
 
 BITS = 30  # of the numbers of a Sobol sequence

@@ -20,9 +20,8 @@ import scipy
 from pgmp_petsc.base.errors import Remark, gathered, note, warning
 from pgmp_petsc.base.units import Units, UnitSystem
 from pgmp_petsc.ensemble import intervals
-from pgmp_petsc.results.ensemble import DESCRIBED
+from pgmp_petsc.results.ensemble import DESCRIBED, Sensitivity, Statistics
 from pgmp_petsc.results.numbers import ROUND_OFF, Arrays, sizes_of, with_unit
-from pgmp_petsc.results.statistics import Sensitivity, Statistics
 from pgmp_petsc.scene.numerics import Event
 
 

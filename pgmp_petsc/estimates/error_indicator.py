@@ -36,8 +36,8 @@ from pgmp_petsc.models.model import floors_of
 from pgmp_petsc.outputs.multipliers import judged
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.results.numbers import Arrays, with_unit
-from pgmp_petsc.scene.border import values_text
 from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.units import values_text
 from pgmp_petsc.scene.uses import offset_names
 from pgmp_petsc.stepping.drivers import ERROR_PREFIX
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, integrate, integrate_with_smaller_steps

@@ -35,7 +35,7 @@ from pgmp_petsc.results.numbers import (
     with_unit,
 )
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import values_text
+from pgmp_petsc.scene.units import values_text
 from pgmp_petsc.stepping.status import Status
 
 if TYPE_CHECKING:

@@ -12,20 +12,34 @@ from typing import TypeVar
 from matplotlib.figure import Figure
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.figures.captions import read_scenes, tell_apart
 from pgmp_petsc.figures.ensembles import bands, densities, joined, rare_event, sobol, stopping
 from pgmp_petsc.figures.ensembles import labels_of as densities_labels
-from pgmp_petsc.figures.frequencies import coordinate_path, frequencies, frequency_maps
-from pgmp_petsc.figures.frequencies import labels_of as tables_labels
-from pgmp_petsc.figures.loads import DIAGRAMS, loads
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.solids import has_solids, solids
-from pgmp_petsc.figures.style import MODELS, letters_lacking, save, scene_name
-from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
-from pgmp_petsc.figures.trajectories import design, energies, fit, labels_of, paired, sensitivities, trajectories
+from pgmp_petsc.figures.studies import (
+    coordinate_path,
+    frequencies,
+    frequency_maps,
+    mesh_costs,
+    online_costs,
+    total_costs,
+)
+from pgmp_petsc.figures.studies import labels_of as tables_labels
+from pgmp_petsc.figures.style import MODELS, letters_lacking, read_scenes, save, scene_name, tell_apart
+from pgmp_petsc.figures.trajectories import (
+    DIAGRAMS,
+    design,
+    energies,
+    fit,
+    labels_of,
+    loads,
+    paired,
+    sensitivities,
+    trajectories,
+)
 from pgmp_petsc.files.claims import check_folder, check_output
 from pgmp_petsc.results import READERS, Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
-from pgmp_petsc.results.statistics import RareEvent
+from pgmp_petsc.results.ensemble import RareEvent
 
 # kinds whose results have a picture each
 ALONE: dict[type, tuple[str, Callable[..., Figure]]] = {

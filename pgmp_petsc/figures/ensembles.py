@@ -18,11 +18,11 @@ from matplotlib.patches import Patch
 
 from pgmp_petsc.base.errors import InputError, counted, nearest_name
 from pgmp_petsc.base.units import behind, inverse
-from pgmp_petsc.figures import captions, style
-from pgmp_petsc.figures.captions import tell_apart
+from pgmp_petsc.figures import style
+from pgmp_petsc.figures.style import tell_apart
 from pgmp_petsc.results import Band, Ensemble, Statistics
+from pgmp_petsc.results.ensemble import RareEvent, Sensitivity
 from pgmp_petsc.results.numbers import ROUND_OFF, interval_text, number_text
-from pgmp_petsc.results.statistics import RareEvent, Sensitivity
 
 LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
 NOTE_SIZE, NOTE_LENGTH = 8.5, 40  # of the letters there, points, and for how many there is room beside the last panel
@@ -99,7 +99,7 @@ def _notes(ensembles: Sequence[Ensemble], labels: Sequence[str]) -> list[str]:
         for ensemble, label in zip(ensembles, labels)
         if ensemble.status.any()
     ]
-    return [*failed, *captions.of_records([ensemble.record for ensemble in ensembles], labels if several else ())]
+    return [*failed, *style.notes_of_records([ensemble.record for ensemble in ensembles], labels if several else ())]
 
 
 def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, colours: Sequence[str]) -> None:
@@ -283,7 +283,7 @@ def bands(ensemble: Ensemble, label: str = "") -> Figure:
         ends = f"{100 * first.probabilities[low]:g} to {100 * first.probabilities[high]:g} %"
         alpha = 1.0 - (1.0 - OPACITY / len(pairs)) ** (number + 1)  # as over each other
         keys.append(Patch(facecolor=colour, alpha=alpha, linewidth=0, label=ends))
-    return captions.headed(figure, keys, "Outputs over time", ensemble.record, label)
+    return style.headed(figure, keys, "Outputs over time", ensemble.record, label)
 
 
 def _draw(axes: Axes, band: Band, factor: float, colour: str) -> None:
@@ -321,7 +321,7 @@ def sobol(ensemble: Ensemble, label: str = "") -> Figure:
     keys = [Patch(facecolor=FIRST, label=f"first index: share of the variance by itself, {level}")]
     if one.total is not None:
         keys.append(Patch(facecolor=TOTAL, label="total index: with all that it acts together with"))
-    return captions.headed(figure, keys, "Sobol indices of outputs", ensemble.record, label)
+    return style.headed(figure, keys, "Sobol indices of outputs", ensemble.record, label)
 
 
 def draw_indices(axes: Axes, found: Sensitivity, places: np.ndarray) -> None:
@@ -348,9 +348,8 @@ def stopping(ensemble: Ensemble, label: str = "") -> Figure:
         colour = style.PALETTE[number % len(style.PALETTE)]
         keys += axes.loglog(found.samples[known], reached[known] / wanted, "o-", color=colour, label=text, markersize=4)
     axes.axhline(1.0, color="#333333", linewidth=1.0)
-    axes.set_xlabel("samples")
-    axes.set_ylabel("half the interval / what was wanted")
-    return captions.headed(figure, keys, "precision at every look", ensemble.record, label)
+    axes.set(xlabel="samples", ylabel="half the interval / what was wanted")
+    return style.headed(figure, keys, "precision at every look", ensemble.record, label)
 
 
 JOINED_COLOURS = (style.PALETTE[0], style.PALETTE[4], "#333333")
@@ -384,7 +383,7 @@ def joined(ensemble: Ensemble, label: str = "") -> Figure:
         axes.locator_params(axis="x", nbins=2 if long else 4)
         axes.set_xlabel(style.axis_label(f"mean {name}".replace(".", ", "), unit))
     what = f"{best} model from few samples of it, {100 * found.confidence:g} % intervals"
-    return captions.headed(figure, [], what, ensemble.record, label)
+    return style.headed(figure, [], what, ensemble.record, label)
 
 
 @style.styled
@@ -401,14 +400,9 @@ def rare_event(found: RareEvent, label: str = "") -> Figure:
         level = found.threshold[-1] * factor
         errors = np.abs(found.interval[:, None] - found.estimate)
         words = f"importance sampling, {100 * found.confidence:g} % interval"
-        keys.append(
-            axes.errorbar(
-                [level], [found.estimate], yerr=errors, fmt="D", color=style.PALETTE[1], capsize=4.0, label=words
-            )
-        )
+        look = {"fmt": "D", "color": style.PALETTE[1], "capsize": 4.0, "label": words}
+        keys.append(axes.errorbar([level], [found.estimate], yerr=errors, **look))
     if len(found.threshold):
         axes.axvline(found.threshold[-1] * factor, color=style.QUIET, linewidth=0.8, linestyle=":")
-    axes.set_yscale("log")
-    axes.set_xlabel(style.axis_label(found.output, unit))
-    axes.set_ylabel("probability of beyond")
-    return captions.headed(figure, keys, found.event, found.record, label)
+    axes.set(yscale="log", xlabel=style.axis_label(found.output, unit), ylabel="probability of beyond")
+    return style.headed(figure, keys, found.event, found.record, label)

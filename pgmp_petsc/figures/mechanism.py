@@ -20,7 +20,7 @@ from matplotlib.patheffects import Stroke
 from matplotlib.text import Annotation
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.figures import captions, style
+from pgmp_petsc.figures import style
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.results import Frames, Trajectory
 from pgmp_petsc.results.selection import Assembly, spans_in
@@ -124,9 +124,8 @@ class Shapes:
 
     def scale(self, axes: Axes, low: np.ndarray, high: np.ndarray, unit: str) -> None:
         """Let axes go from one corner (2,) to the other, in a unit."""
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-        axes.set_xlabel(style.axis_label(self.axis_names[0], unit))
-        axes.set_ylabel(style.axis_label(self.axis_names[1], unit))
+        x, y = (style.axis_label(name, unit) for name in self.axis_names)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=x, ylabel=y)
 
     def draw_ground(self, axes: Axes, size: float = 24.0) -> None:
         """Draw a triangle below every pin or end of a body, and what acts between points, that stays where it is; where
@@ -320,7 +319,7 @@ def mechanism(
     shapes.draw(axes, chosen[-1], colours.at(frames.time[chosen[-1]]), width=3.0, pin=5.5, zorder=4)
     shapes.scale(axes, low, high, unit)
     colours.add_bar(axes)
-    notes = [*captions.of_runs([trajectory]), *without_span(frames, trajectory.record)]
+    notes = [*style.notes_of_runs([trajectory]), *without_span(frames, trajectory.record)]
     plain, enlarged = shapes.not_enlarged, ""
     if exaggeration != 1.0:
         deformable = len(frames.nodes) - len(frames.rigid)

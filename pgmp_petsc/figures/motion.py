@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.figures.captions import of_runs
-from pgmp_petsc.figures.loads import Arrow, arrows_of
 from pgmp_petsc.figures.mechanism import spans_of, without_span
-from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading, round_below
-from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, outer_faces
+from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading, notes_of_runs, round_below
+from pgmp_petsc.figures.trajectories import Arrow, arrows_of
+from pgmp_petsc.mesh.meshes import PLANE_KINDS, outer_faces
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.results.trajectory import BodyField, ModeShape, truncated
 
@@ -193,7 +192,7 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
     frames = run.frames
     if frames is None:
         raise InputError("the trajectory has no frames to draw; use --override simulation.frames=100")
-    notes = [*of_runs([run]), *without_span(frames, run.record)]
+    notes = [*notes_of_runs([run]), *without_span(frames, run.record)]
     factor = scale_of(run.fields) if scale is None else scale
     skins = skins_of(run, VALUES[colour])
     bare = [skin.name for skin in skins if len(skin.edges) and not skin.rigid and skin.name not in run.fields]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 import os
 import subprocess
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from fractions import Fraction
@@ -34,7 +34,7 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.figures import style
 from pgmp_petsc.figures.motion import Motion, Skin, drawn_faces, motion_of, normals
 from pgmp_petsc.files.claims import replacing
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import SolidMesh
 from pgmp_petsc.ranks.ending import child
 from pgmp_petsc.results import Trajectory
 
@@ -101,6 +101,10 @@ def view_of(points: np.ndarray, flat: bool) -> np.ndarray:
     return np.array([right, np.cross(eye, right), eye])
 
 
+#: Draws a part of the stage as it is at the instant of a number.
+Show = Callable[[int], object]
+
+
 class Stage:
     """Bodies in front of a camera that sees all of their motion, in a picture of so many pixels; to be closed.
 
@@ -108,23 +112,26 @@ class Stage:
     """
 
     def __init__(self, motion: Motion, width: int, height: int) -> None:
-        self._pyvista = drawing()
+        pyvista = drawing()
         low, high, view = bounds_of(motion)
         half = MARGIN * 0.5 * np.maximum(high - low, 1e-12)
         reach = max(half[1], half[0] * height / width)
         self.metre = 0.5 * height / reach
-        self._thinnest = THINNEST * 2.0 * reach * width / height
-        self._plotter = self._pyvista.Plotter(off_screen=True, window_size=[width, height], lighting="light kit")
+        thinnest = THINNEST * 2.0 * reach * width / height
+        self._plotter = pyvista.Plotter(off_screen=True, window_size=[width, height], lighting="light kit")
         try:
             self._plotter.set_background("white")
             self._plotter.enable_anti_aliasing("ssaa")
-            self._drawn = [_Drawn(self._pyvista, self._plotter, skin, motion, self._thinnest) for skin in motion.skins]
+            self._shows: list[Show] = [
+                _surface(pyvista, self._plotter, skin, motion) if len(skin.triangles)
+                else _tubes(pyvista, self._plotter, skin, motion, thinnest) for skin in motion.skins
+            ]  # fmt: skip
             depth = float(np.ptp(motion.points @ view[2]))
             # in front of all bodies; without perspective that is the same place of the picture
             before = (depth + 2.0 * max(skin.radius for skin in motion.skins)) * view[2]
             for arrow in motion.arrows:
                 ends = arrow.place + before, motion.end(arrow) + before
-                self._drawn.append(_Pointed(self._pyvista, self._plotter, *ends, 1.4e-2 * reach))
+                self._shows.append(_arrow(pyvista, self._plotter, *ends, 1.4e-2 * reach))
             centre = 0.5 * (low + high)
             middle = centre @ view[:2] + float(np.mean(motion.points @ view[2])) * view[2]
             camera, away = self._plotter.camera, 2.0 * (depth + reach)
@@ -138,8 +145,8 @@ class Stage:
 
     def picture(self, number: int) -> np.ndarray:
         """Return the picture of an instant, shape (height, width, 3), of bytes."""
-        for drawn in self._drawn:
-            drawn.show(number)
+        for show in self._shows:
+            show(number)
         self._plotter.render()
         return np.asarray(self._plotter.screenshot(return_img=True, transparent_background=False))[:, :, :3]
 
@@ -157,70 +164,82 @@ def bounds_of(motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return across.min(axis=0) - thick, across.max(axis=0) + thick, view
 
 
-class _Drawn:
-    """A body on the stage."""
+def _surface(pyvista: ModuleType, plotter: pyvista.Plotter, skin: Skin, motion: Motion) -> Show:
+    """Put a surface on the stage, with its nodes split at sharp edges."""
+    curved = skin.points[..., 2].any()
+    mesh = pyvista.PolyData(skin.points[0].astype(float), faces=_counted(skin.triangles))
+    mesh["number"] = np.arange(skin.points.shape[1])
+    if curved:
+        mesh = mesh.compute_normals(cell_normals=False, split_vertices=True, feature_angle=SPLIT)
+    edges = pyvista.PolyData(skin.points[0].astype(float), lines=_counted(skin.edges))
 
-    def __init__(
-        self, pyvista: ModuleType, plotter: pyvista.Plotter, skin: Skin, motion: Motion, thinnest: float
-    ) -> None:
-        self._pyvista, self._skin, self._largest = pyvista, skin, motion.largest
-        self._radius = max(skin.radius, thinnest)
-        lit = not motion.flat or not len(skin.triangles)
-        look: dict[str, object] = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.1, "lighting": lit}
-        colour: dict[str, object] = {"rgb": True, "scalars": "rgb"}
-        if skin.values is None:
-            colour = {"color": RIGID if skin.rigid else PLAIN}
-        if len(skin.triangles):
-            self._mesh = self._split()
-            self._edges = pyvista.PolyData(skin.points[0].astype(float), lines=_counted(skin.edges))
-            self.show(0)
-            plotter.add_mesh(self._mesh, smooth_shading=not motion.flat, show_scalar_bar=False, **look, **colour)
-            actor = plotter.add_mesh(self._edges, color=EDGE, line_width=1.0, opacity=0.45, lighting=False)
-            actor.mapper.resolve = "polygon_offset"
-            return
-        if len(skin.edges):
-            self._line = pyvista.PolyData(skin.points[0].astype(float), lines=_counted(skin.edges))
-            self._line["number"] = np.arange(skin.points.shape[1])
-            self._line = self._line.strip()
-        self._mesh = self._solid(0)
-        plotter.add_mesh(self._mesh, smooth_shading=True, show_scalar_bar=False, **look, **colour)
-
-    def show(self, number: int) -> None:
-        skin = self._skin
-        if not len(skin.triangles):
-            self._mesh.copy_from(self._solid(number))
-            return
-        self._mesh.points = skin.points[number][self._mesh["number"]]
+    def show(number: int) -> None:
+        mesh.points = skin.points[number][mesh["number"]]
         if skin.values is not None:
-            self._mesh["rgb"] = self._rgb(number, self._mesh["number"])
-        if skin.points[..., 2].any():
-            self._mesh.compute_normals(cell_normals=False, split_vertices=False, consistent_normals=False, inplace=True)
-        self._edges.points = skin.points[number]
+            mesh["rgb"] = _bytes(skin.values[number][mesh["number"]], motion.largest)
+        if curved:
+            mesh.compute_normals(cell_normals=False, split_vertices=False, consistent_normals=False, inplace=True)
+        edges.points = skin.points[number]
 
-    def _split(self) -> pyvista.PolyData:
-        """Return the surface with its nodes split at sharp edges, and their numbers."""
-        skin = self._skin
-        mesh = self._pyvista.PolyData(skin.points[0].astype(float), faces=_counted(skin.triangles))
-        mesh["number"] = np.arange(skin.points.shape[1])
-        if not skin.points[..., 2].any():
-            return mesh
-        return mesh.compute_normals(cell_normals=False, split_vertices=True, feature_angle=SPLIT)
+    show(0)
+    plotter.add_mesh(mesh, smooth_shading=not motion.flat, lighting=not motion.flat, **_look(skin))
+    actor = plotter.add_mesh(edges, color=EDGE, line_width=1.0, opacity=0.45, lighting=False)
+    actor.mapper.resolve = "polygon_offset"
+    return show
 
-    def _solid(self, number: int) -> pyvista.PolyData:
-        """Return beams as tubes, or a point mass as a ball."""
-        skin = self._skin
-        if not len(skin.edges):
-            return self._pyvista.Sphere(radius=3.0 * self._radius, center=skin.points[number][0])
-        self._line.points = skin.points[number][self._line["number"]]
+
+def _tubes(pyvista: ModuleType, plotter: pyvista.Plotter, skin: Skin, motion: Motion, thinnest: float) -> Show:
+    """Put beams on the stage as tubes, or a point mass as a ball."""
+    radius, line = max(skin.radius, thinnest), None
+    if len(skin.edges):
+        line = pyvista.PolyData(skin.points[0].astype(float), lines=_counted(skin.edges))
+        line["number"] = np.arange(skin.points.shape[1])
+        line = line.strip()
+
+    def shape(number: int) -> pyvista.PolyData:
+        if line is None:
+            return pyvista.Sphere(radius=3.0 * radius, center=skin.points[number][0])
+        line.points = skin.points[number][line["number"]]
         if skin.values is not None:
-            self._line["rgb"] = self._rgb(number, self._line["number"])
-        tube = self._line.tube(radius=self._radius, n_sides=20, capping=True)
+            line["rgb"] = _bytes(skin.values[number][line["number"]], motion.largest)
+        tube = line.tube(radius=radius, n_sides=20, capping=True)
         if skin.values is not None:
             tube.set_active_scalars("rgb")  # VTK draws what is active
         return tube
 
-    def _rgb(self, number: int, nodes: np.ndarray) -> np.ndarray:
-        return (255.0 * colours_of(self._skin.values[number][nodes], self._largest)).round().astype(np.uint8)
+    mesh = shape(0)
+    plotter.add_mesh(mesh, smooth_shading=True, lighting=True, **_look(skin))
+    return lambda number: mesh.copy_from(shape(number))
+
+
+def _arrow(
+    pyvista: ModuleType, plotter: pyvista.Plotter, starts: np.ndarray, ends: np.ndarray, thickest: float
+) -> Show:
+    """Put a force on the stage, an arrow of one thickness from starts to ends (n_f, 3)."""
+
+    def shape(number: int) -> pyvista.PolyData:
+        way = ends[number] - starts[number]
+        length = max(float(np.linalg.norm(way)), 1e-3 * thickest)
+        thick = min(thickest, 0.2 * length)
+        return pyvista.Arrow(
+            start=starts[number], direction=way if way.any() else (1.0, 0.0, 0.0), scale=length,
+            shaft_radius=thick / length, tip_radius=2.5 * thick / length, tip_length=min(6.0 * thick / length, 0.5),
+        )  # fmt: skip
+
+    mesh = shape(0)
+    plotter.add_mesh(mesh, color=FORCE, lighting=False)
+    return lambda number: mesh.copy_from(shape(number))
+
+
+def _look(skin: Skin) -> dict[str, object]:
+    look = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.1, "show_scalar_bar": False}
+    if skin.values is None:
+        return look | {"color": RIGID if skin.rigid else PLAIN}
+    return look | {"rgb": True, "scalars": "rgb"}
+
+
+def _bytes(values: np.ndarray, largest: float) -> np.ndarray:
+    return (255.0 * colours_of(values, largest)).round().astype(np.uint8)
 
 
 def colours_of(values: np.ndarray, largest: float) -> np.ndarray:
@@ -232,29 +251,6 @@ def colours_of(values: np.ndarray, largest: float) -> np.ndarray:
 
 def _counted(cells: np.ndarray) -> np.ndarray:
     return np.column_stack([np.full(len(cells), cells.shape[1]), cells]).ravel()
-
-
-class _Pointed:
-    """A force on the stage, an arrow of one thickness."""
-
-    def __init__(
-        self, pyvista: ModuleType, plotter: pyvista.Plotter, starts: np.ndarray, ends: np.ndarray, thick: float
-    ) -> None:
-        self._pyvista, self._starts, self._ends, self._thick = pyvista, starts, ends, thick
-        self._mesh = self._shape(0)
-        plotter.add_mesh(self._mesh, color=FORCE, lighting=False)
-
-    def show(self, number: int) -> None:
-        self._mesh.copy_from(self._shape(number))
-
-    def _shape(self, number: int) -> pyvista.PolyData:
-        start, way = self._starts[number], self._ends[number] - self._starts[number]
-        length = max(float(np.linalg.norm(way)), 1e-3 * self._thick)
-        thick = min(self._thick, 0.2 * length)
-        return self._pyvista.Arrow(
-            start=start, direction=way if way.any() else (1.0, 0.0, 0.0), scale=length, shaft_radius=thick / length,
-            tip_radius=2.5 * thick / length, tip_length=min(6.0 * thick / length, 0.5),
-        )  # fmt: skip
 
 
 WIDTH = 8.6  # inches
@@ -387,7 +383,6 @@ class Pace:
 
     @property
     def seconds(self) -> float:
-        """How long the film takes."""
         return len(self.numbers) / self.rate
 
     @classmethod

@@ -83,11 +83,7 @@ class CheckpointFolder:
             remarks = (note(f"--resume: no finished piece of a stopped run is in '{self.path}'; this run begins anew"),)
         if found is not None and resume:
             self._check(found)
-            if any(found[key] != value for key, value in self._growing.items()):
-                self._put_label()
-            keep(self.path)
-            return remarks
-        if found is not None:
+        elif found is not None:
             n_pieces = len(self.pieces())
             self.remove()
             if n_pieces:
@@ -97,7 +93,8 @@ class CheckpointFolder:
             self.path.mkdir(exist_ok=True)
         except OSError as error:
             raise RunError(f"checkpoint '{self.path}' could not be made: {error.strerror}") from error
-        self._put_label()
+        if not (found and resume) or any(found[key] != value for key, value in self._growing.items()):
+            self._put_label()
         keep(self.path)
         return remarks
 

@@ -25,8 +25,7 @@ from pgmp_petsc.full.problem import FullEquations
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import borrowed, fill, items, keep, square_root
 from pgmp_petsc.lanes.vectors import aligned_zeros
-from pgmp_petsc.mechanism.node_statements import NodeStatements
-from pgmp_petsc.mechanism.statement_rows import StatementRows
+from pgmp_petsc.mechanism.statement_rows import NodeStatements, StatementRows
 from pgmp_petsc.outputs.multipliers import OfConnection
 
 # of a term: its joint, -1 of none, the first unknown of one of its points, and its multiplier; of what acts: its term

@@ -1,7 +1,7 @@
 """Forces on a block of full-order samples from outside and between points, compiled: loads and actions.
 
 Samples lie side by side in the last axis (lanes); see `batched_ldl`. The equations are those of `effects.load` and
-`effects.action`. Actions are on the unknowns of nodes (`mechanism.node_statements`).
+`effects.action`. Actions are on the unknowns of nodes (`mechanism.statement_rows`).
 """
 
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from pgmp_petsc.effects.law import Laws, obey
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import empty_lanes, items, keep
-from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, state
+from pgmp_petsc.mechanism.statement_rows import NodeStatements, scratch_of, state
 
 
 @njit(cache=True, apart=True, error_model="numpy")

@@ -25,8 +25,8 @@ from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import borrowed, eliminate, empty_lanes, fill, items, keep, nearest_whole
 from pgmp_petsc.lanes.vectors import aligned_zeros
 from pgmp_petsc.mechanism.mechanism import Unknowns
-from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of
-from pgmp_petsc.mechanism.node_statements import state as statement
+from pgmp_petsc.mechanism.statement_rows import NodeStatements, scratch_of
+from pgmp_petsc.mechanism.statement_rows import state as statement
 
 
 class Joints(NamedTuple):

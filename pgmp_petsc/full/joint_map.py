@@ -5,7 +5,7 @@
 A frame is its position and directors, ``z = (p, d_1 .. d_d)``. On the way outward each frame follows from the one
 before it: a joint's from that which it is on, ``p + D c``, ``D A``; what it holds from its own motion; the floating
 frame of a body from that which holds it, and all others of the body from the floating one, with the ties of
-`mechanism.frame_ties` solved for them:
+`mechanism.constraint_set` solved for them:
 
     P = p + sum_k d_k w_k,    D_k = sum_l d_l R_lk(s),    w = X + (A + 1/2 a xi) xi,    s = Theta xi,
     R = c + s x + s s^T / (1 + c),    c^2 = 1 - s.s,    in the plane the rotation by s.

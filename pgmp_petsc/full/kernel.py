@@ -27,9 +27,8 @@ from pgmp_petsc.full.node_constraints import NodeConstraints, add_constraints, g
 from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import absolute, beyond, borrowed, empty_lanes, fill, items, keep, select, sine_cosine
-from pgmp_petsc.mechanism.node_statements import scratch_of
-from pgmp_petsc.mechanism.node_statements import state as statement
-from pgmp_petsc.mechanism.statement_rows import Rows
+from pgmp_petsc.mechanism.statement_rows import Rows, scratch_of
+from pgmp_petsc.mechanism.statement_rows import state as statement
 
 
 class Elements(NamedTuple):

@@ -3,8 +3,8 @@
     c = s(y_a, y_b) - wanted - driven(t) = 0
 
 with a statement s in the unknowns y of two nodes (`mechanism.statement_rows`), or the tie of a frame to faces or to a
-floating frame (`mechanism.frame_ties`). Statements that are linear in the unknowns, all at nodes in the plane but the
-lines that turn, are a row of numbers; the others are evaluated for every sample.
+floating frame (`mechanism.constraint_set`). Statements that are linear in the unknowns, all at nodes in the plane but
+the lines that turn, are a row of numbers; the others are evaluated for every sample.
 
 Directors that no mass belongs to make the matrix singular before their constraints are in it, and nothing is pivoted.
 For the constraints g that make directors a rotation it therefore holds ``w G^T G`` too, and the residual ``w G^T g``:
@@ -20,10 +20,8 @@ from pgmp_petsc.full.part_reference import loaded
 from pgmp_petsc.full.rank_solver import Layout
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import empty_lanes, items, keep
-from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.frame_ties import Terms, parts_of
-from pgmp_petsc.mechanism.node_statements import scratch_of, state
-from pgmp_petsc.mechanism.statement_rows import Near, Rows
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet, Terms, parts_of
+from pgmp_petsc.mechanism.statement_rows import Near, Rows, scratch_of, state
 
 
 class Ties(NamedTuple):

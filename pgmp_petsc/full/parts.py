@@ -25,7 +25,7 @@ from pgmp_petsc.full.layout import FloatingBodies, body_tables, entries_of, n_po
 from pgmp_petsc.full.rank_solver import Layout
 from pgmp_petsc.lanes.lane_items import SampleBlocks
 from pgmp_petsc.mechanism.mechanism import N_POSE, Unknowns
-from pgmp_petsc.mesh.solid_mesh import reference_element
+from pgmp_petsc.mesh.meshes import reference_element
 
 N_PLANAR = 6  # unknowns of a beam element in the plane
 Pattern = tuple[np.ndarray, np.ndarray]

@@ -49,12 +49,10 @@ class Attachment:
 
     @property
     def space(self) -> Space:
-        """Space that it moves in."""
         return space_of(len(self.point))
 
     @property
     def on_ground(self) -> bool:
-        """Whether it is a point of the ground."""
         return self.body < 0
 
     @cached_property
@@ -227,7 +225,6 @@ class Connection:
 
     @property
     def sides(self) -> tuple[Attachment, Attachment]:
-        """Both attachments."""
         return self.a, self.b
 
     def holding(self, moving: bool = False) -> list[Attached]:

@@ -137,7 +137,6 @@ class RigidKinematics:
 
     @cached_property
     def constraints(self) -> ConstraintSet:
-        """All constraints of the mechanism in its unknowns."""
         return ConstraintSet(Unknowns(self.mechanism))
 
     @cached_property

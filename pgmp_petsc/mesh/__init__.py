@@ -3,7 +3,6 @@
 Solid meshes are read by `pgmp_petsc.mesh.solid_mesh_reading`, which takes scikit-fem along; runs of beams do without.
 """
 
-from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh, read_line_mesh
 
 __all__ = ["LineMesh", "SolidMesh", "read_line_mesh"]

@@ -22,8 +22,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError, shortened
+from pgmp_petsc.mesh.meshes import SolidMesh
 from pgmp_petsc.mesh.reading import ABAQUS, check_file, coordinates, made_by, read_abaqus, read_mesh, usable
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.solid_mesh_reading import KINDS, complete_physical_groups, numbered_as_filed
 
 ZIP, MATRIX_MARKET, NASTRAN = b"PK\x03\x04", b"%%matrixmarket", "DMIG"

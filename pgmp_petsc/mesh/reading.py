@@ -200,85 +200,73 @@ def read_abaqus(path: Path, received: str) -> tuple[meshio.Mesh, np.ndarray, lis
     """Return what an input file holds, with a block of cells for each type; the numbers of its nodes, shape (n_nodes,);
     and the types of elements that are not known, which are left out. Raises `InputError` if it has no nodes, or two of
     one number; or if an element or a set names what is not there. `received` begins messages."""
-    deck = _Deck(received)
+    places: dict[int, list[float]] = {}
+    elements: dict[int, tuple[str, list[int]]] = {}
+    sets: dict[str, dict[str, list[int]]] = {"NSET": {}, "ELSET": {}}
+    unknown: set[str] = set()
     for keyword, options, lines in _cards(path, received):
-        deck.take(keyword, options, lines)
-    return deck.mesh(), np.array(list(deck.places)), sorted(deck.unknown)
-
-
-class _Deck:
-    """Contents of the cards of an input file, by its numbers of nodes and elements."""
-
-    def __init__(self, received: str) -> None:
-        self._received = received
-        self.places: dict[int, list[float]] = {}
-        self._elements: dict[int, tuple[str, list[int]]] = {}
-        self._sets: dict[str, dict[str, list[int]]] = {"NSET": {}, "ELSET": {}}
-        self.unknown: set[str] = set()
-
-    def take(self, keyword: str, options: Mapping[str, str], lines: list[str]) -> None:
-        """Take a card in; cards of other keywords have no part."""
         placed = keyword == "NODE" and options.get("SYSTEM", "R").upper() != "R"
         if lines and (placed or keyword in MAKING):  # a card SYSTEM without any ends what one did
             cure = "write all nodes, at places along x, y and z, and all elements"
-            raise InputError(f"{self._received}: what a card {keyword} makes is not read; {cure}")
+            raise InputError(f"{received}: what a card {keyword} makes is not read; {cure}")
         if keyword == "NODE":
-            self._take_nodes(options, lines)
+            what, of, into, made = "node", "NSET", places, _nodes_of(lines)
+        elif keyword == "ELEMENT" and (kind := kind_of(options.get("TYPE", ""))):
+            what, of, into, made = "element", "ELSET", elements, _elements_of(lines, kind, options["TYPE"], received)
         elif keyword == "ELEMENT":
-            self._take_elements(options, lines)
-        elif keyword in self._sets:
-            members = list(_members_of_set(lines, options, self._sets[keyword], self._received))
-            _set(self._sets[keyword], options.get(keyword, "")).extend(members)
+            unknown.add(options.get("TYPE") or "none")
+            continue
+        else:
+            if keyword in sets:
+                members = list(_members_of_set(lines, options, sets[keyword], received))
+                _set(sets[keyword], options.get(keyword, "")).extend(members)
+            continue  # cards of other keywords have no part
+        for label, one in made:
+            if label in into:
+                raise InputError(f"{received}: {what} {label} is there twice; the {what}s of one body are needed")
+            into[label] = one
+        if of in options:
+            _set(sets[of], options[of]).extend(label for label, _ in made)
+    if not places:
+        raise InputError(f"{received}: it has no nodes; a NODE card with all nodes of the body is needed")
+    return _mesh_of(places, elements, sets, received), np.array(list(places)), sorted(unknown)
 
-    def _take_nodes(self, options: Mapping[str, str], lines: list[str]) -> None:
-        own = [line.split(",") for line in lines]
-        for label, *place in own:
-            if int(label) in self.places:
-                what = f"node {int(label)} is there twice; the nodes of one body are needed"
-                raise InputError(f"{self._received}: {what}")
-            self.places[int(label)] = [float(x) if x.strip() else 0.0 for x in (*place, "", "", "")[:3]]
-        if "NSET" in options:
-            _set(self._sets["NSET"], options["NSET"]).extend(int(label) for label, *_ in own)
 
-    def _take_elements(self, options: Mapping[str, str], lines: list[str]) -> None:
-        kind = kind_of(options.get("TYPE", ""))
-        if kind is None:
-            self.unknown.add(options.get("TYPE") or "none")
-            return
-        numbers, n = [int(word) for line in lines for word in line.split(",") if word.strip()], N_NODES[kind]
-        if len(numbers) % (n + 1):
-            what = f"elements of type {options['TYPE']} have {n} nodes each, not all here do"
-            raise InputError(f"{self._received}: {what}")
-        own = np.array(numbers, dtype=int).reshape(-1, n + 1).tolist()
-        for label, *nodes in own:
-            if label in self._elements:
-                what = f"element {label} is there twice; the elements of one body are needed"
-                raise InputError(f"{self._received}: {what}")
-            self._elements[label] = kind, nodes
-        if "ELSET" in options:
-            _set(self._sets["ELSET"], options["ELSET"]).extend(label for label, *_ in own)
+def _nodes_of(lines: list[str]) -> list[tuple[int, list[float]]]:
+    rows = [line.split(",") for line in lines]
+    return [(int(label), [float(x) if x.strip() else 0.0 for x in (*place, "", "", "")[:3]]) for label, *place in rows]
 
-    def mesh(self) -> meshio.Mesh:
-        import meshio
 
-        if not self.places:
-            raise InputError(f"{self._received}: it has no nodes; a NODE card with all nodes of the body is needed")
-        at = {label: number for number, label in enumerate(self.places)}
-        of_nodes, of_elements = self._sets["NSET"], self._sets["ELSET"]
-        try:
-            cells = [(kind, [at[node] for node in nodes]) for kind, nodes in self._elements.values()]
-            point_sets = {name: np.array([at[n] for n in members], dtype=int) for name, members in of_nodes.items()}
-        except KeyError as error:
-            what = f"an element or a set names node {error.args[0]}, which is not there"
-            raise InputError(f"{self._received}: {what}") from error
-        kinds, labels = np.array([kind for kind, _ in cells]), np.array(list(self._elements))
-        of_kinds = [np.flatnonzero(kinds == kind) for kind in dict.fromkeys(kinds.tolist())]
-        blocks = [(cells[own[0]][0], np.array([cells[k][1] for k in own])) for own in of_kinds]
-        cell_sets = {
-            name: [np.flatnonzero(np.isin(labels[own], members)) for own in of_kinds]
-            for name, members in of_elements.items()
-        }
-        return meshio.Mesh(np.array(list(self.places.values())), blocks, point_sets=point_sets, cell_sets=cell_sets)
+def _elements_of(lines: list[str], kind: str, name: str, received: str) -> list[tuple[int, tuple[str, list[int]]]]:
+    numbers, n = [int(word) for line in lines for word in line.split(",") if word.strip()], N_NODES[kind]
+    if len(numbers) % (n + 1):
+        raise InputError(f"{received}: elements of type {name} have {n} nodes each, not all here do")
+    rows = np.array(numbers, dtype=int).reshape(-1, n + 1).tolist()
+    return [(label, (kind, nodes)) for label, *nodes in rows]
+
+
+def _mesh_of(
+    places: Mapping[int, list[float]], elements: Mapping[int, tuple[str, list[int]]],
+    sets: Mapping[str, Mapping[str, list[int]]], received: str,
+) -> meshio.Mesh:  # fmt: skip
+    """Return the mesh of nodes, elements and sets that are by their numbers in a file."""
+    import meshio
+
+    at = {label: number for number, label in enumerate(places)}
+    try:
+        cells = [(kind, [at[node] for node in nodes]) for kind, nodes in elements.values()]
+        point_sets = {name: np.array([at[n] for n in members], dtype=int) for name, members in sets["NSET"].items()}
+    except KeyError as error:
+        what = f"an element or a set names node {error.args[0]}, which is not there"
+        raise InputError(f"{received}: {what}") from error
+    kinds, labels = np.array([kind for kind, _ in cells]), np.array(list(elements))
+    of_kinds = [np.flatnonzero(kinds == kind) for kind in dict.fromkeys(kinds.tolist())]
+    blocks = [(cells[own[0]][0], np.array([cells[k][1] for k in own])) for own in of_kinds]
+    cell_sets = {
+        name: [np.flatnonzero(np.isin(labels[own], members)) for own in of_kinds]
+        for name, members in sets["ELSET"].items()
+    }
+    return meshio.Mesh(np.array(list(places.values())), blocks, point_sets=point_sets, cell_sets=cell_sets)
 
 
 def kind_of(name: str) -> str | None:

@@ -25,8 +25,7 @@ from pgmp_petsc.bodies.shape import BodyShape, at_lengths, to_condense
 from pgmp_petsc.declare.records import Record, Result, array, attribute, check_finite, run_record
 from pgmp_petsc.files.hdf5 import BUILD_AGAIN, RunRecord, open_file, shapes_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh
 from pgmp_petsc.models.full import ComponentModel
 from pgmp_petsc.reduction.rom import Served, check_served, ranges_of
 from pgmp_petsc.reduction.rom_file import AMPLITUDES, BodyFile, CellsFile, FloatingFile, LineFile, MeshFile
@@ -55,7 +54,6 @@ class RigidFile(Record):
 
     @classmethod
     def of(cls, component: Component) -> Self:
-        """Return it as a file has it."""
         kept, weights = component.recovery, tuple(component.mass)
         return cls(
             component.centres, np.array(list(component.mass.values())), weights, component.fields,
@@ -63,7 +61,6 @@ class RigidFile(Record):
         )  # fmt: skip
 
     def component(self, frames: dict[str, int]) -> Component:
-        """Return the component with some frames."""
         mass = dict(zip(self.mass_weights, self.mass))
         found = rigid_about(frames, self.centres, mass, self.fields, self.centre_of_mass, n_mesh_dofs=self.n_mesh_dofs)
         return found if self.mesh is None else on_cells(found, self.mesh.mesh)
@@ -101,7 +98,6 @@ class CondensedFile(Record):
 
     @classmethod
     def of(cls, body: FloatingBody) -> Self:
-        """Return it as a file has it."""
         kept, cells, beams = body.recovery, None, None
         if kept is not None and isinstance(kept.carrier, SolidMesh):
             cells = CellsFile.of(kept)
@@ -112,7 +108,6 @@ class CondensedFile(Record):
         return cls(np.ascontiguousarray(body.centres), FloatingFile.of(body), cells, beams)
 
     def body(self, scene: Scene, name: str, frames: dict[str, int]) -> FloatingBody:
-        """Return the body of a scene."""
         kept = None if self.cells is None else self.cells.recovery
         if self.beams is not None:
             points = {point: int(node) for point, node in zip(self.beams.points, self.beams.numbers)}
@@ -180,8 +175,6 @@ def served_by(bodies: Mapping[str, ModelBodyFile], built: Scene) -> dict[str, Se
 
 @dataclass(frozen=True, kw_only=True)
 class ComponentsFile(Result):
-    """A component model's file."""
-
     kind, internal = "components", True
     bodies: dict[str, ModelBodyFile] = array(ordered=True)
     record: RunRecord = run_record()

@@ -28,7 +28,7 @@ from pgmp_petsc.lanes.lane_items import SampleBlocks
 from pgmp_petsc.mechanism.closure import LARGEST_GAP
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.meshes import LineMesh
 from pgmp_petsc.models.model import TITLES, Measures, Model, require_lengths, search_of, velocities_of
 from pgmp_petsc.outputs.outputs import OutputSet, OverRuns
 from pgmp_petsc.ranks.petsc import options_of
@@ -117,7 +117,6 @@ class FullModel(Model):
 
     @property
     def identity(self) -> str:
-        """Checksum of the meshes."""
         return identity(self.meshes)
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> FullBatch | FullDistributed:

@@ -25,7 +25,7 @@ from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedTerms
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import values_text
+from pgmp_petsc.scene.units import values_text
 from pgmp_petsc.scene.uses import length_names
 from pgmp_petsc.stepping.second_order_system import State
 
@@ -86,7 +86,7 @@ class LengthLanes(Observing):
         self.members = tuple(self._member(number) for number in range(len(family.members)))
         self.stresses = None
         if model.stresses is not None:
-            from pgmp_petsc.models.reduced_fields import LengthStresses  # few scenes have them
+            from pgmp_petsc.models.body_fields import LengthStresses  # few scenes have them
 
             self.stresses = LengthStresses([member.stresses for member in self.members], self._shares_of)
         for member in self.members:

@@ -39,7 +39,7 @@ from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.static_equilibrium import UNBALANCED, moved_along, require_balance, settle
 
 if TYPE_CHECKING:
-    from pgmp_petsc.models.reduced_fields import ReducedFields
+    from pgmp_petsc.models.body_fields import ReducedFields
 
 AT_ONCE = 4096  # states whose local effects are evaluated together
 MOST_KEPT = 3  # systems that are used again: of all samples, of many states, and of those that are left
@@ -120,7 +120,7 @@ class ReducedModel(Observing):
         self.reconstruction = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
         self.stresses = None
         if self.outputs.stresses:
-            from pgmp_petsc.models.reduced_fields import ReducedStresses  # few scenes have them
+            from pgmp_petsc.models.body_fields import ReducedStresses  # few scenes have them
 
             self.stresses = ReducedStresses(scene, self.outputs, self.kinematics, rom)
         self.multipliers = None
@@ -207,8 +207,7 @@ class ReducedModel(Observing):
         """Return what makes the fields of bodies from reduced coordinates, for so many frames; for those that the scene
         asks for by default."""
         # of single runs
-        from pgmp_petsc.models.body_fields import FieldSet
-        from pgmp_petsc.models.reduced_fields import ReducedFields
+        from pgmp_petsc.models.body_fields import FieldSet, ReducedFields
 
         frames = self.scene.simulation.frames if n_frames is None else n_frames
         seen = FieldSet.of(self.scene, self.kinematics.mechanism.bodies, frames)
@@ -396,7 +395,6 @@ class ReducedMultipliers:
         return self._kept[n][0]
 
     def _system(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
-        """Return n samples of the model."""
         given = np.zeros((self._terms.tables.n_given, n))
         return ReducedSystem(self._terms, self._effects, values, (0.0, 0.0), n, self._motions, self._actions, given)
 

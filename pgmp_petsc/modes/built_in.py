@@ -22,9 +22,8 @@ import scipy.sparse as sp
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.mechanism.body_frames import BodyStatements, ConstraintJacobian
 from pgmp_petsc.mechanism.closure import size_of
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import BodyStatements, ConstraintJacobian, Mechanism
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.scene import Scene

@@ -38,9 +38,8 @@ from pgmp_petsc.bodies.affine import Monomial, total_at
 from pgmp_petsc.bodies.beam3d import cross
 from pgmp_petsc.bodies.body import Pairs
 from pgmp_petsc.bodies.matrices import ThirdDerivative, director_inertia, weighted_sum
-from pgmp_petsc.mechanism.body_frames import ConstraintHessian, ConstraintHessians, linear_motion
 from pgmp_petsc.mechanism.constraint_set import RANK_TOLERANCE
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import ConstraintHessian, ConstraintHessians, Mechanism, linear_motion
 from pgmp_petsc.mechanism.space import SPATIAL, turning_of_second_order
 from pgmp_petsc.modes.built_in import BuiltIn, GapDerivatives
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet

@@ -27,9 +27,9 @@ from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import AffineMatrices, owned_rows, weighted_sum
-from pgmp_petsc.mechanism.body_frames import ConstraintJacobian, linear_motion
 from pgmp_petsc.mechanism.constraint_set import NullSpace, NullSpaces
 from pgmp_petsc.mechanism.kinematics import RigidKinematics, RigidMotion
+from pgmp_petsc.mechanism.mechanism import ConstraintJacobian, linear_motion
 from pgmp_petsc.modes.pencils import MOST_UNKNOWNS, DensePencil, SparsePencil, cholesky, forward
 from pgmp_petsc.ranks.petsc import options_of
 from pgmp_petsc.scene.numerics import Reduction

@@ -29,8 +29,8 @@ from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
 from pgmp_petsc.effects import Action, Effect
 from pgmp_petsc.effects.effect import UnitForces
 from pgmp_petsc.effects.springs import Block, moving_dofs, spring_block, spring_force
-from pgmp_petsc.mechanism.body_frames import BodyStatements, linear_motion, to_body
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import BodyStatements, linear_motion, to_body
 from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, PREFIX, ModalProblem, ModeSet
 from pgmp_petsc.solvers.shift_invert import EigenPairs
 

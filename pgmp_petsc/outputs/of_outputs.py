@@ -32,13 +32,13 @@ from pgmp_petsc.declare.formulas import (
     SeriesAlgebra,
     declared,
     evaluated,
+    in_si,
 )
-from pgmp_petsc.declare.own_units import in_si
 from pgmp_petsc.outputs.readings import TIME, AnyReading, Expression, FormulaOf, Jet, Needs, Rate, RateOf, Seen, jet_of
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_powers
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import OutputEntry, per_second, unit_of
+from pgmp_petsc.scene.units import own_powers
 from pgmp_petsc.scene.uses import Use, uses_of
 
 CORNERS = ("abs", "sign", "min", "max", "where", "<", ">", "atan2")  # where a formula is not smooth

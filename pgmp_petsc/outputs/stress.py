@@ -18,8 +18,7 @@ from pgmp_petsc.bodies.affine import Values
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.stresses import EXTREMES, FURTHEST, LARGEST, BeamLaw, BodyStresses, SolidLaw, Strains
 from pgmp_petsc.mechanism.composition import bodies_of
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import FixedPlace
 from pgmp_petsc.scene.messages import problem

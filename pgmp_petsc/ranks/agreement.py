@@ -57,11 +57,12 @@ def agreed(comm: Comm, activity: str) -> Iterator[None]:
     raise failure
 
 
-def on_root(comm: Comm, function: Callable[..., Result], *args: Any) -> Result:
+def on_root(comm: Comm, function: Callable[..., Result], *args: Any, doing: str = "") -> Result:
     """Call ``function(*args)`` on rank 0 and return its result on every rank. Collective on ``comm``. Raises
-    `PgmpError`, as :func:`agreed`; a result that cannot be pickled counts as a failure of rank 0."""
+    `PgmpError`, as :func:`agreed`, of what is being done, by default the function's name in words; a result that cannot
+    be pickled counts as a failure of rank 0."""
     result, packed = None, None
-    with agreed(comm, getattr(function, "__name__", "work on rank 0").replace("_", " ").strip()):
+    with agreed(comm, doing or getattr(function, "__name__", "work on rank 0").replace("_", " ").strip()):
         if comm.rank == 0:
             result = function(*args)
             if comm.size > 1:

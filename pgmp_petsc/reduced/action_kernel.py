@@ -24,7 +24,7 @@ from pgmp_petsc.effects.law import obey
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import WIDE, aligned, items
 from pgmp_petsc.lanes.vectors import LANES, N_POWERS, add, aligned_zeros, differing, load, spread, store
-from pgmp_petsc.mechanism.node_statements import is_itself, through_function
+from pgmp_petsc.mechanism.statement_rows import is_itself, through_function
 from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.reduced.action_frames import Frames, Places, place_nodes, pull_displacements
 

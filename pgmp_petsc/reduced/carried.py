@@ -20,7 +20,7 @@ from pgmp_petsc.controllers.running import N_FOLLOWED
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import aligned, square_root
 from pgmp_petsc.lanes.vectors import LANES, load, load_rows, polynomial, spread, store
-from pgmp_petsc.mechanism.node_statements import is_itself
+from pgmp_petsc.mechanism.statement_rows import is_itself
 from pgmp_petsc.reduced.action_kernel import FORCE, LocalEffects, load_nodes, measure_term
 from pgmp_petsc.reduced.cells import Cells, enter_cells, refill
 

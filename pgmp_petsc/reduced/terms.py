@@ -28,8 +28,8 @@ from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects import Effect
 from pgmp_petsc.full.damping import BodyDampings
 from pgmp_petsc.lanes.vectors import N_POWERS_OF_RIGID
-from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import rigid_velocities
 from pgmp_petsc.reduced.arrays import Layout, Tables
 from pgmp_petsc.reduced.cells import Cells, Grid
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant

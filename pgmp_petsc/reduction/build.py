@@ -62,9 +62,9 @@ from pgmp_petsc.reduction.tables import (
     rigid_inertia,
 )
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.parameters import spanning_values
 from pgmp_petsc.scene.references import stressed_bodies
+from pgmp_petsc.scene.units import own_values
 from pgmp_petsc.scene.uses import length_names
 
 OverSamples = TypeVar("OverSamples", MissedAnswers, JointGaps)

@@ -36,8 +36,8 @@ from pgmp_petsc.reduction.rom_file import LengthCheck
 from pgmp_petsc.reduction.sample_grid import LengthGrid, ParameterPoints, SampleGrid, Samples
 from pgmp_petsc.reduction.tables import indefinite_between, mode_changes
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values, values_text
 from pgmp_petsc.scene.parameters import spanning_values
+from pgmp_petsc.scene.units import own_values, values_text
 from pgmp_petsc.scene.uses import extremes, held, length_names
 
 Build = Callable[[Scene, Mapping[str, BodyShape], SampleGrid | None, ParameterPoints | None], ReducedOrderModel | None]

@@ -27,14 +27,14 @@ from pgmp_petsc.files.hdf5 import BUILD_AGAIN, RunRecord, open_file, shapes_of
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.meshes import LineMesh
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom_file import BodyFile, LengthCheck, LengthsFile, ModelFile, RomFile, Tabulated
 from pgmp_petsc.reduction.sample_grid import EACH, LengthGrid
 from pgmp_petsc.reduction.tables import ReducedTables, StiffnessChanges, rigid_inertia
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import to_own
 from pgmp_petsc.scene.parameters import Parameter, share_below, spanning_values
+from pgmp_petsc.scene.units import to_own
 
 
 @dataclass(frozen=True, kw_only=True)

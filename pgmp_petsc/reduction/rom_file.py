@@ -19,8 +19,7 @@ from pgmp_petsc.bodies.floating import FloatingBody, Recovery
 from pgmp_petsc.declare.records import Record, Result, array, attribute, run_record
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.continuation import PoseBranch
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh
 from pgmp_petsc.reduction.joint_gaps import JointGaps
 from pgmp_petsc.reduction.missed_answers import MissedAnswers
 from pgmp_petsc.reduction.sample_grid import EACH, LengthGrid, ParameterPoints

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.component import incommensurate
 from pgmp_petsc.effects import Load
-from pgmp_petsc.mechanism.body_frames import to_body
+from pgmp_petsc.mechanism.mechanism import to_body
 from pgmp_petsc.modes.built_in import BuiltIn
 from pgmp_petsc.modes.continuity import canonical_rotation
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet

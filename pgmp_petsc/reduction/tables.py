@@ -52,7 +52,7 @@ from pgmp_petsc.reduction.cell_products import congruent, symmetric
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import EACH, SampleGrid, Samples
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import values_text
+from pgmp_petsc.scene.units import values_text
 from pgmp_petsc.scene.uses import slides
 
 WEIGHT_FREE = "SI, weight taken out"

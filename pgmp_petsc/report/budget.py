@@ -12,10 +12,9 @@ import numpy as np
 
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.base.units import behind
-from pgmp_petsc.figures import captions
-from pgmp_petsc.figures.captions import same_case
+from pgmp_petsc.figures import style
 from pgmp_petsc.figures.motion import WORDS
-from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
+from pgmp_petsc.figures.style import MODELS, axis_unit, same_case, scene_of
 from pgmp_petsc.figures.trajectories import Comparison, paired
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.report.film import stress_of
@@ -32,9 +31,9 @@ from pgmp_petsc.report.sources import (
     read_sources,
 )
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
+from pgmp_petsc.results.ensemble import DOUBT, RareEvent
 from pgmp_petsc.results.estimates import LARGE, OF_STEP, VALIDITY, EstimatedErrors, limits_of
 from pgmp_petsc.results.numbers import end_texts, interval_text, number_text, percent, plain, share_text
-from pgmp_petsc.results.statistics import DOUBT, RareEvent
 from pgmp_petsc.results.trajectory import truncated
 
 PARTS = {"basis": "basis", "interpolation": "interpolation", "step": "time step"}
@@ -349,7 +348,7 @@ def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
     interval of sampling (`Chance.is_decided`); a rare event where its levels reached it.
     """
     runs, ensembles = of_kind(sources, Trajectory), of_kind(sources, Ensemble)
-    stopped = [f"{source.name} stopped before its end" for source in runs if captions.ended_early(source.result)]
+    stopped = [f"{source.name} stopped before its end" for source in runs if style.ended_early(source.result)]
     lost = [f"all samples of {source.name} failed" for source in ensembles if source.result.status.all()]
     if stopped or lost:
         return Decision("failed", "Failed", "; ".join([*stopped, *lost]))
@@ -562,8 +561,8 @@ def _of_failures(ensembles: Sequence[Source], runs: Sequence[Source]) -> Iterato
                 fate = "count both ways in intervals of probabilities; all other figures of outputs are without them"
             yield [f"{failed_of(source)}, and {fate}."]
     for source in runs:
-        if captions.ended_early(source.result):
-            end = captions.planned_end(source.result)
+        if style.ended_early(source.result):
+            end = style.planned_end(source.result)
             yield [f"{source.name}: the run stopped at {source.result.time[-1]:.4g} s of {end:.4g} s."]
 
 
@@ -586,7 +585,7 @@ def headline_of_run(path: Path) -> str:
         error = f"estimated error{of}{part} at most {share_text(known[worst])} ({worst})"
     elif run.model == "full":
         error = "nothing was reduced"
-    of = f" of {captions.planned_end(run):g} s" if captions.ended_early(run) else ""
+    of = f" of {style.planned_end(run):g} s" if style.ended_early(run) else ""
     return f"{MODELS[run.model]}, {len(run.time) - 1} steps to {run.time[-1]:g} s{of}; {error}{_remarks(run.record)}"
 
 

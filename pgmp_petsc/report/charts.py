@@ -22,9 +22,8 @@ from matplotlib.transforms import blended_transform_factory
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.base.units import inverse
 from pgmp_petsc.figures.ensembles import COLOURS, N_PLACES, draw_indices, draw_repeated, kernel_density, pairs_of
-from pgmp_petsc.figures.loads import DIAGRAMS
 from pgmp_petsc.figures.style import PALETTE, QUIET, PlainNumbers, axis_label, axis_unit, new_figure, span, styled
-from pgmp_petsc.figures.trajectories import fitted, residuals
+from pgmp_petsc.figures.trajectories import DIAGRAMS, fitted, residuals
 from pgmp_petsc.results import Balance, Band, Fit, Sensitivity, Tradeoff, Trajectory
 from pgmp_petsc.results.numbers import with_unit
 

@@ -22,11 +22,9 @@ import numpy as np
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, counted, visible
 from pgmp_petsc.base.units import behind
-from pgmp_petsc.figures.captions import tell_apart
 from pgmp_petsc.figures.ensembles import values_of
-from pgmp_petsc.figures.loads import OF_JOINTS, outputs_of
-from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of
-from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
+from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of, tell_apart
+from pgmp_petsc.figures.trajectories import OF_JOINTS, Comparison, labels_of, outputs_of, paired
 from pgmp_petsc.files.claims import check_output, named, replacing
 from pgmp_petsc.files.hdf5 import KINDS, RunRecord
 from pgmp_petsc.report import charts
@@ -48,8 +46,8 @@ from pgmp_petsc.report.sources import (
     read_sources,
 )
 from pgmp_petsc.results import Ensemble, Fit, Tradeoff, Trajectory
+from pgmp_petsc.results.ensemble import RareEvent
 from pgmp_petsc.results.numbers import ROUND_OFF, one_unit_each, plain
-from pgmp_petsc.results.statistics import RareEvent
 from pgmp_petsc.results.summary import Columns, columns_of, csv_text
 
 MODEL_WORDS = {"full": "Full-order model", "components": "Model of component modes", "reduced": "Reduced model"}

@@ -17,12 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.base.units import behind
-from pgmp_petsc.figures.captions import read_scenes, short_names
-from pgmp_petsc.figures.style import axis_unit
+from pgmp_petsc.figures.style import axis_unit, read_scenes, short_names
 from pgmp_petsc.files.hdf5 import RunRecord, open_file
 from pgmp_petsc.results import Ensemble, Fit, Selection, Tradeoff, Trajectory
+from pgmp_petsc.results.ensemble import RareEvent
 from pgmp_petsc.results.numbers import end_texts, number_text
-from pgmp_petsc.results.statistics import RareEvent
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,10 @@ from pgmp_petsc.base import given_by
 _named = given_by(
     __name__,
     {
-        "ensemble": ("Ensemble",),
+        "ensemble": ("Band", "Chance", "Ensemble", "RareEvent", "Sensitivity", "Statistics"),
         "estimates": ("Balance", "EstimatedErrors"),
         "gradients": ("Derivatives", "Design", "Fit"),
         "selection": ("Attempt", "EffectSizes", "Selection"),
-        "statistics": ("Band", "Chance", "RareEvent", "Sensitivity", "Statistics"),
         "tradeoff": ("MeshErrors", "References", "Times", "Tradeoff"),
         "trajectory": ("BodyField", "Frames", "ModesTable", "Trajectory"),
     },

@@ -40,7 +40,7 @@ from pgmp_petsc.declare.records import (
     units_of,
 )
 from pgmp_petsc.files.hdf5 import RunRecord, take
-from pgmp_petsc.results.statistics import UNKNOWN
+from pgmp_petsc.results.ensemble import UNKNOWN
 
 STRAIGHT = 0.3  # of the bend at an extreme: vibrations of 8 steps have 0.41 of it a step beside, or more
 DEVIATION, PERCENT = "one standard deviation", "1 % of its value"
@@ -299,8 +299,6 @@ class Fit(Result):
 
 @dataclass(frozen=True)
 class DesignParameter(Record):
-    """A parameter."""
-
     name: str = attribute("@parameters_designed", about="names of the parameters (JSON)")
     unit: str = attribute("@units", about="their units (JSON)")
     start: float = array(at="starts", unit="{own.unit}", about="values at the start of the search")

@@ -23,9 +23,8 @@ from pgmp_petsc.files.claims import TABLE, check_output, is_table, replacing
 
 if TYPE_CHECKING:
     from pgmp_petsc.files.hdf5 import RunRecord
-    from pgmp_petsc.results.ensemble import Ensemble, Joined, ShardSamples, Stopping
+    from pgmp_petsc.results.ensemble import Chance, Ensemble, Joined, Sensitivity, ShardSamples, Statistics, Stopping
     from pgmp_petsc.results.gradients import Derivatives
-    from pgmp_petsc.results.statistics import Chance, Sensitivity, Statistics
     from pgmp_petsc.results.tradeoff import Tradeoff
     from pgmp_petsc.results.trajectory import ModesTable, Trajectory
 

@@ -283,8 +283,6 @@ class ModesTable(Result):
 
 @dataclass(frozen=True)
 class ModeShape:
-    """A mode."""
-
     record: RunRecord  # of the reduced model that it is of
     number: int  # from 1, rigid motion left out
     frequency_hz: float

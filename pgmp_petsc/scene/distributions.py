@@ -229,7 +229,6 @@ class Mixture(Own):
         return self._inverse(share, "ppf", lambda x, share: self.cdf(x) < share)
 
     def isf(self, share: np.ndarray | float) -> np.ndarray:
-        """Return the numbers that have shares above them, as `ppf`."""
         return self._inverse(share, "isf", lambda x, share: self.sf(x) > share)
 
     def _inverse(self, share: np.ndarray | float, name: str, is_too_low: Any) -> np.ndarray:

@@ -28,12 +28,11 @@ from pgmp_petsc.base.units import SAID, SI, UnitSystem, UnknownUnit, measure
 from pgmp_petsc.declare.ideas import FAMILIES
 from pgmp_petsc.files.claims import replacing
 from pgmp_petsc.files.seal import SIGNATURE, SIZE
-from pgmp_petsc.scene.border import in_own_units, in_si
 from pgmp_petsc.scene.fields import in_files, raw_tables
 from pgmp_petsc.scene.messages import DEEPEST, dotted_name, explain, problem, toml_text
 from pgmp_petsc.scene.parameters import add_field_parameters
 from pgmp_petsc.scene.schema import Scene
-from pgmp_petsc.scene.units import convert_parameters, setting_of
+from pgmp_petsc.scene.units import convert_parameters, in_own_units, in_si, setting_of
 
 MOST_BYTES = 16_000_000  # of a scene's file
 MOST_ROWS = 100_000  # of a table in a file: every result keeps the scene with them
@@ -394,7 +393,6 @@ _FOLDER = resources.files("pgmp_petsc.scene") / "templates"
 
 
 def template_names() -> list[str]:
-    """Return the names of all templates."""
     return sorted(Path(item.name).stem for item in _FOLDER.iterdir() if item.name.endswith(ENDING))
 
 

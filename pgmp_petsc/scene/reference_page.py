@@ -94,17 +94,14 @@ def _entry(node: Mapping[str, Any]) -> dict[str, Any]:
     if "minimum" in node:
         entry["minimum"] = node["minimum"]
     if "prefixItems" in node:
-        entry["items"] = [_entry(item) for item in node["prefixItems"]]
-        entry["additionalItems"] = False
+        entry |= {"items": [_entry(item) for item in node["prefixItems"]], "additionalItems": False}
     elif "items" in node:
         entry["items"] = _entry(node["items"])
-    if alternatives:
-        entry["anyOf"] = [_entry(one) for one in alternatives]
-    if "oneOf" in node:
-        entry["oneOf"] = [_entry(one) for one in node["oneOf"]]
+    lists = {"anyOf": alternatives, "oneOf": node.get("oneOf")}
+    entry |= {key: [_entry(one) for one in parts] for key, parts in lists.items() if parts}
     if "patternProperties" in node:
-        entry["patternProperties"] = {key: _entry(one) for key, one in node["patternProperties"].items()}
-        entry["additionalProperties"] = False
+        named = {key: _entry(one) for key, one in node["patternProperties"].items()}
+        entry |= {"patternProperties": named, "additionalProperties": False}
     elif isinstance(node.get("additionalProperties"), Mapping):
         entry["additionalProperties"] = _entry(node["additionalProperties"])
     return entry

@@ -130,7 +130,7 @@ class Scene(Table):
 
     @property
     def system(self) -> UnitSystem:
-        """Units in which it is shown and written: those that it says, while its numbers are in SI units (`border`).
+        """Units in which it is shown and written: those that it says, while its numbers are in SI units (`units`).
 
         One that says none is computed with its numbers as they are, and shown with the names of `number_units`.
         """

@@ -30,7 +30,7 @@ from pgmp_petsc.reduction.length_family import why_no_family
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import EffectSizes, Selection
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.border import own_values
+from pgmp_petsc.scene.units import own_values
 from pgmp_petsc.scene.uses import count_builds, extremes, length_names
 from pgmp_petsc.stepping.static_equilibrium import require_balance
 from pgmp_petsc.studies.effect_sizes import choose_effects, remarks_on_sizes

@@ -22,18 +22,17 @@ from pgmp_petsc.effects import Effect, Load, Patterns, actions_of, effects_of, l
 from pgmp_petsc.effects.clearance import impacts
 from pgmp_petsc.effects.damping import check_ratios
 from pgmp_petsc.effects.springs import spring_force
-from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities, foretold, why_no_grid
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.kinematics import MOST_FOLLOWED, RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, constraint_jacobian
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import IN_ORDER, MOMENTS
-from pgmp_petsc.scene.border import in_own_units, own_units, to_own
 from pgmp_petsc.scene.references import parts_of, points_used
+from pgmp_petsc.scene.units import in_own_units, own_units, to_own
 from pgmp_petsc.scene.uses import length_names
 
 if TYPE_CHECKING:

@@ -40,13 +40,12 @@ from pgmp_petsc.effects.reduction_terms import GeometricStiffening, Gyroscopic, 
 from pgmp_petsc.effects.springs import Block, linear_springs
 from pgmp_petsc.full.distributed import FullDistributed
 from pgmp_petsc.full.systems import FullBatch
-from pgmp_petsc.mechanism.body_frames import linear_motion
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.closure import size_of
 from pgmp_petsc.mechanism.continuation import PoseBranch
 from pgmp_petsc.mechanism.joints import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, Unknowns
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism, Unknowns, linear_motion
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import SpringStiffness

@@ -32,9 +32,8 @@ from pgmp_petsc.base.errors import InputError, Remark, note
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.effects import start_of
-from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism, words_of
+from pgmp_petsc.mechanism.mechanism import Mechanism, rigid_velocities, words_of
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models.body_fields import FieldPoints, Fields, FieldSet, joined, placed
 from pgmp_petsc.outputs.readings import RigidReference
@@ -45,7 +44,7 @@ from pgmp_petsc.scene.loading import scene_to_toml
 
 if TYPE_CHECKING:
     from pgmp_petsc.models import ReducedModel
-    from pgmp_petsc.models.reduced_fields import ReducedFields
+    from pgmp_petsc.models.body_fields import ReducedFields
     from pgmp_petsc.results.selection import Assembly
 
 

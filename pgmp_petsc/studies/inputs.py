@@ -15,8 +15,7 @@ from pgmp_petsc.base.units import SI, times
 from pgmp_petsc.bodies.random_fields import field_remarks
 from pgmp_petsc.bodies.shape import BodyShape, shape_in_scene
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh, read_line_mesh
 from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.scene.loading import changed
@@ -74,8 +73,7 @@ def _mesh_of(scene: Scene, name: str, coarser: float = 1.0) -> BodyShape:
     if not body.continuum:
         return in_metres(read_line_mesh(path, entry, body.dimension), length)
     # take a noticeable time, and only runs with continuum bodies need them
-    from pgmp_petsc.mesh.cad_part import read_part, with_groups
-    from pgmp_petsc.mesh.solid_mesh_reading import read_solid_mesh
+    from pgmp_petsc.mesh.solid_mesh_reading import read_part, read_solid_mesh, with_groups
 
     if body.of_cad:
         mesh = read_part(path, shortened(f'{entry} = "{path}"'), SI.length, body.mesh_size, coarser).mesh

@@ -27,9 +27,8 @@ from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import actions_of, effects_of
 from pgmp_petsc.effects.springs import linear_springs, spring_remarks
 from pgmp_petsc.files.hdf5 import RunRecord
-from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import TABLES, Coordinate, Mechanism, words_of
+from pgmp_petsc.mechanism.mechanism import TABLES, Coordinate, Mechanism, rigid_velocities, words_of
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import SpringStiffness, VibrationProblem, frequencies_of
 from pgmp_petsc.ranks.agreement import agreed
@@ -40,7 +39,7 @@ from pgmp_petsc.reduction.static_loads import BuiltInStress
 from pgmp_petsc.reduction.tables import definite_mass
 from pgmp_petsc.results.trajectory import ModesTable
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.scene.border import own_values
+from pgmp_petsc.scene.units import own_values
 from pgmp_petsc.scene.uses import offset_directions, offset_values
 
 

@@ -28,9 +28,9 @@ from scipy.spatial.transform import Rotation
 from pgmp_petsc.base.errors import InputError, shortened
 from pgmp_petsc.base.units import STANDARD_GRAVITY
 from pgmp_petsc.bodies.solid import Solid
-from pgmp_petsc.mesh.cad_part import CadPart, read_part
 from pgmp_petsc.mesh.matrix_files import PROGRAM
 from pgmp_petsc.mesh.reading import check_file, made_by
+from pgmp_petsc.mesh.solid_mesh_reading import CadPart, read_part
 from pgmp_petsc.scene.bodies import CAD, IN_ORDER, MOMENTS
 from pgmp_petsc.scene.loading import scene_from_toml
 from pgmp_petsc.studies.plausibility.bodies import LONGEST_MESH, sizes_of

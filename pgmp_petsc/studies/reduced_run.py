@@ -16,8 +16,7 @@ from pgmp_petsc.estimates import own_error
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator
 from pgmp_petsc.estimates.starts import growth_of, jump_remarks, spread_remarks
 from pgmp_petsc.estimates.validity import Validity, remarks_of
-from pgmp_petsc.mechanism.body_frames import rigid_positions, to_body
-from pgmp_petsc.mechanism.mechanism import words_of
+from pgmp_petsc.mechanism.mechanism import rigid_positions, to_body, words_of
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.lagrangian import least_stiffness, load_powers
 from pgmp_petsc.reduction.tables import smoother

@@ -25,8 +25,8 @@ from pgmp_petsc.results.numbers import ROUND_OFF as SAME
 from pgmp_petsc.results.numbers import VANISHING, felt
 from pgmp_petsc.results.trajectory import RESTS
 from pgmp_petsc.scene import scene_to_toml
-from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.units import own_values
 from pgmp_petsc.stepping.generalised_alpha import Attempt, Run, integrate_with_smaller_steps
 from pgmp_petsc.stepping.second_order_system import Energies
 from pgmp_petsc.stepping.status import Status

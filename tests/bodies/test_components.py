@@ -22,7 +22,7 @@ from pgmp_petsc.bodies.matrices import weighted_sum  # noqa: E402
 from pgmp_petsc.bodies.solid import FaceFrame  # noqa: E402
 from pgmp_petsc.components import component_modes  # noqa: E402
 from pgmp_petsc.components.component_modes import condense  # noqa: E402
-from pgmp_petsc.mesh.solid_mesh import reference_element  # noqa: E402
+from pgmp_petsc.mesh.meshes import reference_element  # noqa: E402
 
 KINDS, LENGTHS, DENSITY, N_MODES = ("quad8", "hexahedron20"), (0.6, 0.06, 0.04), 7800.0, 6
 OTHER = (1.3e11, 2.65e11)  # Pa, where the subspace of two materials was not made

@@ -8,7 +8,7 @@ from solids import dimension_of, jacobian_determinants, rule_of
 
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
-from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS, faces_of, reference_element, shape_gradients
+from pgmp_petsc.mesh.meshes import PLANE_KINDS, SOLID_KINDS, faces_of, reference_element, shape_gradients
 
 KINDS = (*PLANE_KINDS, *SOLID_KINDS)
 CURVED = ("triangle6", "quad8", "quad9", "tetra10", "hexahedron20", "hexahedron27")

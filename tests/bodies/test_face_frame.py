@@ -8,7 +8,7 @@ from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.bodies.solid import FaceFrame
 from pgmp_petsc.mesh import SolidMesh
-from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS, reference_element
+from pgmp_petsc.mesh.meshes import PLANE_KINDS, SOLID_KINDS, reference_element
 
 KINDS = (*PLANE_KINDS, *SOLID_KINDS)
 QUADRATIC = ("triangle6", "quad8", "quad9", "tetra10", "hexahedron20", "hexahedron27")

@@ -28,8 +28,7 @@ from pgmp_petsc.bodies.sections.section import Coefficients
 from pgmp_petsc.bodies.solid import FaceFrame, Region, Solid
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import reference_element
+from pgmp_petsc.mesh.meshes import LineMesh, reference_element
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Stated
 from scenes import RADIUS, four_bar, kinematics_of, mechanism_of, slider_crank, tables

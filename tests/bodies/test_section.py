@@ -19,7 +19,7 @@ from pgmp_petsc.bodies.sections.hollow_shapes import HollowCircle, HollowRectang
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.sections.solid_shapes import Circle, Rectangle
 from pgmp_petsc.bodies.stresses import BeamLaw
-from pgmp_petsc.mesh.line_mesh import straight_beam
+from pgmp_petsc.mesh.meshes import straight_beam
 from pgmp_petsc.scene.bodies import Material, SectionEntry
 from scenes import SHEAR_FACTOR, STEEL, slider_crank
 

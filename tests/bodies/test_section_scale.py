@@ -24,7 +24,7 @@ from pgmp_petsc.bodies.matrices import weighted_sum  # noqa: E402
 from pgmp_petsc.bodies.profile import SectionScale  # noqa: E402
 from pgmp_petsc.bodies.solid import FaceFrame  # noqa: E402
 from pgmp_petsc.components.component_modes import condense  # noqa: E402
-from pgmp_petsc.mesh.solid_mesh import reference_element  # noqa: E402
+from pgmp_petsc.mesh.meshes import reference_element  # noqa: E402
 
 KINDS, N_MODES = ("quad8", "hexahedron20"), 6
 SERVED = (1.0, 0.6, 0.8, 1.2, 1.4)  # as of a distribution: nominal, outermost and half-way

@@ -15,8 +15,7 @@ from pgmp_petsc.bodies.kinds.beam import Beam
 from pgmp_petsc.bodies.sections.solid_shapes import Circle, Rectangle
 from pgmp_petsc.bodies.solid_strains import COMPONENTS, SolidStrains
 from pgmp_petsc.bodies.stresses import FURTHEST, LARGEST, SMALLEST, BeamLaw, SolidLaw, principal, von_mises
-from pgmp_petsc.mesh.line_mesh import straight_beam
-from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS
+from pgmp_petsc.mesh.meshes import PLANE_KINDS, SOLID_KINDS, straight_beam
 from pgmp_petsc.scene.bodies import Material
 
 KINDS = [*PLANE_KINDS, *SOLID_KINDS]

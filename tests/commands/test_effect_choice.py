@@ -15,7 +15,7 @@ from solids import rectangle_mesh
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.mesh.line_mesh import straight_beam
+from pgmp_petsc.mesh.meshes import straight_beam
 from pgmp_petsc.results import EffectSizes
 from pgmp_petsc.scene import Scene, load_scene, scene_to_toml
 from pgmp_petsc.studies.effect_sizes import choose_effects, estimate_effects, remarks_on_sizes

@@ -16,7 +16,7 @@ from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.rare_run import run_rare_event
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.results.statistics import RareEvent
+from pgmp_petsc.results.ensemble import RareEvent
 from pgmp_petsc.results.summary import json_text, summary_of
 from pgmp_petsc.scene.numerics import Event
 from pgmp_petsc.stepping.status import Status

@@ -15,7 +15,7 @@ from pgmp_petsc.bodies.floating import FloatingBody, first_moments
 from pgmp_petsc.components.condensing import _answering, floating_shapes
 from pgmp_petsc.components.large_deformation import contraction_of, foreshortening
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import straight_beam
+from pgmp_petsc.mesh.meshes import straight_beam
 from scenes import meshes_of
 
 STIFFENING = ('effects.stiffening={type="geometric_stiffening"}', 'effects.shapes={type="mode_inertia"}')

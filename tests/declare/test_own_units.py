@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pgmp_petsc.declare.formulas import declared, evaluated
-from pgmp_petsc.declare.own_units import in_si
+from pgmp_petsc.declare.formulas import declared, evaluated, in_si
 
 MM = {"s": 3, "v": 3, "phi": 0, "t": 0, "push": 0, "mass": -3, "stress": -6}  # of mm, t, s, N and MPa
 #: Formulas, what they are of, and what is written anew.

@@ -16,9 +16,8 @@ from pgmp_petsc.effects.action import joint_measure
 from pgmp_petsc.effects.effect import UnitForces
 from pgmp_petsc.effects.law import Law
 from pgmp_petsc.effects.springs import left_out, linear_springs, moving_dofs, spring_block, spring_force, spring_remarks
-from pgmp_petsc.mechanism.body_frames import BodyStatements
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import BodyStatements, Mechanism
 from pgmp_petsc.scene import Scene
 from scenes import kinematics_of, mechanism_of, slider_crank
 

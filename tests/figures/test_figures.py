@@ -17,16 +17,14 @@ from sealed import resealed
 from solids import box_mesh, rectangle_mesh, straightened
 
 from pgmp_petsc.base.errors import InputError, note
-from pgmp_petsc.figures.captions import labels_by_parameters
 from pgmp_petsc.figures.collection import draw, draw_result
 from pgmp_petsc.figures.ensembles import bands, densities, kernel_density, repeated, sobol
-from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.mechanism import mechanism, shown_positions
 from pgmp_petsc.figures.motion import drawn_faces, normals, outlines, triangles
-from pgmp_petsc.figures.style import save
-from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
+from pgmp_petsc.figures.studies import frequencies, mesh_costs, online_costs, total_costs
+from pgmp_petsc.figures.style import labels_by_parameters, save
 from pgmp_petsc.figures.trajectories import Comparison, design, fit, paired, sensitivities, trajectories
-from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS
+from pgmp_petsc.mesh.meshes import PLANE_KINDS, SOLID_KINDS
 from pgmp_petsc.results import Balance, Derivatives, Ensemble, Tradeoff
 from pgmp_petsc.results.gradients import DEVIATION
 from pgmp_petsc.results.tradeoff import MeshErrors
@@ -324,7 +322,7 @@ def test_files_and_folders_that_cannot_be_used(tmp_path, monkeypatch):
     (tmp_path / "taken").write_text("")
     with pytest.raises(InputError, match="cannot be made"):
         draw([tmp_path / "m.h5"], tmp_path / "taken")
-    monkeypatch.setattr("pgmp_petsc.figures.captions.os.access", lambda path, mode: mode == 4)
+    monkeypatch.setattr("pgmp_petsc.figures.style.os.access", lambda path, mode: mode == 4)
     with pytest.raises(InputError, match="no permission to write"):
         draw([tmp_path / "m.h5"], tmp_path / "out")
 

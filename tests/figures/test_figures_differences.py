@@ -11,13 +11,12 @@ from pictures import assert_inside, keys_of, legend_texts, texts, visible, writt
 from refusals import full_disk
 
 from pgmp_petsc.base.errors import InputError, RunError, note, warning
-from pgmp_petsc.figures.captions import same_case, short_names, tell_apart
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.ensembles import densities
-from pgmp_petsc.figures.frequencies import coordinate_path, frequencies, frequency_maps
 from pgmp_petsc.figures.mechanism import Shapes, is_followed, mechanism, without_span
 from pgmp_petsc.figures.motion import motion_of
-from pgmp_petsc.figures.style import distinct_colours
+from pgmp_petsc.figures.studies import coordinate_path, frequencies, frequency_maps
+from pgmp_petsc.figures.style import distinct_colours, same_case, short_names, tell_apart
 from pgmp_petsc.figures.trajectories import DECADES, Comparison, energies, labels_of, paired, trajectories
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.report import film

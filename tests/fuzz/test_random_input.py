@@ -19,7 +19,7 @@ from runs import PAPER_SCENE, trajectory
 import pgmp_petsc as pgmp
 from pgmp_petsc.api.arguments import _KINDS, kinds_of
 from pgmp_petsc.base.progress import without_progress
-from pgmp_petsc.mesh.line_mesh import straight_beam
+from pgmp_petsc.mesh.meshes import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom

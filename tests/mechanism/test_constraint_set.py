@@ -10,10 +10,15 @@ from scipy.spatial.transform import Rotation
 from slopes import slopes
 from spatial import slider_crank_in_space, spatial_slider_crank
 
-from pgmp_petsc.mechanism.body_frames import ConstraintHessians, ConstraintJacobian, constraint_jacobian
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet, NullSpace, NullSpaces, null_space
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
+from pgmp_petsc.mechanism.mechanism import (
+    ConstraintHessians,
+    ConstraintJacobian,
+    Mechanism,
+    Unknowns,
+    constraint_jacobian,
+)
 from scenes import four_bar, kinematics_of, mechanism_of, pendulum, slider_crank, trammel
 
 SCENES = {

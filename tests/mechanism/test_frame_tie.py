@@ -8,8 +8,8 @@ from slopes import slopes
 from solids import mesh_of
 
 from pgmp_petsc.bodies.solid import FaceFrame
-from pgmp_petsc.mechanism.frame_ties import FrameTies, bent_terms
-from pgmp_petsc.mesh.solid_mesh import reference_element
+from pgmp_petsc.mechanism.constraint_set import FrameTies, bent_terms
+from pgmp_petsc.mesh.meshes import reference_element
 
 STEP, ATOL = 1e-6, 1e-8  # central differences: round-off of values of order 1 over the step, and the step's square
 KIND = "quad8"

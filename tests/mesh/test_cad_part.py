@@ -17,8 +17,8 @@ from solids import body_of, box_mesh, matrices_of
 
 from pgmp_petsc.figures.solids import part_picture
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.mesh import cad_part
-from pgmp_petsc.mesh.cad_part import CadPart, read_part
+from pgmp_petsc.mesh import solid_mesh_reading
+from pgmp_petsc.mesh.solid_mesh_reading import CadPart, read_part
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.studies.inputs import with_meshes
 from scenes import tables
@@ -183,8 +183,10 @@ def test_what_is_no_part_is_refused_in_one_message_on_any_number_of_ranks(parts:
 
 def test_a_face_may_have_the_name_of_its_own_cylinder_and_of_no_other(parts: Path, monkeypatch) -> None:
     bore = read(parts, "rod").cylinders[0]
-    found = dict(cad_part._by_gmsh(sha256((parts / "rod.step").read_bytes()).hexdigest(), parts / "rod.step", 0.0, 1.0))
-    monkeypatch.setattr(cad_part, "_by_gmsh", lambda *_: found)
+    found = dict(
+        solid_mesh_reading._by_gmsh(sha256((parts / "rod.step").read_bytes()).hexdigest(), parts / "rod.step", 0.0, 1.0)
+    )
+    monkeypatch.setattr(solid_mesh_reading, "_by_gmsh", lambda *_: found)
     found[f"named{bore.faces[0][4:]}"] = np.array(bore.name)
     assert read(parts, "rod").cylinders[0].name == bore.name
     found["named2"] = np.array(bore.name)

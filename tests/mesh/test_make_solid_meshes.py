@@ -10,7 +10,7 @@ import meshio
 import numpy as np
 import pytest
 
-from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS, reference_element
+from pgmp_petsc.mesh.meshes import PLANE_KINDS, SOLID_KINDS, reference_element
 
 # Not importorskip: gmsh's module takes over the signal handlers and brings its own copy of PETSc.
 pytestmark = pytest.mark.skipif(

@@ -16,8 +16,7 @@ from solids import SIDES, box_mesh, dimension_of, grid, jacobian_determinants, r
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mesh import LineMesh, SolidMesh
-from pgmp_petsc.mesh.line_mesh import refined
-from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS, cell_faces, reference_element, shape_gradients
+from pgmp_petsc.mesh.meshes import PLANE_KINDS, SOLID_KINDS, cell_faces, reference_element, refined, shape_gradients
 from pgmp_petsc.mesh.solid_mesh_reading import entity_groups, read_solid_mesh, solid_mesh
 
 ENTRY = "bodies.crank.mesh"

@@ -14,7 +14,7 @@ from pgmp_petsc.bench.history import errors_between, run_history
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.watchers import watch_over_time
 from pgmp_petsc.estimates.own_error import largest_at_start
-from pgmp_petsc.figures.loads import loads
+from pgmp_petsc.figures.trajectories import loads
 from pgmp_petsc.lanes.rainflow import cycles
 from pgmp_petsc.outputs.rainflow import Counted, Counting, Rainflow
 from pgmp_petsc.studies.plausibility.check import plausibility

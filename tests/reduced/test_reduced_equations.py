@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
 from pgmp_petsc.bodies.matrices import AffineMatrices, weighted_sum
-from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import rigid_velocities
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced import cells as cells_module
 from pgmp_petsc.reduced.action_frames import factors_of, rotation_of, spin_of

@@ -18,7 +18,7 @@ from two_coordinates import double_pendulum, over
 
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects import effects_of, loads_of
-from pgmp_petsc.mechanism.body_frames import constraint_jacobian, linear_motion, rigid_velocities, to_body
+from pgmp_petsc.mechanism.mechanism import constraint_jacobian, linear_motion, rigid_velocities, to_body
 from pgmp_petsc.reduction.cell_products import pair_rotations, unpacked
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.tables import ReducedTables, SecondOrderTables

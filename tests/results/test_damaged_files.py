@@ -31,8 +31,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models.component_file import ComponentsFile
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
-from pgmp_petsc.results.ensemble import read_shard
-from pgmp_petsc.results.statistics import RareEvent
+from pgmp_petsc.results.ensemble import RareEvent, read_shard
 from pgmp_petsc.results.trajectory import write_xdmf
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.studies.building import build_components

@@ -11,7 +11,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import OTHERS, UNITS, measure, names_in_others
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.scene import load_scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.scene.border import result_units
+from pgmp_petsc.scene.units import result_units
 
 SLIDER_CRANK = Path(__file__).resolve().parents[2] / "scenes" / "slider_crank.toml"
 MILLIMETRES = (

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pgmp_petsc.api.built import _check_tables_hold
+from pgmp_petsc.api.sources import _check_tables_hold
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from runs import one_message, refused, said
 
-from pgmp_petsc.figures.loads import loads
+from pgmp_petsc.figures.trajectories import loads
 from pgmp_petsc.mesh import read_by_library
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import load_scene

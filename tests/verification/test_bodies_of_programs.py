@@ -29,8 +29,8 @@ from solids import body_of, grouped, matrices_of
 from pgmp_petsc.bodies.assembled_reading import read_assembled
 from pgmp_petsc.mesh import SolidMesh
 from pgmp_petsc.mesh.matrix_files import in_order_of_nodes, read_matrix, read_nodes
+from pgmp_petsc.mesh.meshes import cell_faces, reference_element
 from pgmp_petsc.mesh.reading import made_by
-from pgmp_petsc.mesh.solid_mesh import cell_faces, reference_element
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.results import ModesTable
 from pgmp_petsc.scene import load_scene

@@ -15,7 +15,7 @@ from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.mesh.line_mesh import straight_beam
+from pgmp_petsc.mesh.meshes import straight_beam
 from pgmp_petsc.scene import Scene, load_scene
 from scenes import meshes_of, tables
 

@@ -25,7 +25,7 @@ from runs import assert_close, history, motion, reduced_model, rom_of, samples, 
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
-from pgmp_petsc.api.built import scene_of_built
+from pgmp_petsc.api.sources import scene_of_built
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.c_export.constants import started
 from pgmp_petsc.models import ReducedModel

@@ -15,8 +15,8 @@ from spatial_beams import slider_crank_of_beams
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures import solids
-from pgmp_petsc.figures.loads import Load, arrows_of, joint_forces, loads
 from pgmp_petsc.figures.motion import motion_of
+from pgmp_petsc.figures.trajectories import Load, arrows_of, joint_forces, loads
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from scenes import HEADER, four_bar, of_text, pendulum, slider_crank, tables, trammel

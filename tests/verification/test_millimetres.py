@@ -32,7 +32,7 @@ from pgmp_petsc.base.units import MM, STANDARD_GRAVITY, measure
 from pgmp_petsc.c_export import fmu
 from pgmp_petsc.reduction import tables as tables_of_reduction
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.scene.border import own_values
+from pgmp_petsc.scene.units import own_values
 from scenes import HEADER, tables
 
 EXACT = 1e-12  # numbers that are converted: 3e-16 but for differences of such

@@ -14,7 +14,7 @@ from solids import body_of, matrices_of, mesh_of, rule_of, straightened
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
 from pgmp_petsc.mesh import SolidMesh
-from pgmp_petsc.mesh.solid_mesh import PLANE_KINDS, SOLID_KINDS, reference_element
+from pgmp_petsc.mesh.meshes import PLANE_KINDS, SOLID_KINDS, reference_element
 from pgmp_petsc.mesh.solid_mesh_reading import check_cells
 
 KINDS = (*PLANE_KINDS, *SOLID_KINDS)

@@ -22,9 +22,9 @@ from spatial import (
     table,
 )
 
-from pgmp_petsc.mechanism.body_frames import BodyStatements
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import BodyStatements
 from pgmp_petsc.mechanism.space import SPATIAL, directors
 from pgmp_petsc.scene import Scene
 from scenes import kinematics_of, slider_crank

@@ -17,7 +17,7 @@ from runs import motion, reduced_model
 from slopes import characteristic_roots, slopes
 from solids import rectangle_mesh
 
-from pgmp_petsc.mesh.line_mesh import straight_beam
+from pgmp_petsc.mesh.meshes import straight_beam
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import load_scene

@@ -17,9 +17,8 @@ from two_coordinates import double_pendulum
 
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.effects import actions_of, effects_of
-from pgmp_petsc.mechanism.body_frames import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism, constraint_jacobian
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.static_modes import VibrationProblem, frequencies_of
 from pgmp_petsc.scene import Scene, scene_from_toml

@@ -18,8 +18,8 @@ from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects import effects_of, loads_of, patterns_of
-from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import to_body
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes import problem as problem_module
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet

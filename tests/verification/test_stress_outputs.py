@@ -22,7 +22,7 @@ from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.rare_run import run_rare_event
 from pgmp_petsc.files.seal import identity
 from pgmp_petsc.mesh import SolidMesh
-from pgmp_petsc.mesh.line_mesh import straight_beam
+from pgmp_petsc.mesh.meshes import straight_beam
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.models import ReducedModel, of_samples
 from pgmp_petsc.reduction.angles import TARGET

@@ -26,7 +26,7 @@ from pgmp_petsc.bodies.profile import UNIFORM, Profiles
 from pgmp_petsc.bodies.random_fields import profiles_of
 from pgmp_petsc.bodies.sections.section import BeamSection
 from pgmp_petsc.bodies.stresses import BeamStresses
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.meshes import LineMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 

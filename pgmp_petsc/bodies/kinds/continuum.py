@@ -18,8 +18,7 @@ from pgmp_petsc.bodies.kinds.rigid import STEP_SECONDS
 from pgmp_petsc.bodies.shape import ContinuumShape
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.bodies.stresses import CellStresses, Recovered
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 

@@ -17,13 +17,12 @@ from pgmp_petsc.bodies.shape import BodyShape, Shapes, given_properties, shape_i
 from pgmp_petsc.effects import start_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.meshes import LineMesh, SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body, Material, Rigid
-from pgmp_petsc.scene.border import own_values
 from pgmp_petsc.scene.messages import Finding, doubt, named, refusal
 from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
+from pgmp_petsc.scene.units import own_values
 
 SLENDERNESS = 5.0  # length over thickness, below which a beam is none
 NEARLY_INCOMPRESSIBLE = 0.49

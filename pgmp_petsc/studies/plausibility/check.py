@@ -20,12 +20,12 @@ from pgmp_petsc.mechanism.capabilities import BYTES
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.border import own_values, shown_in
 from pgmp_petsc.scene.fields import GROUND
 from pgmp_petsc.scene.joints import ORIGIN, CouplingEntry
 from pgmp_petsc.scene.messages import Finding, doubt, input_error, refusal
 from pgmp_petsc.scene.parameters import Parameter, share_below
 from pgmp_petsc.scene.references import DEGREES, points_used, stressed_bodies
+from pgmp_petsc.scene.units import own_values, shown_in
 from pgmp_petsc.scene.uses import length_names, slides, uses_of
 from pgmp_petsc.studies.plausibility import bodies
 from pgmp_petsc.studies.plausibility.loads import (
