@@ -34,7 +34,7 @@ from benchmarks.on_model import main
 from benchmarks.programs import reduced_model
 from benchmarks.tables import Table, number
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench.cases import Load
+from pgmp_petsc.bench.history import Load
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduced.system import ReducedSystem

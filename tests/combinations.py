@@ -32,8 +32,8 @@ from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.studies.building import estimate_effects
 from pgmp_petsc.studies.check import describe_scene
-from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.modes_table import tabulate_modes
 from pgmp_petsc.studies.simulate import simulate
 from scenes import SLIDER_CRANK, meshes_of, tables

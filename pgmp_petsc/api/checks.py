@@ -149,7 +149,7 @@ def _draw(scene: Scene, meshes: Mapping[str, BodyShape], picture: Path, inputs: 
 def _sizes(scene: Scene, meshes: Mapping[str, BodyShape], comm: Comm) -> EffectSizes:
     from pgmp_petsc.components.condensing import condensed
     from pgmp_petsc.ranks.groups import RankGroup
-    from pgmp_petsc.studies.effect_sizes import estimate_effects
+    from pgmp_petsc.studies.building import estimate_effects
 
     with RankGroup.split(comm, 1) as group:
         shapes = condensed(scene, meshes, group, large=True)

@@ -16,12 +16,12 @@ from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import SOURCE, AnySource, Origin, keeping
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.design.derivatives import read_constraint, read_goal
+from pgmp_petsc.design.derivatives import sensitivities as differentiated
 from pgmp_petsc.design.fitting import fit as fitted
-from pgmp_petsc.design.goals import read_constraint, read_goal
-from pgmp_petsc.design.measured_history import read_history
+from pgmp_petsc.design.fitting import read_history
 from pgmp_petsc.design.optimization import Question, designed_parameters
 from pgmp_petsc.design.optimization import optimize as designed
-from pgmp_petsc.design.sensitivities import sensitivities as differentiated
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results.gradients import Design, Fit

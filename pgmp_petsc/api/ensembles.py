@@ -37,8 +37,7 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.checkpoint import Shards, remove_checkpoint
 from pgmp_petsc.ensemble.description import describe_shards
 from pgmp_petsc.ensemble.integration import read_earlier, run_ensemble
-from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, Shard
-from pgmp_petsc.ensemble.sample_file import SampleFile, called, read_samples
+from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, SampleFile, Shard, called, read_samples
 from pgmp_petsc.ensemble.sampling import refuse_drawn
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.mechanism.capabilities import check_capabilities

@@ -28,8 +28,7 @@ from pgmp_petsc.base.resources import free_memory
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.base.units import ROUNDING, UnitSystem
 from pgmp_petsc.ensemble.integration import run_ensemble
-from pgmp_petsc.ensemble.plan import Plan, Shard
-from pgmp_petsc.ensemble.sample_file import SampleFile, of_columns
+from pgmp_petsc.ensemble.plan import Plan, SampleFile, Shard, of_columns
 from pgmp_petsc.models import Model
 from pgmp_petsc.ranks.agreement import on_root
 from pgmp_petsc.ranks.groups import RankGroup

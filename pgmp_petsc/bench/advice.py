@@ -50,7 +50,7 @@ def advise(
     advice = []
     for choices, names in alike.items():
         for choice in choices:
-            aim = f"{_joined([f'{100 * threshold:g} %' for threshold in choice.thresholds])} in {_joined(names)}"
+            aim = f"{_joined([f'{100 * threshold:g} %' for threshold in choice[0]])} in {_joined(names)}"
             advice.append(_piece(study, choice, aim, (targets[names[0]], bounds[names[0]]), said))
     first, errors = next(iter(bounds.items()))
     return (
@@ -81,7 +81,6 @@ def _targets(study: Tradeoff, errors: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _margin_sentences(study: Tradeoff, from_mesh: Mapping[str, float]) -> Iterator[str]:
-    """Say by how much errors stay below what is asked for."""
     if study.varied:
         n = len(next(iter(study.test_values.values())))
         yield (
@@ -93,13 +92,8 @@ def _margin_sentences(study: Tradeoff, from_mesh: Mapping[str, float]) -> Iterat
         yield f"The reference is {apart} away from the mesh; a setting meets an error with that added."
 
 
-@dataclass(frozen=True)
-class Choice:
-    """The cheapest settings that meet some errors: of the models and of the response surfaces; None where none does."""
-
-    thresholds: tuple[float, ...]
-    row: int | None
-    surface: int | None
+#: Errors, and the cheapest settings that meet them: of the models and of the response surfaces; None where none does.
+Choice = tuple[tuple[float, ...], int | None, int | None]
 
 
 def cheapest(study: Tradeoff, errors: np.ndarray, threshold: float, among: np.ndarray) -> int | None:
@@ -117,7 +111,7 @@ def _choices(study: Tradeoff, errors: np.ndarray) -> tuple[Choice, ...]:
     for threshold in THRESHOLDS:
         shared.setdefault(cheapest(study, errors, threshold, models), []).append(threshold)
     return tuple(
-        Choice(tuple(thresholds), row, cheapest(study, errors, min(thresholds), ~study.simulated))
+        (tuple(thresholds), row, cheapest(study, errors, min(thresholds), ~study.simulated))
         for row, thresholds in shared.items()
     )
 
@@ -127,9 +121,9 @@ def _piece(
 ) -> str:
     """Return the piece of advice for a choice, by errors without and with margins; `said` has the settings whose
     options were given before, with what for, and is extended."""
-    row = choice.row
+    thresholds, row, surface = choice
     if row is None:
-        lines = [f"For {aim} no setting is good enough{_nearest(study, *errors, choice.thresholds)}."]
+        lines = [f"For {aim} no setting is good enough{_nearest(study, *errors, thresholds)}."]
     else:
         lines = [f"For {aim} take {_name(study, row)}: {_price(study, row)}"]
         if row in said:
@@ -137,12 +131,9 @@ def _piece(
         elif study.flags[row]:
             lines = [f"{lines[0]}:", study.flags[row]]
         said.setdefault(row, aim)
-    if choice.surface is not None:
-        verb = "would do" if row is None else "does it too"
-        runs = study.columns["nodes"][choice.surface]
-        lines.append(
-            f"A response surface through {runs} {study.reference_runs} {verb}: {_price(study, choice.surface)}."
-        )
+    if surface is not None:
+        verb, runs = "would do" if row is None else "does it too", study.columns["nodes"][surface]
+        lines.append(f"A response surface through {runs} {study.reference_runs} {verb}: {_price(study, surface)}.")
     return "\n".join(lines)
 
 
@@ -244,7 +235,6 @@ def _size_sentences(study: Tradeoff, known: Sizes | None) -> Iterator[str]:
 
 
 def _mesh_sentences(study: Tradeoff, sizes: Sizes | None) -> Iterator[str]:
-    """Say where the mesh is worse than the best settings on it."""
     mesh, own = study.mesh, study.own_mesh & study.simulated
     if not mesh.cells.size:
         yield "What finer meshes would change was not measured: those of continuum cells are not cut."
@@ -273,7 +263,6 @@ def _apart(study: Tradeoff, sizes: Sizes | None, column: int) -> str:
 
 
 def _reference_sentences(study: Tradeoff) -> Iterator[str]:
-    """Say where the reference is no better than the errors that are asked for."""
     own = study.references.refinement == 1
     if not own.any():
         return

@@ -25,21 +25,9 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.base.progress import Progress, without_progress
 from pgmp_petsc.base.surroundings import Comm
+from pgmp_petsc.bench import history as histories
 from pgmp_petsc.bench import prices
-from pgmp_petsc.bench.cases import OWN, Case, Setting, Training, at_values, node_values, step_of
-from pgmp_petsc.bench.history import (
-    Errors,
-    History,
-    Pulse,
-    ResponseSurface,
-    Trial,
-    errors_between,
-    floors_of,
-    integrated,
-    round_off_of,
-    run_history,
-    spacing,
-)
+from pgmp_petsc.bench.history import OWN, Case, Errors, History, Pulse, ResponseSurface, Setting, Training, Trial
 from pgmp_petsc.bench.reference import Reference, Subject, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.lanes.vectors import LANES
@@ -85,7 +73,6 @@ class Measured:
 
     @property
     def arrays(self) -> Arrays:
-        """All of it as arrays, to be kept in a file."""
         arrays = {name: np.array(value) for name, value in vars(self).items() if name != "history"}
         parts = {} if self.history is None else self.history.arrays
         return arrays | {f"{OF_HISTORY}{name}": value for name, value in parts.items()}
@@ -130,7 +117,7 @@ class Bench:
         self.spent = 0.0  # s of processor time, that candidates so far were predicted to take
         self.outputs = tuple(self.full_model.outputs.functions)
         with agreed(comm, "preparing training runs"):
-            self.floors = floors_of(self.full_model)
+            self.floors = histories.floors_of(self.full_model)
         self.batch = min(self.scene.ensemble.batch, MOST_TIMED_TOGETHER)
         self.pulse: Pulse = lambda n: None  # while a setting is measured
         self._histories: dict[tuple[Case, Setting], History] = {}
@@ -183,7 +170,8 @@ class Bench:
         if self._timed is None:
             rom, kinematics = self._shelf.take(setting.reduction), self._subject.kinematics
         else:
-            scene = scene.with_entries(simulation={"step": step_of(scene.simulation.duration, setting.n_steps)})
+            step = histories.step_of(scene.simulation.duration, setting.n_steps)
+            scene = scene.with_entries(simulation={"step": step})
             shapes = self._subject.shapes if setting.refinement == 1 else self._refined(setting.refinement)
             rom, kinematics = build_rom(scene, shapes, self.group), None
         n_coordinates = rom.tables.n_coordinates + rom.tables.n_modes
@@ -198,9 +186,9 @@ class Bench:
         return model, model.kinematics.mechanism.n_dofs, 1.0
 
     def _surface(self, setting: Setting) -> tuple[ResponseSurface, int, float]:
-        nodes = node_values(self.scene, setting.nodes)
-        values = at_values(self.scene, nodes)
-        runs = run_history(self.reference.model, values, setting.nodes, setting.n_steps, pulse=self.pulse)
+        nodes = histories.node_values(self.scene, setting.nodes)
+        values = histories.at_values(self.scene, nodes)
+        runs = histories.run_history(self.reference.model, values, setting.nodes, setting.n_steps, pulse=self.pulse)
         runs.require_fine(self.scene, values)
         return ResponseSurface(nodes, dict(zip(self.outputs, runs.outputs))), setting.nodes, 1.0
 
@@ -226,7 +214,8 @@ class Bench:
         with agreed(self.comm, "comparing training runs"):
             for case in self._own(cases):
                 one, other = (self._histories[case, setting] for setting in (found, exact))
-                mine[case.load] = errors_between(one, other, self.floors), round_off_of(other, self.floors)
+                apart = histories.errors_between(one, other, self.floors)
+                mine[case.load] = apart, histories.round_off_of(other, self.floors)
         every = {name: item for part in self.comm.allgather(mine) for name, item in part.items()}
         values, round_off = (np.array([every[name][k] for name in names]) for k in (0, 1))
         return Errors(values, round_off, tuple(names), self.outputs, self.training)
@@ -243,7 +232,7 @@ class Bench:
         if alone and large and not isinstance(self.full_model, ReducedModel):
             with first_ranks(self.comm, self.comm.size) as workers, agreed(self.comm, "training runs"):
                 with model.distributed(self.scene.values, workers) as system:
-                    self._histories[todo[0], setting] = integrated(model, system, setting.n_steps)
+                    self._histories[todo[0], setting] = histories.integrated(model, system, setting.n_steps)
         else:
             with agreed(self.comm, f"{setting.family} training runs"):
                 for case in self._own(todo):
@@ -488,7 +477,7 @@ class Bench:
                 found, n, n_steps = model.evaluate(self._points), self.training.n_samples, setting.n_steps
                 outputs = np.array([found[name] for name in self.outputs])
                 fine, inside = np.full(n, Status.FINE), np.ones(n, dtype=bool)
-                history = History(n_steps, spacing(n_steps), outputs, fine, inside, np.full(n, np.nan))
+                history = History(n_steps, histories.spacing(n_steps), outputs, fine, inside, np.full(n, np.nan))
             elif not reason:
                 begin = process_time()
                 history = history_of(case, setting, model, self.pulse).require_fine(case.scene, case.values)
@@ -558,7 +547,7 @@ class Bench:
 def history_of(case: Case, setting: Setting, model: Model, pulse: Pulse = lambda n: None) -> History:
     """Run a case with a model of a setting, on this rank."""
     loaded = model if case.name == OWN else model.with_loads(case.scene)
-    return run_history(loaded, case.values, case.n_samples, setting.n_steps, pulse=pulse)
+    return histories.run_history(loaded, case.values, case.n_samples, setting.n_steps, pulse=pulse)
 
 
 def step_price(model: Model) -> float:

@@ -2,9 +2,10 @@
 knobs): the step (`step_choice`), the reduction at equal steps (`ReductionChoice`), and the reduction once more where
 the step became finer than that.
 
-Errors are the largest of any output, sample and load of the training (`cases.Training`). Each part may take its share
-of the tolerance (`ledger.Ledger`). Of scenes whose lengths, places or ratios are parameters (`choose_over_lengths`)
-what is open is chosen with the nominal lengths, and checked with nothing left open at the ends of every length.
+Errors are the largest of any output, sample and load of the training (`history.Training`). Each part may take its
+share of the tolerance (`step_choice.Ledger`). Of scenes whose lengths, places or ratios are parameters
+(`choose_over_lengths`) what is open is chosen with the nominal lengths, and checked with nothing left open at the ends
+of every length.
 """
 
 from __future__ import annotations
@@ -20,12 +21,11 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
-from pgmp_petsc.bench import candidates, step_choice
+from pgmp_petsc.bench import prices, step_choice
 from pgmp_petsc.bench.bench import Bench
-from pgmp_petsc.bench.cases import Training
-from pgmp_petsc.bench.history import Errors, Trial
-from pgmp_petsc.bench.ledger import BASIS_ALONE, REDUCTION, Ledger, refuse, refuse_basis, shares_of
+from pgmp_petsc.bench.history import Errors, Training, Trial
 from pgmp_petsc.bench.reference import MORE_MODES, Demand, Said, Subject, choose_reference, distance_from_mesh
+from pgmp_petsc.bench.step_choice import BASIS_ALONE, REDUCTION, Ledger, refuse, refuse_basis, shares_of
 from pgmp_petsc.bodies.shape import Shapes, at_lengths
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.reduction.build import build_rom
@@ -54,7 +54,7 @@ class ReductionChoice:
     """
 
     def __init__(
-        self, bench: Bench, ledger: Ledger, limits: candidates.Limits, n_steps: int, others: dict[str, float]
+        self, bench: Bench, ledger: Ledger, limits: prices.Limits, n_steps: int, others: dict[str, float]
     ) -> None:
         self._bench, self._ledger, self._n_steps = bench, ledger, n_steps
         reduction = bench.scene.reduction
@@ -63,15 +63,15 @@ class ReductionChoice:
         # with given angles, or those that a build adds by itself, what they leave is part of the basis's error
         self._fixed_grid = "angles" in self.given or reduction.sampling_tolerance is not None
         self._limits = limits
-        self._angles = candidates.ANGLES[limits.n_coordinates]
+        self._angles = prices.ANGLES[limits.n_coordinates]
         given = self.given.get("interpolation")
-        self._schemes = candidates.SCHEMES[limits.n_coordinates] if given is None else (given,)
-        first = reduction.angles if self._fixed_grid else candidates.FIRST_ANGLES[limits.n_coordinates]
+        self._schemes = prices.SCHEMES[limits.n_coordinates] if given is None else (given,)
+        first = reduction.angles if self._fixed_grid else prices.FIRST_ANGLES[limits.n_coordinates]
         self._grid: dict[str, Any] = {"angles": first, "interpolation": self._schemes[0]}
-        self._all_families = candidates.families_of(self.given, limits)
+        self._all_families = prices.families_of(self.given, limits)
         self._take_affordable()
         self._trials: dict[tuple[Any, ...], Trial] = {}
-        self._looked_at: list[candidates.Rung] = []  # with the present angles
+        self._looked_at: list[prices.Rung] = []  # with the present angles
         self._worst_load, self._cut_short = "", ""
         shares = shares_of(self._fixed_grid)
         self.allowed = {part: share * self.tolerance for part, share in shares.items()} | others
@@ -83,14 +83,13 @@ class ReductionChoice:
 
     @property
     def price(self) -> str:
-        """Predicted time of the candidates, in words."""
         return self._prices.text(self._families)
 
     def _take_affordable(self) -> None:
         """Leave out candidates that cost too much at twice the present angles, which show whether these suffice."""
         n_runs = self._n_steps * self._bench.training.n_cases
         most = self._grid["angles"] * (1 if self._fixed_grid else 2)
-        self._prices = candidates.CandidatePrices(self._limits, n_runs, most)
+        self._prices = prices.CandidatePrices(self._limits, n_runs, most)
         self._families, self._too_dear = self._prices.affordable(self._all_families, self._bench.budget)
 
     def run(self) -> Trial:
@@ -113,10 +112,9 @@ class ReductionChoice:
 
     @property
     def _left_out(self) -> list[str]:
-        """Candidates that were not tried because of their price, in words."""
         return [text for text in (self._too_dear, self._cut_short) if text]
 
-    def _is_affordable(self, rung: candidates.Rung, grid: dict[str, Any]) -> bool:
+    def _is_affordable(self, rung: prices.Rung, grid: dict[str, Any]) -> bool:
         """Return whether a candidate was tried, or all of them together stay within the budget with it.
 
         The first one is tried whatever it takes, and a rung at fewer angles than the present ones, with which it was
@@ -133,7 +131,7 @@ class ReductionChoice:
         )
         return False
 
-    def _try(self, rung: candidates.Rung, grid: dict[str, Any]) -> Trial:
+    def _try(self, rung: prices.Rung, grid: dict[str, Any]) -> Trial:
         """Return the trial of a candidate; one that the worst load tells to be bad is not run under the others."""
         entries = rung.entries | grid
         key = _key(entries)
@@ -150,10 +148,10 @@ class ReductionChoice:
             self._trials[key] = trial
         return self._trials[key]
 
-    def _trial(self, rung: candidates.Rung) -> Trial:
+    def _trial(self, rung: prices.Rung) -> Trial:
         return self._try(rung, self._grid)
 
-    def _error(self, rung: candidates.Rung) -> float:
+    def _error(self, rung: prices.Rung) -> float:
         """Return what a rung leaves at the present angles, and note it; infinite where it cannot be afforded."""
         if not self._is_affordable(rung, self._grid):
             return np.inf
@@ -163,7 +161,7 @@ class ReductionChoice:
             self._ledger.add_trial("basis", OF_BASIS, trial, trial.errors, rung.cost)
         return trial.errors.largest
 
-    def _best_looked_at(self) -> candidates.Rung:
+    def _best_looked_at(self) -> prices.Rung:
         return min(self._looked_at, key=self._error)
 
     @property
@@ -175,7 +173,7 @@ class ReductionChoice:
         """Whether twice the angles are more than are tried."""
         return self._finer["angles"] > self._angles[-1]
 
-    def _angles_count(self, rung: candidates.Rung) -> bool:
+    def _angles_count(self, rung: prices.Rung) -> bool:
         """Return whether twice the angles may be tried, and change a good part of what a rung leaves."""
         free = not self._fixed_grid and not self._is_finest and self._prices.within(rung, self._bench.budget)
         if not (free and self._is_affordable(rung, self._finer)):
@@ -187,7 +185,7 @@ class ReductionChoice:
         self._grid, self._looked_at = self._finer, []
         self._take_affordable()
 
-    def _shift_to_basis(self, best: candidates.Rung) -> bool:
+    def _shift_to_basis(self, best: prices.Rung) -> bool:
         """Let the basis have most of what is kept for interpolation; return whether the best rung is then good enough.
 
         What the present angles leave is in a rung's error already, and the fewest angles are sought for what remains.
@@ -198,14 +196,14 @@ class ReductionChoice:
         self.allowed["interpolation"] = (REDUCTION - BASIS_ALONE) * self.tolerance
         return self._error(best) <= self.allowed["basis"]
 
-    def _apart(self, rung: candidates.Rung, grid: dict[str, Any], finer: dict[str, Any]) -> Errors:
+    def _apart(self, rung: prices.Rung, grid: dict[str, Any], finer: dict[str, Any]) -> Errors:
         """Return how far a grid is from a finer one."""
         trial = self._try(rung, grid)
         errors = self._bench.apart(trial, self._try(rung, finer))
         self._ledger.add_trial("interpolation", (*OF_BASIS, *OF_GRID), trial, errors)
         return errors
 
-    def _cheapest_basis(self) -> candidates.Rung | None:
+    def _cheapest_basis(self) -> prices.Rung | None:
         """Return the cheapest rung of all families that is good enough; None if there is none at the present angles."""
         allowed = self.allowed["basis"]
         for family in self._promising():
@@ -222,7 +220,7 @@ class ReductionChoice:
                 found = self._climb(cheaper, len(cheaper) - 1)
         return found
 
-    def _promising(self) -> list[list[candidates.Rung]]:
+    def _promising(self) -> list[list[prices.Rung]]:
         """Return the families to climb, at angles of which twice as many do not better the best middle rung: the first
         one whose middle rung is good enough, else those that are not much worse than the best, the cheapest first."""
         while True:
@@ -236,25 +234,23 @@ class ReductionChoice:
                 return [family for family, middle in zip(self._families, middles) if MUCH_BETTER * middle <= least]
             self._refine()
 
-    def _middle(self, family: list[candidates.Rung]) -> candidates.Rung:
+    def _middle(self, family: list[prices.Rung]) -> prices.Rung:
         """Return the rung of medium size, or one near it that can be built: the last mode of some meets the next one,
         whatever the angles."""
-        near = candidates.by_distance_from_middle(family)[:NEAREST]
+        near = prices.by_distance_from_middle(family)[:NEAREST]
         tried = (rung for rung in near if self._is_affordable(rung, self._grid))
         return next((rung for rung in tried if self._trial(rung).built), near[0])
 
-    def _climb(self, family: list[candidates.Rung], start: int) -> candidates.Rung | None:
-        """Return the rung of a family with the fewest modes that is good enough."""
+    def _climb(self, family: list[prices.Rung], start: int) -> prices.Rung | None:
         allowed = self.allowed["basis"]
 
         def stalls(before: int, now: int) -> bool:
             return self._error(family[now]) > max(STALLED * self._error(family[before]), NEAR * allowed)
 
-        found = candidates.first_passing(len(family), lambda k: self._error(family[k]) <= allowed, start, stalls)
+        found = prices.first_passing(len(family), lambda k: self._error(family[k]) <= allowed, start, stalls)
         return None if found is None else family[found]
 
-    def _explain(self, found: candidates.Rung) -> None:
-        """Say why it is this basis."""
+    def _explain(self, found: prices.Rung) -> None:
         family = next(family for family in self._families if found in family)
         fewer = family[: family.index(found)]
         cheaper = [rung for rung in fewer if rung in self._looked_at and np.isfinite(self._error(rung))]
@@ -273,14 +269,13 @@ class ReductionChoice:
                 modes = f"{best.entries['modes']} modes leave {left:.2g}" if np.isfinite(left) else "none could be run"
                 self._ledger.reasons[f"reduction.{key}"] = f"with {json.dumps(best.entries[key])}, {modes}"
 
-    def _last_resort(self, family: list[candidates.Rung]) -> bool:
+    def _last_resort(self, family: list[prices.Rung]) -> bool:
         """Return whether a family is tried only where others fail: dynamic stretching, where there is static."""
         entries = family[0].entries
         static = self._limits.slender and "stretching" not in self.given
         return static and entries["second_order"] and entries["stretching"] == "dynamic"
 
-    def _refuse(self, best: candidates.Rung) -> NoReturn:
-        """Raise an error that says why the best rung that was tried is not good enough."""
+    def _refuse(self, best: prices.Rung) -> NoReturn:
         if not self._trial(best).built:
             raise RunError(self._trial(best).reason)
         while (trial := self._bench.go_on(self._trial(best))) is not self._trial(best):
@@ -320,7 +315,7 @@ class ReductionChoice:
             return None
         return self._trial(others[0]) if np.isfinite(self._error(others[0])) else None
 
-    def _fewest_angles(self, rung: candidates.Rung) -> Trial:
+    def _fewest_angles(self, rung: prices.Rung) -> Trial:
         """Return the trial with the fewest angles, of any scheme, that are not far from those of the search; what these
         leave themselves is part of the basis's error."""
         allowed, left, schemes = self.allowed["interpolation"], {}, self._schemes
@@ -333,7 +328,7 @@ class ReductionChoice:
 
         chosen, counts = self._grid, [n for n in self._angles if n < self._grid["angles"]]
         for scheme in schemes:
-            found = candidates.first_passing(len(counts), lambda k: passes(counts[k], scheme), len(counts) - 1)
+            found = prices.first_passing(len(counts), lambda k: passes(counts[k], scheme), len(counts) - 1)
             if found is not None:
                 chosen = {"angles": counts[found], "interpolation": scheme}
                 counts = counts[:found]
@@ -367,7 +362,6 @@ class Choice:
 
 
 def leaves_open(scene: Scene) -> bool:
-    """Return whether a scene has a tolerance to choose for."""
     return scene.reduction.tolerance is not None or scene.simulation.tolerance is not None
 
 
@@ -388,7 +382,7 @@ def choose(
     with timings.phase("components"):
         # as many as the scene gives, or as are tried
         given = scene.reduction.tolerance is None or "modes" in scene.reduction.model_fields_set
-        n_modes = scene.reduction.modes if given else candidates.MOST_CONDENSED
+        n_modes = scene.reduction.modes if given else prices.MOST_CONDENSED
         subject = Subject.of(scene, meshes, group, n_modes)
     with timings.phase("selection"), progress(None, "choosing, tried so far", group.world) as bar:
         period = subject.first_period(group)
@@ -447,7 +441,7 @@ def _tried(
         step.finish({})
         return step.allowed, bench.try_out(scene.reduction, step.n_basis, step.loads)
     bench.check_references(step.n_basis)
-    limits = candidates.Limits.of(scene, subject.kinematics, subject.n_modes)
+    limits = prices.Limits.of(scene, subject.kinematics, subject.n_modes)
     reduction = ReductionChoice(bench, ledger, limits, step.n_basis, step.allowed)
     say(reduction.price)
     allowed, trial = reduction.allowed, reduction.run()

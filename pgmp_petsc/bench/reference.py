@@ -22,7 +22,7 @@ from scipy.linalg import block_diag, eigh, null_space
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.history import History, errors_between, floors_of, largest_errors, run_history
-from pgmp_petsc.bench.prices import Price, duration_text, step_seconds
+from pgmp_petsc.bench.prices import Price, duration_text, step_seconds, takes_second_order
 from pgmp_petsc.bodies.affine import total_at
 from pgmp_petsc.bodies.component import rigid_motions
 from pgmp_petsc.bodies.floating import FloatingBody
@@ -30,7 +30,7 @@ from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.bodies.shape import Shapes
 from pgmp_petsc.components.condensing import angle_group, condensed, floating_shapes
 from pgmp_petsc.effects import start_of
-from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model, why_refused
+from pgmp_petsc.mechanism.capabilities import why_no_full_model
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, constraint_jacobian
 from pgmp_petsc.models import ComponentModel, FullModel, Model, ReducedModel
@@ -68,11 +68,6 @@ class Subject:
             return first_period(self.scene, self.kinematics, angles.world, angles.comm)
 
 
-def takes_second_order(scene: Scene) -> bool:
-    """Return whether a reduced model of the scene may have terms of second order."""
-    return not why_refused(scene.with_entries(reduction={"second_order": True, "tolerance": None}), Purpose.BUILD)
-
-
 Said = Callable[[str], None]  # what takes lines for whoever waits
 CHECK_SHARE = 0.1  # of the budget, for the distance of the component model from the mesh
 FEWEST_STEPS = 16  # of the mesh that tell anything about that distance
@@ -93,7 +88,6 @@ class Reference:
 
     @property
     def is_mesh(self) -> bool:
-        """Whether it is the mesh itself."""
         return not isinstance(self.model, ComponentModel)
 
     @property
@@ -347,7 +341,6 @@ class ReferenceSequence:
 
     @property
     def n_steps(self) -> int:
-        """Steps of the finest run."""
         return max(self._runs)
 
     @property
@@ -377,7 +370,6 @@ class ReferenceSequence:
         return not self._excess(smallest) >= 1.0
 
     def reason(self, smallest: np.ndarray) -> str:
-        """Say why the step is not halved again."""
         if self.failure:
             return f"a finer run failed: {self.failure}"
         if self.settled(smallest):

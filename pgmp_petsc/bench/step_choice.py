@@ -1,5 +1,6 @@
-"""The step that a tolerance allows, from runs with steps that are halved: of a full-order and a reduced model under the
-training loads, or of a run to come.
+"""What is tried for tolerances: shares of a tolerance, what was tried to meet it, and refusals where it cannot be met,
+which say what part of the error is too large, with the figures; and the step that a tolerance allows, from runs with
+steps that are halved: of a full-order and a reduced model under the training loads, or of a run to come.
 
 A run with n steps is compared with one of `AHEAD` n steps, and of `SEEN` times the first number at least: where it is
 coarse for a vibration, the scheme damps it and the finer run has it; where it resolves it, the finer run has a
@@ -14,24 +15,260 @@ fall so before a vibration is seen at all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NoReturn
 
 import numpy as np
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bench.bench import Bench, step_price
-from pgmp_petsc.bench.cases import Training, step_of
-from pgmp_petsc.bench.history import Errors, Trial
-from pgmp_petsc.bench.ledger import STEP, ZERO, Ledger, refuse
+from pgmp_petsc.bench.history import Errors, Training, Trial, step_of, stops_of
 from pgmp_petsc.bench.prices import Price
 from pgmp_petsc.bench.reference import Reference, period_of
+from pgmp_petsc.effects.time_function import amplitude_of
 from pgmp_petsc.models import Model
+from pgmp_petsc.results.selection import Attempt
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.controllers import steps_of_samplings
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.parameters import spanning_values
+
+FELL = 0.4  # an error that falls below this share of itself has found its cause
+SOFTER = 0.1  # times the stiffness of end stops, that tells whether impacts are the cause
+UNRESOLVED = 5.0  # times the error, moved by halving the step: no basis can be judged with it
+PARTS = {
+    "basis": "the basis",
+    "interpolation": "the interpolation between angles",
+    "step": "the time step",
+    "round-off": "round-off",
+}
+OWN_LOADS = 'reference.loads = "own" tries no others, and the tolerance then holds for no others'
+ZERO = "it is below 1e-10 rad, or 1e-10 of the mechanism's size, and what is as small counts as zero"
+
+# Of the tolerance. Those of the reduction, and the step's, are half of it each: a factor of two to spare for what took
+# no part in the training; with equal tolerances the parts together are within it even where all are largest at once.
+BASIS, INTERPOLATION, STEP = 0.35, 0.15, 0.5
+REDUCTION = BASIS + INTERPOLATION
+BASIS_ALONE = 0.45  # of the tolerance, where no basis does with its share: nearly all that both have together
+
+
+def shares_of(fixed_grid: bool) -> dict[str, float]:
+    """Return the shares of the reduction's tolerance; with fixed angles, interpolation is part of the basis's error."""
+    return {"basis": REDUCTION} if fixed_grid else {"basis": BASIS, "interpolation": INTERPOLATION}
+
+
+@dataclass
+class Ledger:
+    """Attempts in their order, and reasons of what was chosen, by dotted name."""
+
+    attempts: list[Attempt] = field(default_factory=list)
+    reasons: dict[str, str] = field(default_factory=dict)
+
+    def add_trial(self, part: str, keys: tuple[str, ...], trial: Trial, errors: Errors, cost: float = 0.0) -> None:
+        """Note a candidate; `errors` are those that count for the part."""
+        entries = {key: getattr(trial.reduction, key) for key in keys}
+        self.add(part, entries, trial.n_steps, errors, cost, trial.seconds, trial.reason)
+
+    def add(
+        self, part: str, entries: Mapping[str, Any], n_steps: int, errors: Errors, cost: float = 0.0,
+        seconds: float = 0.0, reason: str = "",
+    ) -> None:  # fmt: skip
+        """Note an attempt; one that is looked at again, under more loads, takes the place of the first look."""
+        self.attempts = [a for a in self.attempts if (a.part, a.entries, a.n_steps) != (part, entries, n_steps)]
+        self.attempts.append(
+            Attempt(part, entries, n_steps, errors.by_output, errors.largest, errors.where, cost, seconds, reason)
+        )
+
+    def best(self, part: str) -> Attempt | None:
+        """Return the attempt with the smallest error; of candidates, among those with the step of the last one."""
+        of_part = [attempt for attempt in self.attempts if attempt.part == part]
+        tried = [attempt for attempt in of_part if np.isfinite(attempt.largest)]
+        if part != "step":
+            tried = [attempt for attempt in tried if attempt.n_steps == of_part[-1].n_steps]
+        return min(tried, key=lambda attempt: attempt.largest) if tried else None
+
+
+def refuse(
+    entry: str, tolerance: float, part: str, allowed: Mapping[str, float], ledger: Ledger, hints: Sequence[str]
+) -> NoReturn:
+    """Raise an `InputError` with the best that every part reached, its allowed error, and further lines.
+
+    `part` is the part of the error that exceeds its share of the tolerance, which is that of an entry.
+    """
+    lines = [f"{entry} = {tolerance:g}: cannot be met, {PARTS[part]} stands in the way"]
+    extra = {attempt.part: None for attempt in ledger.attempts if attempt.part not in allowed}
+    for name, limit in (allowed | extra).items():
+        best = ledger.best(name)
+        if best is not None:
+            what = ", ".join(f"{key} = {json.dumps(value)}" for key, value in best.entries.items())
+            of_it = "part of the basis's error" if limit is None else f"allowed {limit:.2g}"
+            lines.append(f"  {name}: at best {best.largest:.2g}, {of_it} ({what}; {best.where})")
+        else:
+            tried = [attempt.reason for attempt in ledger.attempts if attempt.part == name and attempt.reason]
+            untold = "not known" if limit is None else f"not looked at any more, allowed {limit:.2g}"
+            lines.append(f"  {name}: {tried[-1] if tried else untold}")
+    raise InputError("\n".join([*lines, *(f"  {hint}" for hint in hints)]))
+
+
+def refuse_basis(
+    bench: Bench, trial: Trial, allowed: Mapping[str, float], ledger: Ledger, last: Sequence[str], rival: Trial | None
+) -> NoReturn:
+    """Find out what is wrong with the best basis and raise an `InputError` that says so.
+
+    It may be the load's size, the parameters' distance, the step, how bodies stretch, or round-off. `trial` is the best
+    that was found, `rival` the largest basis that follows stretching in the other way, `last` are further lines.
+    """
+    entry, tolerance, errors = "reduction.tolerance", bench.scene.reduction.tolerance, trial.errors
+    if not np.isfinite(errors.largest):
+        refuse(entry, tolerance, "basis", allowed, ledger, last)
+    possible = f"a tolerance of {1.05 * errors.largest * tolerance / allowed['basis']:.1e} can be met by this part"
+    if errors.is_round_off:
+        refuse(entry, tolerance, "round-off", allowed, ledger, [f"of the basis's error: {ZERO}", possible, *last])
+    looks, (_, output, _), n_steps = _Looks(bench, trial, rival), errors.place, trial.n_steps
+    part, causes = looks.causes()
+    if not causes and looks.unresolved > tolerance:
+        causes.append(
+            f"{n_steps} steps themselves leave more than the tolerance: take a smaller simulation.step, or let "
+            "simulation.tolerance choose it"
+        )
+    hints = [
+        f"of the basis's error, half the load leaves {looks.half:.2g}, half the step {looks.finer:.2g}; at nominal "
+        f"parameters it is {looks.nominal:.2g}; halving the step moves the full-order {errors.outputs[output]} itself "
+        f"by {looks.unresolved:.2g}"
+    ]
+    if causes:
+        hints.append("; ".join(causes))
+    hints += looks.of_own_loads(allowed["basis"])
+    mesh = bench.finer_meshes(n_steps)
+    if mesh is not None and mesh.by_output[output] > tolerance:
+        hints.append(
+            "the mesh itself leaves more than the tolerance: cells cut in two would move "
+            f"{errors.outputs[output]} by {mesh.by_output[output]:.2g}"
+        )
+    refuse(entry, tolerance, part, allowed, ledger, [*hints, possible, *last])
+
+
+class _Looks:
+    """What runs beside that with the largest error of a basis tell of its cause; see `refuse_basis`.
+
+    `half` and `finer` are the error with half the load, and with half the step, `nominal` is the largest error at
+    nominal parameters, `unresolved` by what half the step moves the full-order output.
+    """
+
+    def __init__(self, bench: Bench, trial: Trial, rival: Trial | None) -> None:
+        self._bench, self._trial, self._rival, self._errors = bench, trial, rival, trial.errors
+        load, *place = self._errors.place
+        self._load = self._errors.loads[load]
+        name, at, again = (self._load,), (0, *place), replace(trial, n_steps=2 * trial.n_steps)
+        self.half = bench.errors(name, trial.setting, trial.exact, factor=0.5).values[at]
+        self.finer = bench.errors(name, again.setting, again.exact).values[at]
+        self.unresolved = bench.moved(trial.n_steps, again.n_steps, name).values[at]
+        self.nominal = np.nanmax(self._errors.values[:, :, 0])
+
+    def causes(self) -> tuple[str, list[str]]:
+        """Return which part of the error stands in the way of a basis, and why."""
+        largest = self._errors.largest
+        if self.finer <= FELL * largest:
+            return "step", [
+                f"with {self._trial.n_steps} steps, errors of time integration are not the same in the two models: "
+                "take a smaller simulation.step, or let simulation.tolerance choose it"
+            ]
+        impacts = self._of_stops()
+        causes = [*impacts]
+        # half the load may not reach a stop, and then tells nothing of the deformation
+        if self.half <= FELL * largest and not impacts:
+            too_large = "the deformation is too large for the terms of first and second order that a reduced model has"
+            causes.append(too_large)
+        other = [] if impacts else self._of_rival()
+        causes += other
+        # where a larger basis fails by the deformation, it is not the modes that miss these values
+        if self.nominal <= FELL * largest and not other:
+            causes.append("the modes are those of nominal parameters, and these values are too far from them")
+        if self.unresolved > UNRESOLVED * largest:
+            causes.append("the loads set off vibrations that the step does not resolve and a small basis does not have")
+            causes += self._cure_of_sudden_loads()
+        return "basis", causes
+
+    def _of_rival(self) -> list[str]:
+        """Return what the basis that follows stretching in the other way tells of the cause."""
+        rival = self._rival
+        if rival is None:
+            return []
+        load, output, sample = rival.errors.place
+        weak = self._bench.errors((rival.errors.loads[load],), rival.setting, rival.exact, factor=0.5)
+        weak, kind, causes = weak.values[0, output, sample], rival.reduction.stretching, []
+        if weak <= FELL * rival.errors.largest:
+            causes.append(
+                f'with stretching = "{kind}", {rival.reduction.modes} modes leave {rival.errors.largest:.2g}, but '
+                f"{weak:.2g} under half the load: the deformation is too large for terms of second order; take smaller "
+                "loads, stiffer bodies, or parameters that vary less"
+            )
+        if kind == "dynamic" and weak <= FELL * self.half:
+            causes.append(
+                'stretching = "static" leaves out the vibrations that stretch bodies, under any load: where loads are '
+                "smaller, dynamic stretching keeps smaller tolerances"
+            )
+        return causes
+
+    def _of_stops(self) -> list[str]:
+        """Return what softer end stops tell of the cause: impacts shake bodies faster than bases follow."""
+        stops, trial, (_, output, sample) = stops_of(self._bench.scene), self._trial, self._errors.place
+        if not stops:
+            return []
+        soft = self._bench.errors((self._load,), trial.setting, trial.exact, lambda case: case.softer(SOFTER))
+        left = soft.values[0, output, sample]
+        if not left <= FELL * self._errors.largest:
+            return []
+        return [
+            f"impacts on {' and '.join(f'effects.{name}' for name in stops)} set off vibrations that no larger basis "
+            f"follows: stops {SOFTER:g} times as stiff leave {left:.2g} of {self._errors.outputs[output]} "
+            f"under load '{self._load}', and {soft.largest:.2g} of all outputs"
+        ]
+
+    def of_own_loads(self, allowed: float) -> list[str]:
+        """Return what the scene's own loads leave where others are worse, and whether it helps to try no others."""
+        own = self._bench.training.loads[0].name
+        if self._load == own or own not in self._errors.loads:
+            return []
+        tried = [self._trial] if self._rival is None else [self._trial, self._bench.go_on(self._rival, (own,))]
+        left, k = min((np.nanmax(each.errors.values[each.errors.loads.index(own)]), k) for k, each in enumerate(tried))
+        if not left <= allowed:
+            return [f"the scene's own loads alone leave {left:.2g} too"]
+        kind = tried[k].reduction
+        which = "" if k == 0 else f' with {kind.modes} modes and stretching = "{kind.stretching}"'
+        return [f"the scene's own loads leave {left:.2g}{which}: {OWN_LOADS}"]
+
+    def _cure_of_sudden_loads(self) -> list[str]:
+        """Return what sets in at once at the start, and what spares the bodies that jolt.
+
+        A start at rest is proposed where halving the step moves much less with that than without.
+        """
+        scene, (_, output, sample) = self._bench.scene, self._errors.place
+        moving = any(state.velocity != 0.0 for state in scene.simulation.initial.values())
+        rests = moving or scene.initial.equilibrium and scene.initial.coordinates == "free"
+        weights = [] if rests else [name for name, effect in scene.effects.items() if effect.uniform]
+        acting = {name: effect for name, effect in scene.plain_effects.items() if effect.is_over_time}
+        sudden = [name for name, effect in acting.items() if amplitude_of(effect).at_start != 0.0]
+        cures = []
+        if weights:
+            moved, left = (of[output] for of in self._bench.from_rest(self._trial, self._load, sample))
+            if moved <= FELL * self.unresolved:
+                cures.append(
+                    f"{_effects(weights)} at once at the start, on bodies that are not at rest under it: "
+                    'initial = { equilibrium = true, coordinates = "free" } starts where they are, halving the step '
+                    f"then moves {moved:.2g}, and the same basis leaves {left:.2g}"
+                )
+        if sudden:
+            cures.append(f"{_effects(sudden)} at once at the start: let what acts over time begin at zero")
+        return cures
+
+
+def _effects(names: Sequence[str]) -> str:
+    return " and ".join(f"effects.{name}" for name in names) + (" acts" if len(names) == 1 else " act")
+
 
 AHEAD = 8
 SEEN = 16  # 64 steps a period of the first flexible mode: ten times its frequency is not damped within some periods

@@ -24,9 +24,8 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.bench.advice import Sizes, advise
 from pgmp_petsc.bench.bench import Bench, Measured
-from pgmp_petsc.bench.candidates import Limits
-from pgmp_petsc.bench.cases import Setting, Training, held_out, step_of
-from pgmp_petsc.bench.history import errors_of_samples, largest_errors, sizes_of
+from pgmp_petsc.bench.history import Setting, Training, errors_of_samples, held_out, largest_errors, sizes_of, step_of
+from pgmp_petsc.bench.prices import Limits
 from pgmp_petsc.bench.reference import (
     MORE_MODES,
     Demand,
@@ -295,11 +294,9 @@ class _Study:
         return [*self.references(), *new]
 
     def references(self) -> list[Setting]:
-        """Return the runs that the references still need."""
         return [run for refinement in self._sequences for run in self._missing(refinement)]
 
     def take(self, found: Mapping[Setting, Measured]) -> None:
-        """Take in what was measured."""
         runs = []
         for setting, measured in found.items():
             if setting.family != "reference":

@@ -25,9 +25,18 @@ from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.base.units import behind
+from pgmp_petsc.design.derivatives import (
+    Constraint,
+    Dual,
+    Goal,
+    Outcome,
+    TurnedBack,
+    chosen_parameters,
+    contact_remarks,
+    difference_remarks,
+    step_remarks,
+)
 from pgmp_petsc.design.fitting import ends_of, limits_of, served_remarks
-from pgmp_petsc.design.goals import Constraint, Dual, Goal, Outcome, TurnedBack
-from pgmp_petsc.design.sensitivities import chosen_parameters, contact_remarks, difference_remarks, step_remarks
 from pgmp_petsc.ensemble.intervals import of_mean_and_deviations
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
@@ -140,13 +149,6 @@ class DesignFigures:
             limits[:] = low, high
         self.start = np.clip(self.start, *self.limits.T)
 
-    def _values_of(self, design: np.ndarray, sample: int) -> dict[str, float]:
-        at = dict(zip(self._question.names, map(float, design)))
-        if self._offsets is None:
-            return self._model.scene.values | at
-        own = {name: float(values[sample]) for name, values in self._offsets.items()}
-        return own | {name: value + own[name] for name, value in at.items()}
-
     def at(self, design: np.ndarray) -> list[Dual]:
         """Return the goal, which is minimised, and what is to be no more than 0. Collective on all ranks.
 
@@ -194,7 +196,11 @@ class DesignFigures:
         return [self._robust([row[k] for row in rows]) for k in range(len(rows[0]))]
 
     def _of_sample(self, design: np.ndarray, sample: int) -> list[Dual]:
-        question, values = self._question, self._values_of(design, sample)
+        question, at = self._question, dict(zip(self._question.names, map(float, design)))
+        values = self._model.scene.values | at
+        if self._offsets is not None:
+            drawn = {name: float(own[sample]) for name, own in self._offsets.items()}
+            values = drawn | {name: value + drawn[name] for name, value in at.items()}
         outcome = Outcome(self._run(values, sample), values, question.names)
         if sample == 0:  # of rank 0
             self._sides = [abs(constraint.right(outcome).value) for constraint in question.constraints]
@@ -299,22 +305,29 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
         *_of_end(done, question, last, missed, contradicting, astray), *comm.bcast(own),
         *served_remarks(model, question.names),
         *figures.turned_back.remarks,
-        *_of_limits(question, figures, best), *_of_idle(question, first, last),
+        *_of_limits(question, figures, best, [*first, *last]),
         *_of_robust(question, figures, ends, confidence), *difference_remarks(model, figures.off),
         *step_remarks(model, ended), *contact_remarks(ended), *model.scene.remarks,
     )  # fmt: skip
     size = question.goal.sense * question.goal.size
     (_, at_begin), (time, at_end) = (run.at_steps_of_scene() for run in (begun, ended))
-    scene = model.scene
     parameters = [
-        DesignParameter(name, result_units(scene)[name], *map(float, row))
+        DesignParameter(name, result_units(model.scene)[name], *map(float, row))
         for name, *row in zip(question.names, start, best, *figures.limits.T)
     ]
+    constraints = [
+        DesignConstraint(
+            one.text, float(one.size * begins.value), float(one.size * found.value),
+            bool(abs(found.value) <= ACTIVE * side),
+            None if question.deviations is None else tuple(map(float, one.size * own)), one.unit,
+        )
+        for one, begins, found, side, own in zip(question.constraints, first[1:], last[1:], sizes, ends[1:])
+    ]  # fmt: skip
     return Design(
-        RunRecord(scene_to_toml(scene), own_values(scene, values),
+        RunRecord(scene_to_toml(model.scene), own_values(model.scene, values),
                   question.seed if question.deviations is not None else None, comm.size, timings.as_dict(), remarks),
         question.goal.text, size * first[0].value, size * last[0].value, tuple(parameters),
-        _described(question, first, last, sizes, ends), np.array(figures.tried), size * np.array(figures.goals),
+        tuple(constraints), np.array(figures.tried), size * np.array(figures.goals),
         question.deviations, figures.n_samples, time, at_begin, at_end, dict(model.outputs.units), converged,
         np.sort(size * ends[0]), confidence, question.goal.unit,
     )  # fmt: skip
@@ -451,20 +464,6 @@ def _contradicting(
     return found if off < BALANCED and len(found) > 1 else []
 
 
-def _described(
-    question: Question, first: Sequence[Dual], last: Sequence[Dual], sizes: np.ndarray, ends: np.ndarray
-) -> tuple[DesignConstraint, ...]:
-    """Return the constraints at the first and the last design; `ends` are intervals, of goal and constraints."""
-    return tuple(
-        DesignConstraint(
-            constraint.text, float(constraint.size * first[1 + k].value), float(constraint.size * last[1 + k].value),
-            bool(abs(last[1 + k].value) <= ACTIVE * sizes[k]),
-            None if question.deviations is None else tuple(map(float, constraint.size * ends[1 + k])), constraint.unit,
-        )
-        for k, constraint in enumerate(question.constraints)
-    )  # fmt: skip
-
-
 @gathered
 def _of_end(
     done: scipy.optimize.OptimizeResult, question: Question, last: Sequence[Dual], missed: Sequence[int],
@@ -524,19 +523,13 @@ def _at_limits(figures: DesignFigures, best: np.ndarray) -> Iterator[tuple[int, 
 
 
 @gathered
-def _of_limits(question: Question, figures: DesignFigures, best: np.ndarray) -> Iterator[Remark]:
-    """Return which parameters end at their limits."""
+def _of_limits(question: Question, figures: DesignFigures, best: np.ndarray, duals: Sequence[Dual]) -> Iterator[Remark]:
+    """Return which parameters end at their limits, and on which nothing depends, by what was found at two designs."""
     for k, end in _at_limits(figures, best):
         name, (low, high) = question.names[k], figures.limits[k]
         own = to_own(figures.scene, name)
         yield note(f"{name} ends at the {end} limit, {own * best[k]:.6g} of [{own * low:g}, {own * high:g}]")
-
-
-@gathered
-def _of_idle(question: Question, *designs: Sequence[Dual]) -> Iterator[Remark]:
-    """Return which parameters nothing depends on at designs."""
-    slopes = np.array([dual.slope for found in designs for dual in found])
-    for name, column in zip(question.names, slopes.T):
+    for name, column in zip(question.names, np.array([dual.slope for dual in duals]).T):
         if not column.any():
             yield note(f"{name}: neither the goal nor a constraint depends on it, at the first and at the last design")
 

@@ -103,7 +103,6 @@ class Checkpoint:
         return tuple(found), remarks
 
     def add(self, piece: Piece, batch: Batch) -> None:
-        """Store what came of a piece."""
         self._folder.put(f"{CHECKED if piece.is_checked else SAMPLES}{batch.first:09d}", _named(batch, NAMED))
 
     def up_to(self, n: int) -> Self:
@@ -142,7 +141,6 @@ class Checkpoint:
         return joined({name: values[: n - batch.first] for name, values in batch.bands.items()} for batch in within)
 
     def estimates(self) -> Iterator[Batch]:
-        """Yield the pieces of samples whose errors were estimated."""
         return self._all(CHECKED, NAMED)
 
     def batches(self, parts: Sequence[str] = NAMED) -> Iterator[Batch]:

@@ -26,8 +26,7 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.units import Units, behind
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Kept, Shards
-from pgmp_petsc.ensemble.plan import Plan, block_of, checked, share_of
-from pgmp_petsc.ensemble.sample_file import SampleFile
+from pgmp_petsc.ensemble.plan import Plan, SampleFile, block_of, checked, share_of
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.ensemble.statistics import (
     Peaks,
@@ -191,7 +190,6 @@ class _Samples:
                 yield name, values
 
     def statistics(self) -> dict[str, Statistics]:
-        """Return those of outputs, of parameters and of first passages."""
         n_failed = int(np.sum(self._described & ~self.fine))
         found = {name: self._of(one, self.chosen, n_failed, self.sizes[name]) for name, one in self._quantities()}
         found |= {name: self._of(self.parameters[name], self._described) for name in self._names}
@@ -207,7 +205,6 @@ class _Samples:
         return replace(found, confidence=asked.confidence)
 
     def sobol(self, constant: Collection[str], n_replicates: int | None) -> dict[str, Sensitivity]:
-        """Return the Sobol indices of what varies."""
         fine = self.fine & (not self._is_hiding)
         found = sensitivities(
             self.varying(constant), self.parameters, self._names, fine, n_replicates, self._level, self.replicates
@@ -244,7 +241,7 @@ class _Samples:
 
 def _bands(scene: Scene, kept: Kept, chosen: np.ndarray) -> tuple[dict[str, Band], dict[str, np.ndarray]]:
     """Return the outputs over time of the first samples that are fine, and the smallest and largest values (2, n) of
-    each of the first samples."""
+    each of the first samples; NaN where one is no number."""
     asked, simulation = scene.ensemble, scene.simulation
     steps = band_steps(simulation, asked.bands)
     time = instants(simulation.duration, simulation.n_steps)[steps]
@@ -254,25 +251,20 @@ def _bands(scene: Scene, kept: Kept, chosen: np.ndarray) -> tuple[dict[str, Band
         ends[name] = np.array([values.min(axis=1), values.max(axis=1)])
         of_fine = values if are_fine.all() else values[are_fine]
         n, unknown = len(of_fine), np.full(time.size, np.nan)
+        columns = np.ascontiguousarray(of_fine.T)
+        quantiles = np.full((time.size, len(asked.quantiles)), np.nan)
+        known = np.isfinite(columns).all(axis=1) & (n > 0)
+        if known.any():
+            quantiles[known] = np.quantile(columns[known], asked.quantiles, axis=1).T
         found[name] = Band(
             time=time,
             mean=of_fine.mean(axis=0) if n else unknown,
             std=of_fine.std(axis=0, ddof=1) if n > 1 else unknown,
-            quantiles=_quantiles(of_fine, asked.quantiles),
+            quantiles=quantiles,
             probabilities=np.array(asked.quantiles),
             count=n,
         )
     return found, ends
-
-
-def _quantiles(values: np.ndarray, probabilities: Sequence[float]) -> np.ndarray:
-    """Return quantiles of each column of values (n_samples, n_t), shape (n_t, n); NaN where one is no number."""
-    columns = np.ascontiguousarray(values.T)
-    known = np.isfinite(columns).all(axis=1) & (len(values) > 0)
-    found = np.full((len(columns), len(probabilities)), np.nan)
-    if known.any():
-        found[known] = np.quantile(columns[known], probabilities, axis=1).T
-    return found
 
 
 @gathered
@@ -341,7 +333,6 @@ def over_time_remarks(
 
 @gathered
 def _partial_bands(bands: Mapping[str, Band], n_fine: int) -> Iterator[Remark]:
-    """Return that bands are of some samples only, where they are."""
     count = max((band.count for band in bands.values()), default=n_fine)
     if count == n_fine:
         return
@@ -426,7 +417,6 @@ def shard_of(origin: Origin, plan: Plan, checkpoint: Checkpoint, ranks: int, tim
 
 
 def describe_shards(shards: Shards, output: Path) -> Ensemble:
-    """Return the ensemble of all its shards."""
     first = shards.all[0]
     record, place = first.record, first.place
     scene = scene_from_toml(record.scene_toml, ".").with_remarks(record.remarks)

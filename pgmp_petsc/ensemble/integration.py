@@ -25,8 +25,7 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
 from pgmp_petsc.ensemble.description import FURTHER, Origin, describe_ensemble, shard_of
-from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, checked, missing, pieces, within
-from pgmp_petsc.ensemble.sample_file import SampleFile, read_samples
+from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, SampleFile, checked, missing, pieces, read_samples, within
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped, timed
 from pgmp_petsc.ensemble.watchers import Begun, Found, RangeWatch, Watcher, Watching, watch_over_time
@@ -252,7 +251,11 @@ def run_ensemble(
     if None in given:
         given, n = allot(own, others, given, n if plan.is_limited else None, stop)
     elif stop is not None:
-        history = look_at(own, stop)
+
+        def seen(n: int) -> Seen:
+            return on_root(comm, see, stop.rules, model.scene, own.sampler, own.checkpoint.up_to(n), n)
+
+        history = stages(stop, own.sampler.unit, plan.n_samples, own.up_to, seen, comm)
         n = history[-1].n
     own.up_to(n)
     for one, count in zip(others, given):
@@ -328,15 +331,6 @@ def allot(
     return [int(n) for n in done[:-1]], int(done[-1])
 
 
-def look_at(own: Integration, stop: Stop) -> list[Seen]:
-    """Integrate until the rules are met or the budget is spent; return what was seen. Collective."""
-
-    def seen(n: int) -> Seen:
-        return on_root(own.comm, see, stop.rules, own.model.scene, own.sampler, own.checkpoint.up_to(n), n)
-
-    return stages(stop, own.sampler.unit, own.plan.n_samples, own.up_to, seen, own.comm)
-
-
 OPTION = "--retry-failed"
 FREE = {"ensemble": {"batch", "failed_share"}, "scene": {"name", "description"}}  # entries that no sample depends on
 SAME_DRAW = 1e-9  # of a value: machines differ in the last digits of distributions, other designs in the first
@@ -354,7 +348,6 @@ class Earlier:
 
     @property
     def remark(self) -> Remark:
-        """Remarks on it."""
         return note(
             f"{self.n_failed} samples that had failed in '{self.path}' were tried again with steps down to "
             f"1/{FURTHER[-1]} of simulation.step; the others are those of that file"

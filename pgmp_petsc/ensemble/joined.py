@@ -141,7 +141,11 @@ def mean_of(
         for j in range(len(others)):
             n = int(m[j + 1] - m[j])
             if n:
-                each = _added(others, coefficients, weights, m, j)
+                # what each sample of the stratum adds; of one alone, without a spread, those of the first stratum
+                of = slice(m[j], m[j + 1]) if n > 1 else slice(0, m[0])
+                each = coefficients[j] * others[j][of] / m[j + 1]
+                for i in range(j + 1, len(others)):
+                    each = each + coefficients[i] * weights[i] * others[i][of]
                 parts.append(n * float(np.var(each, ddof=1)))
                 freedoms.append(intervals.freedom_of(each, max(n - 1, 1)))
     variance, sums = float(np.sum(parts)), float(np.sum(np.array(parts) ** 2 / np.array(freedoms)))
@@ -151,7 +155,6 @@ def mean_of(
 
 
 def _mean(values: Sequence[np.ndarray], coefficients: np.ndarray) -> float:
-    """Return the estimate with given coefficients."""
     gains = [np.mean(cheaper) - np.mean(cheaper[: better.size]) for better, cheaper in zip(values, values[1:])]
     return float(np.mean(values[0]) + coefficients @ np.array(gains))
 
@@ -165,17 +168,6 @@ def _moments(values: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
     squares = np.sum(centred**2, axis=1)
     known = squares > best.size * (1e-12 * np.max(np.abs(rest), axis=1, initial=0.0)) ** 2  # not a constant
     return known, centred, of_best, np.where(known, squares, 1.0), centred @ of_best
-
-
-def _added(
-    others: Sequence[np.ndarray], coefficients: np.ndarray, weights: np.ndarray, m: np.ndarray, j: int
-) -> np.ndarray:
-    """Return what each sample of stratum j + 1 adds to the mean; of one alone, without a spread, those of stratum 1."""
-    of = slice(m[j], m[j + 1]) if m[j + 1] > m[j] + 1 else slice(0, m[0])
-    each = coefficients[j] * others[j][of] / m[j + 1]
-    for i in range(j + 1, len(others)):
-        each = each + coefficients[i] * weights[i] * others[i][of]
-    return each
 
 
 def deviation_of(
@@ -369,11 +361,16 @@ class Levels:
         replicates = None if self._replicates is None else self._replicates[usable]
         return [values[usable[: values.size]] for values in each], replicates
 
-    def events(self, label: str, event: Event) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Return in which samples of every model an event came true, and of which it is known, bool."""
+    def probability(self, label: str, event: Event, confidence: float) -> Corrected:
+        """Return that of an event, over the samples of every model of which it is known."""
         known = [one["status"] == Status.FINE for one in self.columns]
         true = [came_true(event, label, one.of("outputs"), one.of("first_passages")) for one in self.columns]
-        return [one & of for one, of in zip(true, known)], known
+        true = [one & of for one, of in zip(true, known)]
+        value, ends = probability_with_failed(true, known, confidence)
+        count, n, n_failed = int(true[0].sum()), int(known[0].sum()), int(np.sum(~known[0]))
+        alone = intervals.of_probability(count, n, confidence, n_failed)
+        figures = {"estimate": Figure(value, ends, count / n if n else np.nan, alone)}
+        return Corrected(figures, np.array([int(one.sum()) for one in known]), np.zeros(0), np.zeros(0))
 
 
 def with_better(
@@ -392,11 +389,11 @@ def with_better(
             figures[name] = corrected(values, level, replicates)
     for label, event in scene.ensemble.probabilities.items():
         if levels.counts[0] >= FEWEST:
-            figures[label] = _probability(*levels.events(label, event), level)
+            figures[label] = levels.probability(label, event, level)
     outputs = {name: dict(columns.of("outputs").items()) for name, columns in zip(levels.names, better)}
     status = {name: columns["status"].astype(int) for name, columns in zip(levels.names, better)}
     found = Joined(levels.names, level, figures, outputs, status)
-    remarks = (*record.remarks, *joined_remarks(found, levels), *event_remarks(scene, levels))
+    remarks = (*record.remarks, *joined_remarks(scene, found, levels))
     return replace(ensemble, joined=found, record=replace(record, remarks=remarks))
 
 
@@ -428,17 +425,10 @@ def corrected(values: Sequence[np.ndarray], confidence: float, replicates: np.nd
     return Corrected(figures, np.array([one.size for one in values]), mean.correlations, mean.coefficients)
 
 
-def _probability(true: Sequence[np.ndarray], known: Sequence[np.ndarray], confidence: float) -> Corrected:
-    value, ends = probability_with_failed(true, known, confidence)
-    count, n, n_failed = int(true[0].sum()), int(known[0].sum()), int(np.sum(~known[0]))
-    alone = intervals.of_probability(count, n, confidence, n_failed)
-    figure = Figure(value, ends, count / n if n else np.nan, alone)
-    return Corrected({"estimate": figure}, np.array([int(one.sum()) for one in known]), np.zeros(0), np.zeros(0))
-
-
 @gathered
-def joined_remarks(found: Joined, levels: Levels) -> Iterator[Remark]:
-    """Return what corrected figures rest on, and what is left out of them."""
+def joined_remarks(scene: Scene, found: Joined, levels: Levels) -> Iterator[Remark]:
+    """Return what corrected figures rest on, what is left out of them, and the events of which models disagree so
+    seldom that intervals are of what few samples cannot show."""
     best, counts = found.models[0], levels.counts
     which = ", ".join(f"{n} of {name}" for name, n in zip(found.models, counts))
     yield note(
@@ -471,11 +461,6 @@ def joined_remarks(found: Joined, levels: Levels) -> Iterator[Remark]:
             f"{levels.n_lost} draws that failed in one model and not in the ensemble's own, and may be biased; "
             "intervals of probabilities count all failed ones both ways"
         )
-
-
-@gathered
-def event_remarks(scene: Scene, levels: Levels) -> Iterator[Remark]:
-    """Return the events of which models disagree so seldom that intervals are of what few samples cannot show."""
     for label, event in scene.ensemble.probabilities.items():
         known, _ = levels.values(lambda one: came_true(event, label, one.of("outputs"), one.of("first_passages")))
         best, cheaper = known[:2]

@@ -27,7 +27,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from pgmp_petsc.ensemble import importance
-from pgmp_petsc.ensemble.design_points import DesignPoints, LimitState, Slopes, bisected_design_points, design_points
+from pgmp_petsc.ensemble.importance import DesignPoints, LimitState, Slopes, bisected_design_points, design_points
 from pgmp_petsc.ensemble.intervals import of_probability, of_weighted, variation_of
 from pgmp_petsc.ensemble.sampling import OF_RARE, stream
 
@@ -142,7 +142,6 @@ class RareSamples:
 
     @property
     def variation(self) -> float:
-        """Coefficient of variation of the probability, estimated."""
         return variation_of(self._of_rounds)
 
     @property

@@ -17,8 +17,7 @@ from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.ensemble import intervals, rare_events
-from pgmp_petsc.ensemble.design_points import DesignPoints
-from pgmp_petsc.ensemble.importance import FURTHEST
+from pgmp_petsc.ensemble.importance import FURTHEST, DesignPoints
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.rare_events import RareSamples
 from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, values_of
@@ -271,7 +270,6 @@ def with_failed(found: RareSamples, confidence: float) -> np.ndarray:
 
 @gathered
 def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool, confidence: float = 0.95) -> Iterator[Remark]:
-    """Return what the reader of a probability has to know."""
     n_failed = int(np.count_nonzero(status))
     if not found.reached:
         yield warning(_not_reached(found, confidence))
@@ -314,7 +312,6 @@ def rare_remarks(found: RareSamples, status: np.ndarray, whole: bool, confidence
 
 
 def _not_reached(found: RareSamples, confidence: float) -> str:
-    """Return how far the samples came, and what they bound the probability by."""
     cure = "it is rarer, or cannot happen; take a larger -n, or a level that is nearer"
     low, bound = with_failed(found, confidence)
     if found.may_have_lost_parts:

@@ -239,7 +239,6 @@ def draw(scene: Scene, seed: int, first: int, last: int) -> dict[str, np.ndarray
 
 @gathered
 def sampler_remarks(scene: Scene, plan: Plan) -> Iterator[Remark]:
-    """Return what is to be said of where samples come from, and of what their intervals rest on."""
     asked, n = scene.ensemble, plan.n_samples
     if plan.file is not None:
         what = "intervals take them for independent samples of one distribution, which nothing here can check"
@@ -284,7 +283,6 @@ def _of_replicates(n: int, n_replicates: int, size: int) -> Iterator[Remark]:
 
 @gathered
 def draw_remarks(scene: Scene) -> Iterator[Remark]:
-    """Return what is to be said of the distributions that samples come from."""
     variables = variables_of(scene)  # of which fields say where they are cut off
     for name, parameter in scene.parameters.items():
         if parameter.distribution is None:

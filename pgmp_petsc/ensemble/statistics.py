@@ -35,7 +35,6 @@ def quantities(outputs: Arrays, extremes: Arrays) -> Iterator[tuple[str, np.ndar
 
 
 def quantity(name: str, outputs: Arrays, extremes: Arrays) -> np.ndarray:
-    """Return one of these."""
     return outputs[name] if name in outputs else extremes["/".join(name.rsplit(".", 1))]
 
 
@@ -143,12 +142,20 @@ def describe(
         mean, std, errors = float(values[0]), 0.0, (0.0, 0.0)
         of_mean, of_deviation = np.full(2, mean), np.zeros(2)
     elif replicates is None:
-        errors = (float(std / np.sqrt(max(values.size, 1))), _error_of_deviation(values, std))
+        of_std = float("nan") if values.size < 2 else 0.0
+        if std > 1e-12 * float(np.max(np.abs(values), initial=0.0)):
+            fourth = float(np.mean((values - np.mean(values)) ** 4))
+            of_std = float(np.sqrt(max(fourth - std**4, 0.0) / values.size) / (2 * std))
+        errors = (float(std / np.sqrt(max(values.size, 1))), of_std)
         of_mean = intervals.of_mean(values, confidence)
         of_deviation = intervals.of_deviation(values, confidence)
     else:
         errors, of_mean, std, of_deviation = _between(values, replicates, mean, std, confidence)
-        sizes = _equivalent_sizes(values, ordered, replicates, probabilities, confidence)
+        if values.size:  # how many independent values are as good at each quantile
+            places = np.unique(replicates, return_inverse=True)[1]
+            counts = np.bincount(places).astype(float)
+            below = (np.bincount(places, values <= limit) for limit in np.quantile(ordered, probabilities))
+            sizes = np.array([intervals.equivalent_size(of, counts, confidence) for of in below])
     return Statistics(
         count=values.size,
         mean=mean,
@@ -166,16 +173,6 @@ def describe(
         confidence=confidence,
         constant=constant,
     )
-
-
-def _error_of_deviation(values: np.ndarray, std: float) -> float:
-    """Return the standard error of the standard deviation of independent values."""
-    if values.size < 2:
-        return float("nan")
-    if not std > 1e-12 * float(np.max(np.abs(values))):
-        return 0.0
-    fourth = float(np.mean((values - np.mean(values)) ** 4))
-    return float(np.sqrt(max(fourth - std**4, 0.0) / values.size) / (2 * std))
 
 
 def _between(
@@ -214,18 +211,6 @@ def parts_of_tails(values: np.ndarray, of_replicate: float) -> tuple[float, floa
     skewness, kurtosis = float(np.mean(squares * scaled)), float(np.mean(squares**2))
     of_mean = OF_MEAN / np.sqrt(of_replicate) * min(abs(skewness) / SKEW, 1.0)
     return min(of_mean, 1.0), float(np.clip((kurtosis - NORMAL) / (HEAVY - NORMAL), 0.0, 1.0))
-
-
-def _equivalent_sizes(
-    values: np.ndarray, ordered: np.ndarray, replicates: np.ndarray, probabilities: np.ndarray, confidence: float
-) -> np.ndarray | None:
-    """Return how many independent values are as good at each quantile, (n_quantiles,); None of no values."""
-    if not values.size:
-        return None
-    places = np.unique(replicates, return_inverse=True)[1]
-    counts = np.bincount(places).astype(float)
-    below = (np.bincount(places, values <= limit) for limit in np.quantile(ordered, probabilities))
-    return np.array([intervals.equivalent_size(of, counts, confidence) for of in below])
 
 
 def of_event(
@@ -455,6 +440,7 @@ def sensitivities(
     return {name: one for name, one in found.items() if one is not None}
 
 
+@gathered
 def sensitivity_remarks(
     found: Mapping[str, Sensitivity],
     n_replicates: int | None,
@@ -462,27 +448,25 @@ def sensitivity_remarks(
     fine: np.ndarray,
     correlated: bool,
     replicates: np.ndarray | None = None,
-) -> tuple[Remark, ...]:
+) -> Iterator[Remark]:
     """Return what is to be said of the indices: of what they are, and why there are none; see `sensitivities`."""
+    n_fine, fewest = int(fine.sum()), FEWEST_IN_SLICE * FEWEST_SLICES
+    n_sequences = np.inf if replicates is None else np.unique(replicates[fine]).size
     if n_replicates is not None:
-        return _remarks_of_blocks(fine.reshape(-1, n_parameters + 2), n_replicates)
-    n_fine = int(fine.sum())
-    if n_parameters < 2:
-        return ()
-    fewest = FEWEST_IN_SLICE * FEWEST_SLICES
-    if n_fine < fewest:
+        yield from _remarks_of_blocks(fine.reshape(-1, n_parameters + 2), n_replicates)
+    elif n_parameters < 2:
+        return
+    elif n_fine < fewest:
         few = "1 sample is" if n_fine == 1 else f"{n_fine} samples are"
-        return (note(f"{few} too few to rank parameters by first Sobol indices, which takes {fewest}"),)
-    if replicates is not None and (n_sequences := np.unique(replicates[fine]).size) < FEWEST_REPLICATES:
+        yield note(f"{few} too few to rank parameters by first Sobol indices, which takes {fewest}")
+    elif n_sequences < FEWEST_REPLICATES:
         least = f"of Sobol sequences they take {FEWEST_REPLICATES} that are independent"
-        return (note(f"there are no first Sobol indices: {least}, ensemble.replicates = {n_sequences}"),)
-    if not found:
-        return ()
-    count = max(one.count for one in found.values())
-    text = f"first Sobol indices are estimated from {count} samples in slices of each parameter"
-    if correlated:
-        return (note(f"{text}; parameters are correlated, so that shares overlap and may sum to more than 1"),)
-    return (note(f"{text}; total ones, which know of parameters that act together, take the sampler saltelli"),)
+        yield note(f"there are no first Sobol indices: {least}, ensemble.replicates = {n_sequences}")
+    elif found:
+        count = max(one.count for one in found.values())
+        about = "total ones, which know of parameters that act together, take the sampler saltelli"
+        about = "parameters are correlated, so that shares overlap and may sum to more than 1" if correlated else about
+        yield note(f"first Sobol indices are estimated from {count} samples in slices of each parameter; {about}")
 
 
 @gathered

@@ -125,7 +125,6 @@ class Reader:
         return "", Event(output=name, when="ever" if ever else "end", **{side: self._of_output(self._number(), name)})
 
     def end(self) -> None:
-        """Refuse what is left."""
         if self._text[self._place :].strip():
             self._refuse("the end")
 
@@ -235,7 +234,6 @@ class Seen:
 
 
 def see(rules: tuple[Rule, ...], scene: Scene, sampler: Sampler, kept: Kept, n: int) -> Seen:
-    """Return the figures of the rules."""
     if not rules:
         return Seen(n, np.zeros(0), np.zeros((0, 2)))
     level, columns = level_of_each(scene.ensemble.confidence), kept.columns()
@@ -311,7 +309,6 @@ def stages(
 
 
 def stopped(ensemble: Ensemble, scene: Scene, plan: Plan, stop: Stop, history: list[Seen]) -> Ensemble:
-    """Return an ensemble with why it ended, and what is to be said of that."""
     found, record = stopping_of(stop, history, plan, ensemble.units), ensemble.record
     remarks = (*record.remarks, *stopping_remarks(found, scene.ensemble.confidence, scene.system))
     return replace(ensemble, stopping=found, record=replace(record, remarks=remarks))

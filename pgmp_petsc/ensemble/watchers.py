@@ -91,6 +91,7 @@ def watch_errors(indicator: ErrorIndicator | MemberIndicator) -> Watcher:
 def watch_coarser(model: Model) -> Watcher:
     """Estimate the errors of the time step of all samples of a full-order or component model: keep the outputs of a
     run, and run its system again."""
+    names = dict.fromkeys(IN_CHECKED, model.outputs.functions)
 
     def watch(begun: Begun) -> Watch:
         record = OutputRecord(model, begun.system)
@@ -98,7 +99,7 @@ def watch_coarser(model: Model) -> Watcher:
         def found(status: np.ndarray) -> Found:
             time, outputs = record.outputs()
             alive = np.isin(np.arange(status.size), begun.samples) & (status == Status.FINE)
-            kept = watcher.empty(begun.samples.size)
+            kept = {kind: {name: np.full(begun.samples.size, np.nan) for name in of} for kind, of in names.items()}
             if begun.simulation.n_steps < fewest_steps(times_of(model.scene, begun.simulation)):
                 return kept
             with doing(f"errors of {counted(begun.samples.size, 'checked sample')}"):
@@ -114,8 +115,7 @@ def watch_coarser(model: Model) -> Watcher:
 
         return Watch(record, found)
 
-    watcher = Watcher(dict.fromkeys(IN_CHECKED, model.outputs.functions), watch)
-    return watcher
+    return Watcher(names, watch)
 
 
 def watch_validity(model: Reduced) -> Watcher:
@@ -130,21 +130,16 @@ def watch_validity(model: Reduced) -> Watcher:
 
 def watch_balance() -> Watcher:
     """Draw up the balance of energy of every sample; see `results.estimates`."""
-
-    def watch(begun: Begun) -> Watch:
-        run = _BalanceWatch(begun.system, begun.samples)
-        return Watch(run, run.found)
-
-    return Watcher({"balance": BALANCE}, watch)
+    return Watcher({"balance": BALANCE}, lambda begun: Watch(run := _BalanceWatch(begun), run.found))
 
 
 class _BalanceWatch(PooledObserver):
     """Sums up works as the run goes on, by the trapezoidal rule over its steps."""
 
-    def __init__(self, system: SecondOrderSystem, samples: np.ndarray) -> None:
-        super().__init__(max(1, TOGETHER // system.n_samples))
-        self._system, self._samples = system, samples
-        self._largest = np.zeros((4, system.n_samples))  # of the residual and of what `moved_around` is found from
+    def __init__(self, begun: Begun) -> None:
+        self._system, self._samples = begun.system, begun.samples
+        super().__init__(max(1, TOGETHER // self._system.n_samples))
+        self._largest = np.zeros((4, self._system.n_samples))  # of the residual, and what `moved_around` takes
         self._first: Energies | None = None
         self._work: dict[str, np.ndarray] = {}
 
@@ -358,21 +353,20 @@ class _Passage:
 
     def __init__(self, event: Event, n: int) -> None:
         self.event, self.time = event, np.full(n, np.nan)
-        self._before: tuple[float, np.ndarray] | None = None
+        self._last = np.zeros(0), np.full((1, n), np.nan)
 
     def take(self, times: np.ndarray, values: np.ndarray) -> None:
-        excess = self.event.sign * (values - self.event.level)
-        for time, now in zip(times, excess):
-            passed = (now > 0.0) & np.isnan(self.time)
-            if passed.any():
-                self.time[passed] = self._crossing(time, now)[passed]
-            self._before = time, now
-
-    def _crossing(self, time: float, now: np.ndarray) -> np.ndarray:
-        """Return where the line from the instant before crosses the level; at the start, the start."""
-        if self._before is None:
-            return np.full(now.shape, time)
-        earlier, before = self._before
-        with np.errstate(all="ignore"):
-            share = np.where(before < 0.0, before / (before - now), np.isnan(before))  # no number before: here
-        return earlier + share * (time - earlier)
+        """Take in values (n_t, n) at some instants (n_t,), or at none."""
+        if not times.size:
+            return
+        before, row = self._last
+        times = np.concatenate([before if before.size else times[:1], times])  # at the start, the start
+        excess = np.concatenate([row, self.event.sign * (values - self.event.level)])
+        beyond = excess[1:] > 0.0
+        new = np.flatnonzero(beyond.any(axis=0) & np.isnan(self.time))
+        place = np.argmax(beyond[:, new], axis=0)
+        earlier, later, here, there = times[place], times[place + 1], excess[place, new], excess[place + 1, new]
+        with np.errstate(all="ignore"):  # the line from the instant before crosses the level; no number before: here
+            share = np.where(np.isfinite(here), np.where(here < 0.0, here / (here - there), 0.0), 1.0)
+        self.time[new] = earlier + share * (later - earlier)
+        self._last = times[-1:], excess[-1:]

@@ -221,7 +221,6 @@ def fewest_steps(times: int) -> int:
 
 
 def coarser(scene: Scene, simulation: Simulation) -> Simulation:
-    """Return the simulation with the coarser step."""
     return simulation.in_steps(-(-simulation.n_steps // times_of(scene, simulation)))
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.base.errors import Remark, counted, gathered, note, warning
-from pgmp_petsc.base.units import SI, Units, UnitSystem
+from pgmp_petsc.base.units import SI, Units, UnitSystem, behind
 from pgmp_petsc.bodies.shape import lacks_foreshortening
 from pgmp_petsc.estimates.coarser_run import MOST, CoarserRun, StepErrors, fewest_steps, relied_on, times_of
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
@@ -23,17 +23,7 @@ from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, SeparateLengths
 from pgmp_petsc.outputs.multipliers import after_start, joints_of, judged
 from pgmp_petsc.results.estimates import ANSWERS, LARGE, EstimatedErrors
-from pgmp_petsc.results.numbers import (
-    Arrays,
-    behind,
-    felt,
-    misaligned,
-    nothing,
-    number_text,
-    share_text,
-    sizes_of,
-    with_unit,
-)
+from pgmp_petsc.results.numbers import Arrays, felt, misaligned, nothing, number_text, share_text, sizes_of, with_unit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.units import values_text
 from pgmp_petsc.stepping.status import Status

@@ -362,7 +362,6 @@ class Kept(NamedTuple):
 
     @classmethod
     def nothing(cls, places: Places, n_parts: int, n: int, n_eta: int) -> Self:
-        """Return what is kept before a run."""
         _, n_modes, n_columns = places.influence.shape
         n_entries = places.stiffness.shape[2] + n_modes * (n_columns + 1)
         shapes = ((2 * len(places.axes),), (n_entries,), (3,), (n_parts, n_eta))

@@ -50,7 +50,9 @@ def opened(path: str) -> int:
     solids = [tag for _, tag in gmsh.model.getEntities(3)]
     faces = gmsh.model.getEntities(2)
     if len(solids) > 1:
-        names = ", ".join(f"{name_of(3, tag) or f'solid {tag}'} ({volume(tag):.4g} mm3)" for tag in solids)
+        names = ", ".join(
+            f"{name_of(3, tag) or f'solid {tag}'} ({gmsh.model.occ.getMass(3, tag):.4g} mm3)" for tag in solids
+        )
         raise Refused(
             f"it has {len(solids)} solids: {names}; a body is one: export each to a file of its own, or fuse them"
         )
@@ -73,18 +75,17 @@ def name_of(dimension: int, tag: int) -> str:
     return gmsh.model.getEntityName(dimension, tag).rpartition("/")[2].strip()
 
 
-def volume(solid: int) -> float:
-    """Return the volume of a solid, mm3."""
-    return gmsh.model.occ.getMass(3, solid)
-
-
-def triangles(surface: int) -> np.ndarray:
-    """Return the corners of a surface's triangles, shape (n, 3, 3)."""
-    _, nodes = gmsh.model.mesh.getElementsByType(2, surface)
-    tags, places, _ = gmsh.model.mesh.getNodes()
+def places() -> np.ndarray:
+    """Return the places of all nodes by their tags, mm, shape (n, 3)."""
+    tags, found, _ = gmsh.model.mesh.getNodes()
     at = np.zeros((int(tags.max()) + 1, 3))
-    at[tags.astype(int)] = places.reshape(-1, 3)
-    return at[nodes.astype(int)].reshape(-1, 3, 3)
+    at[tags.astype(int)] = found.reshape(-1, 3)
+    return at
+
+
+def nodes_of(kind: int, n_nodes: int, tag: int = -1) -> np.ndarray:
+    """Return the tags of the nodes of cells of one of gmsh's kinds, of a face or of all, shape (n, n_nodes)."""
+    return gmsh.model.mesh.getElementsByType(kind, tag)[1].astype(int).reshape(-1, n_nodes)
 
 
 def hits(starts: np.ndarray, ways: np.ndarray, corners: np.ndarray) -> np.ndarray:
@@ -108,7 +109,8 @@ def thickness(extent: float) -> dict[int, float]:
     gmsh.option.setNumber("Mesh.MeshSizeMax", extent / 15.0)
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", PER_TURN)
     gmsh.model.mesh.generate(2)
-    own = {tag: triangles(tag) for _, tag in gmsh.model.getEntities(2)}
+    at = places()
+    own = {tag: at[nodes_of(2, 3, tag)] for _, tag in gmsh.model.getEntities(2)}
     corners, found = np.concatenate(list(own.values())), {}
     for tag, faces in own.items():
         chosen = faces[np.linspace(0, len(faces) - 1, min(RAYS, len(faces))).astype(int)]
@@ -145,7 +147,7 @@ def made(size: float, coarser: float, extent: float, solid: int) -> None:
 def set_sizes(walls: dict[int, float], size: float, extent: float, solid: int, share: float) -> float:
     """Say how large cells may be: a share of the walls, or more where there would be too many; or as asked for. Return
     the share."""
-    widest, total = extent / WIDEST, volume(solid)
+    widest, total = extent / WIDEST, gmsh.model.occ.getMass(3, solid)  # mm3
     areas = {tag: gmsh.model.occ.getMass(2, tag) for tag in walls}
     sizes = {tag: min(max(wall, extent / 200.0), widest) if not size else size for tag, wall in walls.items()}
     # shares of the volume behind the faces
@@ -251,27 +253,20 @@ def main(path: str, size: float, coarser: float, output: str) -> None:
     box = np.reshape(gmsh.model.getBoundingBox(3, solid), (2, 3))
     extent = float(np.max(box[1] - box[0]))
     made(size, coarser, extent, solid)
-    tags, places, _ = gmsh.model.mesh.getNodes()
-    number = np.zeros(int(tags.max()) + 1, dtype=int)
-    cells = gmsh.model.mesh.getElementsByType(11)[1].astype(int).reshape(-1, 10)[:, [*range(8), 9, 8]]
-    used = np.unique(cells)
+    at, cells = places(), nodes_of(11, 10)[:, [*range(8), 9, 8]]
+    number, used = np.zeros(len(at), dtype=int), np.unique(cells)
     number[used] = np.arange(len(used))
-    at = np.zeros((int(tags.max()) + 1, 3))
-    at[tags.astype(int)] = places.reshape(-1, 3)
     nodes, cells = at[used], number[cells]
-    faces = {
-        tag: number[gmsh.model.mesh.getElementsByType(9, tag)[1].astype(int).reshape(-1, 6)]
-        for _, tag in gmsh.model.getEntities(2)
-    }
+    faces = {tag: number[nodes_of(9, 6, tag)] for _, tag in gmsh.model.getEntities(2)}
     whole = cylinders(faces, nodes, outward_normals(nodes, cells, faces), extent)
-    centre = np.array(gmsh.model.occ.getCenterOfMass(3, solid))
     arrays = {f"face{tag}": own for tag, own in faces.items()}
     arrays |= {f"named{tag}": np.array(name_of(2, tag)) for tag in faces}
     for k, (inner, radius, axis, middle, length, own) in enumerate(whole):
         arrays[f"cylinder{k}"] = np.array([inner, radius, *axis, *middle, length])
         arrays[f"faces{k}"] = np.array(own)
-    inertia = np.reshape(gmsh.model.occ.getMatrixOfInertia(3, solid), (3, 3))
-    np.savez(output, nodes=nodes, cells=cells, volume=volume(solid), centre=centre, inertia=inertia, **arrays)
+    arrays |= {"volume": gmsh.model.occ.getMass(3, solid), "centre": gmsh.model.occ.getCenterOfMass(3, solid)}
+    arrays |= {"inertia": np.reshape(gmsh.model.occ.getMatrixOfInertia(3, solid), (3, 3))}
+    np.savez(output, nodes=nodes, cells=cells, **arrays)
 
 
 def outward_normals(nodes: np.ndarray, cells: np.ndarray, faces: dict[int, np.ndarray]) -> dict[int, np.ndarray]:

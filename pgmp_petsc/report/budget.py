@@ -132,7 +132,6 @@ def _share(source: Source, name: str) -> Datum:
 
 
 def error_budget(sources: Sequence[Source], error: ModelError | None) -> list[Line]:
-    """Return the lines of the budget of one scene."""
     return [
         *_of_model(sources, error),
         *_of_steps(sources),
@@ -567,7 +566,6 @@ def _of_failures(ensembles: Sequence[Source], runs: Sequence[Source]) -> Iterato
 
 
 def headline_of_build(path: Path) -> str:
-    """Return what was chosen for a reduced model and how long it took."""
     build = Build.read(path)
     chosen = {} if build.selection is None else dict(build.selection.chosen)
     what = ", ".join(f"{name} = {value}" for name, value in chosen.items()) or "sized without a tolerance"
@@ -575,7 +573,6 @@ def headline_of_build(path: Path) -> str:
 
 
 def headline_of_run(path: Path) -> str:
-    """Return how far a run came and what is known of its error."""
     run = Trajectory.read(path, frame=0)
     known = {} if run.errors is None else {name: run.errors.share(name) for name in run.errors.outputs}
     worst, error = _worst(known), "errors were not estimated"
@@ -590,7 +587,6 @@ def headline_of_run(path: Path) -> str:
 
 
 def headline_of_comparison(path: Path, better: Path) -> str:
-    """Return by how much a run differs from that of a better model."""
     run, other = Trajectory.read(path, frame=0), Trajectory.read(better, frame=0)
     comparison = Comparison(other, run)
     found = {name: comparison.error_percent(name) for name in run.outputs if name in other.outputs}
@@ -620,7 +616,6 @@ def headline_of_comparison(path: Path, better: Path) -> str:
 
 
 def headline_of_meshes(own: Path, other: Path) -> str:
-    """Return by how much a run on a finer mesh differs."""
     known = mesh_errors([source for scene in read_sources([own, other], frame=0)[0] for source in scene])
     if not known:
         return "outputs are zero or not known, so no share of the mesh can be given"
@@ -644,6 +639,5 @@ def headline_of_ensemble(path: Path, *runs: Path) -> str:
 
 
 def _remarks(record: RunRecord) -> str:
-    """Return how many warnings a result has; the report has their texts."""
     n = sum(remark.kind == "warning" for remark in record.remarks)
     return f"; {counted(n, 'warning')}, see the report" if n else ""

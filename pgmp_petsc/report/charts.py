@@ -235,7 +235,6 @@ def ranking(name: str, found: Sensitivity) -> Chart:
 
 
 def energies(run: Trajectory, balance: Balance) -> Chart:
-    """Return the energies of a run and the work of each effect."""
     curves = {"kinetic": balance.kinetic, "strain": balance.strain, "potential": balance.potential}
     curves = {name: values for name, values in curves.items() if values.any()}
     curves |= {f"work of {name.replace('_', ' ')}": values for name, values in balance.work.items() if values.any()}

@@ -226,7 +226,6 @@ class Film:
         self.left_out = [*left_out, *_left_out(run, len(chosen), name)]
 
     def _data(self, run: Trajectory, time: np.ndarray, bar: float, colours: list[str]) -> dict[str, Any]:
-        """Return what the page's script moves, without stress."""
         packed = [_packed(body, self._picture, self._stress) for body in self._shown]
         reach = max((entry["step"] * np.iinfo(np.int16).max for entry in packed if "step" in entry), default=0.0)
         largest = LARGEST_SHOWN * (self.height - FOOT)

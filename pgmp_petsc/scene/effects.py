@@ -130,7 +130,7 @@ class EffectEntry(Table):
     def if_added(cls, scene: AnyScene, run: Any, exchanged: float, tolerance: float) -> tuple[float, str] | None:
         """Return how much it would matter in a scene that has none, as a share and in words; None if nobody can say.
 
-        `run` is a `studies.effect_sizes.RigidRun` of the rigid mechanism, in which so much energy is moved around (J);
+        `run` is a `studies.building.RigidRun` of the rigid mechanism, in which so much energy is moved around (J);
         from the tolerance on something matters. The share is NaN where only the words are known.
         """
         return None

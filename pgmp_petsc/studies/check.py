@@ -369,7 +369,7 @@ def summary_of_scene(scene: Scene, meshes: Shapes) -> dict[str, Any]:
     return {
         "scene": scene.name,
         "dimension": scene.dimension,
-        "bodies": {body.name: _body(scene, body) | _mass_of(scene, body.name, meshes) for body in mechanism.bodies},
+        "bodies": {body.name: _body(scene, body, meshes) for body in mechanism.bodies},
         "joints": {name: {"type": joint.type, "connect": list(joint.connect)} for name, joint in scene.joints.items()},
         "coordinates": {
             coordinate.name: {
@@ -401,18 +401,12 @@ def summary_of_scene(scene: Scene, meshes: Shapes) -> dict[str, Any]:
     }
 
 
-def _body(scene: Scene, body) -> dict[str, Any]:
-    """Return what kind of body it is and how large."""
-    n_nodes, n_cells = body.size
-    return {"element": scene.bodies[body.name].kind if body.name in scene.bodies else "point mass",
-            "flexible": body.flexible, "nodes": n_nodes, "cells": n_cells}  # fmt: skip
-
-
-def _mass_of(scene: Scene, name: str, meshes: Shapes) -> dict[str, Any]:
-    """Return mass (kg), centre of mass (m) and inertia about it (kg m2) of a body that is given by them, or from
-    matrices, at factors of 1."""
-    found = _given(scene, name) or given_properties(meshes.get(name))
-    if found is None:
-        return {}
-    own = (("mass", found.mass, "kg"), ("centre", found.centre, "m"), ("inertia", found.inertia, "kg m2"))
-    return {key: np.asarray(scene.system.shown(value, unit)).tolist() for key, value, unit in own}
+def _body(scene: Scene, body, meshes: Shapes) -> dict[str, Any]:
+    """Return what kind of body it is and how large; mass (kg), centre of mass (m) and inertia about it (kg m2) of one
+    that is given by them, or from matrices, at factors of 1."""
+    kind = scene.bodies[body.name].kind if body.name in scene.bodies else "point mass"
+    own = {"element": kind, "flexible": body.flexible, **dict(zip(("nodes", "cells"), body.size))}
+    found = _given(scene, body.name) or given_properties(meshes.get(body.name))
+    given = () if found is None else ((found.mass, "kg"), (found.centre, "m"), (found.inertia, "kg m2"))
+    shown = (np.asarray(scene.system.shown(value, unit)).tolist() for value, unit in given)
+    return own | dict(zip(("mass", "centre", "inertia"), shown))

@@ -247,7 +247,6 @@ def scene_of_robot(source: Path, file: Path) -> tuple[str, list[str]]:
 
 
 def _left_out(left: Sequence[tuple[str, str]]) -> list[str]:
-    """Return the lines about what the file has and the scene has not."""
     where: dict[str, list[str]] = {}
     for what, name in left:
         where.setdefault(what, []).append(name)
@@ -418,9 +417,10 @@ def _robot_text(
         elif kind != "fixed":
             coordinates += _held(name, kind, joint)
     held = {joint["point"]: bodies[root].points[joint["point"]] for joint in joints if joint["of"] == "ground"}
+    ground = [f"# {root}", "[ground]", f"points = {_points(held)}  # m", ""]
     entries = {
         "source": source.name, "file": file.name, "title": _free_name(file.stem, ()),
-        "bodies": "\n".join(line for body in own for line in (_rigid(body) if body.name else _grounded(root, held))),
+        "bodies": "\n".join(line for body in own for line in (_rigid(body) if body.name else ground)),
         "joints": "\n".join(joined), "coordinates": "\n".join(coordinates), "weight": "\n".join(weight),
     }  # fmt: skip
     return _filled("robot.toml", entries)
@@ -432,10 +432,6 @@ def _weight(gravity: Sequence[float]) -> list[str]:
         return ["# the file has no gravity", ""]
     lines = ["[effects.weight]", 'type = "gravity"', f"direction = {_exact(np.array(gravity) / size)}"]
     return [*lines, f"acceleration = {size!r}  # m/s2", ""]
-
-
-def _grounded(root: str, points: Mapping[str, np.ndarray]) -> list[str]:
-    return [f"# {root}", "[ground]", f"points = {_points(points)}  # m", ""]
 
 
 def _rigid(body: _Body) -> list[str]:

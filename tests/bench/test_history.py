@@ -12,12 +12,13 @@ from tradeoffs import OUTPUTS, small_scene
 from pgmp_petsc.base.errors import RunError, note, warning
 from pgmp_petsc.bench import bench
 from pgmp_petsc.bench.bench import FEWEST_STEPS, Bench, Shelf, bytes_of
-from pgmp_petsc.bench.cases import Training, held_out
 from pgmp_petsc.bench.history import (
     MOST_INSTANTS,
     History,
+    Training,
     errors_between,
     floors_of,
+    held_out,
     largest_errors,
     run_history,
     spacing,
@@ -249,5 +250,5 @@ def test_runs_of_one_model_count_also_beyond_the_range_and_are_made_once(monkeyp
     assert runs.most_steps == np.inf
     moved = runs.moved(20, 40)
     assert moved.by_output[0] > 0.0 and moved.values.shape == (1, 2, 8)
-    monkeypatch.setattr(bench, "run_history", None)
+    monkeypatch.setattr(bench.histories, "run_history", None)
     np.testing.assert_array_equal(runs.moved(20, 40).values, moved.values)

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.bench.candidates import (
+from pgmp_petsc.bench.choice import cost_text, leaves_open, mesh_remark
+from pgmp_petsc.bench.history import HASTE, PULSE, Training, stops_of, training_loads, with_softer_stops
+from pgmp_petsc.bench.prices import (
     MODES,
     MOST_BYTES,
     SHARE,
@@ -18,10 +20,19 @@ from pgmp_petsc.bench.candidates import (
     families_of,
     first_passing,
 )
-from pgmp_petsc.bench.cases import HASTE, PULSE, Training, stops_of, training_loads, with_softer_stops
-from pgmp_petsc.bench.choice import cost_text, leaves_open, mesh_remark
-from pgmp_petsc.bench.ledger import BASIS, INTERPOLATION, STEP, shares_of
-from pgmp_petsc.bench.step_choice import AHEAD, FEWEST, SEEN, StepSearch, fine_enough, first_steps, rounded_step
+from pgmp_petsc.bench.step_choice import (
+    AHEAD,
+    BASIS,
+    FEWEST,
+    INTERPOLATION,
+    SEEN,
+    STEP,
+    StepSearch,
+    fine_enough,
+    first_steps,
+    rounded_step,
+    shares_of,
+)
 from pgmp_petsc.results import Attempt, Selection
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.numerics import count_steps

@@ -7,12 +7,10 @@ import pytest
 from refusals import refusal
 
 from pgmp_petsc.base.errors import RunError
-from pgmp_petsc.bench.candidates import Limits
-from pgmp_petsc.bench.cases import Load, Setting, Training
 from pgmp_petsc.bench.choice import ReductionChoice
-from pgmp_petsc.bench.history import Errors, Trial
-from pgmp_petsc.bench.ledger import Ledger
-from pgmp_petsc.bench.step_choice import StepChoice, fine_enough
+from pgmp_petsc.bench.history import Errors, Load, Setting, Training, Trial
+from pgmp_petsc.bench.prices import Limits
+from pgmp_petsc.bench.step_choice import Ledger, StepChoice, fine_enough
 from pgmp_petsc.scene.numerics import Reduction
 from scenes import slider_crank
 

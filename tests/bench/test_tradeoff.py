@@ -15,9 +15,8 @@ from tradeoffs import LEAST, small_scene, study
 
 from pgmp_petsc.base.errors import InputError, RunError
 from pgmp_petsc.bench.bench import Bench
-from pgmp_petsc.bench.cases import held_out
 from pgmp_petsc.bench.choice import choose
-from pgmp_petsc.bench.history import floors_of, largest_errors, run_history
+from pgmp_petsc.bench.history import floors_of, held_out, largest_errors, run_history
 from pgmp_petsc.bench.tradeoff import measure_tradeoff
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.reduction.checkpoint import Finished

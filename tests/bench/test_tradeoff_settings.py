@@ -8,9 +8,18 @@ from conftest import ROOT
 from runs import PAPER_SCENE, paper_scene
 from scipy import stats
 
-from pgmp_petsc.bench.candidates import Limits
-from pgmp_petsc.bench.cases import Setting, box, held_out, node_values, quantiles, step_of
-from pgmp_petsc.bench.history import History, ResponseSurface, largest_errors
+from pgmp_petsc.bench.history import (
+    History,
+    ResponseSurface,
+    Setting,
+    box,
+    held_out,
+    largest_errors,
+    node_values,
+    quantiles,
+    step_of,
+)
+from pgmp_petsc.bench.prices import Limits
 from pgmp_petsc.bench.reference import ReferenceSequence
 from pgmp_petsc.bench.tradeoff import (
     FULL,

@@ -18,7 +18,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mesh.meshes import straight_beam
 from pgmp_petsc.results import EffectSizes
 from pgmp_petsc.scene import Scene, load_scene, scene_to_toml
-from pgmp_petsc.studies.effect_sizes import choose_effects, estimate_effects, remarks_on_sizes
+from pgmp_petsc.studies.building import choose_effects, estimate_effects, remarks_on_sizes
 from pgmp_petsc.studies.inputs import read_scene
 
 FOUR_BAR, BEAM, FIVE_BAR = (ROOT / "scenes" / f"{name}.toml" for name in ("four_bar", "spinning_beam", "five_bar"))

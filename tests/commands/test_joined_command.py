@@ -18,8 +18,7 @@ from pgmp_petsc.ensemble import integration, joined
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.integration import read_earlier, run_batch, run_ensemble
 from pgmp_petsc.ensemble.joined import PILOT, Better, plan_of
-from pgmp_petsc.ensemble.plan import Plan
-from pgmp_petsc.ensemble.sample_file import SampleFile
+from pgmp_petsc.ensemble.plan import Plan, SampleFile
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.figures.ensembles import joined as picture_of_means

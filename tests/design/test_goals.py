@@ -6,7 +6,7 @@ from refusals import refusal
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.base.units import MM, SI
-from pgmp_petsc.design.goals import Outcome, read_constraint, read_goal
+from pgmp_petsc.design.derivatives import Outcome, read_constraint, read_goal
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun
 
 OUTPUTS, PARAMETERS = ("angle", "bend"), ("r1", "max", "c-2")

@@ -9,8 +9,8 @@ import synthetic
 from scipy.signal import lfilter
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.design import measured_history
-from pgmp_petsc.design.measured_history import autocorrelation, read_history, remembered
+from pgmp_petsc.design import fitting
+from pgmp_petsc.design.fitting import autocorrelation, read_history, remembered
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.texts.studies import report_of_fit
 
@@ -82,10 +82,10 @@ def test_what_does_not_fit_is_refused(tmp_path: Path, text: str, message: str) -
 
 
 def test_a_large_file_is_read_at_once_and_its_faults_line_by_line(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(measured_history, "LARGE", 0)
+    monkeypatch.setattr(fitting, "LARGE", 0)
     slowly: list[str] = []
-    one_by_one = measured_history._number
-    monkeypatch.setattr(measured_history, "_number", lambda *a: slowly.append(a[0]) or one_by_one(*a))
+    one_by_one = fitting._number
+    monkeypatch.setattr(fitting, "_number", lambda *a: slowly.append(a[0]) or one_by_one(*a))
     path = written(tmp_path, "\ufeffbend, time (s),  load\n1e-3, 0.0, 7\n\n2e-3, 0.5, 8\n")
     found = read_history(path, OUTPUTS, DURATION)
     np.testing.assert_array_equal(found.time, [0.0, 0.5])

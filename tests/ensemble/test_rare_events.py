@@ -11,7 +11,7 @@ from benchmarks.limit_states import limit_states
 from pgmp_petsc.api.ensembles import choose
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble import importance, rare_events
-from pgmp_petsc.ensemble.design_points import design_points
+from pgmp_petsc.ensemble.importance import design_points
 from pgmp_petsc.ensemble.rare_run import event_of, rare_remarks
 from scenes import slider_crank
 

@@ -11,8 +11,7 @@ from scipy.stats import qmc
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.ensemble import sampling
-from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, Plan
-from pgmp_petsc.ensemble.sample_file import read_samples
+from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, Plan, read_samples
 from pgmp_petsc.ensemble.sampling import (
     Sampler,
     draw,

@@ -16,7 +16,6 @@ from spatial import spatial_slider_crank
 import pgmp_petsc as pgmp
 import pgmp_petsc.estimates.reference_motion as module
 from pgmp_petsc.effects import effects_of
-from pgmp_petsc.estimates import starts
 from pgmp_petsc.estimates.checking_model import CheckingModel, SampledLoad
 from pgmp_petsc.estimates.error_indicator import Estimate, errors_of_runs, not_known
 from pgmp_petsc.estimates.own_error import (
@@ -36,12 +35,13 @@ from pgmp_petsc.estimates.reference_motion import (
     places_of,
     schedules,
 )
-from pgmp_petsc.estimates.starts import growth_of, spread_remarks
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import EstimatedErrors, Trajectory
 from pgmp_petsc.results.numbers import felt
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.stepping.status import Status
+from pgmp_petsc.studies import reduced_run
+from pgmp_petsc.studies.reduced_run import growth_of, spread_remarks
 from pgmp_petsc.texts.models import of_trajectory
 from scenes import HEADER, kinematics_of, slider_crank, tables
 
@@ -136,7 +136,7 @@ def _growth(monkeypatch, off: float) -> np.ndarray:
     model = reduced_model(worn(*LONG))
     run = trajectory(model)
     eta = np.hstack([run.coordinates, run.modal])
-    monkeypatch.setattr(starts, "OFF", off)
+    monkeypatch.setattr(reduced_run, "OFF", off)
     found = growth_of(model, model.scene.simulation, eta, run.outputs)
     assert found.shape == run.time.shape
     return found

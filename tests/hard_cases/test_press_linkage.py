@@ -22,7 +22,7 @@ from pgmp_petsc.results import Ensemble, Trajectory
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.status import Status
-from pgmp_petsc.studies.effect_sizes import estimate_effects, remarks_on_sizes
+from pgmp_petsc.studies.building import estimate_effects, remarks_on_sizes
 from pgmp_petsc.studies.inputs import read_scene
 
 SCENE = Path(__file__).with_name("press_linkage.toml")

@@ -37,7 +37,7 @@ from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.bodies import Body
 from pgmp_petsc.scene.reference_page import reference_page
-from pgmp_petsc.studies.effect_sizes import choose_effects
+from pgmp_petsc.studies.building import choose_effects
 from scenes import tables
 
 LISTING, JOINT, CONTROLLER = (

@@ -28,7 +28,7 @@ from pgmp_petsc.models.lengths import of_samples
 from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.stepping.generalised_alpha import integrate
 from pgmp_petsc.stepping.second_order_system import State
-from pgmp_petsc.studies.effect_sizes import estimate_effects
+from pgmp_petsc.studies.building import estimate_effects
 from pgmp_petsc.studies.single_run import why_stopped
 from scenes import HEADER, mechanism_of, meshes_of, of_text, tables
 

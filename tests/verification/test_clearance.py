@@ -16,7 +16,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.design.sensitivities import contact_remarks
+from pgmp_petsc.design.derivatives import contact_remarks
 from pgmp_petsc.effects.clearance import LAWS, hysteresis_at, restitution_at
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities

@@ -40,9 +40,8 @@ from pgmp_petsc.c_export.constants import constants_of, tunable
 from pgmp_petsc.c_export.fmu import VERSIONS, write_fmu
 from pgmp_petsc.controllers.law import GIVEN
 from pgmp_petsc.controllers.running import Running
-from pgmp_petsc.design.goals import read_constraint, read_goal
+from pgmp_petsc.design.derivatives import difference_remarks, read_constraint, read_goal
 from pgmp_petsc.design.optimization import Question, optimize
-from pgmp_petsc.design.sensitivities import difference_remarks
 from pgmp_petsc.estimates.error_indicator import TOO_OFTEN
 from pgmp_petsc.gradients import differentiated
 from pgmp_petsc.gradients.differentiated import differentiate
@@ -53,7 +52,7 @@ from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.status import Status
-from pgmp_petsc.studies.effect_sizes import estimate_effects
+from pgmp_petsc.studies.building import estimate_effects
 from scenes import HEADER, meshes_of, of_text, slider_crank, tables
 
 SERVO_ARM = ROOT / "pgmp_petsc" / "scene" / "templates" / "servo.toml"

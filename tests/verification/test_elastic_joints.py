@@ -31,9 +31,8 @@ from pgmp_petsc.c_export.constants import started
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies.building import build
+from pgmp_petsc.studies.building import build, choose_effects, estimate_effects
 from pgmp_petsc.studies.check import describe_scene
-from pgmp_petsc.studies.effect_sizes import choose_effects, estimate_effects
 from pgmp_petsc.studies.modes_table import reduced_vibrations, springs_of
 from scenes import STEEL, kinematics_of, meshes_of
 

@@ -11,8 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from pgmp_petsc.design import fitting
-from pgmp_petsc.design.fitting import fit, uncertainty
-from pgmp_petsc.design.measured_history import MeasuredHistory, autocorrelation
+from pgmp_petsc.design.fitting import MeasuredHistory, autocorrelation, fit, uncertainty
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Fit

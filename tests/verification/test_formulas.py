@@ -14,7 +14,7 @@ from runs import assert_close, overridden, reduced_model, refused
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.formulas import declared
-from pgmp_petsc.design.sensitivities import difference_remarks
+from pgmp_petsc.design.derivatives import difference_remarks
 from pgmp_petsc.effects.formula import WORDS, known, law_of
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.scene import scene_to_toml

@@ -12,8 +12,7 @@ from mpi4py import MPI
 from runs import full_model, history, reduced_model, rom_of, samples
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.design.fitting import fit
-from pgmp_petsc.design.measured_history import MeasuredHistory
+from pgmp_petsc.design.fitting import MeasuredHistory, fit
 from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.plan import Batch
 from pgmp_petsc.ensemble.watchers import watch_errors, watch_validity

@@ -11,7 +11,7 @@ from runs import reduced_model
 
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.design import optimization
-from pgmp_petsc.design.goals import Dual, read_constraint, read_goal
+from pgmp_petsc.design.derivatives import Dual, read_constraint, read_goal
 from pgmp_petsc.design.optimization import DesignFigures, Question, _searched, designed_parameters, optimize
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.sampling import draw

@@ -32,8 +32,7 @@ from solid_scenes import solid_meshes, solid_slider_crank
 
 from pgmp_petsc.c_export.constants import constants_of
 from pgmp_petsc.c_export.fmu import OUTPUTS, VERSIONS, write_fmu
-from pgmp_petsc.design.fitting import fit
-from pgmp_petsc.design.measured_history import MeasuredHistory
+from pgmp_petsc.design.fitting import MeasuredHistory, fit
 from pgmp_petsc.estimates.error_indicator import indicator_of
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.ranks.groups import RankGroup
@@ -41,7 +40,7 @@ from pgmp_petsc.reduced.lagrangian import least_stiffness
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.scene import load_scene
 from pgmp_petsc.stepping.generalised_alpha import integrate
-from pgmp_petsc.studies.effect_sizes import estimate_effects
+from pgmp_petsc.studies.building import estimate_effects
 from pgmp_petsc.studies.field_frames import mode_shape
 from pgmp_petsc.studies.modes_table import tabulate_modes
 from scenes import meshes_of

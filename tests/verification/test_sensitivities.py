@@ -15,11 +15,9 @@ from solid_scenes import solid_meshes, solid_slider_crank
 from two_coordinates import double_pendulum, five_bar
 
 from pgmp_petsc.base.errors import InputError, RunError
-from pgmp_petsc.design.fitting import fit
-from pgmp_petsc.design.goals import read_constraint, read_goal
-from pgmp_petsc.design.measured_history import MeasuredHistory
+from pgmp_petsc.design.derivatives import _moved, read_constraint, read_goal, sensitivities
+from pgmp_petsc.design.fitting import MeasuredHistory, fit
 from pgmp_petsc.design.optimization import Question, optimize
-from pgmp_petsc.design.sensitivities import _moved, sensitivities
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, ObservedChanges, differentiate
 from pgmp_petsc.gradients.linearisation import Linearisation
 from pgmp_petsc.gradients.local_effects import LocalDerivatives

@@ -9,11 +9,11 @@ from runs import MODELS, ONE_RANK, full_model, motion, reduced_model, samples, t
 from pgmp_petsc.base.errors import Remark
 from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan
-from pgmp_petsc.estimates.starts import jump_remarks
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Balance
 from pgmp_petsc.scene import scene_from_toml
 from pgmp_petsc.studies.check import describe_scene
+from pgmp_petsc.studies.reduced_run import jump_remarks
 from pgmp_petsc.studies.single_run import balance_remarks
 from scenes import HEADER, meshes_of, slider_crank, tables
 

@@ -14,9 +14,8 @@ from solid_scenes import solid_meshes, solid_slider_crank
 from solids import box_mesh, grid, grouped, rectangle_mesh, straightened
 
 from pgmp_petsc.base.errors import InputError
-from pgmp_petsc.design.goals import read_goal
+from pgmp_petsc.design.derivatives import read_goal, sensitivities
 from pgmp_petsc.design.optimization import Question, optimize
-from pgmp_petsc.design.sensitivities import sensitivities
 from pgmp_petsc.ensemble.integration import run_ensemble
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.rare_run import run_rare_event

@@ -28,14 +28,6 @@ from pgmp_petsc.scene.references import DEGREES, points_used, stressed_bodies
 from pgmp_petsc.scene.units import own_values, shown_in
 from pgmp_petsc.scene.uses import length_names, slides, uses_of
 from pgmp_petsc.studies.plausibility import bodies
-from pgmp_petsc.studies.plausibility.loads import (
-    coupling_findings,
-    edge_findings,
-    formula_findings,
-    load_findings,
-    motion_findings,
-    stop_findings,
-)
 
 SEVERAL, SHOWN = 3, 6  # findings that are reported as one, and entries of them that are named
 NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.,]*(e[-+]?\d+)?")
@@ -56,16 +48,16 @@ def plausibility(scene: Scene, meshes: Shapes | None = None) -> tuple[Remark, ..
         *system_findings(scene),
         *bodies.body_findings(scene, sizes, system),
         *bodies.matrix_findings(scene, meshes or {}, system),
-        *load_findings(scene, sizes, system, first),
-        *motion_findings(scene, sizes, system),
+        *bodies.load_findings(scene, sizes, system, first),
+        *bodies.motion_findings(scene, sizes, system),
         *setting_findings(scene, sizes, first),
         *riding_findings(scene),
         *unused_findings(scene),
     ]
     if not any(finding.refused for finding in findings):  # the mechanism of a scene with sense can be put together
-        findings += stop_findings(scene, assembled, max((size.length for size in sizes.values()), default=1.0))
+        findings += bodies.stop_findings(scene, assembled, max((size.length for size in sizes.values()), default=1.0))
         if assembled is not None:
-            for found_by in (coupling_findings, formula_findings, edge_findings):
+            for found_by in (bodies.coupling_findings, bodies.formula_findings, bodies.edge_findings):
                 findings += found_by(scene, assembled)
     shown = shown_in(scene)
     refused = [finding.text(shown) for finding in findings if finding.refused]
