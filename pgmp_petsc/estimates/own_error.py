@@ -135,7 +135,9 @@ def large_errors(
     if not found:
         return
     of = " of the samples that are checked" if any(values.size > 1 for values in errors.values()) else ""
-    off = [f"joints.{name}.offset" for name, joint in scene.joints.items() if joint.offset]
+    known = {None: 1.0, **scene.values}  # of one run; offsets of 0 are none there, in samples they differ
+    offsets = {name: joint.offset for name, joint in scene.joints.items() if joint.offset}
+    off = [f"joints.{name}.offset" for name, one in offsets.items() if of or one.part(known).has(None)]
     beyond = f"; {', '.join(off)} {FIRST_ORDER}" if off and model == "reduced" else ""
     lost = NOT_CONVERGED + BY_IMPACTS * loose if any(" more than all of it" in one for one in found) else ""
     yield warning(

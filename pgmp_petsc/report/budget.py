@@ -62,6 +62,7 @@ class ModelError:
     absent: Mapping[str, str] = field(default_factory=dict)  # why outputs have no estimate, those that have none
     whole: bool = True  # whether it is of the whole run, and not of a part, beyond which it may be of any size
     mesh: Mapping[str, float] = field(default_factory=dict)  # what another mesh differs by besides, as a share
+    largest: Mapping[str, float] = field(default_factory=dict)  # value of every output that shares are of
 
     @property
     def worst(self) -> str | None:
@@ -96,19 +97,19 @@ def model_error(sources: Sequence[Source], comparisons: Sequence[Comparison]) ->
 def _measured(comparisons: Sequence[Comparison], estimated: ModelError | None) -> ModelError | None:
     """Return the difference from the first run of a better model, and the estimate where that knows of more."""
     for comparison in comparisons:
-        if comparison.full is not None and comparison.reduced is not None:
-            shares, at_end = {}, {}
-            for name in comparison.reduced.outputs:
-                found = comparison.error_percent(name) if name in comparison.full.outputs else None
-                shares[name] = float("nan") if found is None else float(np.max(found[1]) / 100.0)
-                at_end[name] = float("nan") if found is None else float(found[1][-1] / 100.0)
-            models = f"{MODELS[comparison.reduced.model]} against {MODELS[comparison.full.model]}"
-            how = f"measured: {models}, {comparison.part}"
-            alike = comparison.same_steps
-            if alike:
-                how += " and at the same time step; the time-step error is not included"
-            datums = {name: Datum(v, share_text(v)) for name, v in shares.items()}
-            return ModelError(shares, how, datums, estimated if alike else None, at_end, whole=comparison.is_whole)
+        full, reduced, alike = comparison.full, comparison.reduced, comparison.same_steps
+        if full is not None and reduced is not None:
+            errors = {n: comparison.error_percent(n) if n in full.outputs else None for n in reduced.outputs}
+            percents = {name: np.full(1, np.nan) if one is None else one[1] for name, one in errors.items()}
+            shares = {name: float(np.max(values)) / 100.0 for name, values in percents.items()}
+            at_end = {name: float(values[-1]) / 100.0 for name, values in percents.items()}
+            how = f"measured: {MODELS[reduced.model]} against {MODELS[full.model]}, {comparison.part}"
+            how += " and at the same time step; the time-step error is not included" * alike
+            return ModelError(
+                shares, how, {name: Datum(v, share_text(v)) for name, v in shares.items()},
+                estimated if alike else None, at_end, whole=comparison.is_whole,
+                largest={name: float(np.max(np.abs(np.nan_to_num(x)))) for name, x in full.outputs.items()},
+            )  # fmt: skip
     return None
 
 
@@ -122,7 +123,9 @@ def _estimated(sources: Sequence[Source]) -> ModelError | None:
             datums = {name: _share(source, name) for name in shares}
             ends = {name: abs(float(values[-1])) / errors.largest[name] if errors.largest[name] > 0.0 else float("nan")
                     for name, values in errors.outputs.items()}  # fmt: skip
-            return ModelError(shares, how, datums, at_end=ends, doubt=DOUBT, absent=errors.absent)
+            return ModelError(
+                shares, how, datums, at_end=ends, doubt=DOUBT, absent=errors.absent, largest=errors.largest
+            )
     return None
 
 
@@ -450,12 +453,19 @@ def _full_order_stops(sources: Iterable[Source]) -> bool:
     return any(run.model == "full" and bool(run.why_stopped) for run in runs)
 
 
+VANISHES = 0.01  # of what samples end with: the share of a run's error in an output as small says nothing of theirs
+
+
 def _of_runs(ensemble: Ensemble, label: str, error: ModelError | None) -> float:
-    """Return what single runs say of the error that decides an event, as a share; NaN where they say nothing."""
+    """Return what single runs say of the error that decides an event, as a share; NaN where they say nothing: of other
+    models, or where the output is next to nothing in them, as at offsets of zero, but not in samples."""
     if error is None or ensemble.model != "reduced":
         return np.nan
     event = scene_of(ensemble.record).get("ensemble", {}).get("probabilities", {}).get(label, {})
-    return error.bound(event.get("output", ""), event.get("when", "end"))
+    output = event.get("output", "")
+    ends = np.nan_to_num(np.abs(ensemble.outputs.get(output, np.zeros(1))))
+    vanishes = error.largest.get(output, np.inf) < VANISHES * np.median(ends)
+    return np.nan if vanishes else error.bound(output, event.get("when", "end"))
 
 
 def _of_run(source: Source, error: ModelError | None) -> Iterator[Sentence]:
@@ -601,11 +611,8 @@ def headline_of_comparison(path: Path, better: Path) -> str:
     time, error = known[worst]
     alike = ", with the same time step," if comparison.same_steps else ""
     share, when = np.max(error) / 100.0, f"{time[np.argmax(error)]:.4g} s"
-    words = (
-        f"differs from {MODELS[other.model]}{alike} by at most {share_text(share)} of the largest {worst}, at {when}"
-    )
-    if not comparison.is_whole:
-        words += f"; compared {comparison.part}"
+    words = f"differs from {MODELS[other.model]}{alike} by at most {share_text(share)} of the largest {worst}, at"
+    words += f" {when}" if comparison.is_whole else f" {when}; compared {comparison.part}"
     knows = comparison.same_steps and run.errors is not None and run.errors.what != OF_STEP
     estimated = run.errors.outputs if knows else ()
     own = run.errors.share(worst) if worst in estimated else np.nan

@@ -172,10 +172,17 @@ def test_a_probability_within_the_model_error_has_no_figure_in_the_verdict(tmp_p
     found = with_event(synthetic.described())
     late = found.probabilities["late"]
     assert late.is_decided()
-    for error, limit, decided in ((np.nan, 1e-9, False), (np.nan, 10.0, True), (0.9, 0.8, False), (0.7, 0.8, True)):
+    alone, beside = ("many",), ("reduced", "full", "many")
+    for error, limit, names, size, decided in (
+        (np.nan, 1e-9, beside, 1.0, False), (np.nan, 10.0, beside, 1.0, True),
+        (0.9, 0.8, alone, 1.0, False), (0.7, 0.8, alone, 1.0, True),
+        # next to nothing in the runs, but not in samples: a share of it says nothing of theirs
+        (1e-10, 1e-9, beside, 1.0, False), (1e-10, 1e-9, beside, 1e3, True),
+    ):  # fmt: skip
         chance = replace(late, holds_to=limit, model_error=error)
-        replace(found, probabilities={"late": chance}).write(tmp_path / "many.h5")
-        files = [tmp_path / f"{name}.h5" for name in (("many",) if error > 0.0 else ("reduced", "full", "many"))]
+        outputs = found.outputs | {"crank_angle": size * found.outputs["crank_angle"]}
+        replace(found, probabilities={"late": chance}, outputs=outputs).write(tmp_path / "many.h5")
+        files = [tmp_path / f"{name}.h5" for name in names]
         verdict = verdict_of(page_of(*files))
         first, second, *_ = [words(item) for item in verdict.iter("p")]
         figures = [item for item in verdict.iter("data") if "probabilities" in (item.get("data-path") or "")]
