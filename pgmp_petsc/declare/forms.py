@@ -44,7 +44,8 @@ class Term:
 
     The kind is ``kinetic``; ``potential``, which the Lagrangian has with the other sign; ``load``, its work; ``force``,
     whose changes with theta do no work; or ``dissipation``, a function of rates u whose derivatives are forces. There
-    are such terms only with a name among `Loops.conditions`; always if empty.
+    are such terms only with a name among `Loops.conditions`; always if empty. `less` is a load that is multiplied by
+    the same as this potential: it is taken off its entries.
     """
 
     text: str
@@ -52,6 +53,7 @@ class Term:
     table: str
     kind: str
     only: str = ""
+    less: Term | None = None
 
     @property
     def groups(self) -> list[str]:
@@ -275,20 +277,33 @@ class Loops:
     def _entry(self, state: _State) -> tuple[list[str], list[_Sum]]:
         """Return what takes up an entry, and what it adds."""
         term, bound = state.term, state.bound
-        letters = [letter for letter, *_ in term.loops]
-        place = re.sub(r"\b[a-z]\b", lambda one: dict(zip(letters, bound)).get(one[0], one[0]), term.place)
         value, slopes = self._name("x"), self._name("y")
         found = []
         for target, source, factor, fresh in self.outputs(term, bound):
             if factor:
                 drifting = source == "drift"
                 found.append(_Sum(target, value if source == "value" else slopes, drifting, factor, fresh))
-        texts, sources = self.entries[term.table], {one.source for one in found}
-        if isinstance(texts, str) and {value, slopes} <= sources:
-            return [f"{value}, {slopes} = {texts.format(place)}"], found
-        own, slope = (f"{texts}[0]", f"{texts}[1]") if isinstance(texts, str) else texts
-        lines = [f"let {value} = {own.format(place)}"] if value in sources else []
-        return [*lines, *([f"all {slopes} = {slope.format(place)}"] if slopes in sources else [])], found
+        taken = [one for one in (value, slopes) if one in {one.source for one in found}]
+        texts, both = self._taken_up(term, bound)
+        if both and len(taken) == 2:
+            lines = [f"{value}, {slopes} = {both}"]
+        else:
+            lines = [f"{'let' if one == value else 'all'} {one} = {texts[one != value]}" for one in taken]
+        if term.less and any(factor for _, _, factor, _ in self.outputs(term.less, bound)):
+            (own, slope), _ = self._taken_up(term.less, bound)
+            off = [f"{value} = {value} - {own}", f"{slopes} = add_product({slopes}, {slope}, spread(-1.0))"]
+            lines += _under(self.conditions[term.less.only], [off[one != value] for one in taken])
+        return lines, found
+
+    def _taken_up(self, term: Term, bound: Sequence[str]) -> tuple[tuple[str, str], str]:
+        """Return what gives the value of an entry and its derivatives, and, if there is, what gives both at once."""
+        letters = [letter for letter, *_ in term.loops]
+        place = re.sub(r"\b[a-z]\b", lambda one: dict(zip(letters, bound)).get(one[0], one[0]), term.place)
+        texts = self.entries[term.table]
+        if isinstance(texts, str):
+            both = texts.format(place)
+            return (f"{both}[0]", f"{both}[1]"), both
+        return (texts[0].format(place), texts[1].format(place)), ""
 
     def _added(self, sums: Sequence[_Sum], letter: str) -> list[str]:
         """Return what adds sums to their targets."""

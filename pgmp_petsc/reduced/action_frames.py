@@ -29,10 +29,7 @@ from pgmp_petsc.lanes.vectors import (
     N_POWERS,
     add,
     add_product,
-    differing,
     dot,
-    equal,
-    first_lane,
     load,
     load_rows,
     polynomial,
@@ -40,7 +37,7 @@ from pgmp_petsc.lanes.vectors import (
     store,
     zeros,
 )
-from pgmp_petsc.reduced.cells import Cells, Grid, locate_all, place_of, refill
+from pgmp_petsc.reduced.cells import Cells, Grid, enter_cells, refill
 
 SMALL = 1e-2  # of t^2, below which the first terms of the series are exact to round-off
 
@@ -177,15 +174,9 @@ def place_node(places, node, grid, d, q, v, kept, work):
 @njit(inline="always")
 def _come_to_cells(table, together, grid, q, row, kept, into, place):
     """Bring kept polynomials to the cells that vectors q are in, and fill the places in them."""
-    numbers = locate_all(q, grid, place)
-    moved = differing(numbers, load(kept.cells, row))
-    store(kept.cells, row, numbers)
-    while moved != 0:
-        number = kept.cells[row, first_lane(moved)]
-        entering = moved & equal(numbers, spread(number))
-        moved &= ~entering
-        whole, cell = table.polynomials, place_of(table, int(number))
-        refill(whole, cell, kept.weights, together, 0, whole.shape[2], entering, into)
+    moved = enter_cells(q, grid, place, kept.cells, row)
+    if moved != 0:
+        refill(table, kept.cells[row], moved, kept.weights, together, 0, into)
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)

@@ -19,10 +19,10 @@ import numpy as np
 from pgmp_petsc.controllers.running import N_FOLLOWED
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import aligned, square_root
-from pgmp_petsc.lanes.vectors import LANES, differing, equal, first_lane, load, load_rows, polynomial, spread, store
+from pgmp_petsc.lanes.vectors import LANES, load, load_rows, polynomial, spread, store
 from pgmp_petsc.mechanism.statement_rows import is_itself
 from pgmp_petsc.reduced.action_kernel import FORCE, LocalEffects, load_nodes, measure_term
-from pgmp_petsc.reduced.cells import Cells, locate_all, place_of, refill
+from pgmp_petsc.reduced.cells import Cells, enter_cells, refill
 
 GAP, ACTION, TERM, JOINT = range(4)  # of what pulls: its gap, or -1 and its action with the term; and its joint
 
@@ -122,21 +122,11 @@ def find_carried(equations, memory, room, block, places, strengths, samples, lan
 def _come_to_cells(equations, kept, block, loaded, own, work):
     """Bring the polynomials of a block to the cells of its samples, and fill the places in them."""
     carried, weights = equations.carried, equations.weights
-    cells = locate_all(work.q, equations.grid, own.place)
-    moved = differing(cells, load(kept.cells, block))
-    store(kept.cells, block, cells)
-    while moved != 0:
-        number = kept.cells[block, first_lane(moved)]
-        entering, cell = moved & equal(cells, spread(number)), int(number)
-        moved &= ~entering
-        table = carried.terms.polynomials
-        place = place_of(carried.terms, cell)
-        refill(table, place, kept.weights[block], carried.together, 0, table.shape[2], entering, kept.terms[block])
+    moved, cells = enter_cells(work.q, equations.grid, own.place, kept.cells, block), kept.cells[block]
+    if moved != 0:
+        refill(carried.terms, cells, moved, kept.weights[block], carried.together, 0, kept.terms[block])
         if loaded:
-            table, place = carried.loads.polynomials, place_of(carried.loads, cell)
-            refill(
-                table, place, weights.loads[block], weights.effects, 0, table.shape[2], entering, kept.loads[block]
-            )  # fmt: skip
+            refill(carried.loads, cells, moved, weights.loads[block], weights.effects, 0, kept.loads[block])
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)

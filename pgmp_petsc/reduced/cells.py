@@ -24,7 +24,20 @@ import numpy as np
 
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import absolute, floor
-from pgmp_petsc.lanes.vectors import N_POWERS, beyond, larger, load, number_at, select, spread, store
+from pgmp_petsc.lanes.vectors import (
+    EVERY_LANE,
+    N_POWERS,
+    beyond,
+    differing,
+    equal,
+    first_lane,
+    larger,
+    load,
+    number_at,
+    select,
+    spread,
+    store,
+)
 from pgmp_petsc.reduction.cell_products import N_ROWS, OVERHAUSER, Axis, count_rows, stencil
 from pgmp_petsc.reduction.interpolation import Interpolant
 
@@ -174,11 +187,11 @@ def place_of(cells, cell):
 
 
 @njit(inline="always")
-def locate_all(q, grid, place):
-    """Return the numbers of the cells of vectors q (n_theta or more, LANES), a vector of whole numbers.
+def enter_cells(q, grid, place, kept, row):
+    """Return the set of lanes in which vectors q (n_theta or more, LANES) are in other cells than kept before.
 
-    Fills the places in the cells, rad from their lower ends, (n_theta, LANES). What is not a number, or out of all
-    measure, is put at the lower end: the sample is lost, but has a cell.
+    Fills a row of kept numbers of cells, and the places in the cells, rad from their lower ends, (n_theta, LANES). What
+    is not a number, or out of all measure, is put at the lower end: the sample is lost, but has a cell.
     """
     number = spread(0.0)
     for k in range(len(grid)):
@@ -195,40 +208,68 @@ def locate_all(q, grid, place):
             cell = select(beyond(cell, spread(n - 1.0)), spread(n - 1.0), cell)
             number = number * n + cell
         store(place, k, (position - cell) * grid[k].step)
-    return number
-
-
-@njit(inline="always")
-def _put(kept, row, lanes, x):
-    """Put some lanes of a vector into a row."""
-    store(kept, row, select(lanes, x, load(kept, row)))
+    moved = differing(number, load(kept, row))
+    store(kept, row, number)
+    return moved
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"}, counted=False)
-def refill(table, cell, weights, slots, first, end, lanes, kept):
-    """Put the weighted sums of a cell's terms into those lanes of kept polynomials, (n_slots * n_coefficients, LANES),
-    that enter the cell; see `Cells.polynomials`, and the place there.
+def refill(cells, numbers, moved, weights, slots, first, kept):
+    """Put the weighted sums of the terms of cells into kept polynomials, (n_slots * n_coefficients, LANES).
 
-    Weights of the terms are vectors (n_terms, LANES), and each is added to one of the groups of coefficients, `slots`,
-    increasing, (n_terms,). Coefficients are filled from `first` to `end`, multiples of N_POWERS: so many have their
-    sums side by side.
+    Numbers are those of every lane's cell (LANES,); only lanes that moved are filled. Weights of the terms are vectors
+    (n_terms, LANES), and each is added to one of the groups of coefficients, `slots`, increasing, (n_terms,).
+    Coefficients are filled from `first` on, a multiple of N_POWERS.
     """
-    t = 0
+    if moved == EVERY_LANE and equal(load(numbers, 0), spread(numbers[0])) == EVERY_LANE:
+        _fill_all(cells.polynomials, place_of(cells, int(numbers[0])), weights, slots, first, kept)
+        return
+    while moved != 0:
+        # lane by lane, as samples enter a cell one by one: some processors take as long for the stores of parts of a
+        # vector as for all the sums
+        lane = first_lane(moved)
+        moved &= moved - 1
+        made = cells.polynomials[place_of(cells, int(numbers[lane]))]
+        _fill_lane(made, lane, weights, slots, first, cells.room[0], kept)
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _fill_lane(made, lane, weights, slots, first, room, kept):
+    """Fill one lane from polynomials (n_terms, n_coefficients); sums are made side by side, then dealt out."""
+    sums = room[: made.shape[1] - first]
+    for t in range(slots.size):
+        weight, of = weights[t, lane], made[t, first:]
+        if t == 0 or slots[t] != slots[t - 1]:
+            for c in range(sums.size):
+                sums[c] = of[c] * weight
+        else:
+            for c in range(sums.size):
+                sums[c] += of[c] * weight
+        if t + 1 == slots.size or slots[t] != slots[t + 1]:
+            into = kept[slots[t] * made.shape[1] + first :, lane]
+            for c in range(sums.size):
+                into[c] = sums[c]
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _fill_all(table, place, weights, slots, first, kept):
+    """Fill all lanes from a place among polynomials; N_POWERS coefficients have their sums side by side."""
+    end, t = table.shape[2], 0
     while t < slots.size:
         behind = t
         while behind < slots.size and slots[behind] == slots[t]:
             behind += 1
-        into, start = slots[t] * table.shape[2], (cell * table.shape[1] + t) * table.shape[2]
+        into, start = slots[t] * end, (place * table.shape[1] + t) * end
         for c in range(first, end, N_POWERS):
             at, weight = start + c, load(weights, t)
             one, two = number_at(table, at) * weight, number_at(table, at + 1) * weight
             three, four = number_at(table, at + 2) * weight, number_at(table, at + 3) * weight
             for term in range(t + 1, behind):
-                at, weight = at + table.shape[2], load(weights, term)
+                at, weight = at + end, load(weights, term)
                 one, two = one + number_at(table, at) * weight, two + number_at(table, at + 1) * weight
                 three, four = three + number_at(table, at + 2) * weight, four + number_at(table, at + 3) * weight
-            _put(kept, into + c, lanes, one)
-            _put(kept, into + c + 1, lanes, two)
-            _put(kept, into + c + 2, lanes, three)
-            _put(kept, into + c + 3, lanes, four)
+            store(kept, into + c, one)
+            store(kept, into + c + 1, two)
+            store(kept, into + c + 2, three)
+            store(kept, into + c + 3, four)
         t = behind

@@ -20,9 +20,6 @@ from pgmp_petsc.lanes.vectors import (
     add,
     add_product,
     add_to_row,
-    differing,
-    equal,
-    first_lane,
     larger,
     load,
     load_rows,
@@ -36,7 +33,7 @@ from pgmp_petsc.reduced.action_kernel import act, add_tangents, load_nodes
 from pgmp_petsc.reduced.arrays import acting_of, layout_n_rigid, matrix_of, pair, places_of
 from pgmp_petsc.reduced.bordered import eliminate, solve
 from pgmp_petsc.reduced.carried import find_carried
-from pgmp_petsc.reduced.cells import locate_all, place_of, refill
+from pgmp_petsc.reduced.cells import enter_cells, refill
 from pgmp_petsc.reduced.lagrangian import evaluate
 
 
@@ -45,22 +42,14 @@ def interpolate(equations, memory, block, amplitudes, work):
     """Bring the polynomials of a block to the cells of its samples, and evaluate rigid inertia and loads there."""
     layout, tables, weights = equations.layout, equations.tables, equations.weights
     loads, n_rigid = memory.loads[block], layout_n_rigid(len(equations.grid))
-    n_powers = N_POWERS ** len(equations.grid)
-    first, end = n_rigid * n_powers, layout.end * n_powers
-    cells = locate_all(work.q, equations.grid, work.place)
-    moved = differing(cells, load(memory.cells, block))
-    store(memory.cells, block, cells)
-    while moved != 0:
-        number = memory.cells[block, first_lane(moved)]
-        entering, cell, own = moved & equal(cells, spread(number)), int(number), weights.terms[block]
-        moved &= ~entering
-        table, place = tables.rigid.polynomials, place_of(tables.rigid, cell)
-        refill(table, place, own, weights.together, 0, table.shape[2], entering, memory.rigid[block])
-        place = place_of(tables.terms, cell)
-        refill(tables.terms.polynomials, place, own, weights.together, first, end, entering, memory.terms[block])
+    own, together = weights.terms[block], weights.together
+    moved, cells = enter_cells(work.q, equations.grid, work.place, memory.cells, block), memory.cells[block]
+    if moved != 0:
+        refill(tables.rigid, cells, moved, own, together, 0, memory.rigid[block])
+        first = n_rigid * N_POWERS ** len(equations.grid)
+        refill(tables.terms, cells, moved, own, together, first, memory.terms[block])
         if amplitudes.size > 0:
-            table, place = tables.loads.polynomials, place_of(tables.loads, cell)
-            refill(table, place, weights.loads[block], weights.effects, 0, table.shape[2], entering, loads)
+            refill(tables.loads, cells, moved, weights.loads[block], weights.effects, 0, loads)
     place = load_rows(work.place, 0, 1, layout.rigid)
     for entry in range(n_rigid):
         value, slopes = rigid_polynomial(memory.rigid[block], entry, place)

@@ -81,7 +81,8 @@ TERMS = (
     Term("1/2 M[kl] v_k v_l", _PAIR, "rigid", "kinetic"),
     Term("M[i,k] v_i v_k", f"{packed('(r + i)')} + k", "inertia", "kinetic"),
     Term("1/2 M[ij] v_i v_j", f"{packed('(r + i)')} + r + j", "inertia", "kinetic"),
-    Term("1/2 K[ij] q_i q_j", f"layout.stiffness + {_MATRIX}", "terms", "potential"),
+    Term("1/2 K[ij] q_i q_j", f"layout.stiffness + {_MATRIX}", "terms", "potential",
+         less=Term("1/2 B[ij] q_i q_j", f"n + {_MATRIX}", "load", "load", "loads of second order")),
     Term("b[kl,i] v_k v_l q_i", f"layout.coupling + {_PAIR} * m + i", "inertia", "kinetic"),
     Term("Q[k] q_k", "k", "load", "force", "loads"),
     Term("Q[i] q_i", "r + i", "load", "load", "loads"),
@@ -91,7 +92,6 @@ TERMS = (
     Term("A[k,i^j] v_k q_i v_j", "layout.gyroscopic + k * (m * (m - 1) >> 1) + (i * (i - 1) >> 1) + j", "terms",
          "kinetic", _SECOND),
     Term("P[k,ij] v_k q_i v_j", f"layout.driven + k * {packed('m')} + {_MATRIX}", "terms", "kinetic", _DRIVEN),
-    Term("1/2 B[ij] q_i q_j", f"n + {_MATRIX}", "load", "load", "loads of second order"),
     Term("1/2 D[kl] u_k u_l", f"layout.damping + {_PAIR}", "terms", "dissipation", _DAMPED),
     Term("D[i,k] u_i u_k", f"layout.damping + {packed('(r + i)')} + k", "terms", "dissipation", _DAMPED),
     Term("1/2 D[ij] u_i u_j", f"layout.damping + {packed('(r + i)')} + r + j", "terms", "dissipation", _DAMPED),
@@ -266,7 +266,7 @@ def _iterated(term: Term, bound: Sequence[str]) -> Iterator[Output]:
         rigid = [one in THETA or one == ANY for one in (part.row, part.column)]
         if any(rigid) and term.only == _DRIVEN:
             continue
-        if any(rigid) and term.only in (_SECOND, "loads of second order"):
+        if any(rigid) and term.only == _SECOND:
             if part.source != "value":
                 continue
             if not all(rigid):  # without rates of flexible coordinates

@@ -7,6 +7,7 @@ from numpy.polynomial import polynomial as series
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import absolute, floor
 from pgmp_petsc.lanes.vectors import (
+    EVERY_LANE,
     LANES,
     N_POWERS,
     aligned_zeros,
@@ -25,7 +26,7 @@ from pgmp_petsc.lanes.vectors import (
 )
 from pgmp_petsc.reduced.arrays import Matrix
 from pgmp_petsc.reduced.bordered import eliminate, solve
-from pgmp_petsc.reduced.cells import Grid, locate_all, refill
+from pgmp_petsc.reduced.cells import Cells, Grid, enter_cells, refill
 from pgmp_petsc.reduced.terms import pack
 
 RANDOM = np.random.default_rng(0)
@@ -102,14 +103,20 @@ def test_polynomials_of_any_number_of_coordinates(r: int) -> None:
 
 @njit(error_model="numpy")
 def locate(theta, grid, cells, places):
-    store(cells, 0, locate_all(theta, grid, places))
+    return enter_cells(theta, grid, places, cells, 0)
 
 
 def located(theta: np.ndarray, grid: tuple[Grid, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return the cells of theta (n_theta, LANES), (LANES,), and the places in them, (n_theta, LANES)."""
-    cells, places = aligned_zeros((1, LANES)), aligned_zeros((len(grid), LANES))
-    locate(theta, grid, cells, places)
+    cells, places = vectors(np.full((1, LANES), -1.0)), aligned_zeros((len(grid), LANES))
+    assert locate(theta, grid, cells, places) == EVERY_LANE
+    assert locate(theta, grid, cells, places) == 0
     return cells[0], places
+
+
+def cells_of(table: np.ndarray) -> Cells:
+    """Return cells with polynomials (n_cells, n_terms, n_coefficients)."""
+    return Cells.none(1)._replace(polynomials=table, held=np.arange(len(table)), room=np.empty((2, table[0].size)))
 
 
 def test_what_is_out_of_all_measure_has_a_cell() -> None:
@@ -129,8 +136,8 @@ def test_a_cell_gives_the_weighted_sum_of_its_terms(periodic: bool) -> None:
     cells, places = located(theta, (grid,))
     assert np.all((places >= 0.0) & (places <= 0.25))
     np.testing.assert_array_equal(cells, np.floor((theta[0] - 0.5) / 0.25) % 7)
+    refill(cells_of(table), cells, EVERY_LANE, weights, slots, N_POWERS, kept)
     for lane, cell in enumerate(cells.astype(int)):
-        refill(table, cell, weights, slots, N_POWERS, 20, 1 << lane, kept)
         for group in range(2):
             chosen = slots == group
             expected = weights[chosen, lane] @ table[cell, chosen]
@@ -141,12 +148,15 @@ def test_a_cell_gives_the_weighted_sum_of_its_terms(periodic: bool) -> None:
 
 def test_lanes_that_enter_a_cell_together_get_what_each_gets_alone() -> None:
     table, weights, slots = RANDOM.normal(size=(2, 3, 20)), vectors(RANDOM.normal(size=(3, LANES))), np.array([0, 0, 1])
-    alone, together = aligned_zeros((2 * 20, LANES)), aligned_zeros((2 * 20, LANES))
-    refill(table, 1, weights, slots, 0, 20, 0b10110010, together)
-    for lane in (1, 4, 5, 7):
-        refill(table, 1, weights, slots, 0, 20, 1 << lane, alone)
-    np.testing.assert_array_equal(together, alone)
-    assert not together[:, [0, 2, 3, 6]].any()
+    all_lanes, some, alone = (aligned_zeros((2 * 20, LANES)) for _ in range(3))
+    cells, numbers = cells_of(table), np.ones(LANES)
+    refill(cells, numbers, EVERY_LANE, weights, slots, 0, all_lanes)
+    refill(cells, numbers, 0b10110010, weights, slots, 0, some)
+    for lane in range(LANES):
+        refill(cells, numbers, 1 << lane, weights, slots, 0, alone)
+    np.testing.assert_array_equal(all_lanes, alone)
+    np.testing.assert_array_equal(some[:, [1, 4, 5, 7]], alone[:, [1, 4, 5, 7]])
+    assert not some[:, [0, 2, 3, 6]].any()
 
 
 def bordered(m: int, r: int, skew: float, random: np.random.Generator) -> tuple[np.ndarray, Matrix, np.ndarray]:
