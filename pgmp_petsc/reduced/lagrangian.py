@@ -255,8 +255,8 @@ def _iterated(term: Term, bound: Sequence[str]) -> Iterator[Output]:
     """Yield what an entry adds to the residual and, if `fresh`, to the iteration matrix.
 
     That leaves out what hardly matters to Newton's iteration: second derivatives of tables, and in the border of the
-    flexible block, of terms of second order, their changes with theta and, in its rows and columns, with delta' and
-    delta''. Prescribed coordinates are not corrected, so that their terms have no part in the border.
+    flexible block, of terms of second order but for loads, their changes with theta and, in its rows and columns, with
+    delta' and delta''. Prescribed coordinates are not corrected, so that their terms have no part in the border.
     """
     yield from _balanced(term, bound)
     blocks: dict[tuple[str, str, str], Polynomial] = {}

@@ -104,7 +104,8 @@ def _measured(comparisons: Sequence[Comparison], estimated: ModelError | None) -
             shares = {name: float(np.max(values)) / 100.0 for name, values in percents.items()}
             at_end = {name: float(values[-1]) / 100.0 for name, values in percents.items()}
             how = f"measured: {MODELS[reduced.model]} against {MODELS[full.model]}, {comparison.part}"
-            how += " and at the same time step; the time-step error is not included" * alike
+            if alike:
+                how += " and at the same time step; the time-step error is not included"
             return ModelError(
                 shares, how, {name: Datum(v, share_text(v)) for name, v in shares.items()},
                 estimated if alike else None, at_end, whole=comparison.is_whole,
