@@ -271,7 +271,7 @@ def overrides_of(overrides: object) -> tuple[str, ...]:
     if isinstance(overrides, Mapping):
         from pgmp_petsc.scene.messages import inline_toml  # with all that a scene may say, which results need not
 
-        return tuple(f"{key}={inline_toml(plain(value))}" for key, value in overrides.items())
+        return tuple(f"{key}={inline_toml(toml_data(value))}" for key, value in overrides.items())
     return _texts(
         "overrides", overrides, "a mapping such as {'reduction.modes': 8}, or a list of texts such as "
         "['reduction.modes=8']",
@@ -297,14 +297,14 @@ def _texts(name: str, given: object, allowed: str) -> tuple[str, ...]:
     return tuple(given)
 
 
-def plain(value: object) -> Any:
+def toml_data(value: object) -> Any:
     """Return tables without numpy's types, tuples and paths, which TOML does not have."""
     if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items()}
+        return {key: toml_data(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        return toml_data(value.tolist())
     if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
+        return [toml_data(item) for item in value]
     if isinstance(value, np.generic):
         return value.item()
     return fspath(value) if isinstance(value, PathLike) else value

@@ -33,7 +33,7 @@ from pgmp_petsc.files.hdf5 import KINDS, RunRecord, open_file, shapes_of
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.results import EffectSizes, Selection, Trajectory
 from pgmp_petsc.results.numbers import axis_unit, felt, share_text
-from pgmp_petsc.results.summary import origin_of, plain, summary_of
+from pgmp_petsc.results.summary import json_data, origin_of, summary_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.figures.motion import Motion
@@ -118,7 +118,7 @@ class Contents:
         about["datasets"] = {name: one._asdict() for name, one in self.datasets.items()}
         if self.kind in READERS:
             about |= summary_of(READERS[self.kind].read(self.path))
-        return plain(about)
+        return json_data(about)
 
     @property
     def scene(self) -> dict[str, Any]:
@@ -268,7 +268,7 @@ class Differences:
 
     def summary(self) -> dict[str, object]:
         """Return its figures as plain data, those of ``pgmp diff --json``."""
-        return plain(asdict(self) | {"is_within": self.is_within})
+        return json_data(asdict(self) | {"is_within": self.is_within})
 
 
 def _report_of_differences(found: Differences, name: Path, said: object) -> str:

@@ -110,7 +110,7 @@ def run(
     steps = Steps(place)
     with ExitStack() as held:
         on_root(comm, lambda: held.enter_context(steps.held()), doing="holding the folder")
-        keep(place)
+        keep(place, "*.h5")
         held.callback(keep_no_longer, place)
         on_root(comm, check_output, target, "report", (path,))
         with agreed(comm, "assembling the mechanism"):

@@ -22,7 +22,7 @@ from pgmp_petsc.declare.records import GROUP, Record, encoded, leaves
 from pgmp_petsc.files.claims import claimed, form_of, is_table, named
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.ranks.agreement import on_root
-from pgmp_petsc.results.summary import origin_of, plain, summary_of, units_of_parameters, write_result
+from pgmp_petsc.results.summary import json_data, origin_of, summary_of, units_of_parameters, write_result
 
 if TYPE_CHECKING:
     import xarray
@@ -157,7 +157,7 @@ class Result:
 
     def summary(self) -> dict[str, Any]:
         """Return its figures as plain data, those of the command's ``--json``."""
-        return plain(summary_of(self.data))
+        return json_data(summary_of(self.data))
 
     def to_xarray(self) -> xarray.Dataset:
         """Return its arrays as a dataset of xarray by name, with units and descriptions as attributes.
@@ -264,7 +264,7 @@ class Rom(Result):
         return super()._own().rom if self.kind == "rom" else super()._own()
 
     def summary(self) -> dict[str, Any]:
-        return plain(self.data.figures() | origin_of(self.record))
+        return json_data(self.data.figures() | origin_of(self.record))
 
 
 class StoppedRun(RunError):

@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from pgmp_petsc.api.arguments import plain
+from pgmp_petsc.api.arguments import toml_data
 from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.ranks import ranks_of, tell, tell_remarks
 from pgmp_petsc.base.errors import InputError
@@ -66,7 +66,7 @@ def load(
 def compose(tables: Mapping[str, Any], directory: str | PathLike[str] = ".", *, comm: Comm | None = None) -> Scene:
     """Return the scene of tables as a TOML file has them; those of the first rank count, and are left as they are."""
     comm = ranks_of(comm)
-    found = on_root(comm, lambda: scene_from_tables(plain(tables), Path(directory)), doing="composing the scene")
+    found = on_root(comm, lambda: scene_from_tables(toml_data(tables), Path(directory)), doing="composing the scene")
     tell_remarks(comm, found.remarks)
     return found
 

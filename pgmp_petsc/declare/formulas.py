@@ -35,6 +35,7 @@ from pgmp_petsc.base.errors import nearest_name, shortened
 from pgmp_petsc.base.units import in_powers, times
 
 LONGEST, MOST = 1000, 20_000  # characters, and of what is made of them
+ROUND_OFF = 1e-9  # of a formula's values: two that differ by less are the same
 LARGEST_POWER = 20  # whole exponents up to it are products, all others powers of positive numbers
 ATAN2 = (  # of {x} and {y}, each case where it is accurate; zero where both are
     "atan({x} / {y}) if {y} > 0 and {y} >= abs({x}) else (1.5707963267948966 - atan({y} / {x}) if {x} > abs({y}) else "
@@ -171,12 +172,52 @@ def turns_at_once(text: str) -> bool:
 
 
 def jumps_with(text: str) -> frozenset[str]:
-    """Return which names the comparisons and signs of a formula have, with which it jumps."""
-    found = frozenset[str]()
-    for node in ast.walk(ast.parse(text.strip(), mode="eval")):
-        if isinstance(node, ast.Compare) or (isinstance(node, ast.Call) and node.func.id == "sign"):
-            found |= {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
-    return found - set(FUNCTIONS)
+    """Return which names the comparisons and signs have with which a formula jumps: of ``where(s < a, k * (a - s), 0)``
+    and ``sign(v) * v**2`` none, as these are the same on both sides."""
+    text, found = " ".join(text.split()), frozenset[str]()
+    for node in ast.walk(ast.parse(text, mode="eval")):
+        match node:
+            case ast.Compare(left=left, comparators=[right]):
+                sides, values = (left, right), (1, 0)
+            case ast.Call(func=ast.Name(id="sign"), args=[inner]):
+                sides, values = (inner, ast.Constant(0)), (1, -1)
+            case ast.Compare():
+                sides, values = (), ()
+            case _:
+                continue
+        before, behind = text[: node.col_offset], text[node.end_col_offset :]
+        if not _meet([f"{before}({value}){behind}" for value in values], sides):
+            found |= _names(node)
+    return found
+
+
+def _names(node: ast.AST) -> frozenset[str]:
+    return frozenset(one.id for one in ast.walk(node) if isinstance(one, ast.Name)) - set(FUNCTIONS)
+
+
+def _meet(formulas: Sequence[str], sides: Sequence[ast.expr]) -> bool:
+    """Return whether two formulas have the same values wherever two sides do, one of which is a name: at some places,
+    drawn at random. Where that is not known they have not."""
+    for side, other in (sides, sides[::-1]) if sides else ():
+        if isinstance(side, ast.Name) and side.id not in _names(other):
+            break
+    else:
+        return False
+    names = sorted(frozenset().union(*(_names(ast.parse(one)) for one in formulas), _names(other), {side.id}))
+    rows = np.random.default_rng(0).uniform(0.5, 2.0, (len(names), 8))
+    drawn = {name: Series([row]) for name, row in zip(names, rows)}
+
+    def values(formula: str) -> np.ndarray:
+        return evaluated(declared(formula, dict(zip(names, names)), "")[0], drawn, SeriesAlgebra(0)).parts[0]
+
+    try:
+        with np.errstate(all="ignore"):
+            size = max(np.max(np.abs(values(formula))) for formula in formulas)
+            drawn[side.id] = Series([np.broadcast_to(values(ast.unparse(other)), 8)])
+            first, second = map(values, formulas)
+            return bool(np.isfinite(size) and np.all(np.abs(first - second) <= ROUND_OFF * size))
+    except FormulaError:  # one that divides by the test
+        return False
 
 
 def _literal(node: ast.expr) -> float | None:

@@ -41,13 +41,14 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.files.claims import lock_path, locked, pieces_path, replacing
 from pgmp_petsc.files.seal import SIZE, BrokenSeal, check_seal, identity, sealed
 from pgmp_petsc.ranks.agreement import agreed, on_root
-from pgmp_petsc.ranks.ending import keep, keep_no_longer, taken_up
+from pgmp_petsc.ranks.ending import keep, keep_no_longer, what_is_kept
 
 LABEL = "run.json"
 PROGRAM = "pgmp_petsc"
 KIND = "piece"
+PIECES = "*.npz"
 # what this program puts into such a folder, and removes again
-_OWN = (LABEL, "*.npz", "*.npz.damaged", ".*.partial")
+_OWN = (LABEL, PIECES, f"{PIECES}.damaged", ".*.partial")
 PUSHED_EVERY = 1.0  # s
 AT_HAND = 2**24  # bytes of pieces that the process which wrote them need not read
 
@@ -95,7 +96,7 @@ class CheckpointFolder:
             raise RunError(f"checkpoint '{self.path}' could not be made: {error.strerror}") from error
         if not (found and resume) or any(found[key] != value for key, value in self._growing.items()):
             self._put_label()
-        keep(self.path)
+        keep(self.path, PIECES)
         return remarks
 
     def _put_label(self) -> None:
@@ -113,7 +114,7 @@ class CheckpointFolder:
             with replacing(target, "checkpoint", pushed=is_due) as waiting:
                 waiting.write_bytes(content)
         except RunError as error:
-            raise RunError(f"{error}; what was finished before is kept: {taken_up()}") from error
+            raise RunError(f"{error}; {what_is_kept()}") from error
         if is_due:
             self._pushed = time.monotonic()
         size = len(content) - SIZE

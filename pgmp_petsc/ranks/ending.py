@@ -43,15 +43,14 @@ if TYPE_CHECKING:
 ENDING = (signal.SIGTERM, signal.SIGUSR1)
 FLUSH_SECONDS = 0.5  # mpirun kills a second after SIGTERM
 
-_kept: list[Path] = []
+_kept: dict[Path, str] = {}  # the folders of finished pieces, with the pattern of these pieces' names
 _passing: list[Path] = []
 _again: list[str] = []  # how a search that is on its way is begun again where it is
 
 
-def keep(folder: Path) -> None:
-    """From now on finished pieces of the run are in a folder."""
-    if folder not in _kept:
-        _kept.append(folder)
+def keep(folder: Path, pieces: str) -> None:
+    """From now on finished pieces of the run are in a folder; their names fit a pattern."""
+    _kept[folder] = pieces
 
 
 def search_at(values: Mapping[str, float]) -> None:
@@ -66,17 +65,17 @@ def remove_at_end(path: Path) -> None:
 
 def keep_no_longer(path: Path) -> None:
     """The file or folder is gone."""
-    for paths in (_kept, _passing):
-        if path in paths:
-            paths.remove(path)
+    _kept.pop(path, None)
+    if path in _passing:
+        _passing.remove(path)
 
 
 def what_is_kept() -> str:
     """Return what a run that ends now leaves, and the cure, as a clause."""
-    if not _kept:
+    folders = [f"'{folder}'" for folder, pieces in _kept.items() if any(folder.glob(pieces))]
+    if not folders:
         return f"this run kept no part of its result; {' '.join(['repeat the command', *_again])}"
-    folders = ", ".join(f"'{folder}'" for folder in _kept)
-    return f"what was finished is kept in {folders}; {taken_up()}"
+    return f"what was finished is kept in {', '.join(folders)}; {taken_up()}"
 
 
 def taken_up() -> str:

@@ -39,20 +39,20 @@ WHOLE = {
 
 def json_text(data: object) -> str:
     """Return data as JSON, with arrays as lists."""
-    return json.dumps(plain(data), indent=1, allow_nan=False)
+    return json.dumps(json_data(data), indent=1, allow_nan=False)
 
 
-def plain(data: object) -> Any:
+def json_data(data: object) -> Any:
     """Return data without arrays, dataclasses, tuples, and numbers that are not finite."""
     if isinstance(data, Mapping):
-        return {str(name): plain(value) for name, value in data.items()}
+        return {str(name): json_data(value) for name, value in data.items()}
     if is_dataclass(data) and not isinstance(data, type):
-        return plain(asdict(data))
+        return json_data(asdict(data))
     if isinstance(data, np.ndarray):
         whole = data.dtype.kind in "iub" or data.dtype.kind == "f" and np.isfinite(data).all()
-        return data.tolist() if whole else plain(data.tolist())  # of a million numbers half a minute, one by one
+        return data.tolist() if whole else json_data(data.tolist())  # of a million numbers half a minute, one by one
     if isinstance(data, (list, tuple, set, frozenset)):
-        return [plain(value) for value in data]
+        return [json_data(value) for value in data]
     if isinstance(data, np.generic):
         data = data.item()
     if isinstance(data, float):

@@ -152,13 +152,17 @@ def test_other_threads_leave_handlers_alone() -> None:
 
 
 def test_what_is_kept_is_what_is_there(tmp_path: Path) -> None:
-    keep(tmp_path / "of_an_earlier_run")
+    (tmp_path / "piece.npz").touch()
+    keep(tmp_path, "*.npz")  # by an earlier run
     with ending_on_signals(0):
         assert what_is_kept() == NOTHING
         pieces = tmp_path / "e.h5.partial"
-        keep(pieces)
+        pieces.mkdir()
+        keep(pieces, "*.npz")
+        assert what_is_kept() == NOTHING
+        (pieces / "piece.npz").touch()
         assert what_is_kept() == KEPT.format(pieces)
-        keep(tmp_path)  # the folder of `pgmp run`, which has no --resume
+        keep(tmp_path, "*.npz")  # the folder of `pgmp run`, which has no --resume
         assert what_is_kept() == KEPT.format(f"{pieces}', '{tmp_path}").replace("with --resume ", "")
         for folder in (pieces, tmp_path):
             keep_no_longer(folder)

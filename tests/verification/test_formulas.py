@@ -110,7 +110,12 @@ def test_derivatives_with_a_constant() -> None:
 @pytest.mark.parametrize(
     ("force", "jumps"),
     [("-c * v * (s < 0.31)", True), ("-c * sign(v)", True), ("where(v > c, 1, 2)", True),
-     ("-c * max(s, 0) * (t > 0.1)", False), ("-c * tanh(v / 0.1)", False)],
+     ("-c * max(s, 0) * (t > 0.1)", False), ("-c * tanh(v / 0.1)", False),
+     ("where(s < 2 * c, 3 * (2 * c - s), 0)", False), ("-c * (s - 0.1) * (0.1 <= s)", False),
+     ("-c * sign(v) * v**2", False), ("where(s < 2 * c, 3 * (2 * c - s), 1e-3)", True),
+     ("-c * (s**2 - v) * (s > v)", True), ("-c * (0 < s < 1)", True), ("where(s < s * c, 0, s)", True),
+     ("-c * sign(s + v) * (s + v)", True), ("log(-c) * (s > 0.1)", True), ("c / (s > 0.1)", True),
+     ("c + 1 / (s > 0.1)", True)],
 )  # fmt: skip
 def test_derivatives_say_that_they_leave_out_jumps_that_move(force: str, jumps: bool) -> None:
     """Not those at an instant, which is none of the motion."""

@@ -100,7 +100,7 @@ def material_findings(scene: Scene, system: UnitSystem) -> Iterator[Finding]:
     slowest, fastest = (limit / system.speed for limit in WAVE_SPEEDS)
 
     def density_text(value: float) -> str:
-        return plain(shown.shown(value, "kg/m3"))
+        return limit_text(shown.shown(value, "kg/m3"))
 
     for name, material in scene.materials.items():
         entry = f"materials.{name}"
@@ -117,13 +117,13 @@ def material_findings(scene: Scene, system: UnitSystem) -> Iterator[Finding]:
         if not slowest <= speed <= fastest:
             rho, speed = shown.text(density, "kg/m3", "g"), shown.text(speed, "m/s")
             waves = f"with rho = {rho} waves run through {name} at sqrt(E / rho) = {speed}"
-            ends = " to ".join(plain(shown.shown(limit, "m/s")) for limit in (slowest, fastest))
-            steel = plain(shown.shown(210e9 / system.size(STRESS), "Pa"))
+            ends = " to ".join(limit_text(shown.shown(limit, "m/s")) for limit in (slowest, fastest))
+            steel = limit_text(shown.shown(210e9 / system.size(STRESS), "Pa"))
             steel = f"E is in {shown.unit('Pa')}: steel has {steel}"
             yield doubt(modulus_entry, f"{waves}, outside {ends} {of_speed}; {steel}", modulus)
 
 
-def plain(value: float) -> str:
+def limit_text(value: float) -> str:
     """Return a limit as people write it: ``25,000`` and ``210e9``, ``2.5e-08``."""
     if 1.0 <= value < 1e6:
         return f"{value:,.0f}" if value >= 1e4 else f"{value:.0f}"
@@ -269,7 +269,7 @@ def _wave_speed(scene: Scene, body: Body, mesh: Assembled) -> float:
 def matrix_findings(scene: Scene, meshes: Shapes, system: UnitSystem) -> Iterator[Finding]:
     """Yield matrices of materials that do not exist: as a rule of other units than the scene says."""
     shown = scene.system
-    speeds = " to ".join(plain(shown.shown(limit / system.speed, "m/s")) for limit in WAVE_SPEEDS)
+    speeds = " to ".join(limit_text(shown.shown(limit / system.speed, "m/s")) for limit in WAVE_SPEEDS)
     for name, mesh in meshes.items():
         if given_properties(mesh) is None:
             continue
@@ -285,7 +285,7 @@ def matrix_findings(scene: Scene, meshes: Shapes, system: UnitSystem) -> Iterato
         densest = DENSITIES[1] / system.size(DENSITY)
         if mesh.dimension == 3 and mass / box > densest:
             heavy = f"with these, {name} has {shown.text(mass, 'kg')} in a box of {shown.text(box, 'm3')}"
-            most = f"more than solids have (up to {plain(shown.shown(densest, 'kg/m3'))} {shown.unit('kg/m3')})"
+            most = f"more than solids have (up to {limit_text(shown.shown(densest, 'kg/m3'))} {shown.unit('kg/m3')})"
             yield doubt(entry, f"{heavy}, {most}; {cure}", units)
 
 
