@@ -149,7 +149,7 @@ def test_a_cell_gives_the_weighted_sum_of_its_terms(periodic: bool) -> None:
 def test_lanes_that_enter_a_cell_together_get_what_each_gets_alone() -> None:
     table, weights, slots = RANDOM.normal(size=(2, 3, 20)), vectors(RANDOM.normal(size=(3, LANES))), np.array([0, 0, 1])
     all_lanes, some, alone = (aligned_zeros((2 * 20, LANES)) for _ in range(3))
-    cells, numbers = cells_of(table), np.ones(LANES)
+    cells, numbers = cells_of(table), vectors(np.ones((1, LANES)))[0]
     refill(cells, numbers, EVERY_LANE, weights, slots, 0, all_lanes)
     refill(cells, numbers, 0b10110010, weights, slots, 0, some)
     for lane in range(LANES):
