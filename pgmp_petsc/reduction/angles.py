@@ -7,12 +7,12 @@ the geometric mean of the diagonal ones, loads and inertia forces to their own l
 the deformation follow, but are not compared: they correct the others by small amounts, and may vanish but for
 round-off.
 
-Without a tolerance, angles of a single coordinate are halved, if they may be, where vectors of other parameter values
-turn too quickly for them (the basis is too uneven, or interpolated matrices are indefinite at some values), and where
-stresses ``R = D S Psi K_r^-1 Psi^T L`` under the loads L are interpolated badly (D and S as in `missed_answers`;
-docs/method.md, section forces at other parameters): every other sample is predicted from those beside it, and `GAIN`
-leads from the difference to the error of the samples as they are. Inertia forces of one coordinate alone are judged
-together: those of its acceleration, and those of its speed where it swings by a tenth of its range with that
+Without a tolerance, a single coordinate has further angles, if it may, where vectors of other parameter values turn too
+quickly between them (the basis is too uneven), and half the distances where interpolated matrices are indefinite at
+some values, and where stresses ``R = D S Psi K_r^-1 Psi^T L`` under the loads L are interpolated badly (D and S as in
+`missed_answers`; docs/method.md, section forces at other parameters): every other sample is predicted from those beside
+it, and `GAIN` leads from the difference to the error of the samples as they are. Inertia forces of one coordinate alone
+are judged together: those of its acceleration, and those of its speed where it swings by a tenth of its range with that
 acceleration. What hardly stresses a body beside the other does not count.
 """
 
@@ -92,9 +92,12 @@ class AngleRounds:
         found, others = np.zeros(0), ()
         if scene.reduction.sampling_tolerance is not None:
             found, *others = _beyond_tolerance(scene, samples, previous, current)
-        elif self._refinable and 2 * axis.n <= scene.reduction.max_angles and _uneven(scene, current):
-            self._reasons.setdefault(UNEVEN_VECTORS, {})
-            found = _between(axis, scene.interpolation)
+        elif self._refinable:
+            found = _for_uneven_vectors(scene, axis, current)
+            if axis.n + found.size > scene.reduction.max_angles:
+                found = np.zeros(0)
+            elif found.size:
+                self._reasons.setdefault(UNEVEN_VECTORS, {})
         if not any(part.size for part in (found, *others)) and stressed_bodies(scene):
             found = self._for_stresses(axis, current)
         return samples.further((found, *others))
@@ -120,8 +123,9 @@ class AngleRounds:
     def remarks(self, samples: SampleGrid, basis: ContinuousBasis) -> Iterator[Remark]:
         """Return what is said of the angles."""
         (asked, *_) = np.broadcast_to(self._scene.reduction.angles, samples.n_coordinates)
-        if basis.uneven > UNEVEN:
-            more = f"their size changes by {basis.uneven:.2g} times between angles; take more reduction.angles"
+        uneven = basis.uneven.max(initial=1.0)
+        if uneven > UNEVEN:
+            more = f"their size changes by {uneven:.2g} times between angles; take more reduction.angles"
             yield warning(f"{UNEVEN_VECTORS}: {more}")
         if self._reasons:
             why = ", and as ".join(reason + ", ".join(names) for reason, names in self._reasons.items())
@@ -139,11 +143,19 @@ def _share(error: float) -> str:
     return f"{100.0 * error:.3g} %" if error <= 1.0 else "more than all of it" if np.isfinite(error) else "not known"
 
 
-def _uneven(scene: Scene, basis: ContinuousBasis) -> bool:
-    """Return whether vectors of other parameter values turn too quickly for the angles."""
-    return basis.uneven > UNEVEN or (
-        scene.reduction.parameter_modes > 0 and bool(indefinite_between(basis.tables, scene, *spanning_values(scene)))
-    )
+def _for_uneven_vectors(scene: Scene, samples: Samples, basis: ContinuousBasis) -> np.ndarray:
+    """Return the angles, shape (n,), without which vectors of other parameter values turn too quickly: in the middle of
+    intervals over which they do and of those beside them; of all where matrices are indefinite, or the scheme wants
+    equal distances."""
+    halves, quick = _between(samples, scene.interpolation), np.flatnonzero(basis.uneven > UNEVEN)
+    if not scene.reduction.parameter_modes:
+        return np.zeros(0)
+    if indefinite_between(basis.tables, scene, *spanning_values(scene)):
+        return halves
+    if scene.interpolation != "spline":
+        return halves if quick.size else np.zeros(0)
+    beside = quick[:, None] + np.arange(-1, 2)
+    return halves[np.unique(beside % halves.size if samples.periodic else beside.clip(0, halves.size - 1))]
 
 
 def _between(samples: Samples, scheme: str) -> np.ndarray:

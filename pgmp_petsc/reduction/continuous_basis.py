@@ -13,7 +13,7 @@ whoever computed it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -197,8 +197,9 @@ class ContinuousBasis:
     flipped: np.ndarray
     #: second derivatives of the displacement, pairs packed, shape (n, n_dofs, n_pairs); None where not wanted
     curvature: np.ndarray | None = None
-    #: factor by which the size of a vector that was made orthonormal changes from one angle to the next, the largest
-    uneven: float = 1.0
+    #: largest factors by which the size of a vector that was made orthonormal changes between neighbouring angles, in
+    #: the order of these; of no such vectors none
+    uneven: np.ndarray = field(default_factory=lambda: np.ones(0))
 
     @classmethod
     def of(
@@ -212,7 +213,7 @@ class ContinuousBasis:
     ) -> ContinuousBasis:
         """Express the samples' tables and vectors in the continuous basis, orthonormal at `nominal` parameters."""
         n_kept, n_parameter = joined.n_kept, compression.matrix.shape[1]
-        combinations, uneven = joined.rotations @ compression.beside(n_kept, joined.n_given), 1.0
+        combinations, uneven = joined.rotations @ compression.beside(n_kept, joined.n_given), np.ones(0)
         if n_parameter and nominal is not None:
             c = compression.matrix
             squares, directions = np.linalg.eigh(c.T @ _grams(mechanism, nominal, joined) @ c)
@@ -266,15 +267,16 @@ def compression_of(
     return before if before is not None and before.holds(grams) else Compression.of(grams, flipped, n_parameter)
 
 
-def _unevenness(roots: np.ndarray, inverse: np.ndarray, samples: SampleGrid) -> float:
-    """Return the largest factor between roots (n, p, p) at neighbouring samples of a turn, and their inverses there."""
-    largest = 1.0
+def _unevenness(roots: np.ndarray, inverse: np.ndarray, samples: SampleGrid) -> np.ndarray:
+    """Return the largest factors between roots (n, p, p) at neighbouring samples of a turn, and their inverses there,
+    along one axis after the other, shape (n_pairs,)."""
+    found = []
     for axis in range(samples.n_coordinates):
         before = samples.before(axis)
         here = np.flatnonzero((before >= 0) & (before < np.arange(before.size)))
         factors = np.linalg.svd(inverse[here] @ roots[before[here]], compute_uv=False)
-        largest = max(largest, float(factors.max(initial=1.0)), 1.0 / float(factors.min(initial=1.0)))
-    return largest
+        found.append(np.maximum(factors[:, 0], 1.0 / factors[:, -1]))
+    return np.concatenate(found)
 
 
 def _grams(mechanism: Mechanism, nominal: Mapping[str, float], joined: JoinedSamples) -> np.ndarray:

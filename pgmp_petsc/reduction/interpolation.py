@@ -3,8 +3,9 @@
 ``overhauser``, the paper's, takes uniform samples, ``spline``, periodic or not-a-knot, any, and ``spectral`` uniform
 ones where it is trigonometric, else Chebyshev points. Whatever the scheme, the result is a piecewise cubic on a uniform
 grid (`Interpolant`), so that the integrator's kernel knows one way of interpolating. A spline through uniform samples
-is represented as it stands; the other interpolants are evaluated on a grid so fine that its own error, of fourth order
-in the fine step, does not count. Over several coordinates it is the tensor product: one scheme along each axis.
+is represented as it stands, as is one through those of halved intervals, on a grid through all; other interpolants are
+evaluated on a grid so fine that its own error, of fourth order in the fine step, does not count. Over several
+coordinates it is the tensor product: one scheme along each axis.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid, Samples
 FINE = 1024  # points over the range of interpolants that are not splines of their own samples
 # the same along each axis of two: an error of (2 pi / 96)^4 / 384 = 5e-8 of the fourth derivative, and of three, 4e-6
 FINE_OF_MORE, FINE_OF_THREE = 96, 32
+ON_GRID = 1e-9  # of its cells: a sample as close to a point of a grid is one
 COLUMNS = 4096  # of a table that are fitted together
 
 
@@ -172,8 +174,19 @@ def _fine_count(samples: Samples, fine: int) -> int:
     return cells * -(-fine // cells)
 
 
+def _count_through(samples: Samples, most: int) -> int:
+    """Return how many points a uniform grid has that goes through all samples, as of halved intervals: their spline is
+    one of its own; `most` where there is none of fewer points."""
+    distances = np.diff(np.append(samples.theta, samples.upper) if samples.periodic else samples.theta)
+    cells = round((samples.upper - samples.lower) / distances.min())
+    places = (samples.theta - samples.lower) / (samples.upper - samples.lower) * cells
+    n = cells + (not samples.periodic)
+    return n if n < most and np.allclose(places, np.round(places), rtol=0.0, atol=ON_GRID) else most
+
+
 def _spline_on_fine_grid(samples: Samples, table: np.ndarray, count: int) -> np.ndarray:
-    fine = Samples.uniform(samples.lower, samples.upper, _fine_count(samples, count), samples.periodic)
+    count = _count_through(samples, _fine_count(samples, count))
+    fine = Samples.uniform(samples.lower, samples.upper, count, samples.periodic)
     if not samples.periodic:
         return scipy.interpolate.CubicSpline(samples.theta, table)(fine.theta)
     theta = np.append(samples.theta, samples.theta[0] + samples.upper - samples.lower)

@@ -187,6 +187,17 @@ def test_matrices_that_are_indefinite_between_angles_ask_for_more() -> None:
     assert not [remark for remark in rom.record.remarks if "not positive definite" in remark.text]
 
 
+def test_quick_vectors_have_further_angles_where_they_are_quick() -> None:
+    """Next to the dead centre with the slider furthest out, on both sides of it; other schemes take them everywhere."""
+    scene = load_scene(ROOT / "scenes" / "slider_crank.toml", ('reduction.interpolation="spline"',))
+    rom, step = rom_of(scene), 2.0 * np.pi / 48
+    more = np.setdiff1d(rom.tables.samples.axes[0].theta, step * np.arange(48))
+    np.testing.assert_allclose(more, step * np.array([0.5, 1.5, 2.5, 45.5, 46.5, 47.5]), rtol=1e-12)
+    assert "54 in place of 48" in " ".join(remark.text for remark in rom.record.remarks)
+    everywhere = rom_of(load_scene(ROOT / "scenes" / "slider_crank.toml", ('reduction.interpolation="overhauser"',)))
+    assert everywhere.tables.samples.n == 96
+
+
 SPLINE = 'reduction.interpolation="spline"'
 FEW = "reduction.angles=24", "reduction.max_angles=24"  # and no more where these do not do
 UNCERTAIN = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}'

@@ -98,6 +98,20 @@ def test_the_fine_grid_stands_back_where_samples_are_more() -> None:
 
 
 @pytest.mark.parametrize("periodic", PERIODIC)
+def test_a_spline_of_halved_intervals_is_exact_on_few_points(periodic: bool) -> None:
+    """Of 24 intervals some are halved, and one of these once more."""
+    even, step = uniform(24, periodic), (UPPER - LOWER) / 24.0
+    more = even.theta[[0, 7, 8, 22]] + 0.5 * step
+    samples = Samples(np.union1d(even.theta, [*more, even.theta[7] + 0.25 * step]), LOWER, UPPER, periodic)
+    table = random_table(samples.n)
+    found = interpolant(samples, table, "spline")
+    assert found.axes[0].n == 96 + (not periodic)
+    closed = (np.append(samples.theta, UPPER), np.append(table, table[0])) if periodic else (samples.theta, table)
+    expected = CubicSpline(*closed, bc_type="periodic" if periodic else "not-a-knot")
+    np.testing.assert_allclose(found(THETA), expected(THETA), rtol=0.0, atol=1e-11)
+
+
+@pytest.mark.parametrize("periodic", PERIODIC)
 @pytest.mark.parametrize("n", [4, 5, 12, 200])
 def test_a_spline_of_uniform_samples_is_exact(periodic: bool, n: int) -> None:
     samples = uniform(n, periodic)
