@@ -18,7 +18,7 @@ from pgmp_petsc.api.runs import simulate
 from pgmp_petsc.api.scenes import Overrides, Parameters
 from pgmp_petsc.api.sources import keeping, settled
 from pgmp_petsc.base import __version__
-from pgmp_petsc.base.errors import InputError, RunError, counted
+from pgmp_petsc.base.errors import InputError, NotFollowed, RunError, counted
 from pgmp_petsc.base.plugins import in_use
 from pgmp_petsc.base.progress import doing
 from pgmp_petsc.base.surroundings import Comm
@@ -185,18 +185,19 @@ class _Job:
         return self.scene.simulation.duration / self.scene.simulation.step
 
     def build(self) -> None:
-        if self.model != "reduced":
-            instead = "full-order" if self.model == "full" else "component"
-            self._say("build", f"left out: no reduced model ({self.why_not_reduced}); runs are of the {instead} model")
-            return
-
         def make(target: Path, resume: bool) -> None:
             build(
                 self.path, parameters=self.settings, overrides=self.overrides, output=target, resume=resume,
                 on_all_ranks=False, comm=self.comm,
             )  # fmt: skip
 
-        self._step("build", ROM, (), make, budget.headline_of_build)
+        if self.model == "reduced":
+            try:
+                return self._step("build", ROM, (), make, budget.headline_of_build)
+            except NotFollowed as error:
+                self.why_not_reduced = str(error)
+        instead = "full-order" if self.model == "full" else "component"
+        self._say("build", f"left out: no reduced model ({self.why_not_reduced}); runs are of the {instead} model")
 
     def simulate(self) -> None:
         def make(target: Path, resume: bool) -> None:

@@ -274,12 +274,13 @@ class GridBasis:
             followed = _followed_modes(samples, start)
             n_followed = max(followed, default=0)
             if n_modes < len(start) and n_followed == n_modes:
-                raise RunError(
+                told = (
                     "the static answers in the basis cannot be followed over the configurations, though its "
                     f"{n_modes} mode(s) alone can: at some configurations an answer is nearly a combination of the "
                     "modes and of the other answers; leave some out, or all (reduction.static_modes, "
                     "reduction.inertia_modes, reduction.spring_modes = false), and keep more reduction.modes instead"
-                ) from None
+                )
+                raise NotFollowed(told, 0) from None
             closely = max((n for n, cosine in followed.items() if cosine >= POOR_COSINE), default=n_followed)
             told = f"; with reduction.modes = {closely} they can" if closely else ""
             if closely and n_modes < len(start):

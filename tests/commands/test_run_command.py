@@ -24,6 +24,7 @@ from pgmp_petsc.results import Ensemble, Trajectory
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.loading import write_template
 from pgmp_petsc.stepping.status import Status
+from scenes import HEADER, tables
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 # without extremes: fewer pictures on the page
@@ -32,6 +33,22 @@ SHORT = overridden(
     "ensemble.extremes=false", "simulation.frames=5",
 )  # fmt: skip
 STEPS = ("check", "build", "simulate", "compare", "mesh", "ensemble", "report")
+
+JIB = HEADER + tables("""
+bodies.jib: line = { length = 10.0, elements = 10 }; element = "beam2d"; material = "steel";
+    section = { shape = "hollow_rectangle", width = 0.25, height = 0.4, wall = 0.01 }
+bodies.load: rigid = { mass = 2000.0, inertia = 300.0, points = { eye = [0.0, 4.0] } }
+ground.points: mast = [-2.0, 6.0]
+joints.heel: type = "revolute"; connect = ["ground:origin", "jib:hinge"]
+joints.tip: type = "revolute"; connect = ["jib:tip", "load:eye"]
+coordinates.luff: joint = "heel"; range = [0.2, 1.2]
+coordinates.sway: joint = "tip"; range = [-2.2, 0.6]
+effects.weight: type = "gravity"; direction = [0.0, -1.0]
+effects.rope: type = "spring_damper"; points = ["ground:mast", "jib:tip"]; stiffness = 6e6; damping = 2e4; rest = 10.25
+outputs.luff: type = "angle"; joint = "heel"
+simulation: duration = 0.02; step = 2e-3; initial = { luff = { position = 0.6 }, sway = { position = -0.5 } }
+reduction: angles = 9
+""")
 
 
 def told(out: str) -> dict[str, list[str]]:
@@ -183,6 +200,15 @@ def test_a_better_run_that_stops_is_said(
     done = CliRunner().invoke(load(COMMANDS["run"]), [str(own), "-n", "32", *SHORT], obj=Session(MPI.COMM_SELF))
     told = r"^full-order simulation stopped; \S*better.h5, which the run is compared with, holds it up to there"
     assert re.search(told, str(done.exception)) and done.exit_code == 1
+
+
+def test_another_model_runs_where_modes_cannot_be_followed(tmp_path: Path, no_page: None) -> None:
+    """A crane's jib, whose load swings: the rope that holds it up pulls as its modes do, and nobody asked for these."""
+    (tmp_path / "jib.toml").write_text(JIB)
+    lines = told(said("run", tmp_path / "jib.toml", "-n", 3)[0])
+    why = "left out: no reduced model (the static answers in the basis cannot be followed over the configurations"
+    assert lines["build"][0].startswith(why) and "runs are of the component model" in lines["build"][0]
+    assert lines["simulate"][0].startswith("component modes")
 
 
 def test_runs_beyond_the_budget_are_left_out(tmp_path: Path, no_page: None) -> None:
