@@ -18,7 +18,7 @@ import numpy as np
 from pgmp_petsc.base.errors import counted
 from pgmp_petsc.base.progress import doing
 from pgmp_petsc.ensemble.plan import IN_CHECKED, Piece, block_of, share_of
-from pgmp_petsc.estimates.coarser_run import fewest_steps, run_coarser, step_errors, times_of
+from pgmp_petsc.estimates.coarser_run import fewest_steps, largest_felt, run_coarser, step_errors, times_of
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator, indicator_of
 from pgmp_petsc.estimates.validity import Validity
 from pgmp_petsc.models import FullModel, Model, OutputRecord, Reduced, SeparateLengths
@@ -106,7 +106,9 @@ def watch_coarser(model: Model) -> Watcher:
                 other = run_coarser(model, begun.system, begun.simulation, alive)
             for place, sample in enumerate(begun.samples):
                 own = {name: values[:, sample] for name, values in outputs.items()}
-                errors = step_errors(model.scene, time, own, other, sample) if alive[sample] else None
+                if not alive[sample]:
+                    continue
+                errors = step_errors(model.scene, time, own, largest_felt(model, own), other, sample)
                 if errors is None or errors.time.size < other.time.size:
                     continue
                 for name, values in errors.outputs.items():

@@ -24,7 +24,7 @@ little: it is read as resolved, and unsure.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
@@ -35,10 +35,10 @@ import scipy
 from pgmp_petsc.effects.formula import FormulaEffect
 from pgmp_petsc.estimates.reference_motion import steps_between_samplings
 from pgmp_petsc.models import FullModel, Model, OutputRecord
-from pgmp_petsc.outputs.multipliers import judged
+from pgmp_petsc.outputs.multipliers import joints_of, judged
 from pgmp_petsc.outputs.of_frames import Angle, Distance, Sliding
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.results.numbers import Arrays, share_text
+from pgmp_petsc.results.numbers import ROUND_OFF, VANISHING, Arrays, felt, share_text
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.uses import slides_over
@@ -244,11 +244,24 @@ def relied_on(scene: Scene, time: np.ndarray, outputs: Arrays, other: CoarserRun
     return found
 
 
+def largest_felt(model: Model, outputs: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Return the largest size of every output of a run, zero where it is none beside others (`numbers.felt`)."""
+    sizes = {name: np.max(np.abs(values)) for name, values in judged(model.scene, outputs).items()}
+    seen = felt(sizes, model.outputs.units, vanishing_length(model), joints_of(model.scene))
+    return {name: float(size) for name, size in seen.items()}
+
+
+def vanishing_length(model: Model) -> float:
+    """Return beside which a displacement vanishes that is round-off of places, m."""
+    return ROUND_OFF / VANISHING * model.kinematics.size
+
+
 def step_errors(
-    scene: Scene, time: np.ndarray, outputs: Arrays, other: CoarserRun, sample: int = 0
+    scene: Scene, time: np.ndarray, outputs: Arrays, largest: Mapping[str, float], other: CoarserRun, sample: int = 0
 ) -> StepErrors | None:
     """Return the errors of a run, times and outputs of shape (n_t,), at the instants of the coarser one, of which it is
-    the sample of that number; None where that did not go far enough."""
+    the sample of that number; None where that did not go far enough. The largest sizes of outputs are as of
+    `largest_felt`."""
     n, _ = relied_on(scene, time, outputs, other, sample)
     if n <= FEWEST or not all(np.isfinite(values).all() for values in outputs.values()):
         return None
@@ -270,8 +283,8 @@ def step_errors(
         places = bands.hop * every * step * np.arange(len(found))
         off |= {k: np.interp(at, places, one) for k, one in zip(np.flatnonzero(which), found.T)}
     lost = {name: off[k] for k, name in enumerate(outputs)}
-    shares = np.array([one.max() for one in lost.values()])
-    shares /= np.maximum(np.abs(fine).max(axis=0), TINY)
+    # of an output that is round-off, as across the line of a slider, vibrations are none
+    shares = np.array([one.max() / largest[name] if largest[name] > 0.0 else 0.0 for name, one in lost.items()])
     loudest, lost_hz = float(shares.max()), float(turns[shares.argmax()] / (2.0 * np.pi * step))
     edged = [f"effects.{name}" for name, effect in scene.effects.items() if effect.edged]
     acting = {f"effects.{name}": one for name, one in scene.effects.items()}

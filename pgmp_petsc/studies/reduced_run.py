@@ -38,7 +38,7 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects import AT_REST, loads_of
-from pgmp_petsc.estimates import own_error
+from pgmp_petsc.estimates import coarser_run, own_error
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator
 from pgmp_petsc.estimates.validity import Validity, remarks_of
 from pgmp_petsc.mechanism.mechanism import rigid_positions, to_body, words_of
@@ -121,9 +121,9 @@ def _errors(
     with timings.phase("errors"):
         estimate = watched.estimate(known.run.status)
     absent = {name: why for name, (why,) in estimate.absent.items() if why}
-    errors = EstimatedErrors(*estimate.histories[0], single_run.largest_felt(model, known.outputs), absent=absent)
+    errors = EstimatedErrors(*estimate.histories[0], coarser_run.largest_felt(model, known.outputs), absent=absent)
     large = own_error.large_errors(
-        *errors.of_one_run(), model.outputs.units, model.name, scene, single_run.vanishing_length(model)
+        *errors.of_one_run(), model.outputs.units, model.name, scene, coarser_run.vanishing_length(model)
     )
     until = single_run.up_to(part, "errors") if len(absent) < len(errors.outputs) else ()
     said = [*large, *until, *own_error.not_estimated(errors, scene), *own_error.few_steps(known.time.size - 1)]

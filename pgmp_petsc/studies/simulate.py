@@ -129,15 +129,16 @@ def _step_errors(
         absent = own_error.absence_of_estimates(model.scene, of_step=True)
         few = own_error.too_few_steps(part.run.n_steps, model.scene) if part.run.status[0] == Status.FINE else ()
         return None, [*(absent or few)] or [note(f"errors of the time step were not estimated: {single_run.STOPPED}")]
-    found = coarser_run.step_errors(model.scene, known.time, known.outputs, other)
+    largest = coarser_run.largest_felt(model, known.outputs)
+    found = coarser_run.step_errors(model.scene, known.time, known.outputs, largest, other)
     said = list(own_error.step_remarks(model, known.time, known.outputs, other, found))
     if found is None:
         return None, said
-    errors = EstimatedErrors(found.time, found.outputs, single_run.largest_felt(model, known.outputs), OF_STEP)
+    errors = EstimatedErrors(found.time, found.outputs, largest, OF_STEP)
     if rests:
         return errors, []
     large = own_error.large_errors(
-        *errors.of_one_run(), model.outputs.units, model.name, model.scene, single_run.vanishing_length(model)
+        *errors.of_one_run(), model.outputs.units, model.name, model.scene, coarser_run.vanishing_length(model)
     )
     return errors, [*large, *single_run.up_to(part, "errors of the time step"), *said]
 

@@ -3,7 +3,7 @@ that rest, and its balance of energy, drawn up from what its model knew at every
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -19,10 +19,8 @@ from pgmp_petsc.estimates import coarser_run, own_error
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.models import Model
-from pgmp_petsc.outputs.multipliers import joints_of, judged
 from pgmp_petsc.results.estimates import Balance
 from pgmp_petsc.results.numbers import ROUND_OFF as SAME
-from pgmp_petsc.results.numbers import VANISHING, felt
 from pgmp_petsc.results.trajectory import RESTS
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
@@ -161,17 +159,6 @@ def described(
         "status": int(part.run.status[0]),
         "steps_divided": part.attempt.divisor,
     }
-
-
-def largest_felt(model: Model, outputs: Mapping[str, np.ndarray]) -> dict[str, float]:
-    sizes = {name: np.max(np.abs(values)) for name, values in judged(model.scene, outputs).items()}
-    seen = felt(sizes, model.outputs.units, vanishing_length(model), joints_of(model.scene))
-    return {name: float(size) for name, size in seen.items()}
-
-
-def vanishing_length(model: Model) -> float:
-    """Return beside which a displacement vanishes that is round-off of places, m."""
-    return SAME / VANISHING * model.kinematics.size
 
 
 def why_stopped(model: Model, run: Run, reason: str, reached: np.ndarray) -> list[Remark]:

@@ -1,5 +1,6 @@
 """The error of a time step from a coarser run: free vibrations, whose exact and scheme's motion are known."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -80,12 +81,16 @@ def runs(omega: float, amplitude: float = 1.0, reach: int | None = None, n_steps
     )  # fmt: skip
 
 
+def sizes(outputs: Mapping[str, np.ndarray]) -> dict[str, float]:
+    return {name: float(np.abs(values).max()) for name, values in outputs.items()}
+
+
 @pytest.mark.parametrize("omega", [10.0, 30.0, 100.0, 200.0, 400.0, 800.0])
 @pytest.mark.parametrize("amplitude", [1.0, 1e-3])
 def test_resolved_or_lost_a_vibration_is_estimated_within_a_factor_of_three(omega: float, amplitude: float) -> None:
     """From 600 steps a period, with an error of 1e-5, to 8, where the run and the coarser one have lost its phase."""
     time, outputs, exact, other = runs(omega, amplitude)
-    found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, other)
+    found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, sizes(outputs), other)
     true = np.abs(outputs["x"] - exact).max()
     assert 1 / 3 < np.abs(found.outputs["x"]).max() / true < 3
     np.testing.assert_array_equal(found.time, other.time)
@@ -105,7 +110,7 @@ def test_a_vibration_is_lost_in_an_output_too_that_jumps_at_samplings(omega: flo
     held = 0.5 * np.random.default_rng(1).normal(size=other.time.size)
     outputs["x"] += np.repeat(held, coarser_run.TIMES)[: time.size]
     other.outputs["x"][:, 0] += held
-    found = coarser_run.step_errors(scene, time, outputs, other)
+    found = coarser_run.step_errors(scene, time, outputs, sizes(outputs), other)
     true = np.abs(outputs["x"] - np.repeat(held, coarser_run.TIMES)[: time.size] - exact).max()
     assert 1 / 3 < np.abs(found.outputs["x"]).max() / true < 3
     assert np.isfinite(found.lost_hz) == (omega > 100.0)
@@ -116,7 +121,7 @@ def test_a_vibration_is_lost_in_an_output_too_that_jumps_at_samplings(omega: flo
 def test_phases_that_meet_again_after_whole_turns_are_lost_all_the_same(omega: float, n_steps: int) -> None:
     """Of 20,000 steps at 115 rad/s, in which the coarser run loses ten turns, a seventh of the error was estimated."""
     time, outputs, exact, other = runs(omega, n_steps=n_steps)
-    found = np.abs(coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, other).outputs["x"])
+    found = np.abs(coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, sizes(outputs), other).outputs["x"])
     true = np.abs(outputs["x"] - exact)
     assert 1 / 3 < found.max() / true.max() < 3
     assert found[-1] > true[-round(2.0 * np.pi / (omega * STEP)) :].max() / 3  # of the last period
@@ -154,7 +159,7 @@ def test_short_runs_are_compared_with_half_of_their_steps() -> None:
 
 def test_an_estimate_ends_a_tenth_before_the_coarser_run_does() -> None:
     time, outputs, _, other = runs(30.0, reach=60)
-    found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, other)
+    found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, sizes(outputs), other)
     assert found.time[-1] == pytest.approx(0.265) and np.isfinite(found.outputs["x"]).all()
     said = [remark.text for remark in step_remarks(_Model(), time, outputs, other, found)]
     assert len(said) == 1 and said[0].startswith("errors of the time step were estimated up to 0.265 s of 1 s: ")
@@ -166,7 +171,7 @@ def test_an_estimate_ends_before_the_coarser_run_runs_away_by_itself() -> None:
     time, outputs, _, other = runs(10.0)
     grown = 1e-6 * 1.133 ** np.arange(other.time.size)
     away = replace(other, outputs={"x": other.outputs["x"] + grown[:, None]})
-    found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, away)
+    found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, sizes(outputs), away)
     left = np.argmax(grown > coarser_run.ASTRAY * outputs["x"].max())
     assert 0.5 * left < found.time.size < 0.91 * left
     assert np.abs(found.outputs["x"]).max() < 0.01 * np.abs(outputs["x"]).max()
@@ -176,7 +181,7 @@ def test_an_estimate_ends_before_the_coarser_run_runs_away_by_itself() -> None:
 
 def test_too_little_tells_nothing() -> None:
     time, outputs, _, other = runs(30.0, reach=coarser_run.FEWEST - 1)
-    assert coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, other) is None
+    assert coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, sizes(outputs), other) is None
     said = [remark.text for remark in step_remarks(_Model(), time, outputs, other, None)]
     assert len(said) == 1 and said[0].startswith("errors of the time step were not estimated: ")
     assert "--override simulation.step=0.0005" in said[0]
@@ -212,7 +217,7 @@ def test_no_coarser_run_is_taken_that_tells_nothing(monkeypatch: pytest.MonkeyPa
 def test_what_turns_at_once_beside_a_lost_vibration_makes_it_unsure(entries: str, turning: bool) -> None:
     time, outputs, _, other = runs(400.0)
     scene = load_scene(PAPER_SCENE, [f'effects.brake={{joint="crank_hinge", {entries}}}'])
-    found = coarser_run.step_errors(scene, time, outputs, other)
+    found = coarser_run.step_errors(scene, time, outputs, sizes(outputs), other)
     assert ("turn at once (effects.brake)" in found.unsure) == turning and bool(found.unsure) == turning
     said = [remark.text for remark in step_remarks(_Model(), time, outputs, other, found)]
     assert any(text.startswith("estimated errors of the time step are unsure") for text in said) == turning
@@ -229,12 +234,12 @@ def test_brief_contacts_and_steps_that_failed_make_it_unsure(changes: dict, why:
     """A contact of fewer than ten coarser steps, and what the coarser run took with the steps of the run itself."""
     time, outputs, _, other = runs(10.0)
     sure, found = (
-        coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, run)
+        coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, sizes(outputs), run)
         for run in (other, replace(other, **changes))
     )
     assert not sure.unsure and found.unsure.startswith(why)
     many = replace(other, shortest=np.full(1, 11.0 * coarser_run.TIMES * STEP))  # contacts of many steps are resolved
-    assert not coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, many).unsure
+    assert not coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, sizes(outputs), many).unsure
     order = np.sqrt(24.0 * 2.0) * (1.0 - changes.get("divided", np.zeros(1))[0])
     # where no vibration is lost, the difference counts by the order alone
     np.testing.assert_allclose(found.outputs["x"] * order, sure.outputs["x"] * (coarser_run.TIMES**2 - 1.0), rtol=1e-12)
@@ -253,7 +258,10 @@ def test_brief_contacts_and_steps_that_failed_make_it_unsure(changes: dict, why:
 def test_errors_fall_as_the_step_where_a_force_jumps(entries: str, jumps: bool) -> None:
     time, outputs, _, other = runs(10.0)
     motor = [f'effects.motor={{joint="crank_hinge", {entries}}}']
-    sure, found = (coarser_run.step_errors(load_scene(PAPER_SCENE, more), time, outputs, other) for more in ((), motor))
+    sure, found = (
+        coarser_run.step_errors(load_scene(PAPER_SCENE, more), time, outputs, sizes(outputs), other)
+        for more in ((), motor)
+    )
     assert not sure.unsure and ("where a force jumps (effects.motor)" in found.unsure) == jumps
     r = coarser_run.TIMES
     order = r - 1.0 if jumps else r**2 - 1.0
@@ -320,9 +328,23 @@ def test_what_is_unsure_counts_more_than_what_is_resolved(ratio: float) -> None:
     assert 0.5 * (ratio - 1.0) < coarser_run.rough(ratio) < 0.5 * (ratio**2 - 1.0)
 
 
+def test_round_off_has_no_vibration_that_is_lost() -> None:
+    """Of a motion that a symmetric machine does not do something is left in both runs, and alike in neither."""
+    time, outputs, _, other = runs(10.0, amplitude=1e-6)
+    random = np.random.default_rng(0)
+    outputs["y"] = 1e-17 * random.normal(size=time.size)
+    other.outputs["y"] = 1e-17 * random.normal(size=(other.time.size, 1))
+    for size, lost in ((0.0, False), (np.abs(outputs["y"]).max(), True)):
+        largest = sizes(outputs) | {"y": size}
+        found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, largest, other)
+        assert np.isfinite(found.lost_hz) == lost
+
+
 def test_what_is_unsure_is_a_note_where_it_is_small() -> None:
     time, outputs, _, other = runs(10.0, amplitude=1e-6)
-    found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, replace(other, shortest=np.full(1, STEP)))
+    found = coarser_run.step_errors(
+        load_scene(PAPER_SCENE), time, outputs, sizes(outputs), replace(other, shortest=np.full(1, STEP))
+    )
     (said,) = step_remarks(_Model(), time, outputs, other, found)
     assert said.kind == "note" and "are unsure" in said.text
 
@@ -374,7 +396,7 @@ def test_an_estimate_ends_where_most_coarser_steps_begin_to_fail() -> None:
     np.testing.assert_allclose(share, [17 / 50, 0.0, 5 / 50])
     time, outputs, _, other = runs(10.0, reach=50)
     other = replace(other, status=np.zeros(1, dtype=int), until=other.time[50:51])
-    found = coarser_run.step_errors(_Model.scene, time, outputs, other)
+    found = coarser_run.step_errors(_Model.scene, time, outputs, sizes(outputs), other)
     (said,) = step_remarks(_Model(), time, outputs, other, found)
     assert "up to 0.22 s of 1 s" in said.text and "failed in most of its steps from 0.25 s on" in said.text
 
