@@ -262,7 +262,8 @@ def step_errors(
     """Return the errors of a run, times and outputs of shape (n_t,), at the instants of the coarser one, of which it is
     the sample of that number; None where that did not go far enough. The largest sizes of outputs are as of
     `largest_felt`."""
-    n, _ = relied_on(scene, time, outputs, other, sample)
+    # of an output that is round-off, as across the line of a slider, no difference and no vibration says anything
+    n, _ = relied_on(scene, time, {name: outputs[name] for name in outputs if largest[name]}, other, sample)
     if n <= FEWEST or not all(np.isfinite(values).all() for values in outputs.values()):
         return None
     at, step, n_steps = other.time[:n], float(time[1] - time[0]), time.size - 1
@@ -283,8 +284,7 @@ def step_errors(
         places = bands.hop * every * step * np.arange(len(found))
         off |= {k: np.interp(at, places, one) for k, one in zip(np.flatnonzero(which), found.T)}
     lost = {name: off[k] for k, name in enumerate(outputs)}
-    # of an output that is round-off, as across the line of a slider, vibrations are none
-    shares = np.array([one.max() / largest[name] if largest[name] > 0.0 else 0.0 for name, one in lost.items()])
+    shares = np.array([one.max() / largest[name] if largest[name] else 0.0 for name, one in lost.items()])
     loudest, lost_hz = float(shares.max()), float(turns[shares.argmax()] / (2.0 * np.pi * step))
     edged = [f"effects.{name}" for name, effect in scene.effects.items() if effect.edged]
     acting = {f"effects.{name}": one for name, one in scene.effects.items()}

@@ -131,7 +131,8 @@ def _step_errors(
         return None, [*(absent or few)] or [note(f"errors of the time step were not estimated: {single_run.STOPPED}")]
     largest = coarser_run.largest_felt(model, known.outputs)
     found = coarser_run.step_errors(model.scene, known.time, known.outputs, largest, other)
-    said = list(own_error.step_remarks(model, known.time, known.outputs, other, found))
+    some = {name: values for name, values in known.outputs.items() if largest[name]}
+    said = list(own_error.step_remarks(model, known.time, some, other, found))
     if found is None:
         return None, said
     errors = EstimatedErrors(found.time, found.outputs, largest, OF_STEP)

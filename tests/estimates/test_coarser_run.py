@@ -334,10 +334,13 @@ def test_round_off_has_no_vibration_that_is_lost() -> None:
     random = np.random.default_rng(0)
     outputs["y"] = 1e-17 * random.normal(size=time.size)
     other.outputs["y"] = 1e-17 * random.normal(size=(other.time.size, 1))
-    for size, lost in ((0.0, False), (np.abs(outputs["y"]).max(), True)):
+    grown = replace(other, outputs=other.outputs | {"y": 1e-19 * np.exp(np.minimum(other.time, 1.0) * 30.0)[:, None]})
+    for size, felt in ((0.0, False), (np.abs(outputs["y"]).max(), True)):
         largest = sizes(outputs) | {"y": size}
         found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, largest, other)
-        assert np.isfinite(found.lost_hz) == lost
+        assert np.isfinite(found.lost_hz) == felt
+        found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, largest, grown)
+        assert (found is None or found.time[-1] < other.time[-1]) == felt
 
 
 def test_what_is_unsure_is_a_note_where_it_is_small() -> None:
