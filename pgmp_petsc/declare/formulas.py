@@ -35,7 +35,8 @@ from pgmp_petsc.base.errors import nearest_name, shortened
 from pgmp_petsc.base.units import in_powers, times
 
 LONGEST, MOST = 1000, 20_000  # characters, and of what is made of them
-ROUND_OFF = 1e-9  # of a formula's values: two that differ by less are the same
+#: places at which two formulas are compared, and by what share of their values others beside these they may differ
+PLACES, ROUND_OFF = 64, 1e-9
 LARGEST_POWER = 20  # whole exponents up to it are products, all others powers of positive numbers
 ATAN2 = (  # of {x} and {y}, each case where it is accurate; zero where both are
     "atan({x} / {y}) if {y} > 0 and {y} >= abs({x}) else (1.5707963267948966 - atan({y} / {x}) if {x} > abs({y}) else "
@@ -197,27 +198,29 @@ def _names(node: ast.AST) -> frozenset[str]:
 
 def _meet(formulas: Sequence[str], sides: Sequence[ast.expr]) -> bool:
     """Return whether two formulas have the same values wherever two sides do, one of which is a name: at some places,
-    drawn at random. Where that is not known they have not."""
+    drawn at random, of all sizes and both signs. Where that is not known they have not."""
     for side, other in (sides, sides[::-1]) if sides else ():
         if isinstance(side, ast.Name) and side.id not in _names(other):
             break
     else:
         return False
     names = sorted(frozenset().union(*(_names(ast.parse(one)) for one in formulas), _names(other), {side.id}))
-    rows = np.random.default_rng(0).uniform(0.5, 2.0, (len(names), 8))
-    drawn = {name: Series([row]) for name, row in zip(names, rows)}
+    signs, powers = np.random.default_rng(0).uniform(-1.0, 1.0, (2, len(names), PLACES))
+    drawn = {name: Series([row]) for name, row in zip(names, np.copysign(1e3**powers, signs))}
 
     def values(formula: str) -> np.ndarray:
-        return evaluated(declared(formula, dict(zip(names, names)), "")[0], drawn, SeriesAlgebra(0)).parts[0]
+        found = evaluated(declared(formula, dict(zip(names, names)), "")[0], drawn, SeriesAlgebra(0)).parts[0]
+        return np.broadcast_to(found, PLACES)
 
     try:
         with np.errstate(all="ignore"):
-            size = max(np.max(np.abs(values(formula))) for formula in formulas)
-            drawn[side.id] = Series([np.broadcast_to(values(ast.unparse(other)), 8)])
-            first, second = map(values, formulas)
-            return bool(np.isfinite(size) and np.all(np.abs(first - second) <= ROUND_OFF * size))
+            size = np.max(np.abs([values(formula) for formula in formulas]), axis=0)
+            drawn[side.id] = Series([values(ast.unparse(other))])
+            apart = np.abs(np.subtract(*map(values, formulas)))
     except FormulaError:  # one that divides by the test
         return False
+    known = np.isfinite(size) & np.isfinite(apart)
+    return bool(known.any() and np.all(apart[known] <= ROUND_OFF * size[known]))
 
 
 def _literal(node: ast.expr) -> float | None:

@@ -115,7 +115,8 @@ def test_derivatives_with_a_constant() -> None:
      ("-c * sign(v) * v**2", False), ("where(s < 2 * c, 3 * (2 * c - s), 1e-3)", True),
      ("-c * (s**2 - v) * (s > v)", True), ("-c * (0 < s < 1)", True), ("where(s < s * c, 0, s)", True),
      ("-c * sign(s + v) * (s + v)", True), ("log(-c) * (s > 0.1)", True), ("c / (s > 0.1)", True),
-     ("c + 1 / (s > 0.1)", True)],
+     ("c + 1 / (s > 0.1)", True), ("where(s < c, c - s, abs(c) - c)", True), ("where(v > 0, sqrt(c * v), 0)", False),
+     ("where(s < 500, 0, where(t > 100, c, s - 500))", True)],
 )  # fmt: skip
 def test_derivatives_say_that_they_leave_out_jumps_that_move(force: str, jumps: bool) -> None:
     """Not those at an instant, which is none of the motion."""
