@@ -172,7 +172,7 @@ def step_remarks(
     model: FullModel, time: np.ndarray, outputs: Arrays, other: CoarserRun, errors: StepErrors | None
 ) -> Iterator[Remark]:
     """Return what is to be said of the estimated errors of a run's time step, None where the run with the coarser step
-    tells nothing; times, s, and outputs have shape (n_t,)."""
+    tells nothing; times, s, and outputs, those that are more than round-off, have shape (n_t,)."""
     with_step = f"a run with a step of {other.step:.3g} s, which these errors are taken from,"
     most = MOST / round(other.step / float(time[1] - time[0]))
     why = f"would take more than {100 * most:.3g} % of the run's own price, and was given up"
@@ -198,7 +198,8 @@ def step_remarks(
             "Hz over the run: its phase is lost; take a smaller simulation.step, or damp it"
         )
     if errors.unsure:
-        large = (np.abs(found).max() > SMALL * np.abs(outputs[name]).max() for name, found in errors.outputs.items())
+        sizes = {name: np.abs(values).max() for name, values in outputs.items()}
+        large = (np.abs(errors.outputs[name]).max() > SMALL * size for name, size in sizes.items())
         say = warning if any(large) else note
         yield say(
             "estimated errors of the time step are unsure, and may be several times too small or too large: "

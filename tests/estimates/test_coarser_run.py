@@ -341,6 +341,10 @@ def test_round_off_has_no_vibration_that_is_lost() -> None:
         assert np.isfinite(found.lost_hz) == felt
         found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, largest, grown)
         assert (found is None or found.time[-1] < other.time[-1]) == felt
+    unsure = replace(other, shortest=np.full(1, STEP))
+    found = coarser_run.step_errors(load_scene(PAPER_SCENE), time, outputs, sizes(outputs) | {"y": 0.0}, unsure)
+    (said,) = step_remarks(_Model(), time, {"x": outputs["x"]}, unsure, found)
+    assert said.kind == "note" and "are unsure" in said.text
 
 
 def test_what_is_unsure_is_a_note_where_it_is_small() -> None:
