@@ -105,9 +105,9 @@ def watch_coarser(model: Model) -> Watcher:
             with doing(f"errors of {counted(begun.samples.size, 'checked sample')}"):
                 other = run_coarser(model, begun.system, begun.simulation, alive)
             for place, sample in enumerate(begun.samples):
-                own = {name: values[:, sample] for name, values in outputs.items()}
                 if not alive[sample]:
                     continue
+                own = {name: values[:, sample] for name, values in outputs.items()}
                 errors = step_errors(model.scene, time, own, largest_felt(model, own), other, sample)
                 if errors is None or errors.time.size < other.time.size:
                     continue

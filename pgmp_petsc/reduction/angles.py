@@ -147,9 +147,9 @@ def _for_uneven_vectors(scene: Scene, samples: Samples, basis: ContinuousBasis) 
     """Return the angles, shape (n,), without which vectors of other parameter values turn too quickly: in the middle of
     intervals over which they do and of those beside them; of all where matrices are indefinite, or the scheme wants
     equal distances."""
-    halves, quick = _between(samples, scene.interpolation), np.flatnonzero(basis.uneven > UNEVEN)
     if not scene.reduction.parameter_modes:
         return np.zeros(0)
+    halves, quick = _between(samples, scene.interpolation), np.flatnonzero(basis.uneven > UNEVEN)
     if indefinite_between(basis.tables, scene, *spanning_values(scene)):
         return halves
     if scene.interpolation != "spline":
