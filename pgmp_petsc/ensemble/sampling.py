@@ -62,9 +62,48 @@ def independent(seed: int, d: int) -> Design:
     """Return independent random samples of d parameters; the seed is that of all streams."""
 
     def uniform(first: int, last: int) -> np.ndarray:
-        return np.array([stream(seed, number).random(d) for number in range(first, last)]).reshape(last - first, d)
+        streams = map(_Mixed, _mixed(seed, np.arange(first, last)))
+        numbers = [np.random.Generator(np.random.PCG64(own)).random(d) for own in streams]
+        return np.array(numbers).reshape(last - first, d)
 
     return uniform
+
+
+class _Mixed(np.random.bit_generator.ISeedSequence):
+    """A `SeedSequence` of which is known what it says first, four words of 64 bits."""
+
+    def __init__(self, words: np.ndarray) -> None:
+        self._words = words
+
+    def generate_state(self, n_words: int, dtype: type = np.uint32) -> np.ndarray:
+        return self._words
+
+
+def _mixed(seed: int, numbers: np.ndarray) -> np.ndarray:
+    """Return what ``SeedSequence(seed, spawn_key=(number,))`` says first of numbers below 2^32, (n, 4) words of 64
+    bits.
+
+    numpy does so for one after the other in 20 us each, which is 3 % of a reduced sample; here the last word, the
+    number, is mixed into what the seed has made for all at once, as O'Neill's seed_seq_fe does, which numpy promises to
+    keep.
+    """
+    whole = 2**32 - 1
+    constant = 0x43B0D7E5 * pow(0x931E8875, 16, 2**32) & whole  # as it is behind a seed of four words and less
+    pool, key = [], numbers.astype(np.uint32)
+    for own in np.random.SeedSequence(seed).pool:
+        value = key ^ np.uint32(constant)
+        constant = constant * 0x931E8875 & whole
+        value = value * np.uint32(constant)
+        value ^= value >> np.uint32(16)
+        value = np.uint32(0xCA01F9DD * int(own) & whole) - np.uint32(0x4973F715) * value
+        pool.append(value ^ (value >> np.uint32(16)))
+    constant, words = 0x8B51F9DD, np.empty((numbers.size, 8), dtype=np.uint32)
+    for k in range(8):
+        value = pool[k % 4] ^ np.uint32(constant)
+        constant = constant * 0x58F38DED & whole
+        value = value * np.uint32(constant)
+        words[:, k] = value ^ (value >> np.uint32(16))
+    return words.view(np.uint64)
 
 
 def latin_hypercube(seed: int, d: int, n: int) -> Design:
