@@ -103,6 +103,19 @@ class Beam(Body):
         """What strains of higher order are made of likewise, shape (n_elements, 3, 6), in space (n_elements, 9, 12)."""
         return self._element.rest_strains(self.mesh.lengths, self._turns)
 
+    @cached_property
+    def rest_operator(self) -> sp.csr_matrix:
+        """The same of the displacements of all nodes: strains of all elements, one kind after the other; in the plane
+        with their curvatures behind them."""
+        strains = self.rest_strains
+        if self.planar:
+            strains = np.concatenate([strains, self.strain_gradients[:, 2:]], axis=1)
+        n, n_kinds, n_dofs = strains.shape
+        rows = np.arange(n)[:, None] + n * np.arange(n_kinds)
+        columns = np.repeat(element_dofs(self.mesh.cells, self.node_dofs), n_kinds, axis=0)
+        entries = strains.ravel(), (np.repeat(rows.ravel(), n_dofs), columns.ravel())
+        return sp.csr_matrix(entries, shape=(n * n_kinds, self.node_dofs * self.n_nodes))
+
     def stresses(self, scene: Scene) -> BeamStresses:
         return BeamStresses(scene, self)
 
