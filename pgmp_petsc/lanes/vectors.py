@@ -215,6 +215,16 @@ def number_at(builder, array, at):
     return array.number(at)
 
 
+@built(lambda array, at: types.void(array, types.intp))
+def expect(builder, array, at):
+    """Bring the cache line of a number close, as of `number_at`: it is about to be written."""
+    place = builder.bitcast(builder.gep(array.numbers, [at]), ir.IntType(8).as_pointer())
+    whole = ir.IntType(32)
+    of = ir.FunctionType(ir.VoidType(), [place.type, whole, whole, whole])
+    called = cgutils.get_or_insert_function(builder.module, of, "llvm.prefetch.p0i8")
+    builder.call(called, [place, *(ir.Constant(whole, k) for k in (1, 3, 1))])  # to write, to stay, of data
+
+
 @built(lambda array, row, x: types.void(array, types.intp, widest(x)))
 def store(builder, array, row, x):
     """Put a vector into a row; a number goes to all lanes."""

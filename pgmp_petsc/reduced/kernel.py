@@ -161,8 +161,9 @@ def follow_correction(equations, gains, lanes, work):
 def gather(rows, samples, vectors):
     """Copy rows (n_samples, n) of a block's samples to vectors (n, LANES)."""
     for lane in range(LANES):
-        for i in range(rows.shape[1]):
-            vectors[i, lane] = rows[samples[lane], i]
+        row = rows[samples[lane]]
+        for i in range(row.size):
+            vectors[i, lane] = row[i]
 
 
 @njit(inline="always")
@@ -170,8 +171,14 @@ def scatter(vectors, samples, lanes, rows):
     """Copy some lanes of vectors (n, LANES) to the rows (n_samples, n) of their samples."""
     for lane in range(LANES):
         if lanes & (1 << lane):
-            for i in range(rows.shape[1]):
-                rows[samples[lane], i] = vectors[i, lane]
+            copy_lane(vectors, lane, rows[samples[lane]])
+
+
+@njit(inline="always")
+def copy_lane(vectors, lane, row):
+    """Copy one lane of vectors (n, LANES) to a row (n,)."""
+    for i in range(row.size):
+        row[i] = vectors[i, lane]
 
 
 @njit(inline="always")

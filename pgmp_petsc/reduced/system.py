@@ -31,7 +31,7 @@ from pgmp_petsc.stepping.second_order_system import Energies, Scheme, SecondOrde
 from pgmp_petsc.stepping.status import Status
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
-LARGEST = 2**19  # numbers that are written down, of all samples and steps
+LARGEST = 2**20  # numbers that are written down, of all samples and steps
 STATES_AT_ONCE = 2**16  # states whose outputs are evaluated together
 RESIDUALS = 2**9  # samples, at all instants, whose residuals are evaluated together
 FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart
@@ -42,7 +42,7 @@ class ReducedTrail(State):
     """Room for states as they lie side by side, shape (n_t, 3, n_samples, n_eta)."""
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
-        self.whole = np.empty((shape[0], 3, *shape[1:]))
+        self.whole = aligned((shape[0], 3, *shape[1:]))
         super().__init__(*np.moveaxis(self.whole, 1, 0), np.zeros((shape[0], 0)), np.zeros((shape[0], 0)))
 
     @property
