@@ -21,11 +21,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from pgmp_petsc.lanes.compiled import njit
 from pgmp_petsc.lanes.lane_items import absolute, floor
 from pgmp_petsc.lanes.vectors import (
     EVERY_LANE,
+    LANES,
     N_POWERS,
     beyond,
     differing,
@@ -52,6 +54,8 @@ class Grid(NamedTuple):
     step: float
     n_cells: int
     periodic: bool
+    #: the cell in which the polynomial of each one begins, (n_cells,): itself, or one before it
+    begins: np.ndarray = np.zeros(1)
 
 
 class Cells(NamedTuple):
@@ -111,10 +115,11 @@ class Cells(NamedTuple):
 def _along(axis: Axis, cells: Grid, n_powers: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows (n_cells, n_reach) that reach into cells along an axis, and the coefficients that they make,
     (n_cells, n_powers, n_reach)."""
-    places = 0.5 - 0.5 * np.cos(np.pi * (np.arange(n_powers) + 0.5) / n_powers)
+    places, first = 0.5 - 0.5 * np.cos(np.pi * (np.arange(n_powers) + 0.5) / n_powers), cells.begins.astype(int)
+    widths = np.bincount(first, minlength=cells.n_cells)  # of polynomials that begin there, in cells; or 0
     rows = np.empty((cells.n_cells, n_powers, N_ROWS), dtype=np.int64)
     weights, n_rows = np.empty(rows.shape), count_rows(axis)
-    _fill_stencils(axis, cells.lower, cells.step, places, rows, weights)
+    _fill_stencils(axis, cells.lower, cells.step, np.maximum(widths, 1)[:, None] * places, rows, weights)
     ahead = rows[:, :, 0] - rows[:, :1, 0]
     ahead = ahead % n_rows if axis.periodic else ahead
     n_more = int(ahead.max())
@@ -124,17 +129,22 @@ def _along(axis: Axis, cells: Grid, n_powers: int) -> tuple[np.ndarray, np.ndarr
     number = np.arange(cells.n_cells)[:, None]
     for j in range(N_ROWS):
         values[number, np.arange(n_powers), ahead + j] += weights[:, :, j]
-    through = np.linalg.inv(np.vander(places, increasing=True)) / cells.step ** np.arange(n_powers)[:, None]
-    return np.concatenate([rows[:, 0], further], axis=1), through @ values
+    powers = np.arange(n_powers)
+    through = np.linalg.inv(np.vander(places, increasing=True))
+    made = through @ values / (cells.step * np.maximum(widths, 1))[:, None, None] ** powers[:, None]
+    # a polynomial that began in a cell before, about the lower end of this one
+    moved = (number - first[:, None])[..., None] * cells.step
+    shift = scipy.special.comb(powers, powers[:, None]) * moved ** np.maximum(powers - powers[:, None], 0)
+    return np.concatenate([rows[:, 0], further], axis=1)[first], shift @ made[first]
 
 
 @njit(cache=True, entry=True, error_model="numpy")
 def _fill_stencils(axis, lower, step, places, rows, weights):
-    """Fill rows and weights (n_cells, n, 4) of an axis at n places, from 0 to 1, in cells from a lower end on."""
+    """Fill rows and weights (n_cells, n, 4) of an axis at places (n_cells, n), in cells, from their lower ends on."""
     slopes = np.empty(N_ROWS)
     for cell in range(rows.shape[0]):
-        for k in range(places.size):
-            stencil(lower + (cell + places[k]) * step, axis, rows[cell, k], weights[cell, k], slopes)
+        for k in range(places.shape[1]):
+            stencil(lower + (cell + places[cell, k]) * step, axis, rows[cell, k], weights[cell, k], slopes)
 
 
 @njit(cache=True, apart=True, error_model="numpy", fastmath={"contract"})
@@ -202,12 +212,16 @@ def enter_cells(q, grid, place, kept, row):
         cell = floor(position)
         if grid[k].periodic:
             # half a cell on, so that the round-off of the quotient does not reach the next whole number
-            number = number * n + (cell - n * floor((cell + 0.5) * (1.0 / n)))
+            inside = cell - n * floor((cell + 0.5) * (1.0 / n))
         else:
             cell = larger(cell, spread(0.0))
-            cell = select(beyond(cell, spread(n - 1.0)), spread(n - 1.0), cell)
-            number = number * n + cell
-        store(place, k, (position - cell) * grid[k].step)
+            inside = cell = select(beyond(cell, spread(n - 1.0)), spread(n - 1.0), cell)
+        store(place, k, inside)
+        for lane in range(LANES):
+            place[k, lane] = grid[k].begins[int(place[k, lane])]
+        begin = load(place, k)
+        number = number * n + begin
+        store(place, k, (position - cell + (inside - begin)) * grid[k].step)
     moved = differing(number, load(kept, row))
     store(kept, row, number)
     return moved

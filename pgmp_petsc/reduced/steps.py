@@ -157,7 +157,6 @@ def _find_between(functions, time, lane, now):
             now.motions[3 * k + derivative, lane] = motion[derivative]
 
 
-NUMBERS = CACHE_LINE // 8
 LOST, OUTSIDE, CROSSED = int(Outcome.LOST), int(Outcome.OUTSIDE), int(Outcome.CROSSED)
 # In the units of `alpha_step`. One correction is then enough in nine of ten steps of the default scene; it leaves 3e-13
 # in the median.
@@ -296,8 +295,8 @@ def _expect(samples, steps, rows, n_steps, lanes, progress):
         if lanes & (1 << lane) and row < shown.size and shown[row] == steps[0] + n_steps[lane] + 1:
             for part in range(3):
                 first = ((3 * row + part) * n_samples + samples[lane]) * n
-                for i in range(0, n + NUMBERS - 1, NUMBERS):
-                    expect(trail, first + min(i, n - 1))
+                for i in range(0, n, CACHE_LINE // 8):
+                    expect(trail, first + i)
 
 
 @njit(inline="always")

@@ -166,7 +166,9 @@ class ReducedTerms:
     @property
     def grid(self) -> tuple[Grid, ...]:
         """Cells of every coordinate."""
-        return grid_of(self.terms, self.parts)
+        parts, axes = self.parts, self.terms.axes
+        most = int(WIDEST / (axes[0].step * self.scale[0]) + 1e-9) if len(axes) == 1 else axes[0].n_cells
+        return grid_of(self.terms, parts, 1 if parts > 1 else most)
 
     @property
     def parts(self) -> int:
@@ -184,9 +186,20 @@ class ReducedTerms:
         )
 
 
-def grid_of(part: Interpolant, parts: int = 1) -> tuple[Grid, ...]:
-    """Return the cells of an interpolant along every coordinate, each of them in some parts."""
-    return tuple(Grid(axis.lower, axis.step / parts, axis.n_cells * parts, axis.periodic) for axis in part.axes)
+def grid_of(part: Interpolant, parts: int = 1, most: int = 1) -> tuple[Grid, ...]:
+    """Return the cells of an interpolant along every coordinate, each of them in some parts, or at most so many of them
+    with one polynomial where it has no more."""
+    found = []
+    for k, axis in enumerate(part.axes):
+        number = np.arange(axis.n_cells * parts)
+        begins = number
+        if most > 1 and part.begins:
+            of_piece = np.zeros(axis.n_cells, dtype=int)
+            of_piece[part.begins[k]] = part.begins[k]
+            of_piece = np.maximum.accumulate(of_piece)
+            begins = number - (number - of_piece) % most
+        found.append(Grid(axis.lower, axis.step / parts, number.size, axis.periodic, begins.astype(float)))
+    return tuple(found)
 
 
 def coupling_of(tables: ReducedTables, scheme: str) -> np.ndarray:

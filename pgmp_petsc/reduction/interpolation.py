@@ -41,6 +41,8 @@ class Interpolant:
 
     axes: tuple[Axis, ...]  # grid of every coordinate
     rows: np.ndarray  # samples or spline coefficients, shape (n_rows_1, ..., n_rows_n_theta, ...)
+    #: along every axis the cells in which a polynomial begins, increasing; () where each cell has its own
+    begins: tuple[np.ndarray, ...] = ()
 
     @property
     def n_theta(self) -> int:
@@ -100,12 +102,13 @@ def interpolant(samples: SampleGrid | Samples, table: np.ndarray, scheme: str) -
     grid = samples if isinstance(samples, SampleGrid) else SampleGrid((samples,))
     rows = table.reshape(*grid.shape, *table.shape[1:])
     fine = (FINE, FINE_OF_MORE, FINE_OF_THREE)[grid.n_coordinates - 1]
-    axes = []
+    axes, begins = [], []
     for k, along in enumerate(grid.axes):
         axis, fitted = _fit(along, np.moveaxis(rows, k, 0), scheme, fine)
         axes.append(axis)
+        begins.append(_begins(along, axis) if scheme == "spline" else np.arange(axis.n_cells))
         rows = np.moveaxis(fitted, 0, k)
-    return Interpolant(tuple(axes), _contiguous(rows))
+    return Interpolant(tuple(axes), _contiguous(rows), tuple(begins))
 
 
 def _fit(samples: Samples, table: np.ndarray, scheme: str, fine: int) -> tuple[Axis, np.ndarray]:
@@ -179,9 +182,22 @@ def _count_through(samples: Samples, most: int) -> int:
     one of its own; `most` where there is none of fewer points."""
     distances = np.diff(np.append(samples.theta, samples.upper) if samples.periodic else samples.theta)
     cells = round((samples.upper - samples.lower) / distances.min())
-    places = (samples.theta - samples.lower) / (samples.upper - samples.lower) * cells
     n = cells + (not samples.periodic)
-    return n if n < most and np.allclose(places, np.round(places), rtol=0.0, atol=ON_GRID) else most
+    return n if n < most and _on_grid(samples, cells) is not None else most
+
+
+def _on_grid(samples: Samples, cells: int) -> np.ndarray | None:
+    """Return which points of a uniform grid of so many cells samples are at, (n,); None where some are at none."""
+    places = (samples.theta - samples.lower) / (samples.upper - samples.lower) * cells
+    whole = np.round(places)
+    return whole.astype(int) if np.allclose(places, whole, rtol=0.0, atol=ON_GRID) else None
+
+
+def _begins(samples: Samples, axis: Axis) -> np.ndarray:
+    """Return the cells of an axis in which cubics of the spline through samples begin: from sample to sample there is
+    one."""
+    points = _on_grid(samples, axis.n_cells)
+    return np.arange(axis.n_cells) if points is None else points[points < axis.n_cells]
 
 
 def _spline_on_fine_grid(samples: Samples, table: np.ndarray, count: int) -> np.ndarray:
