@@ -117,7 +117,7 @@ class ReducedActions:
     @classmethod
     def none(cls, n_theta: int) -> ReducedActions:
         """Return no actions."""
-        nowhere, whole = (Grid(0.0, 1.0, 1, False),) * n_theta, np.zeros(1, dtype=np.int64)
+        nowhere, whole = (Grid.even(0.0, 1.0, 1, False),) * n_theta, np.zeros(1, dtype=np.int64)
         empty, sides = Cells.none(n_theta), np.zeros((0, 2), dtype=np.int64)
         return cls(
             (), Places(nowhere, empty, empty, whole, np.zeros((0, n_theta)), sides, 0, np.zeros((0, 3), dtype=bool))

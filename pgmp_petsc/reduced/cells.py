@@ -55,7 +55,12 @@ class Grid(NamedTuple):
     n_cells: int
     periodic: bool
     #: the cell in which the polynomial of each one begins, (n_cells,): itself, or one before it
-    begins: np.ndarray = np.zeros(1)
+    begins: np.ndarray
+
+    @classmethod
+    def even(cls, lower: float, step: float, n_cells: int, periodic: bool) -> Grid:
+        """Return cells each of which has a polynomial of its own."""
+        return cls(lower, step, n_cells, periodic, np.arange(float(n_cells)))
 
 
 class Cells(NamedTuple):
@@ -97,7 +102,7 @@ class Cells(NamedTuple):
         """Return those of a table without entries."""
         nowhere = (Axis(0.0, 1.0, 1, True, OVERHAUSER),) * n_theta
         nothing = Interpolant(nowhere, np.zeros((*(1,) * n_theta, 1, 0)))
-        return cls.of(nothing, (Grid(0.0, 1.0, 1, True),) * n_theta)
+        return cls.of(nothing, (Grid.even(0.0, 1.0, 1, True),) * n_theta)
 
     def with_rows(self, rows: np.ndarray) -> Cells:
         """Return those of another table over the same cells, none of which is held yet."""

@@ -121,15 +121,23 @@ def cells_of(table: np.ndarray) -> Cells:
 
 def test_what_is_out_of_all_measure_has_a_cell() -> None:
     theta = vectors(np.array([[np.nan, np.inf, -np.inf, 1e10, 0.5, 2.3, 0.4, 1.0]]))
-    cells, places = located(theta, (Grid(0.5, 0.25, 7, False),))
+    cells, places = located(theta, (Grid.even(0.5, 0.25, 7, False),))
     np.testing.assert_array_equal(cells, [0, 0, 0, 0, 0, 6, 0, 2])
     np.testing.assert_allclose(places[0], [0, 0, 0, 0, 0, 0.3, -0.1, 0.0], rtol=0, atol=1e-15)
+
+
+def test_places_are_in_the_cell_in_which_a_polynomial_begins() -> None:
+    """Thetas in three turns of a range of six cells, of which the second to the fourth have one polynomial."""
+    theta = vectors(np.array([[0.1, 0.6, 1.1, 1.9, 2.1, -0.1, 3.6, -1.6]]))
+    cells, places = located(theta, (Grid(0.0, 0.5, 6, True, np.array([0.0, 1.0, 1.0, 1.0, 4.0, 5.0])),))
+    np.testing.assert_array_equal(cells, [0, 1, 1, 1, 4, 5, 1, 1])
+    np.testing.assert_allclose(places[0], [0.1, 0.1, 0.6, 1.4, 0.1, 0.4, 0.1, 0.9], rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("periodic", [True, False])
 def test_a_cell_gives_the_weighted_sum_of_its_terms(periodic: bool) -> None:
     """Two groups of coefficients, of which the first ones of each are left alone; thetas beyond a revolution."""
-    grid = Grid(0.5, 0.25, 7, periodic)
+    grid = Grid.even(0.5, 0.25, 7, periodic)
     table, weights = RANDOM.normal(size=(7, 3, 20)), vectors(RANDOM.normal(size=(3, LANES)))
     slots, kept = np.array([0, 1, 1]), aligned_zeros((2 * 20, LANES))
     theta = vectors(RANDOM.uniform(-2.0, 5.0, (1, LANES)) if periodic else RANDOM.uniform(0.5, 2.25, (1, LANES)))

@@ -524,6 +524,27 @@ def test_the_polynomials_of_cells_are_the_interpolant(
         np.testing.assert_allclose(of_cell @ powers, found(theta[None])[0], rtol=0, atol=1e-10)
 
 
+@pytest.mark.parametrize("periodic", [True, False])
+@pytest.mark.parametrize("n_powers", [4, 8])
+@pytest.mark.parametrize(("most", "widths"), [(1, {1}), (2, {1, 2}), (8, {1, 2, 4})])
+def test_cells_from_sample_to_sample_have_one_polynomial(
+    periodic: bool, n_powers: int, most: int, widths: set[int]
+) -> None:
+    """Of 12 intervals some are halved, and one half once more; polynomials hold in all cells that they are for."""
+    even = Samples.uniform(0.0, 3.0, 12 + (not periodic), periodic)
+    samples = Samples(np.union1d(even.theta, [0.125, 0.875, 0.9375]), 0.0, 3.0, periodic)
+    found = interpolant(samples, np.random.default_rng(0).normal(size=(samples.n, 2, 3)), "spline")
+    (axis,) = grid_of(found, 1, most)
+    assert axis.n_cells == 48 and set(np.unique(np.bincount(axis.begins.astype(int)))) - {0} == widths
+    cells = Cells.of(found, (axis,), n_powers)
+    for theta in np.random.default_rng(1).uniform(0.0, 3.0, 100):
+        number = int(theta / axis.step)
+        for first in (number, int(axis.begins[number])):
+            powers = (theta - first * axis.step) ** np.arange(n_powers)
+            of_cell = cells.polynomials[place_in(cells, first)].reshape(2, 3, -1)
+            np.testing.assert_allclose(of_cell @ powers, found(np.array([[theta]]))[0], rtol=0, atol=1e-11)
+
+
 @pytest.mark.parametrize(("scheme", "order"), [("overhauser", 3), ("spline", 4)])
 def test_the_order_over_three_coordinates(scheme: str, order: int) -> None:
     def exact(theta: np.ndarray) -> np.ndarray:

@@ -106,6 +106,8 @@ def test_a_spline_of_halved_intervals_is_exact_on_few_points(periodic: bool) -> 
     table = random_table(samples.n)
     found = interpolant(samples, table, "spline")
     assert found.axes[0].n == 96 + (not periodic)
+    begins = np.round((samples.theta - LOWER) / (0.25 * step))
+    np.testing.assert_array_equal(found.begins[0], begins if periodic else begins[:-1])
     closed = (np.append(samples.theta, UPPER), np.append(table, table[0])) if periodic else (samples.theta, table)
     expected = CubicSpline(*closed, bc_type="periodic" if periodic else "not-a-knot")
     np.testing.assert_allclose(found(THETA), expected(THETA), rtol=0.0, atol=1e-11)
