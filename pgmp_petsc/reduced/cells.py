@@ -11,7 +11,8 @@ coordinate after the other,
 
 with the matrix B of the cell along each coordinate. They are made when a sample enters the cell, and stay, for the
 samples beside it and those that come later, until their room is needed: the coefficients of all cells would be 4 or 16
-times the rows over one or two coordinates, and 64 times over three.
+times the rows over one or two coordinates, and 64 times over three. Neighbouring cells may have one polynomial
+(`Grid.begins`), which a sample keeps from one to the next.
 """
 
 from __future__ import annotations
