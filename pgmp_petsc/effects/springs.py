@@ -146,11 +146,12 @@ class SpringDamper(OnJoint):
         0.0, description="(Nm s/rad or N s/m)"
     )
     rest: Annotated[NumberOrParameter | None, Unit("rad", "m")] = Field(
-        None, description="angle (rad), displacement or distance (m) without force; 0 for a joint if not given"
+        None, description="angle (rad), displacement or distance (m) without force; if not given 0, but needed of a spring between "
+        "points"
     )
 
     def check_entries(self) -> None:
-        if self.points is not None and self.rest is None:
+        if self.points is not None and self.stiffness and self.rest is None:
             raise refusal("a spring between points needs the distance without force (m)", "rest")
         if not (self.stiffness or self.damping):
             raise refusal("at least one of stiffness and damping is needed")
@@ -160,7 +161,7 @@ class SpringDamper(OnJoint):
     ) -> Iterator[Finding]:
         """Yield a rest that cannot be, or is without effect."""
         where, rest = named(scene, f"{entry}.rest", self.rest)
-        if self.points is not None and rest < 0.0:
+        if self.points is not None and rest and rest < 0.0:
             yield impossible(where, "a distance between points is not negative", rest)
         if self.joint is not None and rest and named(scene, entry, self.stiffness)[1] == 0.0:
             yield doubt(where, "without effect, as there is no stiffness; leave it out", rest)

@@ -75,6 +75,16 @@ def test_the_stiffness_is_that_of_the_energy(dimension: int, number: int) -> Non
     np.testing.assert_allclose(loaded.matrix - plain.matrix, 3.0 * bend, rtol=0, atol=1e-6)
 
 
+def test_a_damper_between_points_needs_no_distance_without_force() -> None:
+    at = 'points=["crank:tip","ground:far"],damping=3.0'
+    for rest in ("", ",rest=0.2"):
+        scene = slider_crank("ground.points.far=[-1.0,0.3]", f'effects.s={{type="spring_damper",{at}{rest}}}')
+        (action,) = actions_of(effects_of(scene, mechanism_of(scene)))
+        found = action.law.evaluate([quantity.at(scene.values) for quantity in action.parameters], 1.3, 2.0)
+        assert found.force == -6.0
+        assert not list(scene.effects["s"].doubts(scene, "effects.s", {}, lambda: None))
+
+
 def test_dampers_are_named_and_springs_are_not() -> None:
     scene, kinematics, springs = springs_in(2)
     effects = effects_of(scene, kinematics.mechanism)
