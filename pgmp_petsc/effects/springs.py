@@ -146,8 +146,9 @@ class SpringDamper(OnJoint):
         0.0, description="(Nm s/rad or N s/m)"
     )
     rest: Annotated[NumberOrParameter | None, Unit("rad", "m")] = Field(
-        None, description="angle (rad), displacement or distance (m) without force; if not given 0, but needed of a spring between "
-        "points"
+        None,
+        description="angle (rad), displacement or distance (m) without force; 0 if not given, but a spring between "
+        "points needs it",
     )
 
     def check_entries(self) -> None:

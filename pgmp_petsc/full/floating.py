@@ -70,6 +70,7 @@ def _shape(body, axes, one, shaped):
     """Fill the moments of the deformed body, a `View`."""
     d = len(axes)
     n, zero, table, rows, columns = one.x.size, one.p[0] * 0.0, body.table, body.rows, body.columns
+    common = body.common
     places = places_of(d, n, rows)
     squares, fields, mixed, both, curved = places.squares, places.fields, places.mixed, places.both, places.stiffness
     bends = d * d * n + n if rows.size > d * d * n + n + 1 else -1
@@ -89,8 +90,11 @@ def _shape(body, axes, one, shaped):
             for j in range(n):
                 g[j] = table[mixed + at + j]  # int rho w_l Psi_k
             for i in range(n if dense else 0):
-                first = both + ((k * d + l) * n + i) * n  # int rho Psi_l,i Psi_k
-                _add_row(table[first : first + n], one.x[i], g, spin * one.x1[i], shaped.h)
+                first, rate = ((k * d + l) * n + i) * n, spin * one.x1[i]  # of int rho Psi_l,i Psi_k
+                if common.size:
+                    _add_row(common[first : first + n], one.x[i], g, rate, shaped.h)
+                else:
+                    _add_row(table[both + first : both + first + n], one.x[i], g, rate, shaped.h)
             for j in range(0 if dense else n):
                 total, rate = g[j], zero
                 for entry in range(rows[at + j], rows[at + j + 1]):

@@ -236,7 +236,7 @@ def floating_bodies(
     """Return the flexible bodies in floating frames; `gravity` are fields with the numbers of their loads."""
     d, n_samples = unknowns.dimension, share.blocks.n_samples
     none, numbers = np.zeros(0, dtype=int), []
-    parts = [(none, np.zeros((0, n_samples)), none, none, none, none)]
+    parts = [(none, np.zeros((0, n_samples)), none, none, none, none, np.zeros(0))]
     for number, floating in share.blocks_of("floating"):
         body = share.bodies[number]
         frame = unknowns.frame(body.first_node + body.n_nodes - 1)
@@ -249,15 +249,19 @@ def floating_bodies(
         *entries, both, mass, bends = entries_of(floating.moments, floating.stiffness, floating.curved, d)
         table = body_tables(moments, stiffness, braking, curved, d, (both, mass, bends))
         numbers.append(number)
-        parts.append((own[0], table, *(own[0, part] for part in np.tril_indices(own.size)), *entries))
-    dofs, tables, rows, columns, starts, chosen = map(np.concatenate, zip(*parts))
-    firsts = np.cumsum([[len(part[k]) for k in (0, 1, 2, 4, 5)] for part in parts], axis=0)
+        first = places_of.py_func(d, floating.n, entries[0]).both
+        common = table[first : first + both.size] if both.all() and n_samples > 1 else table[:0]
+        common = common[:, 0] if np.all(common == common[:, :1]) else common[:0, 0]
+        parts.append((own[0], table, *(own[0, part] for part in np.tril_indices(own.size)), *entries, common))
+    dofs, tables, rows, columns, starts, chosen, common = map(np.concatenate, zip(*parts))
+    firsts = np.cumsum([[len(part[k]) for k in (0, 1, 2, 4, 5, 6)] for part in parts], axis=0)
     fields = (effect.field for _, effect in gravity)
     falls = [np.multiply.outer(way, share.evaluate({size.monomial: size.coefficient})) for way, size in fields]
     part = FloatingBodies(
         dofs, firsts, np.array(numbers, dtype=int), share.blocks.pack(tables),
         share.blocks.pack(np.array(falls).reshape(len(falls), d, n_samples)),
         np.array([load for load, _ in gravity], dtype=int), none, share.owns(dofs[firsts[:-1, 0]]), starts, chosen,
+        common,
     )  # fmt: skip
     return part, (rows, columns)
 

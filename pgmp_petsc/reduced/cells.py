@@ -135,9 +135,8 @@ def _along(axis: Axis, cells: Grid, n_powers: int) -> tuple[np.ndarray, np.ndarr
     number = np.arange(cells.n_cells)[:, None]
     for j in range(N_ROWS):
         values[number, np.arange(n_powers), ahead + j] += weights[:, :, j]
-    powers = np.arange(n_powers)
-    through = np.linalg.inv(np.vander(places, increasing=True))
-    made = through @ values / (cells.step * np.maximum(widths, 1))[:, None, None] ** powers[:, None]
+    powers, lengths = np.arange(n_powers), cells.step * np.maximum(widths, 1)[:, None, None]
+    made = np.linalg.inv(np.vander(places, increasing=True)) / lengths ** powers[:, None] @ values
     # a polynomial that began in a cell before, about the lower end of this one
     moved = (number - first[:, None])[..., None] * cells.step
     shift = scipy.special.comb(powers, powers[:, None]) * moved ** np.maximum(powers - powers[:, None], 0)
