@@ -59,10 +59,20 @@ def _read(dofs, axes, alpha, q, v, a, one):
 
 
 @njit(error_model="numpy", forceinline=True)
-def _add_row(row, x, into, y, other):
-    """Add a row times x, and times y to another: numbers one behind the other, so that the loop is one of vectors."""
-    for k in range(row.size):
-        into[k], other[k] = fused(row[k], x, into[k]), fused(row[k], y, other[k])
+def _add_rows(rows, one, spin, into, other):
+    """Add the rows of a matrix (n n,) times amplitudes, and times their rates and a spin to another vector: two rows at
+    once, as sums are stored once for both, and numbers one behind the other, so that the loop is one of vectors."""
+    n = one.x.size
+    for i in range(0, n - 1, 2):
+        first, second = rows[i * n : (i + 1) * n], rows[(i + 1) * n : (i + 2) * n]
+        x, x1, y, y1 = one.x[i], spin * one.x1[i], one.x[i + 1], spin * one.x1[i + 1]
+        for k in range(n):
+            into[k] = fused(second[k], y, fused(first[k], x, into[k]))
+            other[k] = fused(second[k], y1, fused(first[k], x1, other[k]))
+    if n % 2:
+        row, x, x1 = rows[(n - 1) * n : n * n], one.x[n - 1], spin * one.x1[n - 1]
+        for k in range(n):
+            into[k], other[k] = fused(row[k], x, into[k]), fused(row[k], x1, other[k])
 
 
 @njit(error_model="numpy")
@@ -89,12 +99,11 @@ def _shape(body, axes, one, shaped):
             shaped.bent[l, k] = shaped.bending[l, k] = zero
             for j in range(n):
                 g[j] = table[mixed + at + j]  # int rho w_l Psi_k
-            for i in range(n if dense else 0):
-                first, rate = ((k * d + l) * n + i) * n, spin * one.x1[i]  # of int rho Psi_l,i Psi_k
-                if common.size:
-                    _add_row(common[first : first + n], one.x[i], g, rate, shaped.h)
-                else:
-                    _add_row(table[both + first : both + first + n], one.x[i], g, rate, shaped.h)
+            first = (k * d + l) * n * n  # of int rho Psi_l Psi_k
+            if common.size:
+                _add_rows(common[first : first + n * n], one, spin, g, shaped.h)
+            elif dense:
+                _add_rows(table[both + first : both + first + n * n], one, spin, g, shaped.h)
             for j in range(0 if dense else n):
                 total, rate = g[j], zero
                 for entry in range(rows[at + j], rows[at + j + 1]):
