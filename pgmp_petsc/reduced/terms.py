@@ -165,10 +165,11 @@ class ReducedTerms:
 
     @property
     def grid(self) -> tuple[Grid, ...]:
-        """Cells of every coordinate."""
-        parts, axes = self.parts, self.terms.axes
-        most = int(WIDEST / (axes[0].step * self.scale[0]) + 1e-9) if len(axes) == 1 else axes[0].n_cells
-        return grid_of(self.terms, parts, 1 if parts > 1 else most)
+        """Cells of every coordinate. Of one, polynomials over several cells are no wider than `WIDEST`; of more, a cell
+        is made from the rows that reach into it along all of them, which would be too many."""
+        axes = self.terms.axes
+        most = int(WIDEST / (axes[0].step * self.scale[0]) + 1e-9) if len(axes) == 1 else 1
+        return grid_of(self.terms, self.parts, most)
 
     @property
     def parts(self) -> int:
