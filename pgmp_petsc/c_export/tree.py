@@ -217,7 +217,7 @@ def _bodies(own: JointEquations) -> Iterator[str]:
         turning, sliding, natural, first = tree.firsts[k, :4]
         number, table, rows, columns, damped, curved = tree.floating[k], -1, 0, 0, (0.0, 0.0), 0
         if number >= 0:
-            _, table, _, rows, columns = floating.firsts[number]
+            _, table, _, rows, columns, _ = floating.firsts[number]
             damped = own.problem.rayleigh[floating.body[number]]
             n, d = tree.n_amplitudes[k], own.problem.dimension
             curved = int(floating.firsts[number + 1, 3] - rows > d * d * n + n + 1)
