@@ -186,7 +186,11 @@ def _stretches(starts, rows, found):
 @njit(cache=True, error_model="numpy")
 def factorise(starts, rows, products, matrix):
     """Factorise in place by a symbolic factorisation: the diagonal becomes the inverse of D, and the rest ``L D``. The
-    matrix has items (n + n_entries,), see `lane_items`: the diagonal in elimination order, and the entries below it."""
+    matrix has items (n + n_entries,), see `lane_items`: the diagonal in elimination order, and the entries below it.
+
+    Of larger matrices two columns one behind the other with the same rows below both are taken off these together,
+    which reads and writes what they are taken from once.
+    """
     n = starts.size - 1
     firsts, one, other, target = products
     if firsts.size:
@@ -196,19 +200,37 @@ def factorise(starts, rows, products, matrix):
             for at in range(firsts[k], firsts[k + 1]):
                 matrix[target[at]] = fused(-(matrix[one[at]] * inverse), matrix[other[at]], matrix[target[at]])
         return
-    stretch = 0
-    for k in range(n):
-        inverse, end = 1.0 / matrix[k], n + starts[k + 1]
+    k = stretch = 0
+    while k < n:
+        first, end, nothing = n + starts[k], n + starts[k + 1], 0.0 * matrix[k]
+        inverse, gap = 1.0 / matrix[k], end - first - 1
         matrix[k] = inverse
-        for b in range(n + starts[k], end):
-            column, scaled, a = rows[b - n], -(matrix[b] * inverse), b + 1
-            matrix[column] = fused(scaled, matrix[b], matrix[column])
-            while a < end:
-                at, length = target[stretch], other[stretch]
-                source, into = matrix[a : a + length], matrix[at : at + length]
-                for i in range(length):  # views, so that the loop is one of vectors
-                    into[i] = fused(scaled, source[i], into[i])
-                a, stretch = a + length, stretch + 1
+        # the other rows of a column are among those of the column that has the number of its first
+        if gap >= 0 and rows[starts[k]] == k + 1 and starts[k + 2] - starts[k + 1] == gap:
+            stretch = _take_off(first, first + 1, end, inverse, 0, nothing, rows, products, stretch, matrix)
+            second, before = 1.0 / matrix[k + 1], stretch
+            matrix[k + 1] = second
+            stretch = _take_off(first + 1, end, end, inverse, gap, second, rows, products, stretch, matrix)
+            k, stretch = k + 2, 2 * stretch - before  # the second column has as many stretches
+        else:
+            k, stretch = k + 1, _take_off(first, end, end, inverse, 0, nothing, rows, products, stretch, matrix)
+
+
+@njit(inline="always")
+def _take_off(first, last, end, inverse, gap, second, rows, products, stretch, matrix):
+    """Take off the products of a column's entries from a first one to a last, and of those so much behind them with the
+    inverse of their own D; return the number of the stretch behind."""
+    lengths, beginnings, n = products[2], products[3], matrix.size - rows.size
+    for b in range(first, last):
+        column, scaled, also, a = rows[b - n], -(matrix[b] * inverse), -(matrix[b + gap] * second), b + 1
+        matrix[column] = fused(also, matrix[b + gap], fused(scaled, matrix[b], matrix[column]))
+        while a < end:
+            at, length = beginnings[stretch], lengths[stretch]
+            one, other, into = matrix[a : a + length], matrix[a + gap : a + gap + length], matrix[at : at + length]
+            for i in range(length):  # views, so that the loop is one of vectors
+                into[i] = fused(also, other[i], fused(scaled, one[i], into[i]))
+            a, stretch = a + length, stretch + 1
+    return stretch
 
 
 @njit(cache=True, error_model="numpy")
