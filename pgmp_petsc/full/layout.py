@@ -51,8 +51,8 @@ class FloatingBodies(NamedTuple):
     #: rows, columns: see `entries_of`
     rows: np.ndarray
     columns: np.ndarray
-    #: ``int rho Psi_k Psi_l`` once more, of bodies of which all entries are there and the same in all samples: the table
-    #: has eight numbers for each of them, and does not stay in the cache
+    #: ``int rho Psi_k Psi_l`` once more, of bodies of which all entries are there and the same in all samples: the
+    #: table has eight numbers for each of them, and does not stay in the cache
     common: np.ndarray
 
 
