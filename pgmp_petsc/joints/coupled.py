@@ -44,7 +44,6 @@ class Gear(CouplingEntry):
     on."""
 
     type: Literal["gear"]
-    loose = "teeth"
     dimensions = (2, 3)
     joints: TwoNames = Field(description="names of two joints that turn")
     ratio: Annotated[NotZeroOrParameter, Unit("1")] = Field(
@@ -62,6 +61,7 @@ class Belt(CouplingEntry):
 
     type: Literal["belt"]
     one_of = ("radii", "ratio")
+    loose = ""
     dimensions = (2, 3)
     joints: TwoNames = Field(description="names of two joints that turn")
     radii: Annotated[PositivePair | None, Unit("m")] = Field(

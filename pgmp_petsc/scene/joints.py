@@ -193,14 +193,15 @@ class Clearance(Table):
 
 
 class Backlash(Clearance):
-    """A table ``clearance`` of a gear: its backlash.
+    """A table ``clearance`` of a coupling: its backlash.
 
-    The rigid mechanism closes with the teeth in mesh. In the motion what the second joint is off is free within half of
-    the backlash, and beyond that a torque acts on it as the force of a contact (`effects.clearance`).
+    The rigid mechanism closes with the teeth in mesh. In the motion what the coupled motion is off, of the second joint
+    of two, the first of terms, is free within half of the backlash, and beyond that a torque or force acts on it as
+    that of a contact (`effects.clearance`).
     """
 
     radius: Annotated[PositiveOrParameter, Unit("rad", "m")] = Field(
-        description="half of the backlash, of the motion of the second joint (rad or m)"
+        description="half of the backlash, of the motion of the second joint, the first of terms (rad or m)"
     )
     stiffness: Annotated[PositiveOrParameter, Unit()] = Field(
         description="K of K depth^exponent (N m/rad^exponent or N/m^exponent)"
@@ -300,7 +301,7 @@ class JointTable(Table):
     motions: ClassVar[tuple[str, ...]] = ()
     #: Another that it leaves free in the plane, where coordinates, effects and outputs say which one they mean.
     also_in_plane: ClassVar[tuple[str, ...]] = ()
-    #: Directions in which it may have a clearance: "across" its first axis, "everywhere", or none.
+    #: Where it may have a clearance: "across" its first axis, "everywhere", between the "teeth" of couplings, or none.
     loose: ClassVar[str] = ""
     #: Whether in the motion it holds to the run of nodes along its first axis, as they bend.
     rides: ClassVar[bool] = False
@@ -458,12 +459,13 @@ class CouplingEntry(JointTable):
     A coupling is a subclass with ``type: Literal["..."]``, its entries, and `shares`.
     """
 
+    loose = "teeth"
     #: Whether the sum keeps the value that it has as the bodies are placed; it is zero otherwise.
     from_placements: ClassVar[bool] = True
     offset: ClassVar[None] = None
     connect: ClassVar[tuple[str, ...]] = ()  # the points that it holds
     elastic: ElasticCoupling | None = Field(None, description="how it gives way in the motion")
-    clearance: Backlash | None = Field(None, description="backlash, of type gear alone")
+    clearance: Backlash | None = Field(None, description="backlash, which a belt has not")
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:

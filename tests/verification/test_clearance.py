@@ -6,6 +6,7 @@ import exported
 import numpy as np
 import pytest
 from alike import assert_alike, assert_samples_are_those_alone, balances, residuals
+from coupled_scenes import RACK, SCREW
 from differences import compare
 from loose_scenes import ball, follower, gears, worn
 from machine_scenes import run
@@ -147,24 +148,41 @@ def test_a_pin_in_space_is_the_one_in_the_plane_and_a_ball_has_room_in_all_direc
     assert len(bore.held) == 3 and not held and len(released) == 3
 
 
+DRIVEN = ('effects.motor={{type="torque",joint="{}",table=[[0.0,0.5],[0.2,-0.5]]}}', "simulation.duration=0.2")
+PLAY = "clearance={radius=1e-4,stiffness=4e8,restitution=0.8,restitution_speed=0.02}"
+RACKED = *(one.format("axle") for one in DRIVEN), "simulation.initial.phi.velocity=0.0"
+THREADED = *(one.format("shaft") for one in DRIVEN), "effects.push.table=[[0.0,0.0],[1.0,0.0]]"
+SUM = f"joints.teeth={{type='coupling',terms={{rail=2.0,axle=-0.1}},{PLAY}}}"
+SLIDING = (0.02, 3.0), ("phi", "x"), [4e8, 1e-4, 1.5, 0.8, 0.02, 0.0]
+#: Scenes, what the second motion is of the first, the spring of the second; inertia of both, and the law's parameters.
+MESHES = {
+    "gear": (gears, -0.5, 0.0, (0.01, 0.03), ("one", "two"), [1e5, 2e-3, 1.5, 0.8, 0.2, 0.0]),
+    "rack": (of_text(RACK, *RACKED, f"joints.teeth.{PLAY}"), 0.05, 200.0, *SLIDING),
+    "screw": (of_text(SCREW, *THREADED, f"joints.thread.{PLAY}"), 0.25 / np.pi, 0.0, *SLIDING),
+    "sum": (of_text(RACK, *RACKED, SUM), 0.05, 200.0, *SLIDING),
+}
+
+
+@pytest.mark.parametrize("mesh", MESHES)
 @pytest.mark.parametrize("model", ["full", "components"])
-def test_wheels_with_backlash_are_those_of_another_integrator(model):
-    """Of second order in the step, by which impacts are resolved; the second wheel stays behind by the backlash."""
-    p = [1e5, 2e-3, 1.5, 0.8, 0.2, 0.0]
+def test_what_is_in_mesh_with_backlash_is_that_of_another_integrator(mesh, model):
+    """Of second order in the step, by which impacts are resolved; the second motion stays behind by the backlash."""
+    scene, ratio, spring, inertia, names, p = MESHES[mesh]
 
     def rates(t, state):
         one, two, v_one, v_two = state
-        torque = LAW.backlash.evaluate(p, two + 0.5 * one, v_two + 0.5 * v_one).force
-        return [v_one, v_two, (0.5 - 5.0 * t + 0.5 * torque) / 0.01, torque / 0.03]
+        force = LAW.backlash.evaluate(p, two - ratio * one, v_two - ratio * v_one).force
+        return [v_one, v_two, (0.5 - 5.0 * t - ratio * force) / inertia[0], (force - spring * two) / inertia[1]]
 
-    runs = [run(gears(f"simulation.step={step}"), model) for step in ("4e-4", "2e-4", "1e-4")]
+    runs = [run(scene(f"simulation.step={step}"), model) for step in ("4e-4", "2e-4", "1e-4")]
     time = runs[-1][0]
     exact = solve_ivp(rates, (0.0, time[-1]), np.zeros(4), t_eval=time, rtol=1e-11, atol=1e-14, max_step=1e-4).y
+    sizes = np.array([1.0, abs(ratio)])
     errors = [
-        max(np.max(np.abs(found[name] - own[::every])) for name, own in zip(("one", "two"), exact))
+        max(np.max(np.abs(found[name] - own[::every])) / size for name, own, size in zip(names, exact, sizes))
         for (_, found), every in zip(runs, (4, 2, 1))
     ]
-    assert np.max(np.abs(exact[1] + 0.5 * exact[0])) > 2.2e-3
+    assert np.max(np.abs(exact[1] - ratio * exact[0])) > 1.1 * p[1]
     assert 3.2 < errors[0] / errors[1] < 5.0 and 3.2 < errors[1] / errors[2] < 5.0, errors
 
 
