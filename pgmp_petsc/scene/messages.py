@@ -140,7 +140,7 @@ def _home(model: type[BaseModel], location: Sequence[str | int]) -> str:
         keys, members = _follow(model, location[:end])
         if len(members) == 1 and location[-1] in getattr(members[0], "model_fields", {}):
             head = dotted_name(_follow(model, location[:-1])[0])
-            return f"; {dotted_name(keys)} has this key: write it above the head [{head}]"
+            return f"; {dotted_name(keys)} has this key: write it there, above any head [{head}]"
     known = {name: _members(field.annotation)[0] for name, field in model.model_fields.items()}
     others = [f"[{name}]" for name, table in known.items() if location[-1] in getattr(table, "model_fields", {})]
     return f"; {' and '.join(others)} {'has' if len(others) == 1 else 'have'} this key" if others else ""

@@ -87,10 +87,10 @@ foo=1 -> = 1: unknown key (allowed: scene, ground, parameters, materials, bodies
 bodies.crank.section.radus=0.1 -> = 0.1: unknown key; did you mean 'radius'? (allowed: shape, radius)
 bodies.crank.section.circle=1 -> = 1: unknown key (allowed: shape, radius)
 bodies.crank.section.flexible=true -> \
-    = true: unknown key; bodies.crank has this key: write it above the head [bodies.crank.section] (allowed: shape, rad
+    = true: unknown key; bodies.crank has this key: write it there, above any head [bodies.crank.section] (allowed: shape, rad
 simulation.initial.equilibrium=true -> = true: a table is needed, with position, velocity; [initial] has this key
-simulation.initial.step=1 -> = 1: a table is needed, with position, velocity; simulation has this key: write it above \
-    the head [simulation.initial]
+simulation.initial.step=1 -> = 1: a table is needed, with position, velocity; simulation has this key: write it \
+    there, above any head [simulation.initial]
 effects.duration=1 -> = 1: a table is needed; [simulation] has this key
 effects.motor.bands=1 -> = 1: unknown key; [ensemble] has this key (allowed: table
 initial.tolerance=1 -> = 1: unknown key; [reduction] and [simulation] have this key (allowed: equilibrium, coordinates)
