@@ -97,7 +97,7 @@ def run(
     The better model is the full-order one or, where that is too dear, the component model; what it will take is
     predicted and said first, and beyond reference.budget it is left out. Samples are drawn where parameters have
     distributions; of another model where its steps are predicted to take a third of the reduced one's. Mechanisms that
-    have no reduced model run as component or full-order models.
+    have no reduced model run as component models, or as full-order ones where their steps are as much quicker.
 
     All files are in one folder. A later run of the same scene takes those that are finished, and takes up what was
     begun; with `force` it begins anew. Exit status 1 if a run stopped early or samples failed; the report says which.
@@ -166,10 +166,16 @@ class _Job:
     @property
     def model(self) -> str:
         """The model that runs and samples are of."""
-        if not self.why_not_reduced:
-            return "reduced"
+        return self._not_reduced[0] if self.why_not_reduced else "reduced"
+
+    @cached_property
+    def _not_reduced(self) -> tuple[str, str]:
+        """The model in place of the reduced one, and why it is the full-order one where component modes would do."""
         refused = not self.flexible or why_refused(self.scene, Purpose.COMPONENTS, self.meshes)
-        return "full" if refused or why_of_one_mesh(self.scene, uncertain_names(self.scene)) else "components"
+        if refused or why_of_one_mesh(self.scene, uncertain_names(self.scene)):
+            return "full", ""
+        model, why = quicker(prospects(self.scene, self.meshes, self.kinematics.mechanism, 0, 0), "components")
+        return model or "components", why
 
     @cached_property
     def why_not_reduced(self) -> str:
@@ -196,8 +202,9 @@ class _Job:
                 return self._step("build", ROM, (), make, budget.headline_of_build)
             except NotFollowed as error:
                 self.why_not_reduced = str(error)
-        instead = "full-order" if self.model == "full" else "component"
-        self._say("build", f"left out: no reduced model ({self.why_not_reduced}); runs are of the {instead} model")
+        model, why = self._not_reduced
+        instead = f"{'full-order' if model == 'full' else 'component'} model{f', as {why}' if why else ''}"
+        self._say("build", f"left out: no reduced model ({self.why_not_reduced}); runs are of the {instead}")
 
     def simulate(self) -> None:
         def make(target: Path, resume: bool) -> None:
@@ -328,7 +335,8 @@ class _Job:
 
         def found() -> tuple[str, str]:
             n_flexible = ReducedOrderModel.read(self._of(ROM)).tables.n_modes
-            model, why = quicker(prospects(self.scene, self.meshes, self.kinematics.mechanism, n_flexible, 0))
+            models = prospects(self.scene, self.meshes, self.kinematics.mechanism, n_flexible, 0)
+            model, why = quicker(models, "reduced")
             return model or "reduced", why
 
         return on_root(self.comm, found)

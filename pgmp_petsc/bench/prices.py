@@ -334,16 +334,18 @@ def choice(scene: Scene, meshes: Shapes, found: Sequence[Prospect], n_steps: int
     )
 
 
-def quicker(found: Sequence[Prospect]) -> tuple[str, str]:
-    """Return the name of the model whose steps are predicted to be much quicker than the reduced one's, and by how
-    much in words; empty if none's are."""
-    *others, reduced = (one for one in found if not one.refused)
-    best = min(others, key=lambda one: one.step, default=reduced)
-    if reduced.model != "reduced" or reduced.step < MUCH_QUICKER * best.step:
+def quicker(found: Sequence[Prospect], model: str) -> tuple[str, str]:
+    """Return the name of a model nearer to the mesh than another one whose steps are predicted to be much quicker, and
+    by how much in words; empty if none's are."""
+    able = {one.model: one for one in found if not one.refused}
+    nearer = list(able)[: list(able).index(model)] if model in able else []
+    best = min(nearer, key=lambda name: able[name].step, default="")
+    if not best or able[model].step < MUCH_QUICKER * able[best].step:
         return "", ""
-    steps = [f"{plain(1e6 * one.step)} us" for one in (reduced, best)]
-    name, of = {"mesh": ("full", "the mesh"), "components": ("components", "component modes")}[best.model]
-    return name, f"a step of a sample of the reduced model is predicted to take {steps[0]}, of {of} {steps[1]}"
+    titles = {"mesh": "the mesh", "components": "component modes", "reduced": "the reduced model"}
+    (own, slow), (other, quick) = ((titles[name], plain(1e6 * able[name].step)) for name in (model, best))
+    words = f"a step of a sample of {own} is predicted to take {slow} us, of {other} {quick} us"
+    return {"mesh": "full"}.get(best, best), words
 
 
 def cheapest_from(offline: np.ndarray, online: np.ndarray) -> list[tuple[int, int]]:

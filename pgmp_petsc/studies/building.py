@@ -580,7 +580,8 @@ def _with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Shapes) -> Reduc
     timings = Timings()
     with timings.phase("effect sizes"):
         found = remarks_on_sizes(scene, meshes, rom.branch)
-    better, why = quicker(prospects(scene, meshes, Mechanism.from_scene(scene, meshes), rom.tables.n_modes, 0))
+    models = prospects(scene, meshes, Mechanism.from_scene(scene, meshes), rom.tables.n_modes, 0)
+    better, why = quicker(models, "reduced")
     record, more = rom.record, ()
     if better:
         more = (note(f"{why}: runs and ensembles of the scene with --{better} are quicker"),)

@@ -167,11 +167,15 @@ def test_coefficients_are_counted_as_the_tables_have_them(kind: str, feature: st
 def test_a_build_says_which_model_is_much_quicker() -> None:
     mesh, reduced = Prospect("mesh", step=2e-6), Prospect("reduced", step=7e-6)
     parts = Prospect("components", step=1e-6), Prospect("components", "it has none")
-    model, why = quicker([mesh, parts[0], reduced])
+    model, why = quicker([mesh, parts[0], reduced], "reduced")
     assert model == "components" and why.endswith("is predicted to take 7 us, of component modes 1 us")
-    model, why = quicker([mesh, parts[1], reduced])
+    model, why = quicker([mesh, parts[1], reduced], "reduced")
     assert model == "full" and why.endswith("of the mesh 2 us")
-    assert quicker([mesh, replace(reduced, step=5e-6)]) == quicker([mesh, replace(reduced, refused="so")]) == ("", "")
+    slower = replace(parts[0], step=6e-6)
+    assert quicker([mesh, slower, replace(reduced, step=1e-9)], "components")[0] == "full"
+    near, refused = replace(reduced, step=5e-6), replace(reduced, refused="so")
+    for models, own in (([mesh, near], "reduced"), ([mesh, refused], "reduced"), ([mesh, *parts[:1]], "components")):
+        assert quicker(models, own) == ("", "")
 
 
 def test_contacts_and_searches_are_said_beside_a_price() -> None:

@@ -111,7 +111,7 @@ def test_a_later_run_takes_what_is_finished(scene: Path, first: str, no_page: No
 
 
 def test_samples_are_of_a_model_with_quicker_steps(scene: Path, first: str, no_page: None, monkeypatch) -> None:
-    monkeypatch.setattr(jobs, "quicker", lambda found: ("full", "12 us for 3 us"))
+    monkeypatch.setattr(jobs, "quicker", lambda found, model: ("full", "12 us for 3 us"))
     lines = told(said("run", scene, "-n", 4, *SHORT)[0])
     assert (
         "of the model with the quicker steps: 12 us for 3 us" in lines["ensemble"]
@@ -202,13 +202,18 @@ def test_a_better_run_that_stops_is_said(
     assert re.search(told, str(done.exception)) and done.exit_code == 1
 
 
-def test_another_model_runs_where_modes_cannot_be_followed(tmp_path: Path, no_page: None) -> None:
-    """A crane's jib, whose load swings: the rope that holds it up pulls as its modes do, and nobody asked for these."""
+def test_another_model_runs_where_modes_cannot_be_followed(tmp_path: Path, no_page: None, monkeypatch) -> None:
+    """A crane's jib, whose load swings: the rope that holds it up pulls as its modes do, and nobody asked for these. It
+    is the mesh where the steps of component modes take much longer."""
     (tmp_path / "jib.toml").write_text(JIB)
     lines = told(said("run", tmp_path / "jib.toml", "-n", 3)[0])
     why = "left out: no reduced model (the static answers in the basis cannot be followed over the configurations"
     assert lines["build"][0].startswith(why) and "runs are of the component model" in lines["build"][0]
     assert lines["simulate"][0].startswith("component modes")
+    monkeypatch.setattr(jobs, "quicker", lambda found, model: ("full", f"{model} are slow"))
+    lines = told(said("run", tmp_path / "jib.toml", "-n", 3, "-o", tmp_path / "mesh")[0])
+    assert lines["build"][0].endswith("runs are of the full-order model, as components are slow")
+    assert lines["simulate"][0].startswith("full") and "full-order" in lines["compare"][0]
 
 
 def test_runs_beyond_the_budget_are_left_out(tmp_path: Path, no_page: None) -> None:
