@@ -465,7 +465,7 @@ class CouplingEntry(JointTable):
     offset: ClassVar[None] = None
     connect: ClassVar[tuple[str, ...]] = ()  # the points that it holds
     elastic: ElasticCoupling | None = Field(None, description="how it gives way in the motion")
-    clearance: Backlash | None = Field(None, description="backlash, which a belt has not")
+    clearance: Backlash | None = Field(None, description="backlash; a belt has none")
 
     @classmethod
     def __pydantic_init_subclass__(cls, **arguments: Any) -> None:
