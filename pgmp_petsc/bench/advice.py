@@ -14,7 +14,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from pgmp_petsc.bench.prices import cheapest_from
+from pgmp_petsc.bench.prices import MODELS, cheapest_from
 from pgmp_petsc.results.numbers import share_text, with_unit
 from pgmp_petsc.results.tradeoff import Tradeoff
 
@@ -167,9 +167,6 @@ def _break_even(study: Tradeoff, target: str, errors: np.ndarray) -> Iterator[st
             later = "; ".join(f"from {n} samples on, take {_name(study, row)}" for n, row in pieces[1:])
             few = f"below {pieces[1][0]} samples take {_name(study, pieces[0][1])}"
             yield f"{100 * threshold:g} % in {target}: {few}; {later}."
-
-
-MODELS = {"full": "the mesh", "components": "component modes", "reduced": "the reduced model"}
 
 
 def _model_sentences(study: Tradeoff, target: str, errors: np.ndarray) -> Iterator[str]:

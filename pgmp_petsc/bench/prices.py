@@ -108,6 +108,8 @@ STRAIN = 1.6e-8  # s, of a strain at a point of a body of cells, from some 80 co
 GOOD = 0.01  # share of a deformation up to which an error is small
 MANY = 10_000  # samples that a choice is said for
 MUCH_QUICKER = 3.0  # times; predictions are within as much
+#: Models in sentences, by the names of options and files.
+MODELS = {"full": "the mesh", "components": "component modes", "reduced": "the reduced model"}
 
 
 @dataclass(frozen=True)
@@ -342,10 +344,9 @@ def quicker(found: Sequence[Prospect], model: str) -> tuple[str, str]:
     best = min(nearer, key=lambda name: able[name].step, default="")
     if not best or able[model].step < MUCH_QUICKER * able[best].step:
         return "", ""
-    titles = {"mesh": "the mesh", "components": "component modes", "reduced": "the reduced model"}
-    (own, slow), (other, quick) = ((titles[name], plain(1e6 * able[name].step)) for name in (model, best))
-    words = f"a step of a sample of {own} is predicted to take {slow} us, of {other} {quick} us"
-    return {"mesh": "full"}.get(best, best), words
+    other = "full" if best == "mesh" else best
+    slow, quick = (plain(1e6 * able[name].step) for name in (model, best))
+    return other, f"a step of a sample of {MODELS[model]} is predicted to take {slow} us, of {MODELS[other]} {quick} us"
 
 
 def cheapest_from(offline: np.ndarray, online: np.ndarray) -> list[tuple[int, int]]:
